@@ -1,0 +1,81 @@
+"""Use the installed wheel as a stranger would, in an environment that knows nothing of the checkout."""
+
+import importlib.metadata
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def command(*arguments: str) -> str:
+    """Output of ``cyclofeat ARGUMENTS``; shows what went wrong if it fails."""
+    result = subprocess.run([sys.executable, "-m", "cyclofeat", *arguments], capture_output=True, text=True)
+    assert result.returncode == 0, f"cyclofeat {' '.join(arguments)}: {result.stdout}{result.stderr}"
+    return result.stdout
+
+
+def check_cold_import() -> None:
+    code = "import time; before = time.perf_counter(); import cyclofeat; print(time.perf_counter() - before)"
+    # The best of three: the first reads the files from disk and writes their byte code.
+    seconds = min(float(subprocess.check_output([sys.executable, "-c", code])) for _ in range(3))
+    print(f"cold import: {seconds:.3f} s")
+    assert seconds < 1.5
+
+
+def check_contents() -> None:
+    import cyclofeat
+    import cyclofeat.datasets
+    import cyclofeat.simulators
+
+    for module in (cyclofeat, cyclofeat.simulators, cyclofeat.datasets):
+        assert Path(module.__file__).is_relative_to(sys.prefix), f"{module.__name__} is not the wheel's"
+    assert importlib.metadata.version("cyclofeat") == cyclofeat.__version__
+
+    files = importlib.metadata.files("cyclofeat")
+    tops = {file.parts[0] for file in files if ".." not in file.parts}  # "..": the console script
+    assert tops == {"cyclofeat", f"cyclofeat-{cyclofeat.__version__}.dist-info"}, tops
+    assert any(file.name == "py.typed" for file in files)
+
+
+def check_data() -> None:
+    from cyclofeat.datasets import load_oedi_gearbox, load_published_tables
+
+    assert len(load_published_tables()) > 0
+    try:
+        load_oedi_gearbox()
+    except FileNotFoundError as error:
+        message = str(error)
+    else:
+        raise AssertionError("load_oedi_gearbox found recordings that the wheel does not hold")
+    print(f"load_oedi_gearbox: {message}")
+    assert "http" in message, "the message does not say where to get the recordings"
+
+
+def check_simulation() -> None:
+    from cyclofeat import Recording
+    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+
+    before = time.perf_counter()
+    recording = Recording.from_run(simulate(CycloidalGearbox.steel(), LobeDefects.worn(1), duration=0.25))
+    print(f"simulated 0.25 s in {time.perf_counter() - before:.1f} s, of which most compiles")
+    assert recording.torque.size == round(0.25 * recording.sampling_rate)
+    assert recording.defect_count == 1
+
+
+def check_command_line() -> None:
+    assert importlib.metadata.version("cyclofeat") in command("--version")
+    text = command("--help")
+    for name in ("simulate", "train", "count", "evaluate", "demo"):
+        assert name in text, f"--help does not name {name}"
+
+
+failed = 0
+for check in (check_cold_import, check_contents, check_data, check_simulation, check_command_line):
+    try:
+        check()
+    except Exception as error:  # go on: one run shows all that is wrong
+        failed += 1
+        print(f"{check.__name__} FAILED: {type(error).__name__}: {error}")
+    else:
+        print(f"{check.__name__} passed")
+sys.exit(failed > 0)

@@ -1,0 +1,81 @@
+# Every command makes .venv if it is missing and installs what it needs: nothing to prepare by hand.
+
+# Asked for only when .venv has to be made. The names are run, not just looked up: a pyenv shim exists for
+# versions that are not switched on. PYTHON=... chooses another.
+PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13 python3.14; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && echo $$p && break; done)
+
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+WHEEL := dist/.wheel
+# Folders too: their date tells that a file was taken away.
+SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check clean
+
+help:  ## list the commands
+	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
+
+# Depends on pyproject.toml alone: the install is editable, so only new dependencies or packages need another.
+$(INSTALLED): pyproject.toml
+	@if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+		if ! $(or $(PYTHON),false) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then \
+			echo "cyclofeat needs Python 3.11 or newer, got '$(PYTHON)'. Name one: make PYTHON=python3.12 ..." >&2; \
+			exit 1; \
+		fi; \
+		echo "Making .venv with $(PYTHON)"; \
+		$(PYTHON) -m venv .venv >/dev/null 2>&1 || \
+			{ $(PYTHON) -m venv --clear --without-pip .venv && \
+			  $(PYTHON) -m pip --python .venv/bin/python install -q pip; }; \
+	fi
+	@echo "Installing into .venv (some minutes on a slow line)"
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[test,lint]'
+	@touch $@
+
+demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo/report.html
+	$(BIN)/python -m cyclofeat demo --out demo
+
+# One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
+test test-slow test-nojit: export OPENBLAS_NUM_THREADS = 1
+
+test: $(INSTALLED)  ## the tests, without those marked slow
+	$(BIN)/pytest -m "not slow"
+
+test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
+	$(BIN)/pytest -m slow || [ $$? -eq 5 ]  # 5: there are none
+
+# Numba can hide an index out of bounds or an undefined name: the interpreter does not.
+test-nojit: $(INSTALLED)  ## the tests marked nojit, without compilation
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -m nojit
+
+lint: $(INSTALLED)  ## ruff: rules and format
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# The wheel comes from the source distribution, so both are proved whole, and a stale build/ cannot slip in.
+$(WHEEL): $(INSTALLED) $(SOURCES)
+	rm -rf dist
+	@mkdir dist
+	$(BIN)/pyproject-build . > dist/build.log 2>&1 || { cat dist/build.log; exit 1; }
+	$(BIN)/python -m zipfile -e dist/cyclofeat-*.whl dist/tree
+	@touch $@
+
+# mypy and import-linter find cyclofeat.simulators and cyclofeat.datasets only where they lie below cyclofeat.
+types: $(WHEEL)  ## mypy, strict, on the unpacked wheel
+	cd dist/tree && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml \
+		--cache-dir $(CURDIR)/.mypy_cache -p cyclofeat
+
+contracts: $(WHEEL)  ## who may import whom, on the unpacked wheel
+	cd dist/tree && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml --no-cache
+
+wheel-check: $(WHEEL)  ## install the wheel into an empty environment and use it from another folder
+	.ci/with_wheel "" python $(CURDIR)/.ci/wheel_check.py
+
+test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and scikit-learn's own checks
+	.ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
+		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
+
+clean:  ## remove what the commands made (.venv stays)
+	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find cyclofeat simulators datasets tests -name __pycache__ -prune -exec rm -rf {} +

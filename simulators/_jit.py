@@ -1,0 +1,20 @@
+"""numba's ``njit`` with a cache on disk where one can be written, and without one where it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Compile on first use and keep the result on disk; every use states ``fastmath``."""
+
+    def compile_lazily(function: Callable[..., Any]) -> Callable[..., Any]:
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no folder for the cache can be written
+            return numba.njit(**options)(function)
+
+    return compile_lazily

@@ -1,0 +1,45 @@
+"""Contact parameters by material and geometry (paper B eq. 12-16)."""
+
+from __future__ import annotations
+
+import math
+
+from cyclofeat.simulators import _kernels
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+_LAWS = {
+    "paper": _kernels.PAPER_LAW,
+    "hunt_crossley": _kernels.HUNT_CROSSLEY_LAW,
+    "conservative": _kernels.CONSERVATIVE_LAW,
+}
+
+
+def stiffness_factor(gearbox: CycloidalGearbox) -> float:
+    """Contact stiffness over the root of the effective radius, in N/m^2.
+
+    K = 4 H / (3 pi (h_c + h_p)) sqrt(R), h = (1 - nu^2) / (pi E) (paper B eq. 14-16).
+    """
+    wheel = (1 - gearbox.wheel_poisson_ratio**2) / (math.pi * gearbox.wheel_youngs_modulus)
+    sleeve = (1 - gearbox.sleeve_poisson_ratio**2) / (math.pi * gearbox.sleeve_youngs_modulus)
+    return 4 * gearbox.stiffness_scale / (3 * math.pi * (wheel + sleeve))
+
+
+def joint_effective_radius(gearbox: CycloidalGearbox) -> float:
+    """Effective radius r_s r_h / (r_h - r_s) of an internal sleeve in its hole, in m."""
+    sleeve = gearbox.internal_sleeve_radius
+    difference = gearbox.eccentricity + gearbox.clearance
+    return sleeve * (sleeve + difference) / difference
+
+
+def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:
+    """Constants of one kind of contact for the kernel.
+
+    ``constant_radius`` is the effective radius in m that the conservative law uses everywhere.
+    """
+    return _kernels.ContactConstants(
+        law=_LAWS[gearbox.contact_law],
+        stiffness_factor=stiffness_factor(gearbox),
+        damping=float(gearbox.contact_damping),
+        ramp=float(gearbox.contact_ramp),
+        constant_radius=float(constant_radius),
+    )

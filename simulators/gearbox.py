@@ -1,0 +1,326 @@
+"""Parameters of the cycloidal gearbox, its rig and its faults: frozen dataclasses in SI units."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cyclofeat.simulators.geometry import CycloidalProfile
+
+RPM = 2 * math.pi / 60
+CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
+
+_POSITIVE = (
+    "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
+    "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
+    "stiffness_scale",
+)  # fmt: skip
+_NOT_NEGATIVE = (
+    "internal_sleeve_mass", "input_shaft_inertia", "clearance", "contact_damping", "load_torque",
+    "ramp_time", "brake_inertia", "meter_stiffness", "meter_damping",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CycloidalGearbox:
+    """A single-stage cycloidal gearbox with two wheels, and the rig that drives and brakes it.
+
+    Defaults are those of paper B (steel), where it states them. Fields marked *assumption* are stated in
+    neither paper.
+
+    Parameters
+    ----------
+    eccentricity : float
+        e of the cams, in m (paper B table 1).
+    n_pins : int
+        Number of external sleeves z_k; each wheel has ``n_pins - 1`` lobes (z_s).
+    shortening : float
+        Short-width coefficient m (paper B table 1); the pins sit on a circle of radius e z_k / m.
+    pin_radius : float
+        Radius q of the external sleeves, in m.
+    n_internal_sleeves : int
+        Number of internal sleeves on the output shaft.
+    internal_pitch_radius, internal_sleeve_radius : float
+        Circle of the internal sleeves and their radius, in m. *Assumptions.*
+    clearance : float
+        Radial clearance of the internal sleeves in their holes, in m. *Assumption* (0).
+    wheel_mass, wheel_inertia, internal_sleeve_mass : float
+        In kg and kg m2 (paper B table 2).
+    input_shaft_inertia, output_shaft_inertia : float
+        In kg m2 (paper B table 2).
+    wheel_youngs_modulus, wheel_poisson_ratio, sleeve_youngs_modulus, sleeve_poisson_ratio : float
+        Materials, in Pa and 1 (paper A table 3).
+    stiffness_scale : float
+        Scale coefficient H of the contact stiffness (paper B eq. 14).
+    contact_damping : float
+        C in Ns/m (paper B: 150); for ``contact_law="hunt_crossley"`` the relative damping in s/m that
+        multiplies the elastic force.
+    contact_ramp : float
+        Penetration over which stiffness and damping rise from zero, in m (paper B eq. 12-13).
+    contact_law : {"paper", "hunt_crossley", "conservative"}
+        ``"paper"``: F = K d^1.5 + C d', K by local curvature. ``"hunt_crossley"``: the damping is weighted
+        with the elastic force. ``"conservative"``: as ``"paper"`` with one effective radius for all
+        contacts of a kind, so that the elastic forces have a potential.
+    input_speed : float
+        Angular speed of the input shaft after the ramp, in rad/s (500 RPM).
+    load_torque : float
+        Torque that resists the output after the ramp, in Nm.
+    ramp_time : float
+        Time over which drive and load rise from zero, in s.
+    brake_inertia : float
+        Inertia of the brake's rotor behind the torque meter, in kg m2; 0 leaves the output shaft free as in
+        the papers, with the load acting on it directly. *Assumption* of the toolkit's rigs.
+    meter_stiffness, meter_damping : float
+        Torsional stiffness in Nm/rad and damping in Nms/rad of shaft and torque meter between output shaft
+        and brake. Used only with a brake. *Assumptions.*
+    pin_radial_errors, pin_tangential_errors : tuple of float
+        Position errors of the pins in m, one per pin; empty for none.
+    wheel_runouts : tuple of complex
+        Offset of each wheel's profile from its bearing, in the wheel's frame, in m; empty for none.
+
+    Raises
+    ------
+    ValueError
+        Where a parameter is not finite or outside its range; the message names it.
+
+    Examples
+    --------
+    >>> gearbox = CycloidalGearbox.steel()
+    >>> gearbox.n_lobes, round(gearbox.pin_circle_radius * 1e3, 3)
+    (15, 64.0)
+    """
+
+    eccentricity: float = 2.8e-3
+    n_pins: int = 16
+    shortening: float = 0.7
+    pin_radius: float = 6e-3
+    n_internal_sleeves: int = 8
+    internal_pitch_radius: float = 36e-3
+    internal_sleeve_radius: float = 6e-3
+    clearance: float = 0.0
+    wheel_mass: float = 0.5998
+    wheel_inertia: float = 1.57538e-4
+    internal_sleeve_mass: float = 0.048
+    input_shaft_inertia: float = 1.846e-6
+    output_shaft_inertia: float = 1.373e-4
+    wheel_youngs_modulus: float = 200e9
+    wheel_poisson_ratio: float = 0.3
+    sleeve_youngs_modulus: float = 200e9
+    sleeve_poisson_ratio: float = 0.3
+    stiffness_scale: float = 0.01
+    contact_damping: float = 150.0
+    contact_ramp: float = 1e-5
+    contact_law: str = "paper"
+    input_speed: float = 500 * RPM
+    load_torque: float = 22.0
+    ramp_time: float = 0.2
+    brake_inertia: float = 0.0
+    meter_stiffness: float = 0.0
+    meter_damping: float = 0.0
+    pin_radial_errors: tuple[float, ...] = ()
+    pin_tangential_errors: tuple[float, ...] = ()
+    wheel_runouts: tuple[complex, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, (list, np.ndarray)):
+                object.__setattr__(self, field.name, tuple(np.asarray(value).tolist()))
+            elif isinstance(value, (int, float, np.number)) and not math.isfinite(value):
+                raise ValueError(f"{field.name} must be finite, got {value!r}")
+        for name in _POSITIVE:
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        for name in _NOT_NEGATIVE:
+            if getattr(self, name) < 0:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
+        if self.contact_ramp <= 0:
+            raise ValueError(f"contact_ramp must be positive, got {self.contact_ramp!r}")
+        if not 0 < self.shortening < 1:
+            raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening!r}")
+        if self.input_speed <= 0:
+            raise ValueError(f"input_speed must be positive (rad/s), got {self.input_speed!r}")
+        for name, least in (("n_pins", 4), ("n_internal_sleeves", 2)):
+            value = getattr(self, name)
+            if int(value) != value or value < least:
+                raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
+        if self.contact_law not in CONTACT_LAWS:
+            raise ValueError(f"contact_law must be one of {CONTACT_LAWS}, got {self.contact_law!r}")
+        if self.brake_inertia > 0 and self.meter_stiffness == 0:
+            raise ValueError(
+                "brake_inertia needs a meter_stiffness above 0 (Nm/rad) between output shaft and brake, got 0"
+            )
+        for name, length in (
+            ("pin_radial_errors", self.n_pins),
+            ("pin_tangential_errors", self.n_pins),
+            ("wheel_runouts", 2),
+        ):
+            values = getattr(self, name)
+            if len(values) not in (0, length):
+                raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
+            if not np.all(np.isfinite(np.asarray(values, dtype=complex))):
+                raise ValueError(f"{name} must be finite, got {values!r}")
+
+    @classmethod
+    def steel(cls, **changes: Any) -> CycloidalGearbox:
+        """The steel gearbox of paper B; ``changes`` replace single fields."""
+        return cls(**changes)
+
+    @classmethod
+    def abs(cls, **changes: Any) -> CycloidalGearbox:
+        """ABS wheels on steel sleeves as in paper A (E 2.2 GPa, nu 0.37, C 20 Ns/m).
+
+        Paper A does not state H for ABS; 0.2 puts the contact resonance at 400-500 Hz as in its fig. 20.
+        *Assumption.*
+        """
+        preset: dict[str, Any] = {
+            "wheel_youngs_modulus": 2.2e9,
+            "wheel_poisson_ratio": 0.37,
+            "contact_damping": 20.0,
+            "stiffness_scale": 0.2,
+        }
+        return cls(**{**preset, **changes})
+
+    def replace(self, **changes: Any) -> CycloidalGearbox:
+        """A copy with single fields changed."""
+        return dataclasses.replace(self, **changes)
+
+    @property
+    def n_lobes(self) -> int:
+        """Number of lobes z_s of each wheel; also the reduction ratio."""
+        return self.n_pins - 1
+
+    @property
+    def profile(self) -> CycloidalProfile:
+        """Profile of the wheels."""
+        return CycloidalProfile(self.eccentricity, self.n_pins, self.shortening, self.pin_radius)
+
+    @property
+    def pin_circle_radius(self) -> float:
+        """Radius e z_k / m of the circle of the external sleeves, in m."""
+        return self.profile.pin_circle_radius
+
+    @property
+    def output_inertia(self) -> float:
+        """Inertia of output shaft and internal sleeves about the origin, in kg m2.
+
+        Frictionless sleeves do not spin, so that they count with m r^2 only.
+        """
+        sleeves = self.n_internal_sleeves * self.internal_sleeve_mass * self.internal_pitch_radius**2
+        return self.output_shaft_inertia + sleeves
+
+    @property
+    def input_speed_hz(self) -> float:
+        """Input speed in revolutions per second."""
+        return self.input_speed / (2 * math.pi)
+
+    def with_brake(self, inertia: float, stiffness: float, damping_ratio: float) -> CycloidalGearbox:
+        """The same gearbox with a brake rotor behind a compliant torque meter.
+
+        Parameters
+        ----------
+        inertia : float
+            Rotor's inertia in kg m2.
+        stiffness : float
+            Torsional stiffness of shaft and torque meter in Nm/rad.
+        damping_ratio : float
+            Share of critical damping of the rotor on that stiffness: c = 2 ratio sqrt(k J).
+        """
+        if not 0 <= damping_ratio < 1:
+            raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
+        damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
+        return self.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
+
+
+@dataclass(frozen=True)
+class LobeDefects:
+    """Worn and removed lobes, counted from 0; lobe k spans 24k to 24(k+1) deg, its tip at 24k.
+
+    Build it with :meth:`healthy`, :meth:`worn` or :meth:`removed`.
+
+    Parameters
+    ----------
+    worn_lobes, removed_lobes : tuple of int
+        Sorted, distinct lobe indices.
+    wheels : tuple of int
+        Wheels that carry the defects: ``(0,)``, ``(1,)`` or ``(0, 1)``.
+    depth : float
+        Severity of the wear between 0 (healthy) and 1 (the papers' chord): the share of the lobe's width
+        over which the half from tip to pit is worn down to the chord. The contact forces of both parts add
+        up, so force and energy stay continuous at every depth.
+
+    Notes
+    -----
+    Paper B wears both wheels alike. Equal lobes of the two wheels act at the same moment, so the output
+    torque cannot tell which wheel carries a lobe's wear; ``defect_count`` counts distinct lobe indices.
+    """
+
+    worn_lobes: tuple[int, ...] = ()
+    removed_lobes: tuple[int, ...] = ()
+    wheels: tuple[int, ...] = (0, 1)
+    depth: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("worn_lobes", "removed_lobes"):
+            lobes = tuple(getattr(self, name))
+            if any(int(lobe) != lobe or lobe < 0 for lobe in lobes) or len(set(lobes)) != len(lobes):
+                raise ValueError(f"{name} must be distinct whole numbers from 0, got {lobes!r}")
+            object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
+        wheels = tuple(sorted(self.wheels))
+        if wheels not in ((0,), (1,), (0, 1)):
+            raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {self.wheels!r}")
+        object.__setattr__(self, "wheels", wheels)
+        if not 0 <= self.depth <= 1:
+            raise ValueError(f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}")
+        both = set(self.worn_lobes) & set(self.removed_lobes)
+        if both:
+            raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")
+
+    @classmethod
+    def healthy(cls) -> LobeDefects:
+        """No defect."""
+        return cls()
+
+    @classmethod
+    def worn(
+        cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1), depth: float = 1.0
+    ) -> LobeDefects:
+        """Worn lobes: a count (consecutive from lobe 0) or the indices themselves.
+
+        Examples
+        --------
+        >>> LobeDefects.worn(3).worn_lobes
+        (0, 1, 2)
+        >>> LobeDefects.worn((0, 4), wheels=(0,)).defect_count
+        2
+        """
+        return cls(worn_lobes=_lobe_indices(lobes), wheels=tuple(wheels), depth=depth)
+
+    @classmethod
+    def removed(cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1)) -> LobeDefects:
+        """Removed lobes: a count (consecutive from lobe 0) or the indices themselves."""
+        return cls(removed_lobes=_lobe_indices(lobes), wheels=tuple(wheels))
+
+    @property
+    def defect_count(self) -> int:
+        """Number of distinct defective lobe indices."""
+        return len(self.worn_lobes) + len(self.removed_lobes)
+
+    def check_against(self, n_lobes: int) -> None:
+        """Raise ``ValueError`` where a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
+        highest = max(self.worn_lobes + self.removed_lobes, default=-1)
+        if highest >= n_lobes:
+            raise ValueError(f"defects name lobe {highest}, but the wheel has lobes 0 to {n_lobes - 1}")
+
+
+def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
+    if isinstance(lobes, (int, np.integer)):
+        if lobes < 0:
+            raise ValueError(f"a number of lobes must not be negative, got {lobes}")
+        return tuple(range(int(lobes)))
+    return tuple(lobes)

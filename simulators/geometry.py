@@ -1,0 +1,125 @@
+"""Closed-form geometry of the cycloidal drive: profile, curvature, worn and removed lobes.
+
+A wheel's profile is the inner parallel curve, at the pin radius, of a shortened trochoid.  A pin (external
+sleeve) therefore touches the profile exactly when its centre touches the trochoid, and the contact gap is
+the signed distance of the pin's centre from the trochoid.
+
+Complex numbers stand for points of the plane, in the frame of the wheel: its centre is the origin and the
+tip of lobe 0 lies on the real axis.  All lengths are in metres, all angles in radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Complex = NDArray[np.complex128]
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CycloidalProfile:
+    """Profile of a cycloidal wheel (paper A eq. 1, paper B eq. 1).
+
+    Parameters
+    ----------
+    eccentricity : float
+        Eccentricity e of the cams in m.
+    n_pins : int
+        Number of pins (external sleeves) z_k; the wheel has ``n_pins - 1`` lobes (z_s).
+    shortening : float
+        Short-width coefficient m, between 0 and 1; the pins sit on a circle of radius e z_k / m.
+    pin_radius : float
+        Radius q of a pin in m.
+
+    Examples
+    --------
+    >>> profile = CycloidalProfile(2.8e-3, 16, 0.7, 6e-3)
+    >>> round(abs(profile.point(0.0)) * 1e3, 3)  # tip of a lobe, mm
+    60.8
+    """
+
+    eccentricity: float
+    n_pins: int
+    shortening: float
+    pin_radius: float
+
+    @property
+    def n_lobes(self) -> int:
+        """Number of lobes z_s."""
+        return self.n_pins - 1
+
+    @property
+    def pin_circle_radius(self) -> float:
+        """Radius R = e z_k / m of the circle on which the pins sit, in m."""
+        return self.eccentricity * self.n_pins / self.shortening
+
+    @property
+    def lobe_pitch(self) -> float:
+        """Angle from one lobe to the next, in rad of the profile parameter."""
+        return 2 * np.pi / self.n_lobes
+
+    def trochoid(self, t: ArrayLike) -> Complex:
+        """Path T(t) = R exp(it) + e exp(i z_k t) of a pin's centre, in m."""
+        t = np.asarray(t, dtype=float)
+        return self.pin_circle_radius * np.exp(1j * t) + self.eccentricity * np.exp(1j * self.n_pins * t)
+
+    def _gradient(self, t: ArrayLike) -> Complex:
+        """Factor g(t) = 1/m + exp(i z_s t) of the tangent T' = i e z_k exp(it) g."""
+        return 1 / self.shortening + np.exp(1j * self.n_lobes * np.asarray(t, dtype=float))
+
+    def normal(self, t: ArrayLike) -> Complex:
+        """Outward unit normal of trochoid and profile at parameter t."""
+        g = self._gradient(t)
+        return np.exp(1j * np.asarray(t, dtype=float)) * g / np.abs(g)
+
+    def point(self, t: ArrayLike) -> Complex:
+        """Point of the wheel's profile at parameter t, in m."""
+        return self.trochoid(t) - self.pin_radius * self.normal(t)
+
+    def curvature(self, t: ArrayLike) -> Float:
+        """Signed curvature of the trochoid in 1/m, positive where the profile is convex."""
+        g2 = np.abs(self._gradient(t)) ** 2
+        cos_lobe = np.cos(self.n_lobes * np.asarray(t, dtype=float))
+        return np.asarray(
+            (1 + self.n_lobes * (1 + cos_lobe / self.shortening) / g2)
+            / (self.eccentricity * self.n_pins * np.sqrt(g2))
+        )
+
+    def effective_radius(self, t: ArrayLike) -> Float:
+        """Effective contact radius q (1 - kappa q) of pin and profile in m.
+
+        It equals ``1 / (1/R_c + 1/q)`` with the radius R_c = 1/kappa - q of the profile, negative where the
+        profile is concave, and is positive everywhere.
+        """
+        return np.asarray(self.pin_radius * (1 - self.curvature(t) * self.pin_radius))
+
+    def chord(self) -> tuple[complex, complex]:
+        """End points (tip, pit) of the chord that replaces the worn half of lobe 0, in m."""
+        return complex(self.point(0.0)), complex(self.point(np.pi / self.n_lobes))
+
+    def outline(self, worn: tuple[int, ...] = (), points_per_lobe: int = 200) -> Complex:
+        """Closed outline of the wheel with the chord at each worn lobe, for drawing.
+
+        Parameters
+        ----------
+        worn : tuple of int
+            Worn lobes, counted from 0.
+        points_per_lobe : int
+            Even number of points on each lobe.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_lobes * points_per_lobe,)
+        """
+        t = np.arange(self.n_lobes * points_per_lobe) * self.lobe_pitch / points_per_lobe
+        outline = self.point(t)
+        tip, pit = self.chord()
+        share = np.arange(points_per_lobe // 2) / (points_per_lobe // 2)
+        for lobe in worn:
+            first = lobe * points_per_lobe
+            turn = np.exp(1j * lobe * self.lobe_pitch)
+            outline[first : first + points_per_lobe // 2] = turn * (tip + share * (pit - tip))
+        return outline
