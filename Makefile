@@ -70,10 +70,10 @@ contracts: $(WHEEL)  ## who may import whom, on the unpacked wheel
 	cd dist/tree && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml --no-cache
 
 wheel-check: $(WHEEL)  ## install the wheel into an empty environment and use it from another folder
-	.ci/with_wheel "" python $(CURDIR)/.ci/wheel_check.py
+	bash .ci/with_wheel "" python $(CURDIR)/.ci/wheel_check.py
 
 test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and scikit-learn's own checks
-	.ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
+	bash .ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
 		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
 
 clean:  ## remove what the commands made (.venv stays)

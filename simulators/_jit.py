@@ -13,8 +13,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 
     def compile_lazily(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
-            return numba.njit(cache=True, **options)(function)
+            return numba.njit(cache=True, error_model="numpy", **options)(function)
         except RuntimeError:  # no folder for the cache can be written
-            return numba.njit(**options)(function)
+            return numba.njit(error_model="numpy", **options)(function)
 
     return compile_lazily

@@ -26,14 +26,14 @@ PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
 CONSERVATIVE_LAW = 2
 
-HEALTHY = 0
-WORN = 1
-REMOVED = 2
+# Entry of the lobe table for a removed lobe; 0 is healthy, up to 1 the share of the width that is worn.
+REMOVED = 2.0
 
 # Reassociation lets the sums over the pins use vector instructions. Infinities and NaN keep their meaning:
 # divergence is found by looking for them.
 FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
 
+# Named tuples of numbers only: an array inside one would be reference-counted at every call.
 ContactConstants = namedtuple(
     "ContactConstants",
     [
@@ -48,24 +48,16 @@ ContactConstants = namedtuple(
 WheelConstants = namedtuple(
     "WheelConstants",
     [
-        "eccentricity",
+        "eccentricity",  # m
         "shortening",
         "n_lobes",
-        "pin_radius",
-        "pin_circle_radius",
-        "cos_pin",  # (n_pins,) direction of each pin
-        "sin_pin",
-        "radial_error",  # (n_pins,) position errors of the pins, m
-        "tangential_error",
-        "runout_x",  # (2,) offset of each wheel's profile from its bearing, in the wheel's frame, m
-        "runout_y",
-        "rest_angle",  # (2,) theta + phi/z_s in the rest position
-        "faulty",  # (2,) whether a wheel has a worn or removed lobe at all
-        "lobe_state",  # (2, n_lobes) HEALTHY, WORN or REMOVED
-        "lobe_depth",  # (2, n_lobes) share of the lobe's width that is worn, 0 to 1
-        "tip",  # tip of lobe 0 (complex), m
-        "pit",  # pit of lobe 0 (complex), m
-        "pit_normal",  # profile normal there (complex)
+        "pin_radius",  # m
+        "pin_circle_radius",  # m
+        "tip_x",  # tip of lobe 0, on the x axis, m
+        "pit_x",  # pit of lobe 0, m
+        "pit_y",
+        "pit_nx",  # outward unit normal of the profile at the pit
+        "pit_ny",
         "tip_radius",  # effective contact radius at the tip, m
         "pit_radius",  # and at the pit, m
     ],
@@ -74,11 +66,8 @@ WheelConstants = namedtuple(
 JointConstants = namedtuple(
     "JointConstants",
     [
-        "cos_sleeve",  # (n_internal,) direction of each internal sleeve
-        "sin_sleeve",
-        "pitch_radius",
+        "pitch_radius",  # of the internal sleeves, m
         "gap_at_centre",  # hole radius minus sleeve radius, m
-        "effective_radius",
     ],
 )
 
@@ -93,6 +82,25 @@ BodyConstants = namedtuple(
         "meter_damping",
     ],
 )
+
+# Tables with one column per pin are flat arrays of rows of this fixed length, indexed without a sign: the
+# compiler then sees that their rows do not overlap, which it must know before it uses vector instructions.
+MAX_PINS = 128
+# Rows of the table of pins ...
+PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = np.arange(5, dtype=np.uintp) * np.uintp(MAX_PINS)
+PIN_TABLE_SIZE = 5 * MAX_PINS
+# ... and of the working memory of one wheel: share of the healthy profile under each pin, force on each pin.
+WEIGHT, FORCE = np.arange(2, dtype=np.uintp) * np.uintp(MAX_PINS)
+WORK_SIZE = 2 * MAX_PINS
+# Columns of the table of mounts, shape (2 wheels, 6), and rows of the lobes' directions, shape (2, n_lobes).
+REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, FAULT_KIND = range(6)
+LOBE_COS, LOBE_SIN = range(2)
+# Entries of FAULT_KIND: bits.
+HAS_WORN, HAS_REMOVED = 1, 2
+
+# A pin counts to a lobe from this share of the lobe's pitch before its tip: the foot on the profile may lie
+# a little ahead of the pin's rest position.
+LEAD = 0.06
 
 N_STATE = 8
 N_RESULT = 2  # torque_out, torque_in
@@ -131,15 +139,16 @@ def contact_force(penetration, rate, radius, contact):
     return max(elastic + contact.damping * rise * rate, 0.0)
 
 
-@njit(fastmath=FASTMATH, inline="always")
+@njit(fastmath=FASTMATH)
 def _profile_contacts(
-    wheel, contact, weight, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate, force
+    wheel, contact, pins, work, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate
 ):
     """Contacts of all pins with the healthy profile of one wheel: a branch-free loop over the pins.
 
     Every pin is treated in its own frame (radial, tangential). ``c`` is the cam's centre and ``cv`` its
     velocity, ``offset`` the vector from the foot at rest to the pin's centre, which is the same for all
-    pins, ``lobe`` = exp(-i z_s theta). Returns the force on the wheel and its moment about the cam.
+    pins, ``lobe`` = exp(-i z_s theta). Adds the forces to ``work`` and returns the force on the wheel and
+    its moment about the cam.
     """
     eccentricity = wheel.eccentricity
     inverse_m = 1.0 / wheel.shortening
@@ -148,32 +157,21 @@ def _profile_contacts(
     q = wheel.pin_radius
     big_r = wheel.pin_circle_radius
     inverse_ez = 1.0 / (eccentricity * n_pins)
-    cos_pin = wheel.cos_pin
-    sin_pin = wheel.sin_pin
-    radial_error = wheel.radial_error
-    tangential_error = wheel.tangential_error
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
-    for j in range(cos_pin.size):
-        cb = cos_pin[j]
-        sb = sin_pin[j]
-        dx = cb * offset_x + sb * offset_y + radial_error[j]
-        dy = cb * offset_y - sb * offset_x + tangential_error[j]
+    for j in range(np.uintp(wheel.n_lobes + 1)):
+        cb = pins[PIN_COS + j]
+        sb = pins[PIN_SIN + j]
+        dx = cb * offset_x + sb * offset_y + pins[PIN_RADIAL_ERROR + j]
+        dy = cb * offset_y - sb * offset_x + pins[PIN_TANGENTIAL_ERROR + j]
         # First guess: the foot of the rest position, where exp(i z_s t) = exp(-i beta) exp(-i z_s theta).
         qx = cb * lobe_cos + sb * lobe_sin
         qy = cb * lobe_sin - sb * lobe_cos
         gx = inverse_m + qx
-        gg = gx * gx + qy * qy
-        ig = 1.0 / np.sqrt(gg)
-        nx = gx * ig
-        ny = qy * ig
-        normal_part = dx * nx + dy * ny
-        tangential_part = dy * nx - dx * ny
-        kappa = (1.0 + n_lobes * (1.0 + qx * inverse_m) * ig * ig) * ig * inverse_ez
-        step = tangential_part * ig * inverse_ez / max(1.0 + kappa * normal_part, 0.3)
+        # One Newton step along the tangent, by small-angle polynomials of exp(i step) and exp(i z_k step).
+        step = (dy * gx - dx * qy) * inverse_ez / (gx * gx + qy * qy)
         step = min(max(step, -0.06), 0.06)
-        # One Newton step, by small-angle polynomials of exp(i step) and exp(i z_k step).
         y = step * step
         s1 = step * (1.0 - y / 6.0 * (1.0 - y / 20.0))
         v1 = y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0))  # 1 - cos
@@ -189,16 +187,14 @@ def _profile_contacts(
         rx = dx + big_r * v1 + eccentricity * (qx * v2 + qy * s2)
         ry = dy - big_r * s1 + eccentricity * (qy * v2 - qx * s2)
         # exp(i step) g(t) = exp(i step)/m + exp(i z_k step) exp(i z_s t0)
-        c1 = 1.0 - v1
-        c2 = 1.0 - v2
-        hx = c1 * inverse_m + c2 * qx - s2 * qy
-        hy = s1 * inverse_m + c2 * qy + s2 * qx
+        hx = (1.0 - v1) * inverse_m + (1.0 - v2) * qx - s2 * qy
+        hy = s1 * inverse_m + (1.0 - v2) * qy + s2 * qx
         gg = hx * hx + hy * hy
         ig = 1.0 / np.sqrt(gg)
         nx = hx * ig
         ny = hy * ig
         # |g|^2 = 1/m^2 + 1 + 2 cos(z_s t)/m gives cos(z_s t) without another rotation.
-        cos_lobe = (gg - inverse_m * inverse_m - 1.0) / (2.0 * inverse_m)
+        cos_lobe = (gg - inverse_m * inverse_m - 1.0) * (0.5 / inverse_m)
         kappa = (1.0 + n_lobes * (1.0 + cos_lobe * inverse_m) * ig * ig) * ig * inverse_ez
         normal_part = rx * nx + ry * ny
         tangential_part = ry * nx - rx * ny
@@ -208,190 +204,211 @@ def _profile_contacts(
         shrink = 1.0 - 0.5 * bend * bend
         mx = shrink * nx - bend * ny
         my = shrink * ny + bend * nx
-        px = big_r + radial_error[j] - (cb * cx + sb * cy)
-        py = tangential_error[j] - (cb * cy - sb * cx)
+        px = big_r + pins[PIN_RADIAL_ERROR + j] - (cb * cx + sb * cy)
+        py = pins[PIN_TANGENTIAL_ERROR + j] - (cb * cy - sb * cx)
         arm = px * my - py * mx
         gap_rate = -(mx * (cb * cvx + sb * cvy) + my * (cb * cvy - sb * cvx)) - rate * arm
         radius = max(q * (1.0 - kappa * q), 0.0)
-        f = weight[j] * contact_force(-gap, -gap_rate, radius, contact)
-        force[j] = f
+        f = work[WEIGHT + j] * contact_force(-gap, -gap_rate, radius, contact)
+        work[FORCE + j] += f
         total_x -= f * (cb * mx - sb * my)
         total_y -= f * (sb * mx + cb * my)
         moment -= f * arm
     return total_x, total_y, moment
 
 
-@njit(fastmath=FASTMATH, inline="always")
-def _point_contact(point_x, point_y, px, py, q, vx, vy, rate, radius, share, contact):
-    """Contact of a pin (centre p) with a point of the wheel, in a frame turning with the wheel."""
-    ax = px - point_x
-    ay = py - point_y
-    distance = np.sqrt(ax * ax + ay * ay)
-    nx = ax / distance
-    ny = ay / distance
-    gap_rate = nx * vx + ny * vy - rate * (px * ny - py * nx)
-    return share * contact_force(q - distance, -gap_rate, radius, contact), nx, ny
+@njit(fastmath=FASTMATH)
+def _worn_contacts(
+    w, wheel, contact, pins, wear, work, run_x, run_y, theta, cx, cy, cvx, cvy, rate
+):
+    """Contacts of all pins with the chords of the worn lobes of wheel ``w``.
+
+    The outline is one closed curve: a pin rests on the tip's vertex before it lies on the chord, and at the
+    re-entrant pit it touches chord and flank at once; the flank ends there in a point of its own. ``run``
+    is the runout in the fixed frame. Writes into ``work`` how much of the healthy profile is left under
+    each pin, adds the forces, and returns the force on the wheel and its moment.
+    """
+    n_lobes = wheel.n_lobes
+    lobe_pitch = 2.0 * np.pi / n_lobes
+    q = wheel.pin_radius
+    tip = wheel.tip_x
+    length = np.sqrt((wheel.pit_x - tip) ** 2 + wheel.pit_y**2)
+    ux = (wheel.pit_x - tip) / length
+    uy = wheel.pit_y / length
+    # Outward normal of the chord.
+    ox = uy
+    oy = -ux
+    total_x = 0.0
+    total_y = 0.0
+    moment = 0.0
+    # Table look-ups have a loop of their own: they would keep the next one from using vector instructions.
+    for j in range(np.uintp(wheel.n_lobes + 1)):
+        lobe = int(np.floor((pins[PIN_ANGLE + j] - theta) / lobe_pitch + LEAD)) % n_lobes
+        share = wear[w, lobe]
+        work[WEIGHT + j] = 0.0 if share == REMOVED else share
+    for j in range(np.uintp(wheel.n_lobes + 1)):
+        cb = pins[PIN_COS + j]
+        sb = pins[PIN_SIN + j]
+        # Angle of the pin past the tip of the lobe under it, and its sine and cosine.
+        turns = (pins[PIN_ANGLE + j] - theta) / lobe_pitch + LEAD
+        part = turns - np.floor(turns)
+        x = (part - LEAD) * lobe_pitch
+        y = x * x
+        st = x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0)))))
+        ct = 1.0 - y / 2.0 * (
+            1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0 * (1.0 - y / 132.0))))
+        )
+        # From the frame of the pin to that of the lobe. Lever arms count from the bearing.
+        rx = wheel.pin_circle_radius + pins[PIN_RADIAL_ERROR + j] - (cb * cx + sb * cy)
+        ry = pins[PIN_TANGENTIAL_ERROR + j] - (cb * cy - sb * cx)
+        px = ct * rx - st * ry
+        py = st * rx + ct * ry
+        rx = -(cb * cvx + sb * cvy)
+        ry = -(cb * cvy - sb * cvx)
+        vx = ct * rx - st * ry
+        vy = st * rx + ct * ry
+        rx = cb * run_x + sb * run_y
+        ry = cb * run_y - sb * run_x
+        ax = px - (ct * rx - st * ry) - tip
+        ay = py - (st * rx + ct * ry)
+        bx = ax + tip - wheel.pit_x
+        by = ay - wheel.pit_y
+        after_pit = by * wheel.pit_nx - bx * wheel.pit_ny
+        chord_width = work[WEIGHT + j] * ((ay >= 0.0) & (part < 0.8))
+        pit_width = chord_width * (after_pit < 0.0)
+        work[WEIGHT + j] = 1.0 - pit_width
+        # Chord or, before its beginning, the vertex at the tip.
+        to_tip = np.sqrt(ax * ax + ay * ay)
+        vertex_x = ax / to_tip
+        vertex_y = ay / to_tip
+        chord_gap = ax * ox + ay * oy - q
+        at_vertex = ax * ux + ay * uy < 0.0
+        nx = vertex_x if at_vertex else ox
+        ny = vertex_y if at_vertex else oy
+        gap = to_tip - q if at_vertex else chord_gap
+        # Between profile and chord the effective radius follows the direction of the normal.
+        turned = min(max(ny / oy, 0.0), 1.0)
+        radius = wheel.tip_radius + turned * (q - wheel.tip_radius)
+        arm = px * ny - py * nx
+        gap_rate = nx * vx + ny * vy - rate * arm
+        f1 = chord_width * contact_force(-gap, -gap_rate, radius, contact)
+        fx = f1 * nx
+        fy = f1 * ny
+        # End point of the healthy flank at the pit.
+        to_pit = np.sqrt(bx * bx + by * by)
+        nx = bx / to_pit
+        ny = by / to_pit
+        arm = px * ny - py * nx
+        gap_rate = nx * vx + ny * vy - rate * arm
+        f2 = pit_width * contact_force(q - to_pit, -gap_rate, wheel.pit_radius, contact)
+        fx += f2 * nx
+        fy += f2 * ny
+        work[FORCE + j] += f1 + f2
+        # Back to the frame of the pin, then to the fixed one.
+        rx = ct * fx + st * fy
+        ry = ct * fy - st * fx
+        total_x -= cb * rx - sb * ry
+        total_y -= sb * rx + cb * ry
+        moment -= px * fy - py * fx
+    return total_x, total_y, moment
 
 
 @njit(fastmath=FASTMATH)
-def _faulty_lobes(wheel, contact, index, theta, cos_theta, sin_theta, cx, cy, cvx, cvy, rate, weight, force):
-    """Contacts at worn and removed lobes of one wheel.
+def _removed_contacts(
+    w, wheel, contact, pins, lobes, wear, work, runout_x, runout_y, theta, cos_theta, sin_theta, cx, cy,
+    cvx, cvy, rate,
+):  # fmt: skip
+    """Contacts of the pins with the two edges left where lobes of wheel ``w`` have been removed.
 
-    Writes into ``weight`` how much of the healthy profile is left under each pin, adds to ``force`` per pin,
-    and returns the force on the wheel and its moment. The outline is one closed curve: a pin rests on the
-    tip's vertex before it lies on the chord, and at the re-entrant pit it touches chord and flank at once.
+    As :func:`_worn_contacts`; a removed lobe has no surface, the outline ends in the tips on either side.
     """
     n_lobes = wheel.n_lobes
     n_pins = n_lobes + 1
     pin_pitch = 2.0 * np.pi / n_pins
     lobe_pitch = 2.0 * np.pi / n_lobes
-    q = wheel.pin_radius
-    tip = wheel.tip.real
-    pit_x = wheel.pit.real
-    pit_y = wheel.pit.imag
-    pit_nx = wheel.pit_normal.real
-    pit_ny = wheel.pit_normal.imag
-    chord_x = pit_x - tip
-    chord_y = pit_y
-    length = np.sqrt(chord_x * chord_x + chord_y * chord_y)
-    ux = chord_x / length
-    uy = chord_y / length
-    # Outward normal of the chord.
-    ox = uy
-    oy = -ux
-    chord_angle = np.arctan2(oy, ox)
+    cos_pitch = np.cos(lobe_pitch)
+    sin_pitch = np.sin(lobe_pitch)
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
     for lobe in range(n_lobes):
-        state = wheel.lobe_state[index, lobe]
-        if state == HEALTHY:
+        if wear[w, lobe] != REMOVED:
             continue
-        share = wheel.lobe_depth[index, lobe]
-        turn = lobe * lobe_pitch
-        sin_turn = np.sin(turn)
-        cos_turn = np.cos(turn)
-        cl = cos_theta * cos_turn - sin_theta * sin_turn
-        sl = sin_theta * cos_turn + cos_theta * sin_turn
-        first = int(np.ceil((theta + turn) / pin_pitch - 0.06))
-        n_candidates = 1 if state == WORN else 2
-        for candidate in range(n_candidates):
-            raw = first + candidate
-            j = raw % n_pins
-            # Pin's centre and velocity of the cam in the frame of the lobe.
-            wx = wheel.pin_circle_radius + wheel.radial_error[j]
-            wy = wheel.tangential_error[j]
-            gx = wheel.cos_pin[j] * wx - wheel.sin_pin[j] * wy - cx
-            gy = wheel.sin_pin[j] * wx + wheel.cos_pin[j] * wy - cy
+        ck = lobes[LOBE_COS, lobe]
+        sk = lobes[LOBE_SIN, lobe]
+        cl = cos_theta * ck - sin_theta * sk
+        sl = sin_theta * ck + cos_theta * sk
+        first = int(np.ceil((theta + lobe * lobe_pitch) / pin_pitch - 0.06))
+        for j in (first % n_pins, (first + 1) % n_pins):
+            wx = wheel.pin_circle_radius + pins[PIN_RADIAL_ERROR + j]
+            wy = pins[PIN_TANGENTIAL_ERROR + j]
+            gx = pins[PIN_COS + j] * wx - pins[PIN_SIN + j] * wy - cx
+            gy = pins[PIN_SIN + j] * wx + pins[PIN_COS + j] * wy - cy
             px = cl * gx + sl * gy
             py = cl * gy - sl * gx
-            # The runout moves the profile against the bearing: lever arms count from the bearing.
-            hx = cos_turn * wheel.runout_x[index] + sin_turn * wheel.runout_y[index]
-            hy = cos_turn * wheel.runout_y[index] - sin_turn * wheel.runout_x[index]
             vx = -(cl * cvx + sl * cvy)
             vy = -(cl * cvy - sl * cvx)
-            after_tip = py - hy  # (p - tip) . tangent at the tip
-            if after_tip < 0.0:
+            hx = ck * runout_x + sk * runout_y
+            hy = ck * runout_y - sk * runout_x
+            end_x = wheel.tip_x * cos_pitch
+            end_y = wheel.tip_x * sin_pitch
+            beyond_end = (py - hy - end_y) * cos_pitch - (px - hx - end_x) * sin_pitch
+            if py - hy < 0.0 or beyond_end >= 0.0:
                 continue
-            fx = 0.0
-            fy = 0.0
-            total = 0.0
-            if state == WORN:
-                ahead = raw * pin_pitch - (theta + turn)
-                if ahead > 0.8 * lobe_pitch:
+            work[WEIGHT + j] = 0.0
+            for edge in range(2):
+                neighbour = (lobe + 2 * edge - 1) % n_lobes
+                if wear[w, neighbour] == REMOVED:
                     continue
-                # (p - pit) . tangent at the pit
-                after_pit = -(px - hx - pit_x) * pit_ny + (py - hy - pit_y) * pit_nx
-                along = (px - hx - tip) * ux + (py - hy) * uy
-                if along < 0.0:
-                    angle = np.arctan2(py - hy, px - hx - tip)
-                    part = min(max(angle / chord_angle, 0.0), 1.0)
-                    radius = wheel.tip_radius + part * (q - wheel.tip_radius)
-                    f, nx, ny = _point_contact(
-                        tip + hx, hy, px, py, q, vx, vy, rate, radius, share, contact
-                    )
-                else:
-                    nx = ox
-                    ny = oy
-                    gap = (px - hx - tip) * nx + (py - hy) * ny - q
-                    gap_rate = nx * vx + ny * vy - rate * (px * ny - py * nx)
-                    f = share * contact_force(-gap, -gap_rate, q, contact)
-                fx -= f * nx
-                fy -= f * ny
-                total += f
-                if after_pit < 0.0:
-                    weight[j] = 1.0 - share
-                    f, nx, ny = _point_contact(
-                        pit_x + hx, pit_y + hy, px, py, q, vx, vy, rate, wheel.pit_radius, share, contact
-                    )
-                    fx -= f * nx
-                    fy -= f * ny
-                    total += f
-            else:
-                end_x = tip * np.cos(lobe_pitch)
-                end_y = tip * np.sin(lobe_pitch)
-                before_end = (px - hx - end_x) * np.sin(lobe_pitch) - (py - hy - end_y) * np.cos(lobe_pitch)
-                if before_end < 0.0:
-                    continue
-                weight[j] = 0.0
-                if wheel.lobe_state[index, (lobe - 1) % n_lobes] != REMOVED:
-                    f, nx, ny = _point_contact(
-                        tip + hx, hy, px, py, q, vx, vy, rate, wheel.tip_radius, 1.0, contact
-                    )
-                    fx -= f * nx
-                    fy -= f * ny
-                    total += f
-                if wheel.lobe_state[index, (lobe + 1) % n_lobes] != REMOVED:
-                    f, nx, ny = _point_contact(
-                        end_x + hx, end_y + hy, px, py, q, vx, vy, rate, wheel.tip_radius, 1.0, contact
-                    )
-                    fx -= f * nx
-                    fy -= f * ny
-                    total += f
-            force[j] += total
-            total_x += cl * fx - sl * fy
-            total_y += sl * fx + cl * fy
-            moment += px * fy - py * fx
+                ax = px - hx - (end_x if edge == 1 else wheel.tip_x)
+                ay = py - hy - (end_y if edge == 1 else 0.0)
+                distance = np.sqrt(ax * ax + ay * ay)
+                nx = ax / distance
+                ny = ay / distance
+                gap_rate = nx * vx + ny * vy - rate * (px * ny - py * nx)
+                f = contact_force(wheel.pin_radius - distance, -gap_rate, wheel.tip_radius, contact)
+                work[FORCE + j] += f
+                total_x -= f * (cl * nx - sl * ny)
+                total_y -= f * (sl * nx + cl * ny)
+                moment -= f * (px * ny - py * nx)
     return total_x, total_y, moment
 
 
-@njit(fastmath=FASTMATH, inline="always")
+@njit(fastmath=FASTMATH)
 def _joint_contacts(
-    joint, contact, cx, cy, cvx, cvy, cos_out, sin_out, cos_wheel, sin_wheel, rate_out, rate_wheel, force
+    w, joint, contact, sleeves, cx, cy, cvx, cvy, cos_out, sin_out, cos_hole, sin_hole, rate_out, rate, force
 ):
-    """Contacts of all internal sleeves with the holes of one wheel.
+    """Contacts of all internal sleeves with the holes of wheel ``w``.
 
     Returns force and moment on the wheel and the moment on the output shaft about the origin.
     """
     r = joint.pitch_radius
-    shift_x = r * (cos_out - cos_wheel)
-    shift_y = r * (sin_out - sin_wheel)
-    cos_sleeve = joint.cos_sleeve
-    sin_sleeve = joint.sin_sleeve
+    shift_x = r * (cos_out - cos_hole)
+    shift_y = r * (sin_out - sin_hole)
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
     moment_out = 0.0
-    for k in range(cos_sleeve.size):
-        ca = cos_sleeve[k]
-        sa = sin_sleeve[k]
+    for k in range(sleeves.shape[1]):
+        ca = sleeves[0, k]
+        sa = sleeves[1, k]
         dx = ca * shift_x - sa * shift_y - cx
         dy = sa * shift_x + ca * shift_y - cy
         distance = np.sqrt(dx * dx + dy * dy)
         nx = dx / distance
         ny = dy / distance
-        hole_x = r * (ca * cos_wheel - sa * sin_wheel)
-        hole_y = r * (sa * cos_wheel + ca * sin_wheel)
+        hole_x = r * (ca * cos_hole - sa * sin_hole)
+        hole_y = r * (sa * cos_hole + ca * sin_hole)
         sleeve_x = r * (ca * cos_out - sa * sin_out)
         sleeve_y = r * (sa * cos_out + ca * sin_out)
-        arm_wheel = hole_x * ny - hole_y * nx
+        arm = hole_x * ny - hole_y * nx
         arm_out = sleeve_x * ny - sleeve_y * nx
-        penetration_rate = rate_out * arm_out - rate_wheel * arm_wheel - (cvx * nx + cvy * ny)
-        f = contact_force(distance - joint.gap_at_centre, penetration_rate, joint.effective_radius, contact)
-        force[k] = f
+        penetration_rate = rate_out * arm_out - rate * arm - (cvx * nx + cvy * ny)
+        f = contact_force(distance - joint.gap_at_centre, penetration_rate, contact.constant_radius, contact)
+        force[w, k] = f
         total_x += f * nx
         total_y += f * ny
-        moment += f * arm_wheel
+        moment += f * arm
         moment_out -= f * arm_out
     return total_x, total_y, moment, moment_out
 
@@ -399,13 +416,13 @@ def _joint_contacts(
 @njit(fastmath=FASTMATH)
 def derivatives(
     phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, wheel, joint, contact, joint_contact,
-    body, weight, pin_force, sleeve_force, rates, result,
+    body, pins, mounts, lobes, wear, sleeves, work, pin_force, sleeve_force, rates, result,
 ):  # fmt: skip
     """Right-hand side of the reduced model.
 
     ``slow`` stands for exp(-i phi / z_s). Writes the derivative of ``state`` into ``rates``, the forces of
-    the pins into ``pin_force`` (2, n_pins), of the internal sleeves into ``sleeve_force`` (2, n_internal),
-    and output and input torque into ``result``.
+    the pins into ``pin_force`` (2, n_pins), of the internal sleeves into ``sleeve_force`` (2, n_internal), and output and
+    input torque into ``result``.
     """
     z = float(wheel.n_lobes)
     e = wheel.eccentricity
@@ -425,50 +442,60 @@ def derivatives(
         cvy = omega * cx
         rate = mean_rate + state[4 + w]
         eps_sin, eps_cos = small_sincos(state[w])
-        # exp(i theta') of the holes, theta' = eps - phi/z_s
+        # Direction of the holes, eps - phi/z_s, and of the profile, theta = eps - phi/z_s + rest angle.
         cos_hole = cos_slow * eps_cos - sin_slow * eps_sin
         sin_hole = sin_slow * eps_cos + cos_slow * eps_sin
-        # exp(-i z_s theta) = -exp(i phi_w) exp(-i z_s eps), phi_w the angle of the wheel's own cam
+        cos_theta = cos_hole * mounts[w, REST_COS] - sin_hole * mounts[w, REST_SIN]
+        sin_theta = sin_hole * mounts[w, REST_COS] + cos_hole * mounts[w, REST_SIN]
+        # exp(-i z_s theta) = -exp(i phi_w) exp(-i z_s eps), phi_w the angle of the wheel's own cam.
         lobe_eps_sin, lobe_eps_cos = small_sincos(z * state[w])
         lobe_cos = -side * (cos_phi * lobe_eps_cos + sin_phi * lobe_eps_sin)
         lobe_sin = -side * (sin_phi * lobe_eps_cos - cos_phi * lobe_eps_sin)
-        cos_rest = np.cos(wheel.rest_angle[w])
-        sin_rest = np.sin(wheel.rest_angle[w])
-        cos_theta = cos_hole * cos_rest - sin_hole * sin_rest
-        sin_theta = sin_hole * cos_rest + cos_hole * sin_rest
-        run_x = cos_theta * wheel.runout_x[w] - sin_theta * wheel.runout_y[w]
-        run_y = sin_theta * wheel.runout_x[w] + cos_theta * wheel.runout_y[w]
+        runout_x = mounts[w, RUNOUT_X]
+        runout_y = mounts[w, RUNOUT_Y]
+        run_x = cos_theta * runout_x - sin_theta * runout_y
+        run_y = sin_theta * runout_x + cos_theta * runout_y
         offset_x = -(cx + e * lobe_cos) - run_x
         offset_y = -(cy + e * lobe_sin) - run_y
-        for j in range(wheel.cos_pin.size):
-            weight[j] = 1.0
-        fault_x = 0.0
-        fault_y = 0.0
-        fault_moment = 0.0
-        fault_force = pin_force[2 + w]
-        if wheel.faulty[w]:
-            for j in range(wheel.cos_pin.size):
-                fault_force[j] = 0.0
-            theta = state[w] - phi / z + wheel.rest_angle[w]
-            fault_x, fault_y, fault_moment = _faulty_lobes(
-                wheel, contact, w, theta, cos_theta, sin_theta, cx, cy, cvx, cvy, rate, weight, fault_force
-            )
-        fx, fy, moment = _profile_contacts(
-            wheel, contact, weight, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate, pin_force[w]
+        for j in range(np.uintp(wheel.n_lobes + 1)):
+            work[WEIGHT + j] = 1.0
+            work[FORCE + j] = 0.0
+        force_x = 0.0
+        force_y = 0.0
+        moment = 0.0
+        fault_kind = int(mounts[w, FAULT_KIND])
+        if fault_kind:
+            theta = state[w] - phi / z + mounts[w, REST_ANGLE]
+            if fault_kind & HAS_WORN:
+                force_x, force_y, moment = _worn_contacts(
+                    w, wheel, contact, pins, wear, work, run_x, run_y, theta, cx, cy, cvx, cvy, rate
+                )
+            if fault_kind & HAS_REMOVED:
+                fx, fy, m = _removed_contacts(
+                    w, wheel, contact, pins, lobes, wear, work, runout_x, runout_y, theta, cos_theta, sin_theta,
+                    cx, cy, cvx, cvy, rate,
+                )  # fmt: skip
+                force_x += fx
+                force_y += fy
+                moment += m
+        fx, fy, m = _profile_contacts(
+            wheel, contact, pins, work, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate
         )
-        if wheel.faulty[w]:
-            for j in range(wheel.cos_pin.size):
-                pin_force[w, j] += fault_force[j]
+        for j in range(np.uintp(wheel.n_lobes + 1)):
+            pin_force[w, j] = work[FORCE + j]
         jx, jy, joint_moment, on_output = _joint_contacts(
-            joint, joint_contact, cx, cy, cvx, cvy, cos_out, sin_out, cos_hole, sin_hole, rate_out, rate,
-            sleeve_force[w],
+            w, joint, joint_contact, sleeves, cx, cy, cvx, cvy, cos_out, sin_out, cos_hole, sin_hole,
+            rate_out, rate, sleeve_force,
         )  # fmt: skip
+        force_x += fx + jx
+        force_y += fy + jy
+        moment += m + joint_moment
         moment_out += on_output
         rates[w] = state[4 + w]
-        rates[4 + w] = (moment + fault_moment + joint_moment) / body.wheel_inertia - mean_acceleration
+        rates[4 + w] = moment / body.wheel_inertia - mean_acceleration
         # Cam's force on the wheel, and its moment about the input shaft.
-        reaction_x = body.wheel_mass * (-alpha * cy - omega * omega * cx) - (fx + fault_x + jx)
-        reaction_y = body.wheel_mass * (alpha * cx - omega * omega * cy) - (fy + fault_y + jy)
+        reaction_x = body.wheel_mass * (-alpha * cy - omega * omega * cx) - force_x
+        reaction_y = body.wheel_mass * (alpha * cx - omega * omega * cy) - force_y
         torque_in += cx * reaction_y - cy * reaction_x
     rates[2] = state[6]
     rates[3] = state[7]
@@ -494,47 +521,61 @@ def _turn(cosine, sine, angle):
     return x * scale, y * scale
 
 
+# Steps between two exact evaluations of the driver's sines; turning by polynomials in between is cheaper.
+RESYNC = 128
+
+
 @njit(fastmath=FASTMATH)
 def integrate(
-    first_step, n_steps, dt, phi, omega, alpha, load, state, wheel, joint, contact, joint_contact, body,
-    limit, result, angles, pin_forces, sleeve_forces,
+    n_steps, dt, phi, omega, alpha, load, state, wheel, joint, contact, joint_contact, body, pins, mounts,
+    lobes, wear, sleeves, limit, result, angles, pin_forces, sleeve_forces,
 ):  # fmt: skip
     """Midpoint rule (second-order Runge-Kutta) over ``n_steps`` steps.
 
     ``phi``, ``omega``, ``alpha``, ``load`` hold the driver and load at every half step: (2 n_steps + 1,).
-    ``result`` is (n, 2), ``angles`` (n or 0, 4), ``pin_forces`` (n or 0, 2, n_pins), ``sleeve_forces``
-    (n or 0, 2, n_internal): written at every step where they have rows. Returns the number of finished
-    steps: fewer than ``n_steps`` where a rate stopped being finite or a torque exceeded ``limit``.
+    ``result`` is (n_steps, 2), ``angles`` (n_steps or 0, 4), ``pin_forces`` (n_steps or 0, 2, n_pins),
+    ``sleeve_forces`` (n_steps or 0, 2, n_internal). Returns the number of finished steps: fewer than
+    ``n_steps`` where a torque exceeded ``limit`` or was not a number; the last forces are then in
+    ``pin_forces[-1]`` and ``sleeve_forces[-1]`` where they have rows.
     """
-    n_pins = wheel.cos_pin.size
     z = float(wheel.n_lobes)
-    weight = np.ones(n_pins)
-    pin_force = np.zeros((4, n_pins))
-    sleeve_force = np.zeros((2, joint.cos_sleeve.size))
+    n_pins = wheel.n_lobes + 1
+    work = np.zeros(WORK_SIZE)
+    pin_force = np.zeros((2, n_pins))
+    sleeve_force = np.zeros((2, sleeves.shape[1]))
     rates = np.zeros(N_STATE)
     middle = np.zeros(N_STATE)
     now = np.zeros(N_RESULT)
     scratch = np.zeros(N_RESULT)
+    cos_phi = 1.0
+    sin_phi = 0.0
+    cos_slow = 1.0
+    sin_slow = 0.0
     for step in range(n_steps):
         i = 2 * step
-        cos_phi = np.cos(phi[i])
-        sin_phi = np.sin(phi[i])
-        cos_slow = np.cos(phi[i] / z)
-        sin_slow = -np.sin(phi[i] / z)
+        if step % RESYNC == 0:
+            cos_phi = np.cos(phi[i])
+            sin_phi = np.sin(phi[i])
+            cos_slow = np.cos(phi[i] / z)
+            sin_slow = -np.sin(phi[i] / z)
+        else:
+            turn = phi[i] - phi[i - 1]
+            cos_phi, sin_phi = _turn(cos_phi, sin_phi, turn)
+            cos_slow, sin_slow = _turn(cos_slow, sin_slow, -turn / z)
         derivatives(
             phi[i], cos_phi, sin_phi, cos_slow, sin_slow, omega[i], alpha[i], load[i], state, wheel, joint,
-            contact, joint_contact, body, weight, pin_force, sleeve_force, rates, now,
+            contact, joint_contact, body, pins, mounts, lobes, wear, sleeves, work, pin_force, sleeve_force,
+            rates, now,
         )  # fmt: skip
-        row = first_step + step
-        result[row, 0] = now[0]
-        result[row, 1] = now[1]
-        if row < angles.shape[0]:
+        result[step, 0] = now[0]
+        result[step, 1] = now[1]
+        if step < angles.shape[0]:
             for k in range(4):
-                angles[row, k] = state[k]
-        if row < pin_forces.shape[0]:
-            pin_forces[row] = pin_force[:2]
-        if row < sleeve_forces.shape[0]:
-            sleeve_forces[row] = sleeve_force
+                angles[step, k] = state[k]
+        if step < pin_forces.shape[0]:
+            pin_forces[step] = pin_force
+        if step < sleeve_forces.shape[0]:
+            sleeve_forces[step] = sleeve_force
         if not (abs(now[0]) < limit and abs(now[1]) < limit):
             return step
         for k in range(N_STATE):
@@ -544,7 +585,8 @@ def integrate(
         cos_slow, sin_slow = _turn(cos_slow, sin_slow, -turn / z)
         derivatives(
             phi[i + 1], cos_phi, sin_phi, cos_slow, sin_slow, omega[i + 1], alpha[i + 1], load[i + 1], middle,
-            wheel, joint, contact, joint_contact, body, weight, pin_force, sleeve_force, rates, scratch,
+            wheel, joint, contact, joint_contact, body, pins, mounts, lobes, wear, sleeves, work, pin_force,
+            sleeve_force, rates, scratch,
         )  # fmt: skip
         for k in range(N_STATE):
             state[k] += dt * rates[k]

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,42 +34,20 @@ ABSURD_FORCE = 1e5  # N, assumption: five times what a locked gearbox shows, so 
 
 
 class Solution(NamedTuple):
-    """Accelerations, reactions and contact forces of one instant, SI units.
+    """Accelerations, reactions and contact forces of one instant, SI units."""
 
-    Attributes
-    ----------
-    accelerations : ndarray of shape (n_coordinates,)
-        x'', y'' in m/s2 and angle'' in rad/s2, body by body.
-    theta_acceleration, psi_acceleration : ndarray of shape (2,) and float
-        theta_1'' and theta_2'' of the wheels and psi'' of the output shaft in rad/s2.
-    multipliers : ndarray of shape (n_constraints,)
-        Force of its joint on every body (x, y) in N, then the driver's torque in Nm.
-    cam_reactions : ndarray of shape (2, 2)
-        Force R_k of cam k on wheel k (x, y) in N: the multipliers of the wheels' joints.
-    input_torque : float
-        Sum of c_k x R_k over the cams in Nm (paper B section 4).
-    driver_torque : float
-        The driver's multiplier in Nm: ``input_torque`` plus the input shaft's inertia times alpha.
-    output_torque : float
-        Minus the moment of the internal-sleeve forces on the output in Nm: load torque - J_out psi''.
-    external_force, internal_force : ndarray of shape (2, n_pins) and (2, 8)
-        Magnitudes by wheel and sleeve in N; the two contacts that a sleeve may have at a pit are added.
-    external_vector, internal_vector : ndarray of shape (2, n_pins, 2) and (2, 8, 2)
-        Resulting force (x, y) of the sleeve on the wheel in N, in the fixed frame.
-    """
-
-    accelerations: Real
-    theta_acceleration: Real
-    psi_acceleration: float
-    multipliers: Real
-    cam_reactions: Real
-    input_torque: float
-    driver_torque: float
-    output_torque: float
-    external_force: Real
-    internal_force: Real
-    external_vector: Real
-    internal_vector: Real
+    accelerations: Real  #: (n_coordinates,): x'', y'' in m/s2 and angle'' in rad/s2, body by body
+    theta_acceleration: Real  #: (2,): theta_1'', theta_2'' of the wheels in rad/s2
+    psi_acceleration: float  #: psi'' of the output shaft in rad/s2
+    multipliers: Real  #: (n_constraints,): force of its joint on each body (x, y) in N, then the driver in Nm
+    cam_reactions: Real  #: (2, 2): force R_k of cam k on wheel k in N, the multipliers of the wheels' joints
+    input_torque: float  #: sum of c_k x R_k over the cams in Nm (paper B section 4)
+    driver_torque: float  #: multiplier of the driver in Nm = input_torque + input shaft's inertia times alpha
+    output_torque: float  #: minus the internal sleeves' moment on the output in Nm = load - J_out psi''
+    external_force: Real  #: (2, n_pins): magnitudes in N, profile and chord contact of a sleeve added
+    internal_force: Real  #: (2, 8): magnitudes in N
+    external_vector: Real  #: (2, n_pins, 2): resulting force of the sleeve on the wheel in N, fixed frame
+    internal_vector: Real  #: (2, 8, 2): likewise
 
 
 class Trajectory(NamedTuple):
@@ -89,6 +68,8 @@ class Trajectory(NamedTuple):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceGearbox:
     """The multibody gearbox of paper B, solved as written there (eq. 2).
+
+    The systems are too small to be shared among BLAS threads: with one thread they are solved much faster.
 
     Parameters
     ----------
@@ -145,7 +126,9 @@ class ReferenceGearbox:
         if not 0 < self.shortening < 1:
             raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening}")
         if len(self.worn_lobes) != 2 or not {*sum(self.worn_lobes, ())} <= {*range(self.n_lobes)}:
-            raise ValueError(f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}")
+            raise ValueError(
+                f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}"
+            )
         if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
             raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
         if (smallest := 1 / float(self.curvature(self._grid).max())) <= self.pin_radius:
@@ -167,19 +150,18 @@ class ReferenceGearbox:
     def _grid_points(self) -> Plane:
         return self.trochoid(self._grid)
 
-    def _tangent(self, t: Real) -> Plane:
-        """T'(t) = i e z_k e^{it} g(t) in m, with g = 1/m + e^{i z_s t}."""
-        g = 1 / self.shortening + np.exp(1j * self.n_lobes * t)
-        return np.asarray(1j * self.eccentricity * self.n_pins * np.exp(1j * t) * g)
+    def trochoid(self, t: ArrayLike, derivative: int = 0) -> Plane:
+        """Centre (complex, m) of a sleeve that touches the profile at parameter ``t`` (rad), or a derivative.
 
-    def trochoid(self, t: ArrayLike) -> Plane:
-        """Centre (complex, m) of a sleeve that touches at parameter ``t`` (rad): paper B eq. 1 without q."""
-        turn = np.exp(1j * np.asarray(t, dtype=float))
-        return np.asarray(self.eccentricity * (self.n_pins / self.shortening * turn + turn**self.n_pins))
+        Paper B eq. 1 without its last term: T(t) = e z_k / m e^{it} + e e^{i z_k t}.
+        """
+        t, z = np.asarray(t, dtype=float), self.n_pins
+        ring = z / self.shortening * 1j**derivative * np.exp(1j * t)
+        return np.asarray(self.eccentricity * (ring + (1j * z) ** derivative * np.exp(1j * z * t)))
 
     def normal(self, t: ArrayLike) -> Plane:
         """Outward unit normal (complex) of trochoid and profile at parameter ``t`` (rad)."""
-        tangent = self._tangent(np.asarray(t, dtype=float))
+        tangent = self.trochoid(t, 1)
         return np.asarray(-1j * tangent / np.abs(tangent))
 
     def profile(self, t: ArrayLike) -> Plane:
@@ -188,36 +170,359 @@ class ReferenceGearbox:
 
     def curvature(self, t: ArrayLike) -> Real:
         """Curvature of the trochoid in 1/m, positive where convex, at parameter ``t`` (rad)."""
-        t = np.asarray(t, dtype=float)
-        scale = self.eccentricity * self.n_pins
-        size = np.abs(self._tangent(t)) / scale
-        bend = 1 + self.n_lobes * (1 + np.cos(self.n_lobes * t) / self.shortening) / size**2
-        return np.asarray(bend / (scale * size))
+        tangent = self.trochoid(t, 1)
+        return np.asarray(_cross(tangent, self.trochoid(t, 2)) / np.abs(tangent) ** 3)
 
     def foot_point(self, p: Plane) -> Real:
         """Parameter (rad) of the trochoid's nearest point to each of the points ``p`` (wheel frame, m).
 
         Newton's method on (p - T) . T' = 0, to rounding, guarded by a bracket around the nearest grid point:
-        at the pit the trochoid bends outwards with a radius of half a millimetre, beyond which the
+        at the pit the trochoid bends outwards with a radius of half a millimetre, and from there on the
         derivative has the wrong sign.
         """
-        t = self._grid[np.argmin(np.abs(p[:, None] - self._grid_points), axis=1)]
+        t = self._grid[np.argmin(np.abs(p[..., None] - self._grid_points), axis=-1)]
         low, high = t - self._grid[1], t + self._grid[1]
         for _ in range(60):
-            tangent = self._tangent(t)
-            offset = p - self.trochoid(t)
-            closing = _dot(offset, tangent)
-            slope = -(np.abs(tangent) ** 2) * (1 + self.curvature(t) * _dot(offset, self.normal(t)))
-            slope += closing * self._stretch(t)
-            low, high = np.where(closing > 0, t, low), np.where(closing > 0, high, t)
-            newton = t - closing / np.where(slope < 0, slope, -np.inf)
+            offset, tangent = p - self.trochoid(t), self.trochoid(t, 1)
+            ahead = _dot(offset, tangent)
+            slope = _dot(offset, self.trochoid(t, 2)) - _dot(tangent, tangent)
+            low, high = np.where(ahead > 0, t, low), np.where(ahead > 0, high, t)
+            newton = t - ahead / np.where(slope < 0, slope, -np.inf)
             trusted = (slope < 0) & (newton >= low) & (newton <= high)
             previous, t = t, np.where(trusted, newton, (low + high) / 2)
-            if np.abs(t - previous).max() < 1e-15:
+            if np.abs(t - previous).max() < 1e-14:
                 break
         return np.asarray(t)
 
-    def _stretch(self, t: Real) -> Real:
-        """(ln |T'|)' of the trochoid."""
-        lead = np.exp(1j * self.n_lobes * t)
-        return np.asarray((1j * self.n_lobes * lead / (1 / self.shortening + lead)).real)
+    # Contact ------------------------------------------------------------------------------------------------
+
+    def normal_force(self, gap: Real, gap_rate: Real, effective_radius: ArrayLike) -> Real:
+        """Contact force in N (paper B eq. 11-16), never tensile.
+
+        ``gap`` (m) is negative in penetration and ``gap_rate`` (m/s) its rate; ``effective_radius`` (m) is
+        R_c R_p / (R_c + R_p) with the sign of the wheel's curvature.
+        """
+        compliance = (1 - self.wheel_poisson**2) / self.wheel_young
+        compliance += (1 - self.sleeve_poisson**2) / self.sleeve_young
+        stiffness = 4 * self.stiffness_scale / (3 * compliance) * np.sqrt(effective_radius)
+        depth = np.maximum(-gap, 0.0)
+        ramp = np.minimum(depth / RAMP_DEPTH, 1.0)
+        return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
+
+    def _profile_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the healthy profile for sleeve centres ``p`` (m) moving at ``rate``."""
+        t = self.foot_point(p)
+        normal = self.normal(t)
+        radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
+        return self.normal_force(_dot(p - self.trochoid(t), normal), _dot(rate, normal), radius), normal
+
+    def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.
+
+        The chord's line goes on beyond the pit: the corner there is re-entrant, a sleeve rests on chord and
+        flank at once, and the gap of the chord opens a good degree after the pit.
+        """
+        q = self.pin_radius
+        tip, pit = self.profile([0.0, np.pi / self.n_lobes])
+        chord_normal = -1j * (pit - tip) / abs(pit - tip)
+        from_tip = p - tip
+        on_vertex = _dot(from_tip, pit - tip) < 0
+        normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
+        # The profile's normal at the tip has angle 0, so the angle of the normal tells how far round the
+        # vertex it has turned; the effective radius follows it, lest the stiffness jump there.
+        turned = np.angle(normal) / np.angle(chord_normal)
+        radius = q * (1 - np.where(on_vertex, 1 - turned, 0.0) * self.curvature(0.0) * q)
+        return self.normal_force(_dot(from_tip, normal) - q, _dot(rate, normal), radius), normal
+
+    def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
+
+        The tangents at tips and pits are perpendicular to the radius, so a sleeve is past them when its polar
+        angle in the wheel frame is.
+        """
+        pitch = 2 * np.pi / self.n_lobes
+        lobe, past_tip = np.divmod(np.angle(p) % (2 * np.pi), pitch)
+        lobe %= self.n_lobes  # rounding may take an angle of -0 one lobe too far
+        on_worn = np.array([np.isin(row, worn) for row, worn in zip(lobe, self.worn_lobes, strict=True)])
+        turn = np.exp(1j * lobe * pitch)
+        chord, chord_normal = self._chord_contact(p / turn, rate / turn)
+        chord = np.where(on_worn, chord, 0.0)
+        force, normal = self._profile_contact(p, rate)
+        force = np.where(on_worn & (past_tip < pitch / 2), 0.0, force)
+        return force + chord, -force * normal - chord * chord_normal * turn
+
+    def _hole_contact(self, offset: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m)."""
+        distance = np.abs(offset)
+        outward = offset / np.where(distance > 0, distance, 1.0)
+        play = self.eccentricity + self.clearance
+        radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
+        force = self.normal_force(play - distance, -_dot(rate, outward), radius)
+        return force, force * outward
+
+    def contact_forces(self, coordinates: Real, velocities: Real) -> tuple[Real, Plane, Real, Plane]:
+        """Contact forces from the coordinates and velocities (n_coordinates,) of all bodies, SI units.
+
+        Returns magnitudes (N) and vectors on the wheel (complex, N, fixed frame) of the external sleeves,
+        (2, n_pins) each, then of the internal sleeves, (2, 8) each.
+        """
+        (at, angle), (speed, spin) = _split(coordinates), _split(velocities)
+        wheel, wheel_speed, wheel_spin = at[WHEELS, None], speed[WHEELS, None], 1j * spin[WHEELS, None]
+        turn = np.exp(1j * angle[WHEELS, None])
+        arm, hole = at[EXTERNAL] - wheel, turn * self._holes
+        rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
+        external_force, external_vector = self._outline_contact(arm / turn, rate / turn)
+        rate = speed[INTERNAL] - wheel_speed - wheel_spin * hole
+        return external_force, external_vector * turn, *self._hole_contact(at[INTERNAL] - wheel - hole, rate)
+
+    # Bodies and joints --------------------------------------------------------------------------------------
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies: two shafts, two wheels and all sleeves."""
+        return EXTERNAL.start + self.n_pins
+
+    def rest_angles(self, phi: float) -> Real:
+        """theta_1, theta_2, psi (rad) without load at input angle ``phi`` (rad): all contacts just touch."""
+        theta = -(phi + np.pi) / self.n_lobes
+        return np.array([theta, theta + np.pi, -phi / self.n_lobes])
+
+    @cached_property
+    def _internal_points(self) -> Plane:
+        return np.asarray(
+            self.internal_pitch_radius * np.exp(2j * np.pi * np.arange(N_INTERNAL) / N_INTERNAL)
+        )
+
+    @cached_property
+    def _holes(self) -> Plane:
+        """Hole centres (2, 8) in the wheels' frames (m), facing the internal sleeves in the rest position."""
+        return np.asarray(self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None]))
+
+    @cached_property
+    def _mounts(self) -> tuple[NDArray[np.intp], Plane]:
+        """Parent of every body's joint and mounting point in the parent's frame (complex, m)."""
+        parents = [HOUSING] * 2 + [INPUT] * 2 + [OUTPUT] * N_INTERNAL + [HOUSING] * self.n_pins
+        cams = self.eccentricity * np.array([1.0, -1.0])
+        angle = 2 * np.pi * np.arange(self.n_pins) / self.n_pins
+        pins = self.eccentricity * self.n_pins / self.shortening * np.exp(1j * angle)
+        if self.pin_errors is not None:
+            pins = pins + np.asarray(self.pin_errors, dtype=float) @ np.array([1.0, 1j])
+        return np.array(parents), np.concatenate([[0, 0], cams, self._internal_points, pins])
+
+    @cached_property
+    def mass_matrix(self) -> Real:
+        """M of paper B eq. 2 in kg and kg m2, shape (n_coordinates, n_coordinates)."""
+        count = [1, 1, 2, N_INTERNAL + self.n_pins]
+        mass = [self.input_shaft_mass, self.output_shaft_mass, self.wheel_mass, self.sleeve_mass]
+        inertia = [
+            self.input_shaft_inertia,
+            self.output_shaft_inertia,
+            self.wheel_inertia,
+            self.sleeve_inertia,
+        ]
+        return np.diag(np.repeat(np.column_stack([mass, mass, inertia]), count, axis=0).ravel())
+
+    def coordinates(self, phi: float, angles: ArrayLike) -> Real:
+        """Coordinates u (n_coordinates,) that satisfy every joint, from phi and the three angles (rad)."""
+        angle = self._angles(phi, angles)
+        parents, points = self._mounts
+        return _join(np.exp(1j * angle[parents]) * points, angle)  # every parent turns about the origin
+
+    def velocities(self, coordinates: Real, omega: float, rates: ArrayLike) -> Real:
+        """Velocities u' (n_coordinates,) that satisfy every joint, from omega and three rates (rad/s)."""
+        spin = self._angles(omega, rates)
+        at, _ = _split(coordinates)
+        return _join(1j * spin[self._mounts[0]] * at[:HOUSING], spin)
+
+    def _angles(self, phi: float, angles: ArrayLike) -> Real:
+        """Angle of every body and the housing; without friction nothing turns a sleeve from its zero."""
+        theta_1, theta_2, psi = np.asarray(angles, dtype=float)
+        return np.concatenate([[phi, psi, theta_1, theta_2], np.zeros(N_INTERNAL + self.n_pins + 1)])
+
+    def constraints(self, coordinates: Real, phi: float) -> Real:
+        """Phi(u, t), shape (n_constraints,), in m and, for the driver (paper B eq. 3), rad."""
+        at, angle = _split(coordinates)
+        parents, points = self._mounts
+        misfit = at[:HOUSING] - at[parents] - np.exp(1j * angle[parents]) * points
+        return np.append(_xy(misfit), angle[INPUT] - phi)
+
+    def jacobian(self, coordinates: Real) -> Real:
+        """D = dPhi/du of paper B eq. 2, shape (n_constraints, n_coordinates)."""
+        _, angle = _split(coordinates)
+        parents, points = self._mounts
+        lever = _xy(1j * np.exp(1j * angle[parents]) * points)
+        d = np.zeros(
+            (self.n_bodies, 2, self.n_bodies + 1, 3)
+        )  # joint, direction, body or housing, coordinate
+        for body, parent in enumerate(parents):
+            d[body, :, body, :2] = np.eye(2)
+            d[body, :, parent, :2] = -np.eye(2)
+            d[body, :, parent, 2] = -lever[body]
+        driver = np.zeros(3 * self.n_bodies)
+        driver[3 * INPUT + 2] = 1.0
+        return np.vstack([d[:, :, :HOUSING].reshape(2 * self.n_bodies, -1), driver])
+
+    def gamma(self, coordinates: Real, velocities: Real, alpha: float) -> Real:
+        """Right-hand side of D u'' = gamma, (n_constraints,): centripetal in m/s2, then alpha in rad/s2."""
+        (_, angle), (_, spin) = _split(coordinates), _split(velocities)
+        parents, points = self._mounts
+        return np.append(_xy(-(spin[parents] ** 2) * np.exp(1j * angle[parents]) * points), alpha)
+
+    def _applied(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
+        """F of paper B eq. 2. Normals pass through the centres of the sleeves and so turn no sleeve."""
+        force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
+        moment[OUTPUT] = load_torque
+        for sleeves, vectors in zip((EXTERNAL, INTERNAL), on_wheels, strict=True):
+            force[sleeves] -= vectors.sum(axis=0)
+            force[WHEELS] += vectors.sum(axis=1)
+            moment[WHEELS] += _cross(at[sleeves] - at[WHEELS, None], vectors).sum(axis=1)
+        return _join(force[:HOUSING], moment)
+
+    # Motion -------------------------------------------------------------------------------------------------
+
+    def accelerations(
+        self, phi: float, omega: float, alpha: float, angles: ArrayLike, rates: ArrayLike, load_torque: float
+    ) -> Solution:
+        """Solve [[M, -D^T], [D, 0]] [u''; lambda] = [F; gamma] (paper B eq. 2) at one instant.
+
+        Parameters
+        ----------
+        phi, omega, alpha : float
+            Prescribed angle (rad), speed (rad/s) and acceleration (rad/s2) of the input shaft.
+        angles, rates : array-like of shape (3,)
+            theta_1, theta_2, psi in rad and their rates in rad/s.
+        load_torque : float
+            Torque on the output shaft in Nm; positive resists the output when ``omega`` is positive.
+
+        Returns
+        -------
+        Solution
+        """
+        u = self.coordinates(phi, angles)
+        v = self.velocities(u, omega, rates)
+        at, _ = _split(u)
+        external_force, external_vector, internal_force, internal_vector = self.contact_forces(u, v)
+        d = self.jacobian(u)
+        system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
+        forces = self._applied(at, (external_vector, internal_vector), load_torque)
+        solved = np.linalg.solve(system, np.concatenate([forces, self.gamma(u, v, alpha)]))
+        acceleration, multipliers = solved[: len(u)], solved[len(u) :]
+        reactions = multipliers[:-1].reshape(-1, 2)[WHEELS]
+        return Solution(
+            accelerations=acceleration,
+            theta_acceleration=acceleration[2::3][WHEELS],
+            psi_acceleration=float(acceleration[2::3][OUTPUT]),
+            multipliers=multipliers,
+            cam_reactions=reactions,
+            input_torque=float(_cross(at[WHEELS], reactions @ np.array([1.0, 1j])).sum()),
+            driver_torque=float(multipliers[-1]),
+            output_torque=float(_cross(at[INTERNAL], internal_vector).sum()),
+            external_force=external_force,
+            internal_force=internal_force,
+            external_vector=_xy(external_vector),
+            internal_vector=_xy(internal_vector),
+        )
+
+    def integrate(
+        self, t0: float, t1: float, dt: float, state: ArrayLike, driver: Driver, load: Load
+    ) -> Trajectory:
+        """Integrate with the papers' second-order Runge-Kutta method (midpoint).
+
+        The angles are integrated and all other coordinates follow from the joints, so the constraints hold to
+        rounding at all times and need none of the papers' corrections.
+
+        Parameters
+        ----------
+        t0, t1, dt : float
+            Start, end and step in s; the number of steps is rounded.
+        state : array-like of shape (6,)
+            theta_1, theta_2, psi (rad) and their rates (rad/s) at ``t0``.
+        driver : callable
+            ``driver(t)`` gives phi (rad), omega (rad/s) and alpha (rad/s2); see `ramped_driver`.
+        load : callable
+            ``load(t)`` gives the load torque in Nm; see `ramped_load`.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        FloatingPointError
+            When a contact force is not finite or beyond 100 kN: the integration has diverged.
+        """
+
+        def evaluate(t: float, y: Real) -> tuple[Real, Solution]:
+            solution = self.accelerations(*driver(t), y[:3], y[3:], load(t))
+            _refuse_divergence(t, solution)
+            return np.concatenate([y[3:], solution.theta_acceleration, [solution.psi_acceleration]]), solution
+
+        time = [t0 + dt * step for step in range(round((t1 - t0) / dt) + 1)]
+        states = [np.array(state, dtype=float)]
+        slope, solution = evaluate(t0, states[0])
+        solutions = [solution]
+        for t, following in pairwise(time):
+            middle, _ = evaluate(t + dt / 2, states[-1] + dt / 2 * slope)
+            states.append(states[-1] + dt * middle)
+            slope, solution = evaluate(following, states[-1])
+            solutions.append(solution)
+        recorded = Trajectory._fields[4:]
+        columns = {name: np.array([getattr(solution, name) for solution in solutions]) for name in recorded}
+        angles, rates = np.hsplit(np.array(states), 2)
+        return Trajectory(np.array(time), np.array([driver(t)[0] for t in time]), angles, rates, **columns)
+
+
+def ramped_driver(speed: float = 52.36, ramp: float = 0.2) -> Driver:
+    """Input shaft that reaches ``speed`` (rad/s) with constant acceleration in ``ramp`` seconds.
+
+    Paper B eq. 7-8. The angle is the integral of the speed; eq. 6 itself jumps where the ramp ends.
+    """
+
+    def driver(t: float) -> tuple[float, float, float]:
+        if t < ramp:
+            return speed / ramp * t**2 / 2, speed / ramp * t, speed / ramp
+        return speed * (t - ramp / 2), speed, 0.0
+
+    return driver
+
+
+def ramped_load(torque: float = 22.0, ramp: float = 0.2) -> Load:
+    """Load torque that rises linearly to ``torque`` (Nm) in ``ramp`` seconds: paper B eq. 10."""
+    return lambda t: torque * min(t / ramp, 1.0)
+
+
+def _refuse_divergence(t: float, solution: Solution) -> None:
+    for kind, force in (("external", solution.external_force), ("internal", solution.internal_force)):
+        wrong = np.argwhere(~(force < ABSURD_FORCE))
+        if len(wrong):
+            wheel, sleeve = wrong[0]
+            raise FloatingPointError(
+                f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve {sleeve} and "
+                f"wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer worn lobes"
+            )
+
+
+def _dot(a: Any, b: Any) -> Real:
+    """Scalar product of plane vectors given as complex numbers."""
+    return np.asarray((a * np.conj(b)).real)
+
+
+def _cross(a: Plane, b: Plane) -> Real:
+    """z component of the vector product of plane vectors given as complex numbers."""
+    return np.asarray((np.conj(a) * b).imag)
+
+
+def _xy(vectors: Plane) -> Real:
+    """Plane vectors given as complex numbers, with a last axis for x and y instead."""
+    return np.stack([vectors.real, vectors.imag], axis=-1)
+
+
+def _join(position: Plane, angle: Real) -> Real:
+    """Coordinates, body by body, from the positions of the bodies and the angles of bodies and housing."""
+    return np.column_stack([position.real, position.imag, angle[:HOUSING]]).ravel()
+
+
+def _split(coordinates: Real) -> tuple[Plane, Real]:
+    """Positions (complex) and angles of all bodies and, last and all zero, the housing."""
+    x, y, angle = np.append(coordinates, np.zeros(3)).reshape(-1, 3).T
+    return x + 1j * y, angle

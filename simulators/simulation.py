@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,60 +92,49 @@ class SimulationRun:
         return np.arange(self.torque_out.size) / self.sampling_rate
 
 
-def _kernel_constants(
-    gearbox: CycloidalGearbox, defects: LobeDefects
-) -> tuple[
-    _kernels.WheelConstants,
-    _kernels.JointConstants,
-    _kernels.ContactConstants,
-    _kernels.ContactConstants,
-    _kernels.BodyConstants,
-]:
+@dataclass(frozen=True)
+class KernelInput:
+    """Constants and tables of one gearbox with its defects, as the kernel takes them."""
+
+    wheel: _kernels.WheelConstants
+    joint: _kernels.JointConstants
+    contact: _kernels.ContactConstants
+    joint_contact: _kernels.ContactConstants
+    body: _kernels.BodyConstants
+    pins: Float
+    mounts: Float
+    lobes: Float
+    wear: Float
+    sleeves: Float
+
+    def __iter__(self) -> Iterator[Any]:
+        return (getattr(self, f.name) for f in fields(self))
+
+
+def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput:
+    """Translate parameters into the kernel's constants and tables."""
     profile = gearbox.profile
     n_pins, n_lobes = gearbox.n_pins, gearbox.n_lobes
-    pins = 2 * np.pi * np.arange(n_pins) / n_pins
-    sleeves = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
-    runout = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
-    state = np.zeros((2, n_lobes), dtype=np.int64)
-    depth = np.zeros((2, n_lobes))
-    for w in defects.wheels:
-        if defects.depth > 0:
-            state[w, list(defects.worn_lobes)] = _kernels.WORN
-            depth[w, list(defects.worn_lobes)] = defects.depth
-        state[w, list(defects.removed_lobes)] = _kernels.REMOVED
     tip, pit = profile.chord()
     pit_angle = math.pi / n_lobes
-    # The wheels are mounted 180 deg apart as closely as their lobes allow (exactly, where z_s is odd).
-    rest = np.array([-math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes])
+    pit_normal = complex(profile.normal(pit_angle))
     wheel = _kernels.WheelConstants(
         eccentricity=float(gearbox.eccentricity),
         shortening=float(gearbox.shortening),
-        n_lobes=n_lobes,
+        n_lobes=int(n_lobes),
         pin_radius=float(gearbox.pin_radius),
         pin_circle_radius=float(gearbox.pin_circle_radius),
-        cos_pin=np.cos(pins),
-        sin_pin=np.sin(pins),
-        radial_error=np.array(gearbox.pin_radial_errors or np.zeros(n_pins), dtype=float),
-        tangential_error=np.array(gearbox.pin_tangential_errors or np.zeros(n_pins), dtype=float),
-        runout_x=np.ascontiguousarray(runout.real),
-        runout_y=np.ascontiguousarray(runout.imag),
-        rest_angle=rest,
-        faulty=state.any(axis=1),
-        lobe_state=state,
-        lobe_depth=depth,
-        tip=tip,
-        pit=pit,
-        pit_normal=complex(profile.normal(pit_angle)),
+        tip_x=tip.real,
+        pit_x=pit.real,
+        pit_y=pit.imag,
+        pit_nx=pit_normal.real,
+        pit_ny=pit_normal.imag,
         tip_radius=float(profile.effective_radius(0.0)),
         pit_radius=float(profile.effective_radius(pit_angle)),
     )
-    joint_radius = joint_effective_radius(gearbox)
     joint = _kernels.JointConstants(
-        cos_sleeve=np.cos(sleeves),
-        sin_sleeve=np.sin(sleeves),
         pitch_radius=float(gearbox.internal_pitch_radius),
         gap_at_centre=float(gearbox.eccentricity + gearbox.clearance),
-        effective_radius=joint_radius,
     )
     body = _kernels.BodyConstants(
         wheel_mass=float(gearbox.wheel_mass),
@@ -154,9 +144,42 @@ def _kernel_constants(
         meter_stiffness=float(gearbox.meter_stiffness),
         meter_damping=float(gearbox.meter_damping),
     )
-    # The conservative law takes the pin's own radius, as on a plane flank, for every pin contact.
-    pin_contact = contact_constants(gearbox, gearbox.pin_radius)
-    return wheel, joint, pin_contact, contact_constants(gearbox, joint_radius), body
+    pin_angles = 2 * np.pi * np.arange(n_pins) / n_pins
+    pins = np.zeros(_kernels.PIN_TABLE_SIZE)
+    for row, values in (
+        (_kernels.PIN_COS, np.cos(pin_angles)),
+        (_kernels.PIN_SIN, np.sin(pin_angles)),
+        (_kernels.PIN_RADIAL_ERROR, gearbox.pin_radial_errors or 0.0),
+        (_kernels.PIN_TANGENTIAL_ERROR, gearbox.pin_tangential_errors or 0.0),
+        (_kernels.PIN_ANGLE, pin_angles),
+    ):
+        pins[row : row + n_pins] = values
+    sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    lobe_angles = 2 * np.pi * np.arange(n_lobes) / n_lobes
+    wear = np.zeros((2, n_lobes))
+    for w in defects.wheels:
+        wear[w, list(defects.worn_lobes)] = defects.depth
+        wear[w, list(defects.removed_lobes)] = _kernels.REMOVED
+    # The wheels are mounted 180 deg apart as closely as their lobes allow (exactly, where z_s is odd).
+    rest = np.array([-math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes])
+    runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
+    worn = ((wear > 0) & (wear <= 1)).any(axis=1)
+    removed = (wear == _kernels.REMOVED).any(axis=1)
+    kind = worn * _kernels.HAS_WORN + removed * _kernels.HAS_REMOVED
+    mounts = np.column_stack([rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, kind])
+    return KernelInput(
+        wheel=wheel,
+        joint=joint,
+        # The conservative law takes the pin's own radius, as on a plane flank, for every pin contact.
+        contact=contact_constants(gearbox, gearbox.pin_radius),
+        joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
+        body=body,
+        pins=pins,
+        mounts=mounts,
+        lobes=np.array([np.cos(lobe_angles), np.sin(lobe_angles)]),
+        wear=wear,
+        sleeves=np.array([np.cos(sleeve_angles), np.sin(sleeve_angles)]),
+    )
 
 
 def _driver(gearbox: CycloidalGearbox, time: Float, start_angle: float) -> tuple[Float, Float, Float]:
@@ -282,15 +305,14 @@ def simulate(
     half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
     phi, omega, alpha = _driver(gearbox, half_steps, start_angle)
     load = _load(gearbox, half_steps, load_fluctuation)
-    wheel, joint, pin_contact, joint_contact, body = _kernel_constants(gearbox, defects)
     result = np.empty((n_steps, _kernels.N_RESULT))
     angles = np.empty((n_steps, 4))
     external = np.empty((n_steps if forces else 0, 2, gearbox.n_pins))
     internal = np.empty((n_steps if forces else 0, 2, gearbox.n_internal_sleeves))
     state = np.zeros(_kernels.N_STATE)
     finished = _kernels.integrate(
-        0, n_steps, dt, phi, omega, alpha, load, state, wheel, joint, pin_contact, joint_contact, body,
-        ABSURD_TORQUE, result, angles, external, internal,
+        n_steps, dt, phi, omega, alpha, load, state, *kernel_input(gearbox, defects), ABSURD_TORQUE, result,
+        angles, external, internal,
     )  # fmt: skip
     if finished < n_steps:
         # TODO contact

@@ -1,0 +1,18 @@
+"""One scikit-learn transformer per diagnostic method: windows of torque in, features out.
+
+====================  =============================================================================
+transformer           features of each window
+====================  =============================================================================
+``SpectralEntropy``   Shannon entropy of the power spectral density in bits, or normalized
+``TorqueStatistics``  minimum, maximum, mean, std, range, rms, crest factor, skewness, kurtosis, ripple
+====================  =============================================================================
+
+All take ``X`` of shape (n_windows, n_samples) in Nm and a required ``sampling_rate`` in Hz. Each is a thin
+shell over pure functions of :mod:`cyclofeat.spectral` and its neighbours.
+"""
+
+# One import, one line in the table above and one entry below per transformer.
+from cyclofeat.features._spectral import SpectralEntropy
+from cyclofeat.features._statistics import TorqueStatistics
+
+__all__ = ["SpectralEntropy", "TorqueStatistics"]

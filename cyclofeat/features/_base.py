@@ -1,0 +1,128 @@
+"""What all transformers of windows share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from numbers import Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils import gen_batches
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._sklearn import Interval, check_feature_names_in, fit_context
+
+_CHUNK_SAMPLES = 2**20  # 8 MiB of float64 samples at one time
+_CHUNK_WINDOWS = 4096  # short windows have results that are larger than themselves
+
+
+class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
+    """Base of the transformers that turn each window into one row of features.
+
+    A subclass stores its parameters in ``__init__`` under their own names and does nothing else there,
+    extends ``_parameter_constraints`` by one entry per parameter, and implements ``_columns`` and
+    ``_compute``. One that learns from training windows, or whose parameters must fit the windows, implements
+    ``_learn``. Windows are processed in chunks, so that spectra and the like never fill the memory.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    sampling_rate: float
+    n_features_in_: int
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        """Check parameters against the windows, learn state (names with a trailing underscore).
+
+        ``X`` is validated, of shape (n_windows, n_samples); ``n_features_in_`` is set; ``y`` is as given.
+        """
+
+    @abstractmethod
+    def _columns(self) -> list[str]:
+        """Names of the features; called on a fitted transformer."""
+
+    @abstractmethod
+    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+        """Features, shape (n_windows, n_features), of windows of shape (n_windows, n_samples).
+
+        ``X`` is a chunk of validated windows, float64 or float32; writing to it or to ``self`` is forbidden.
+        """
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
+        """Check the parameters against the windows and learn what there is to learn.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+        y : array-like, shape (n_windows,), optional
+            Labels; ignored by transformers that learn nothing.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of its range, does not fit the windows (a band beyond half of the sampling
+            rate) or ``X`` is not two-dimensional, real and finite.
+        """
+        windows = validate_data(self, X, dtype=[np.float64, np.float32])
+        self._learn(windows, y)
+        return self
+
+    def transform(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Features of each window.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm, as long as those given to ``fit``.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_features), or a data frame after ``set_output``
+            Features in the order of ``get_feature_names_out``, float64.
+
+        Raises
+        ------
+        NotFittedError
+            If ``fit`` was not called.
+        ValueError
+            If ``X`` is not two-dimensional, real and finite, or its windows have another length.
+        """
+        check_is_fitted(self)
+        windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        n_windows, n_samples = windows.shape
+        chunk = min(max(_CHUNK_SAMPLES // n_samples, 1), _CHUNK_WINDOWS)
+        # C order: sums over columns-first arrays round differently.
+        rows = [self._compute(np.ascontiguousarray(windows[part])) for part in gen_batches(n_windows, chunk)]
+        return np.concatenate(rows)
+
+    def get_feature_names_out(self, input_features: ArrayLike | None = None) -> NDArray[np.object_]:
+        """Names of the features that ``transform`` returns.
+
+        Parameters
+        ----------
+        input_features : array-like of str, shape (n_samples,), optional
+            Names of the samples of a window: not used, but checked against those seen in ``fit``.
+
+        Returns
+        -------
+        ndarray of str, shape (n_features,)
+
+        Raises
+        ------
+        NotFittedError
+            If ``fit`` was not called.
+        ValueError
+            If ``input_features`` differ from what ``fit`` saw.
+        """
+        check_is_fitted(self)
+        check_feature_names_in(self, input_features, generate_names=False)
+        return np.asarray(self._columns(), dtype=object)

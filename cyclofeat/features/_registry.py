@@ -1,0 +1,105 @@
+"""What every feature is: one row per feature.
+
+The name of a column is made of its row and of the definition behind the number::
+
+    shannon_entropy_bits(matlab_pwelch;0..1500Hz)
+    ^ name          ^ unit  ^ qualifiers, separated by semicolons
+
+The unit is left out for pure numbers and the parentheses where there is nothing to state. Commas, colons,
+quotes, spaces and square or curly brackets do not occur: XGBoost, LightGBM and plain CSV files choke on them.
+A name is a promise. Changing a formula means raising the row's ``version``, which then appears as a last
+qualifier (``v2``), so that a stored model never meets a new definition under an old name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+_UNIT_IN_NAME = {"Nm": "_nm", "bit": "_bits", "1": ""}
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One row of the registry.
+
+    Parameters
+    ----------
+    name : str
+        Unique name, in snake case, without unit.
+    unit : str
+        Unit: ``"Nm"``, ``"bit"`` or ``"1"`` for a pure number.
+    formula : str
+        Formula in plain text.
+    source : str
+        Where the formula comes from.
+    version : int, default=1
+        Version of the definition.
+    """
+
+    name: str
+    unit: str
+    formula: str
+    source: str
+    version: int = 1
+
+    def column(self, *qualifiers: str) -> str:
+        """Name of the feature's column.
+
+        Parameters
+        ----------
+        *qualifiers : str
+            The definition behind the number: preset, band, lobe, level, ...
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> from cyclofeat.features._registry import REGISTRY
+        >>> REGISTRY["shannon_entropy"].column("ripple")
+        'shannon_entropy_bits(ripple)'
+        """
+        if self.version > 1:
+            qualifiers = (*qualifiers, f"v{self.version}")
+        stated = f"({';'.join(qualifiers)})" if qualifiers else ""
+        return f"{self.name}{_UNIT_IN_NAME[self.unit]}{stated}"
+
+
+def band_qualifier(band: tuple[float, float]) -> str:
+    """Band in Hz as a qualifier.
+
+    Examples
+    --------
+    >>> from cyclofeat.features._registry import band_qualifier
+    >>> band_qualifier((0.0, 1500.0))
+    '0..1500Hz'
+    """
+    low, high = band
+    return f"{low:.12g}..{high:.12g}Hz"
+
+
+_ROWS = (
+    Feature("torque_min", "Nm", "min(x)", "paper A table 4"),
+    Feature("torque_max", "Nm", "max(x)", "paper A table 4"),
+    Feature("torque_mean", "Nm", "sum(x) / n", "paper A table 4"),
+    Feature("torque_std", "Nm", "sqrt(sum((x - mean)^2) / (n - 1))", "paper A table 4, MATLAB std"),
+    Feature("torque_range", "Nm", "max(x) - min(x)", "paper A table 4"),
+    Feature("torque_rms", "Nm", "sqrt(sum(x^2) / n)", "standard definition"),
+    Feature("torque_crest_factor", "1", "max(abs(x)) / rms", "standard definition"),
+    Feature("torque_skewness", "1", "m3 / m2^(3/2), mk = sum((x - mean)^k) / n", "MATLAB skewness"),
+    Feature("torque_kurtosis", "1", "m4 / m2^2, mk = sum((x - mean)^k) / n", "MATLAB kurtosis"),
+    Feature("torque_ripple", "1", "std / abs(mean)", "standard definition"),
+    Feature("shannon_entropy", "bit", "-sum(p log2(p)), p = psd / sum(psd)", "paper A eq. 8"),
+    Feature(
+        "normalized_entropy",
+        "1",
+        "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
+        "paper A eq. 4-7, epsilon assumed",
+    ),
+)
+
+REGISTRY: Mapping[str, Feature] = MappingProxyType({row.name: row for row in _ROWS})
+"""Rows by name."""

@@ -1,0 +1,97 @@
+"""scikit-learn's own conformance checks over every estimator.
+
+``estimators()`` lists the instances, ``EXPECTED_FAILURES`` what may fail and why. No estimator may set a tag
+to get around a check.
+"""
+
+from typing import Any
+
+import pytest
+from sklearn.base import BaseEstimator, clone
+from sklearn.utils import estimator_checks, get_tags
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from cyclofeat.features import SpectralEntropy, TorqueStatistics
+
+SAMPLING_RATE = 25_600
+
+
+def estimators() -> list[BaseEstimator]:
+    """Every public estimator, and once more with the parameters that change its way through the code."""
+    return [
+        TorqueStatistics(SAMPLING_RATE),
+        SpectralEntropy(SAMPLING_RATE),
+        SpectralEntropy(SAMPLING_RATE, normalize=True),
+        SpectralEntropy(SAMPLING_RATE, preset="ripple", band=(50.0, 1500.0)),
+    ]
+
+
+# Class name -> check -> reason. Empty for transformers.
+EXPECTED_FAILURES: dict[str, dict[str, str]] = {}
+
+
+def expected_failures(estimator: BaseEstimator) -> dict[str, str]:
+    return EXPECTED_FAILURES.get(type(estimator).__name__, {})
+
+
+# Checks that scikit-learn runs on its own estimators but never yields to those of others.
+FOR_ALL = ("check_param_validation", "check_dataframe_column_names_consistency")
+FOR_TRANSFORMERS = (
+    "check_transformer_get_feature_names_out",
+    "check_transformer_get_feature_names_out_pandas",
+    "check_set_output_transform",
+    "check_set_output_transform_pandas",
+    "check_set_output_transform_polars",
+    "check_global_output_transform_pandas",
+    "check_global_set_output_transform_polars",
+)
+
+
+def yielded_checks() -> pytest.MarkDecorator:
+    decorator = parametrize_with_checks(estimators(), expected_failed_checks=expected_failures)
+    names, checks = decorator.mark.args
+    # A list, since scikit-learn 1.6 hands over a generator, which pytest 9.1 warns of while collecting:
+    # too early for a filter in this file.
+    return pytest.mark.parametrize(names, list(checks), **decorator.mark.kwargs)
+
+
+def checks_by_name() -> list[Any]:
+    params = []
+    for estimator in estimators():
+        for name in FOR_ALL + (FOR_TRANSFORMERS if hasattr(estimator, "transform") else ()):
+            reason = expected_failures(estimator).get(name)
+            marks = [] if reason is None else [pytest.mark.xfail(reason=reason)]
+            params.append(pytest.param(estimator, name, id=f"{estimator}-{name}", marks=marks))
+    return params
+
+
+@yielded_checks()
+def test_yielded_checks(estimator, check):
+    check(estimator)
+
+
+# The checks of set_output fit on a data frame and transform an array, and the other way round, on purpose.
+@pytest.mark.filterwarnings("ignore:X does not have valid feature names, but:UserWarning")
+@pytest.mark.filterwarnings("ignore:X has feature names, but:UserWarning")
+@pytest.mark.parametrize(("estimator", "name"), checks_by_name())
+def test_checks_that_are_never_yielded(estimator, name):
+    getattr(estimator_checks, name)(type(estimator).__name__, clone(estimator))
+
+
+@pytest.mark.parametrize("estimator", estimators(), ids=str)
+def test_no_tag_gets_around_a_check(estimator):
+    tags = get_tags(estimator)
+    assert tags.requires_fit
+    assert not tags.no_validation
+    assert not tags.non_deterministic
+    assert not tags._skip_test
+    assert tags.input_tags.two_d_array
+    assert not tags.input_tags.three_d_array
+    assert not tags.input_tags.allow_nan
+    assert not tags.input_tags.positive_only
+    if tags.transformer_tags is not None:
+        assert tags.transformer_tags.preserves_dtype == ["float64"]
+
+
+def test_expected_failures_name_estimators_that_exist():
+    assert set(EXPECTED_FAILURES) <= {type(estimator).__name__ for estimator in estimators()}
