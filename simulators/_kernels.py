@@ -40,7 +40,7 @@ ContactConstants = namedtuple(
         "law",  # one of the *_LAW constants
         "stiffness_factor",  # K / sqrt(effective radius), N/m^2
         "damping",  # C, Ns/m (Hunt-Crossley: relative damping, s/m)
-        "ramp",  # penetration over which K and C rise, m
+        "inverse_ramp",  # one over the penetration over which K and C rise, 1/m
         "constant_radius",  # effective radius of the conservative law, m
     ],
 )
@@ -87,10 +87,12 @@ BodyConstants = namedtuple(
 # compiler then sees that their rows do not overlap, which it must know before it uses vector instructions.
 MAX_PINS = 128
 # Rows of the table of pins ...
-PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = np.arange(5, dtype=np.uintp) * np.uintp(MAX_PINS)
+PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
+    np.uintp(row * MAX_PINS) for row in range(5)
+)
 PIN_TABLE_SIZE = 5 * MAX_PINS
 # ... and of the working memory of one wheel: share of the healthy profile under each pin, force on each pin.
-WEIGHT, FORCE = np.arange(2, dtype=np.uintp) * np.uintp(MAX_PINS)
+WEIGHT, FORCE = (np.uintp(row * MAX_PINS) for row in range(2))
 WORK_SIZE = 2 * MAX_PINS
 # Columns of the table of mounts, shape (2 wheels, 6), and rows of the lobes' directions, shape (2, n_lobes).
 REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, FAULT_KIND = range(6)
@@ -101,6 +103,10 @@ HAS_WORN, HAS_REMOVED = 1, 2
 # A pin counts to a lobe from this share of the lobe's pitch before its tip: the foot on the profile may lie
 # a little ahead of the pin's rest position.
 LEAD = 0.06
+
+# Largest step of the foot along the profile in rad of its parameter: a pin that wants more is far from
+# touching, and up to here the polynomials below are exact to rounding.
+LARGEST_STEP = 0.03
 
 N_STATE = 8
 N_RESULT = 2  # torque_out, torque_in
@@ -114,11 +120,15 @@ def small_sincos(x):
     y = x * x
     sine = x * (
         1.0
-        - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))
+        - y
+        / 6.0
+        * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0 * (1.0 - y / 156.0)))))
     )
     cosine = 1.0 - y / 2.0 * (
         1.0
-        - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0 * (1.0 - y / 132.0 * (1.0 - y / 182.0)))))
+        - y
+        / 12.0
+        * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0 * (1.0 - y / 132.0 * (1.0 - y / 182.0)))))
     )
     return sine, cosine
 
@@ -132,8 +142,8 @@ def contact_force(penetration, rate, radius, contact):
     if contact.law == CONSERVATIVE_LAW:
         radius = contact.constant_radius
     depth = max(penetration, 0.0)
-    rise = min(depth / contact.ramp, 1.0)
-    elastic = contact.stiffness_factor * np.sqrt(radius) * rise * depth * np.sqrt(depth)
+    rise = min(depth * contact.inverse_ramp, 1.0)
+    elastic = contact.stiffness_factor * rise * depth * np.sqrt(radius * depth)
     if contact.law == HUNT_CROSSLEY_LAW:
         return max(elastic * (1.0 + contact.damping * rate), 0.0)
     return max(elastic + contact.damping * rise * rate, 0.0)
@@ -171,18 +181,14 @@ def _profile_contacts(
         gx = inverse_m + qx
         # One Newton step along the tangent, by small-angle polynomials of exp(i step) and exp(i z_k step).
         step = (dy * gx - dx * qy) * inverse_ez / (gx * gx + qy * qy)
-        step = min(max(step, -0.06), 0.06)
+        step = min(max(step, -LARGEST_STEP), LARGEST_STEP)
         y = step * step
         s1 = step * (1.0 - y / 6.0 * (1.0 - y / 20.0))
         v1 = y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0))  # 1 - cos
         x = n_pins * step
         y = x * x
-        s2 = x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0 * (1.0 - y / 110.0)))))
-        v2 = (
-            y
-            / 2.0
-            * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0 * (1.0 - y / 132.0)))))
-        )
+        s2 = x * (1.0 - y / 6.0 * (1.0 - y / 20.0 * (1.0 - y / 42.0 * (1.0 - y / 72.0))))
+        v2 = y / 2.0 * (1.0 - y / 12.0 * (1.0 - y / 30.0 * (1.0 - y / 56.0 * (1.0 - y / 90.0))))
         # Vector from the new foot to the pin's centre.
         rx = dx + big_r * v1 + eccentricity * (qx * v2 + qy * s2)
         ry = dy - big_r * s1 + eccentricity * (qy * v2 - qx * s2)
@@ -218,9 +224,7 @@ def _profile_contacts(
 
 
 @njit(fastmath=FASTMATH)
-def _worn_contacts(
-    w, wheel, contact, pins, wear, work, run_x, run_y, theta, cx, cy, cvx, cvy, rate
-):
+def _worn_contacts(w, wheel, contact, pins, wear, work, run_x, run_y, theta, cx, cy, cvx, cvy, rate):
     """Contacts of all pins with the chords of the worn lobes of wheel ``w``.
 
     The outline is one closed curve: a pin rests on the tip's vertex before it lies on the chord, and at the
@@ -238,19 +242,24 @@ def _worn_contacts(
     # Outward normal of the chord.
     ox = uy
     oy = -ux
+    inverse_oy = 1.0 / oy
+    lobes_per_radian = 1.0 / lobe_pitch
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
+    first = n_lobes * np.floor((LEAD - theta * lobes_per_radian) / n_lobes)
     # Table look-ups have a loop of their own: they would keep the next one from using vector instructions.
     for j in range(np.uintp(wheel.n_lobes + 1)):
-        lobe = int(np.floor((pins[PIN_ANGLE + j] - theta) / lobe_pitch + LEAD)) % n_lobes
+        lobe = int(np.floor((pins[PIN_ANGLE + j] - theta) * lobes_per_radian + LEAD) - first)
+        if lobe >= n_lobes:
+            lobe -= n_lobes
         share = wear[w, lobe]
         work[WEIGHT + j] = 0.0 if share == REMOVED else share
     for j in range(np.uintp(wheel.n_lobes + 1)):
         cb = pins[PIN_COS + j]
         sb = pins[PIN_SIN + j]
         # Angle of the pin past the tip of the lobe under it, and its sine and cosine.
-        turns = (pins[PIN_ANGLE + j] - theta) / lobe_pitch + LEAD
+        turns = (pins[PIN_ANGLE + j] - theta) * lobes_per_radian + LEAD
         part = turns - np.floor(turns)
         x = (part - LEAD) * lobe_pitch
         y = x * x
@@ -279,15 +288,16 @@ def _worn_contacts(
         work[WEIGHT + j] = 1.0 - pit_width
         # Chord or, before its beginning, the vertex at the tip.
         to_tip = np.sqrt(ax * ax + ay * ay)
-        vertex_x = ax / to_tip
-        vertex_y = ay / to_tip
+        inverse = 1.0 / to_tip
+        vertex_x = ax * inverse
+        vertex_y = ay * inverse
         chord_gap = ax * ox + ay * oy - q
         at_vertex = ax * ux + ay * uy < 0.0
         nx = vertex_x if at_vertex else ox
         ny = vertex_y if at_vertex else oy
         gap = to_tip - q if at_vertex else chord_gap
         # Between profile and chord the effective radius follows the direction of the normal.
-        turned = min(max(ny / oy, 0.0), 1.0)
+        turned = min(max(ny * inverse_oy, 0.0), 1.0)
         radius = wheel.tip_radius + turned * (q - wheel.tip_radius)
         arm = px * ny - py * nx
         gap_rate = nx * vx + ny * vy - rate * arm
@@ -296,8 +306,9 @@ def _worn_contacts(
         fy = f1 * ny
         # End point of the healthy flank at the pit.
         to_pit = np.sqrt(bx * bx + by * by)
-        nx = bx / to_pit
-        ny = by / to_pit
+        inverse = 1.0 / to_pit
+        nx = bx * inverse
+        ny = by * inverse
         arm = px * ny - py * nx
         gap_rate = nx * vx + ny * vy - rate * arm
         f2 = pit_width * contact_force(q - to_pit, -gap_rate, wheel.pit_radius, contact)
@@ -395,8 +406,9 @@ def _joint_contacts(
         dx = ca * shift_x - sa * shift_y - cx
         dy = sa * shift_x + ca * shift_y - cy
         distance = np.sqrt(dx * dx + dy * dy)
-        nx = dx / distance
-        ny = dy / distance
+        inverse = 1.0 / distance
+        nx = dx * inverse
+        ny = dy * inverse
         hole_x = r * (ca * cos_hole - sa * sin_hole)
         hole_y = r * (sa * cos_hole + ca * sin_hole)
         sleeve_x = r * (ca * cos_out - sa * sin_out)
@@ -413,7 +425,7 @@ def _joint_contacts(
     return total_x, total_y, moment, moment_out
 
 
-@njit(fastmath=FASTMATH)
+@njit(fastmath=FASTMATH, forceinline=True)
 def derivatives(
     phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, wheel, joint, contact, joint_contact,
     body, pins, mounts, lobes, wear, sleeves, work, pin_force, sleeve_force, rates, result,
@@ -472,8 +484,8 @@ def derivatives(
                 )
             if fault_kind & HAS_REMOVED:
                 fx, fy, m = _removed_contacts(
-                    w, wheel, contact, pins, lobes, wear, work, runout_x, runout_y, theta, cos_theta, sin_theta,
-                    cx, cy, cvx, cvy, rate,
+                    w, wheel, contact, pins, lobes, wear, work, runout_x, runout_y, theta, cos_theta,
+                    sin_theta, cx, cy, cvx, cvy, rate,
                 )  # fmt: skip
                 force_x += fx
                 force_y += fy
@@ -528,21 +540,18 @@ RESYNC = 128
 @njit(fastmath=FASTMATH)
 def integrate(
     n_steps, dt, phi, omega, alpha, load, state, wheel, joint, contact, joint_contact, body, pins, mounts,
-    lobes, wear, sleeves, limit, result, angles, pin_forces, sleeve_forces,
+    lobes, wear, sleeves, limit, result, angles, pin_force, sleeve_force, pin_forces, sleeve_forces,
 ):  # fmt: skip
     """Midpoint rule (second-order Runge-Kutta) over ``n_steps`` steps.
 
     ``phi``, ``omega``, ``alpha``, ``load`` hold the driver and load at every half step: (2 n_steps + 1,).
     ``result`` is (n_steps, 2), ``angles`` (n_steps or 0, 4), ``pin_forces`` (n_steps or 0, 2, n_pins),
     ``sleeve_forces`` (n_steps or 0, 2, n_internal). Returns the number of finished steps: fewer than
-    ``n_steps`` where a torque exceeded ``limit`` or was not a number; the last forces are then in
-    ``pin_forces[-1]`` and ``sleeve_forces[-1]`` where they have rows.
+    ``n_steps`` where a torque exceeded ``limit`` or was not a number. ``pin_force`` (2, n_pins) and
+    ``sleeve_force`` (2, n_internal) hold the last forces.
     """
     z = float(wheel.n_lobes)
-    n_pins = wheel.n_lobes + 1
     work = np.zeros(WORK_SIZE)
-    pin_force = np.zeros((2, n_pins))
-    sleeve_force = np.zeros((2, sleeves.shape[1]))
     rates = np.zeros(N_STATE)
     middle = np.zeros(N_STATE)
     now = np.zeros(N_RESULT)

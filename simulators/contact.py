@@ -40,6 +40,6 @@ def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _ker
         law=_LAWS[gearbox.contact_law],
         stiffness_factor=stiffness_factor(gearbox),
         damping=float(gearbox.contact_damping),
-        ramp=float(gearbox.contact_ramp),
+        inverse_ramp=1 / gearbox.contact_ramp,
         constant_radius=float(constant_radius),
     )

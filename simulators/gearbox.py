@@ -13,6 +13,7 @@ import numpy as np
 from cyclofeat.simulators.geometry import CycloidalProfile
 
 RPM = 2 * math.pi / 60
+MAX_SLEEVES = 128
 CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 
 _POSITIVE = (
@@ -147,8 +148,10 @@ class CycloidalGearbox:
             raise ValueError(f"input_speed must be positive (rad/s), got {self.input_speed!r}")
         for name, least in (("n_pins", 4), ("n_internal_sleeves", 2)):
             value = getattr(self, name)
-            if int(value) != value or value < least:
-                raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
+            if int(value) != value or not least <= value <= MAX_SLEEVES:
+                raise ValueError(
+                    f"{name} must be a whole number from {least} to {MAX_SLEEVES}, got {value!r}"
+                )
         if self.contact_law not in CONTACT_LAWS:
             raise ValueError(f"contact_law must be one of {CONTACT_LAWS}, got {self.contact_law!r}")
         if self.brake_inertia > 0 and self.meter_stiffness == 0:
@@ -276,7 +279,9 @@ class LobeDefects:
             raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {self.wheels!r}")
         object.__setattr__(self, "wheels", wheels)
         if not 0 <= self.depth <= 1:
-            raise ValueError(f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}")
+            raise ValueError(
+                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
+            )
         both = set(self.worn_lobes) & set(self.removed_lobes)
         if both:
             raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")

@@ -15,14 +15,14 @@ from scipy.signal import resample_poly
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 Float = NDArray[np.float64]
 Load = float | ArrayLike | Callable[[Float], ArrayLike]
 
 # Beyond any torque that the papers' machine could bear; a healthy run stays below 30 Nm.
-ABSURD_TORQUE = 1e5
-# Samples simulated beyond the end, in output samples: the anti-alias filter's zero padding falls on them.
-_FILTER_MARGIN = 40
+ABSURD_TORQUE = 1e4
+_FILTER_MARGIN = 40  # samples of the result
 
 
 class SimulationDiverged(RuntimeError):
@@ -41,7 +41,7 @@ class SimulationDiverged(RuntimeError):
         self.contact = contact
         super().__init__(
             f"simulation diverged at t = {time:.6f} s: {contact} reached {force:.3g} N with dt = {dt:g} s; "
-            f"use a smaller dt (try {dt / 4:g} s) or a softer contact (smaller stiffness_scale or contact_damping)"
+            f"use a smaller dt (try {dt / 4:g} s) or a softer contact (smaller stiffness_scale)"
         )
 
 
@@ -285,7 +285,7 @@ def simulate(
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
     if sampling_rate * dt > 1 + 1e-9:
         raise ValueError(
-            f"sampling_rate {sampling_rate:g} Hz exceeds the integration's {1 / dt:g} Hz: reduce dt or the rate"
+            f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz"
         )
     if decimation not in ("antialias", "pick"):
         raise ValueError(f"decimation must be 'antialias' or 'pick', got {decimation!r}")
@@ -299,42 +299,60 @@ def simulate(
     ratio = Fraction(sampling_rate * dt).limit_denominator(100_000)
     if decimation == "pick" and ratio.numerator != 1:
         raise ValueError(
-            f"decimation='pick' needs a sampling_rate that divides 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz"
+            f"sampling_rate must divide 1/dt = {1 / dt:g} Hz with decimation='pick', got {sampling_rate:g} Hz"
         )
+    # The anti-alias filter pads with zeros: right at the start, which is at rest; at the end it falls on the
+    # samples simulated beyond it.
     n_steps = math.ceil((n_samples + _FILTER_MARGIN) / ratio)
     half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
     phi, omega, alpha = _driver(gearbox, half_steps, start_angle)
     load = _load(gearbox, half_steps, load_fluctuation)
-    result = np.empty((n_steps, _kernels.N_RESULT))
+    torques = np.empty((n_steps, _kernels.N_RESULT))
     angles = np.empty((n_steps, 4))
-    external = np.empty((n_steps if forces else 0, 2, gearbox.n_pins))
-    internal = np.empty((n_steps if forces else 0, 2, gearbox.n_internal_sleeves))
-    state = np.zeros(_kernels.N_STATE)
+    last_external = np.zeros((2, gearbox.n_pins))
+    last_internal = np.zeros((2, gearbox.n_internal_sleeves))
+    n_force_rows = n_steps if forces else 0
+    external = np.empty((n_force_rows, *last_external.shape))
+    internal = np.empty((n_force_rows, *last_internal.shape))
     finished = _kernels.integrate(
-        n_steps, dt, phi, omega, alpha, load, state, *kernel_input(gearbox, defects), ABSURD_TORQUE, result,
-        angles, external, internal,
+        n_steps, dt, phi, omega, alpha, load, np.zeros(_kernels.N_STATE), *kernel_input(gearbox, defects),
+        ABSURD_TORQUE, torques, angles, last_external, last_internal, external, internal,
     )  # fmt: skip
     if finished < n_steps:
-        # TODO contact
-        raise SimulationDiverged(finished * dt, "?", float("nan"), dt)
-    steps = np.arange(n_samples) / ratio.numerator * ratio.denominator
-    nearest = np.minimum(np.rint(steps).astype(int), n_steps - 1)
-    def thin(values: Float) -> Float:
-        if decimation == "pick" or ratio == 1:
-            return values[:: ratio.denominator][:n_samples].copy()
-        return resample_poly(values, ratio.numerator, ratio.denominator)[:n_samples]
-    sampled_phi = _driver(gearbox, np.arange(n_samples) / sampling_rate, start_angle)[0]
-    psi = np.interp(np.arange(n_samples) / sampling_rate, half_steps[: 2 * n_steps : 2], angles[:, 2]) - sampled_phi / gearbox.n_lobes
+        contact, force = _largest_contact(last_external, last_internal)
+        raise SimulationDiverged(finished * dt, contact, force, dt)
+
+    time = np.arange(n_samples) / sampling_rate
+    steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
+    if decimation == "pick" or ratio == 1:
+        torque_out, torque_in = torques[steps].T
+    else:
+        torque_out, torque_in = resample_poly(torques.T, ratio.numerator, ratio.denominator, axis=1)[
+            :, :n_samples
+        ]
+    input_angle = _driver(gearbox, time, start_angle)[0]
     return SimulationRun(
         gearbox=gearbox,
         defects=defects,
         sampling_rate=float(sampling_rate),
-        torque_out=thin(result[:, 0]),
-        torque_in=thin(result[:, 1]),
-        input_angle=sampled_phi,
-        output_angle=psi,
-        external_forces=external[nearest] if forces else None,
-        internal_forces=internal[nearest] if forces else None,
+        torque_out=np.ascontiguousarray(torque_out),
+        torque_in=np.ascontiguousarray(torque_in),
+        input_angle=input_angle,
+        output_angle=angles[steps, 2] - input_angle / gearbox.n_lobes,
+        external_forces=external[steps] if forces else None,
+        internal_forces=internal[steps] if forces else None,
         dt=dt,
         seed=seed,
     )
+
+
+def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:
+    """Name and force of the contact that carries most, or of the first whose force is not a number."""
+    name, force = "", -1.0
+    for kind, forces in (("external", external), ("internal", internal)):
+        values = np.where(np.isfinite(forces), forces, np.inf)
+        wheel, sleeve = np.unravel_index(int(np.argmax(values)), values.shape)
+        if values[wheel, sleeve] > force:
+            name = f"the contact of wheel {wheel} with {kind} sleeve {sleeve} (counted from 0)"
+            force = float(values[wheel, sleeve])
+    return name, force
