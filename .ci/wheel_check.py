@@ -4,6 +4,7 @@ import importlib.metadata
 import subprocess
 import sys
 import time
+import traceback
 from pathlib import Path
 
 
@@ -73,9 +74,10 @@ failed = 0
 for check in (check_cold_import, check_contents, check_data, check_simulation, check_command_line):
     try:
         check()
-    except Exception as error:  # go on: one run shows all that is wrong
+    except Exception:  # go on: one run shows all that is wrong
         failed += 1
-        print(f"{check.__name__} FAILED: {type(error).__name__}: {error}")
+        print(f"{check.__name__} FAILED")
+        traceback.print_exc(file=sys.stdout)
     else:
         print(f"{check.__name__} passed")
 sys.exit(failed > 0)

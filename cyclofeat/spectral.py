@@ -173,12 +173,12 @@ def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
     --------
     >>> from cyclofeat.spectral import welch_frequencies
     >>> frequencies = welch_frequencies(46_080, 25_600)
-    >>> frequencies.shape, frequencies[1], frequencies[-1]
-    ((8193,), np.float64(1.5625), np.float64(12800.0))
+    >>> print(frequencies.size, frequencies[1], frequencies[-1])
+    8193 1.5625 12800.0
     """
     _check_sampling_rate(sampling_rate)
     n_fft = _n_fft(n_samples)
-    return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft  # the last one exactly sampling_rate / 2
+    return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
 
 
 def _as_windows(X: ArrayLike) -> NDArray[Any]:
@@ -440,7 +440,7 @@ def normalized_entropy(
     if n_lines == 1:
         return np.zeros(share.shape[:-1])
     entropy = -(share * np.log2(share + epsilon)).sum(axis=-1)
-    return np.asarray(entropy / np.log2(n_lines) + 0.0)
+    return np.asarray(entropy / np.log2(n_lines))
 
 
 def torque_statistics(X: ArrayLike) -> dict[str, Float]:

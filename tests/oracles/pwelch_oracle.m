@@ -1,6 +1,7 @@
 % GNU Octave's answers for cyclofeat.spectral. Run in this folder:
 %   octave-cli pwelch_oracle.m [folder for the two output files, default: here]
-% (Not named pwelch.m: that would hide the function.) Needs the package "signal". The committed outputs are those of Octave 7.3.0 with signal 1.4.3.
+% Needs the package "signal". The committed outputs are those of Octave 7.3.0 with signal 1.4.3.
+% (A script of the name pwelch.m would hide the function.)
 % pwelch_input.csv: 1500 samples of a made-up torque in Nm at 25600 Hz, one per line.
 pkg load signal
 arguments = argv();

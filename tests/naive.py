@@ -1,0 +1,94 @@
+"""Brute-force oracles: the formulas, written out sample by sample, for small windows only.
+
+Nothing here shares code with the package, and nothing here is fast.
+"""
+
+import cmath
+import math
+from collections.abc import Sequence
+
+
+def hamming_symmetric(n: int) -> list[float]:
+    """MATLAB's ``hamming(n)``."""
+    if n == 1:
+        return [1.0]
+    return [0.54 - 0.46 * math.cos(2 * math.pi * k / (n - 1)) for k in range(n)]
+
+
+def hann_periodic(n: int) -> list[float]:
+    """MATLAB's ``hann(n, 'periodic')``."""
+    if n == 1:
+        return [1.0]
+    return [0.5 - 0.5 * math.cos(2 * math.pi * k / n) for k in range(n)]
+
+
+def power(x: Sequence[float], n_fft: int, line: int) -> float:
+    """Squared modulus of one line of the discrete Fourier transform of ``x``, padded to ``n_fft``."""
+    return abs(sum(value * cmath.exp(-2j * cmath.pi * line * k / n_fft) for k, value in enumerate(x))) ** 2
+
+
+def welch_psd(
+    x: Sequence[float], sampling_rate: float, preset: str = "matlab_pwelch"
+) -> tuple[list[float], list[float]]:
+    """Frequencies in Hz and one-sided density of one window, segment by segment and line by line."""
+    segment = max(1, math.floor(len(x) / 4.5))
+    overlap = math.floor(segment / 2)
+    n_fft = 256
+    while n_fft < segment:
+        n_fft *= 2
+    window = {"matlab_pwelch": hamming_symmetric, "ripple": hann_periodic}[preset](segment)
+    segments = []
+    start = 0
+    while start + segment <= len(x):
+        piece = [float(value) for value in x[start : start + segment]]
+        if preset == "ripple":
+            mean = math.fsum(piece) / segment
+            piece = [value - mean for value in piece]
+        segments.append([value * weight for value, weight in zip(piece, window, strict=True)])
+        start += segment - overlap
+    norm = sampling_rate * math.fsum(weight**2 for weight in window) * len(segments)
+    frequencies, psd = [], []
+    for line in range(n_fft // 2 + 1):
+        sides = 1 if line in (0, n_fft // 2) else 2
+        frequencies.append(line * sampling_rate / n_fft)
+        psd.append(sides * math.fsum(power(piece, n_fft, line) for piece in segments) / norm)
+    return frequencies, psd
+
+
+def shannon_entropy(psd: Sequence[float]) -> float:
+    """Entropy in bits (paper A eq. 8)."""
+    total = math.fsum(psd)
+    return -math.fsum(p / total * math.log2(p / total) for p in psd if p > 0)
+
+
+def normalized_entropy(psd: Sequence[float], epsilon: float = 2.0**-52) -> float:
+    """Normalized entropy (paper A eq. 4-7)."""
+    total = math.fsum(psd)
+    entropy = -math.fsum(p / total * math.log2(p / total + epsilon) for p in psd)
+    return entropy / math.log2(len(psd))
+
+
+def binary_entropy(a: float) -> float:
+    """Entropy in bits of two outcomes with the probabilities a and 1 - a."""
+    return -a * math.log2(a) - (1 - a) * math.log2(1 - a)
+
+
+def torque_statistics(x: Sequence[float]) -> dict[str, float]:
+    """Statistics of one window that is neither constant nor of mean zero."""
+    n = len(x)
+    mean = math.fsum(x) / n
+    m2, m3, m4 = (math.fsum((value - mean) ** k for value in x) / n for k in (2, 3, 4))
+    std = math.sqrt(m2 * n / (n - 1))
+    rms = math.sqrt(math.fsum(value**2 for value in x) / n)
+    return {
+        "min": min(x),
+        "max": max(x),
+        "mean": mean,
+        "std": std,
+        "range": max(x) - min(x),
+        "rms": rms,
+        "crest_factor": max(abs(value) for value in x) / rms,
+        "skewness": m3 / m2**1.5,
+        "kurtosis": m4 / m2**2,
+        "ripple": std / abs(mean),
+    }
