@@ -92,8 +92,13 @@ class ReferenceGearbox:
     worn_lobes : tuple of two tuples of int
         Worn lobes of wheel 0 and of wheel 1, counted from 0. The half of lobe k from its tip to the pit at
         larger profile parameter is replaced by its chord (paper B section 2).
+    depth : float
+        Share of the lobe's width that is worn, from 0 to 1 (paper B): a sleeve there feels (1 - depth) of the
+        healthy outline's force and depth of the worn outline's.
     pin_errors : array-like of shape (n_pins, 2), optional
         Offsets (x, y) of the external sleeves' fixed points in m.
+    wheel_runouts : tuple of two complex
+        Offset of each wheel's profile from its bearing, in the wheel's frame, in m.
     """
 
     eccentricity: float = 2.8e-3
@@ -118,7 +123,9 @@ class ReferenceGearbox:
     stiffness_scale: float = 0.01
     contact_damping: float = 150.0
     worn_lobes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
+    depth: float = 1.0
     pin_errors: ArrayLike | None = None
+    wheel_runouts: tuple[complex, complex] = (0j, 0j)
 
     def __post_init__(self) -> None:
         if self.n_pins < 4 or self.n_pins % 2:
@@ -129,6 +136,10 @@ class ReferenceGearbox:
             raise ValueError(
                 f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}"
             )
+        if not 0 <= self.depth <= 1:
+            raise ValueError(f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth}")
+        if len(self.wheel_runouts) != 2:
+            raise ValueError(f"wheel_runouts must be two offsets in m, got {self.wheel_runouts!r}")
         if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
             raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
         if (smallest := 1 / float(self.curvature(self._grid).max())) <= self.pin_radius:
@@ -228,28 +239,46 @@ class ReferenceGearbox:
         from_tip = p - tip
         on_vertex = _dot(from_tip, pit - tip) < 0
         normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
-        # The profile's normal at the tip has angle 0, so the angle of the normal tells how far round the
+        # The profile's normal at the tip has angle 0, so the normal's y component tells how far round the
         # vertex it has turned; the effective radius follows it, lest the stiffness jump there.
-        turned = np.angle(normal) / np.angle(chord_normal)
-        radius = q * (1 - np.where(on_vertex, 1 - turned, 0.0) * self.curvature(0.0) * q)
+        turned = normal.imag / chord_normal.imag
+        radius = q * (1 - (1 - turned) * self.curvature(0.0) * q)
         return self.normal_force(_dot(from_tip, normal) - q, _dot(rate, normal), radius), normal
+
+    def _flank_end_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the point in which the flank of worn lobe 0 ends at the pit.
+
+        A displaced sleeve that has not reached the pit may touch the flank behind it: its nearest point there
+        is the end, in which the force of the flank goes on without a jump.
+        """
+        q, pit = self.pin_radius, self.profile(np.pi / self.n_lobes)
+        distance = np.abs(p - pit)
+        normal = (p - pit) / distance
+        radius = q * (1 - self.curvature(np.pi / self.n_lobes) * q)
+        return self.normal_force(distance - q, _dot(rate, normal), radius), normal
 
     def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
 
         The tangents at tips and pits are perpendicular to the radius, so a sleeve is past them when its polar
-        angle in the wheel frame is.
+        angle about the profile's centre is. Magnitudes of contacts that a sleeve has at once add up.
         """
         pitch = 2 * np.pi / self.n_lobes
         lobe, past_tip = np.divmod(np.angle(p) % (2 * np.pi), pitch)
         lobe %= self.n_lobes  # rounding may take an angle of -0 one lobe too far
         on_worn = np.array([np.isin(row, worn) for row, worn in zip(lobe, self.worn_lobes, strict=True)])
+        chord_width = np.where(on_worn, self.depth, 0.0)
+        end_width = np.where(past_tip < pitch / 2, chord_width, 0.0)
         turn = np.exp(1j * lobe * pitch)
-        chord, chord_normal = self._chord_contact(p / turn, rate / turn)
-        chord = np.where(on_worn, chord, 0.0)
-        force, normal = self._profile_contact(p, rate)
-        force = np.where(on_worn & (past_tip < pitch / 2), 0.0, force)
-        return force + chord, -force * normal - chord * chord_normal * turn
+        magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
+        for width, (force, normal) in (
+            (1 - end_width, self._profile_contact(p, rate)),
+            (chord_width, _turned(turn, self._chord_contact(p / turn, rate / turn))),
+            (end_width, _turned(turn, self._flank_end_contact(p / turn, rate / turn))),
+        ):
+            magnitude += width * force
+            vector -= width * force * normal
+        return magnitude, vector
 
     def _hole_contact(self, offset: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m)."""
@@ -271,7 +300,8 @@ class ReferenceGearbox:
         turn = np.exp(1j * angle[WHEELS, None])
         arm, hole = at[EXTERNAL] - wheel, turn * self._holes
         rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
-        external_force, external_vector = self._outline_contact(arm / turn, rate / turn)
+        centre = np.array(self.wheel_runouts)[:, None]
+        external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
         rate = speed[INTERNAL] - wheel_speed - wheel_spin * hole
         return external_force, external_vector * turn, *self._hole_contact(at[INTERNAL] - wheel - hole, rate)
 
@@ -500,6 +530,12 @@ def _refuse_divergence(t: float, solution: Solution) -> None:
                 f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve {sleeve} and "
                 f"wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer worn lobes"
             )
+
+
+def _turned(turn: Plane, contact: tuple[Real, Plane]) -> tuple[Real, Plane]:
+    """Force and normal of a contact, the normal turned by the unit complex number ``turn``."""
+    force, normal = contact
+    return force, normal * turn
 
 
 def _dot(a: Any, b: Any) -> Real:

@@ -153,7 +153,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         (_kernels.PIN_TANGENTIAL_ERROR, gearbox.pin_tangential_errors or 0.0),
         (_kernels.PIN_ANGLE, pin_angles),
     ):
-        pins[row : row + n_pins] = values
+        pins[int(row) : int(row) + n_pins] = values
     sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
     lobe_angles = 2 * np.pi * np.arange(n_lobes) / n_lobes
     wear = np.zeros((2, n_lobes))

@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from cyclofeat.features import SpectralEntropy, TorqueStatistics
+from cyclofeat.features import LobeMap, SpectralEntropy, TorqueStatistics
 
 SAMPLING_RATE = 25_600
 
@@ -23,6 +23,8 @@ def estimators() -> list[BaseEstimator]:
         SpectralEntropy(SAMPLING_RATE),
         SpectralEntropy(SAMPLING_RATE, normalize=True),
         SpectralEntropy(SAMPLING_RATE, preset="ripple", band=(50.0, 1500.0)),
+        LobeMap(SAMPLING_RATE),
+        LobeMap(SAMPLING_RATE, align="start", speed_tolerance=0, ar_order=0),
     ]
 
 

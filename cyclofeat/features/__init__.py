@@ -3,6 +3,7 @@
 ====================  =============================================================================
 transformer           features of each window
 ====================  =============================================================================
+``LobeMap``           mean and rms in each lobe's slot, prominence and contrast of the lobe lines
 ``SpectralEntropy``   Shannon entropy of the power spectral density in bits, or normalized
 ``TorqueStatistics``  minimum, maximum, mean, std, range, rms, crest factor, skewness, kurtosis, ripple
 ====================  =============================================================================
@@ -12,7 +13,8 @@ shell over pure functions of :mod:`cyclofeat.spectral` and its neighbours.
 """
 
 # One import, one line in the table above and one entry below per transformer.
+from cyclofeat.features._lobe_map import LobeMap
 from cyclofeat.features._spectral import SpectralEntropy
 from cyclofeat.features._statistics import TorqueStatistics
 
-__all__ = ["SpectralEntropy", "TorqueStatistics"]
+__all__ = ["LobeMap", "SpectralEntropy", "TorqueStatistics"]

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-_UNIT_IN_NAME = {"Nm": "_nm", "bit": "_bits", "1": ""}
+_UNIT_IN_NAME = {"Nm": "_nm", "bit": "_bits", "dB": "_db", "1": ""}
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Feature:
     name : str
         Unique name, in snake case, without unit.
     unit : str
-        Unit: ``"Nm"``, ``"bit"`` or ``"1"`` for a pure number.
+        Unit: ``"Nm"``, ``"bit"``, ``"dB"`` or ``"1"`` for a pure number.
     formula : str
         Formula in plain text.
     source : str
@@ -98,6 +98,12 @@ _ROWS = (
         "1",
         "-sum(p log2(p + 2^-52)) / log2(N), p = psd / sum(psd)",
         "paper A eq. 4-7, epsilon assumed",
+    ),
+    Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot", "cyclofeat.lobes"),
+    Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.lobes"),
+    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.lobes"),
+    Feature(
+        "lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)", "cyclofeat.lobes"
     ),
 )
 

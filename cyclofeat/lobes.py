@@ -1,0 +1,274 @@
+"""Torque folded lobe by lobe: pure functions of windows.
+
+Each lobe of a disc with z_s lobes passes the load once in z_s/(z_s+1) of an input turn, so a worn lobe
+disturbs the torque at (z_s+1)/z_s of the input speed: 16/15 for the papers' drive. Torque folded at that
+*lobe frequency* gives every lobe a slot of its own; the fold's harmonics are the *lobe lines*. Shaft run-out
+(order 1), the mains and a drifting brake do not repeat at the lobe frequency and average out.
+
+The torsional resonance of rotor and torque meter would ring from slot to slot. An autoregressive model of
+each window takes it out beforehand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter, resample_poly
+from scipy.signal.windows import hann
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# The reduced sampling rate, in lobe frequencies per lobe line kept: its Nyquist is 3 times the highest line.
+_RATE_PER_LINE = 6
+# A spectrum padded this many times is read between its bins by straight lines.
+_PADDING = 8
+# The local floor averages over this many lobe lines; the contrast compares a line with as many neighbours.
+_FLOOR_WIDTH = 3
+_CONTRAST_WIDTH = 5
+# Steps of the speed search over its whole range; its first line, below which the brake drifts.
+_SPEED_STEPS = 301
+_FIRST_SEARCHED = 5
+# Power ratios are read down to -30 dB.
+_TINY = 1e-3
+
+
+@dataclass(frozen=True)
+class LobeLines:
+    """Lobe lines of windows.
+
+    Attributes
+    ----------
+    input_speed_hz : ndarray, shape (n_windows,)
+        Refined input speed of each window.
+    lines : ndarray of complex, shape (n_windows, n_lines)
+        Complex amplitude c_k of lobe lines k = 1, 2, ...: the whitened torque, in units of its standard
+        deviation, holds Re(c_k exp(2 pi i k f t)) with the lobe frequency f and t = 0 at the first sample.
+    floor : ndarray, shape (n_windows, n_lines)
+        Mean power of the spectrum within three lobe frequencies around each line, same units squared.
+    """
+
+    input_speed_hz: Float
+    lines: Complex
+    floor: Float
+
+
+def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
+    """Rate in Hz at which one lobe passes the load: (z_s + 1)/z_s of the input speed."""
+    return input_speed_hz * (n_lobes + 1) / n_lobes
+
+
+def highest_frequency(input_speed_hz: float, n_lobes: int, n_lines: int, speed_tolerance: float) -> float:
+    """Frequency in Hz up to which windows must hold torque for ``n_lines`` lobe lines."""
+    return n_lines * lobe_frequency(input_speed_hz, n_lobes) * (1 + speed_tolerance)
+
+
+def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Float, float]:
+    """Windows without their mean, anti-aliased and thinned by a whole number, and the new rate in Hz.
+
+    The mean goes first: the filter pads with zeros.
+    """
+    X = X - X.mean(axis=1, keepdims=True)
+    factor = int(sampling_rate // wanted_rate)
+    if factor < 2:
+        return X, sampling_rate
+    return np.asarray(resample_poly(X, 1, factor, axis=1)), sampling_rate / factor
+
+
+def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> Float:
+    """Residual of an autoregressive model of each window, scaled to unit standard deviation.
+
+    The model is fitted by Yule-Walker's equations to the spectrum above ``lowest_hz`` (below it, the level
+    found there is put in place, so that drift of the brake does not use up the model). The resonances of a
+    linear rig have minimum phase, so the residual is free of their ringing in phase as in amplitude.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_windows, n_samples)
+        Windows without mean.
+    sampling_rate : float
+        Samples per second in Hz.
+    order : int
+        Order of the model; 0 scales only.
+    lowest_hz : float
+        Upper limit in Hz of the band that drift may fill.
+
+    Returns
+    -------
+    ndarray, shape (n_windows, n_samples)
+        Zero where a window is constant.
+    """
+    n_samples = X.shape[1]
+    if order > 0:
+        power = np.abs(np.fft.rfft(X * hann(n_samples, sym=False), 2 * n_samples)) ** 2
+        frequencies = np.fft.rfftfreq(2 * n_samples, 1 / sampling_rate)
+        drifting = frequencies < lowest_hz
+        above = ~drifting & (frequencies < 1.25 * lowest_hz)
+        power[:, drifting] = power[:, above].mean(axis=1, keepdims=True)
+        correlation = np.fft.irfft(power)[:, : order + 1]
+        residual = np.zeros_like(X)
+        for row, (r, x) in enumerate(zip(correlation, X, strict=True)):
+            if r[0] > 0:
+                # A millionth of white noise keeps the equations well posed where torque has lines only.
+                r[0] *= 1 + 1e-6
+                coefficients = solve_toeplitz(r[:-1], r[1:])
+                residual[row] = lfilter(np.r_[1.0, -coefficients], 1.0, x)
+        X = residual
+    scale = X.std(axis=1, keepdims=True)
+    return np.divide(X, scale, out=np.zeros_like(X), where=scale > 0)
+
+
+def lobe_lines(
+    X: Float,
+    sampling_rate: float,
+    input_speed_hz: float,
+    *,
+    n_lobes: int = 15,
+    n_lines: int = 44,
+    ar_order: int = 16,
+    speed_tolerance: float = 0.015,
+) -> LobeLines:
+    """Lobe lines of each window, at the input speed that fits them best.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_windows, n_samples)
+        Windows of torque in Nm.
+    sampling_rate : float
+        Samples per second in Hz (samples per input turn for windows on equal steps of the angle, with
+        ``input_speed_hz=1``).
+    input_speed_hz : float
+        Nominal input speed in turns per second.
+    n_lobes : int
+        Number of lobes z_s.
+    n_lines : int
+        Number of lobe lines.
+    ar_order : int
+        Order of the autoregressive model that takes out torsional resonances, at about ``6 n_lines`` lobe
+        frequencies of sampling rate; 0 for none.
+    speed_tolerance : float
+        Largest relative deviation of the speed that is searched; 0 takes the nominal speed.
+
+    Returns
+    -------
+    LobeLines
+
+    Notes
+    -----
+    The speed maximises the sum over lobe lines of the logarithm of power over local floor, by an exhaustive
+    search. Windows too short for a spectrum line (under two lobe periods) have lines and floor zero.
+    """
+    n_windows = X.shape[0]
+    nominal = lobe_frequency(input_speed_hz, n_lobes)
+    empty = LobeLines(
+        np.full(n_windows, float(input_speed_hz)),
+        np.zeros((n_windows, n_lines), dtype=complex),
+        np.zeros((n_windows, n_lines)),
+    )
+    if X.shape[1] * nominal < 2 * sampling_rate:
+        return empty
+    reduced, rate = reduce_rate(X, sampling_rate, _RATE_PER_LINE * n_lines * nominal)
+    white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
+    spectrum, resolution, centre = _centred_spectrum(white, rate)
+    power = np.abs(spectrum) ** 2
+    floor = uniform_filter1d(power, max(1, round(_FLOOR_WIDTH * nominal / resolution)), axis=1)
+    numbers = np.arange(1, n_lines + 1)
+    factor = np.ones(n_windows)
+    if speed_tolerance > 0:
+        prominence = np.log(np.divide(power, floor, out=np.zeros_like(power), where=floor > 0) + _TINY)
+        searched = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :]
+        factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
+        bins = np.outer(factors, searched * (nominal / resolution))
+        fit = np.stack([_between_bins(row, bins).sum(axis=1) for row in prominence])
+        factor = factors[np.argmax(fit, axis=1)]
+    frequencies = np.outer(factor * nominal, numbers)
+    bins = frequencies / resolution
+    at_centre = np.stack([_between_bins(*row) for row in zip(spectrum, bins, strict=True)])
+    return LobeLines(
+        input_speed_hz=factor * input_speed_hz,
+        lines=at_centre * np.exp(-2j * np.pi * frequencies * centre),
+        floor=np.stack([_between_bins(*row) for row in zip(floor, bins, strict=True)]),
+    )
+
+
+def _centred_spectrum(X: Float, sampling_rate: float) -> tuple[Complex, float, float]:
+    """Padded spectrum of tapered windows about their middle, its resolution in Hz, the middle's time in s.
+
+    About the middle the phase of a line hardly turns from bin to bin, so that it can be read between bins.
+    """
+    n_windows, n_samples = X.shape
+    taper = hann(n_samples, sym=False)
+    tapered = X * (taper * (2 / taper.sum()))
+    middle = n_samples // 2
+    padded = np.zeros((n_windows, _PADDING * n_samples))
+    padded[:, : n_samples - middle] = tapered[:, middle:]
+    padded[:, padded.shape[1] - middle :] = tapered[:, :middle]
+    return np.fft.rfft(padded), sampling_rate / padded.shape[1], middle / sampling_rate
+
+
+def _between_bins(values: NDArray[Any], bins: Float) -> NDArray[Any]:
+    """Values of a spectrum at fractional bins, by straight lines."""
+    left = np.minimum(bins.astype(int), values.size - 2)
+    share = bins - left
+    return np.asarray(values[left] * (1 - share) + values[left + 1] * share)
+
+
+def fold(lines: Complex, n_lobes: int = 15, points: int = 16, lowest_line: int = 3) -> Float:
+    """Torque folded at the lobe frequency, from its lobe lines.
+
+    Parameters
+    ----------
+    lines : ndarray of complex, shape (n_windows, n_lines)
+        Lobe lines, see :class:`LobeLines`.
+    n_lobes : int
+        Number of slots z_s.
+    points : int
+        Points in each slot.
+    lowest_line : int
+        Lobe lines below this one are left out: there the brake drifts.
+
+    Returns
+    -------
+    ndarray, shape (n_windows, n_lobes, points)
+        Slot 0 begins at the window's first sample (or where the lines' phase has been shifted to).
+    """
+    numbers = np.arange(lowest_line, lines.shape[1] + 1)
+    phase = np.outer(numbers, np.arange(n_lobes * points) / (n_lobes * points))
+    folded = lines[:, numbers - 1] @ np.exp(2j * np.pi * phase)
+    return np.ascontiguousarray(folded.real).reshape(len(lines), n_lobes, points)
+
+
+def shift(lines: Complex, turns: Float) -> Complex:
+    """Lobe lines of the fold begun ``turns`` (shape (n_windows,)) of its period later."""
+    return lines * np.exp(2j * np.pi * np.outer(turns, np.arange(1, lines.shape[1] + 1)))
+
+
+def energy_centre(folded: Float) -> Float:
+    """Where in the fold, in turns, its energy has its circular mean; shape (n_windows,)."""
+    energy = folded.reshape(len(folded), -1) ** 2
+    angle = 2 * np.pi * np.arange(energy.shape[1]) / energy.shape[1]
+    return np.asarray(np.angle(energy @ np.exp(1j * angle)) / (2 * np.pi))
+
+
+def line_prominence(lines: LobeLines) -> Float:
+    """Power of each lobe line over the spectrum around it, in dB; -30 where there is no power."""
+    power = np.abs(lines.lines) ** 2
+    ratio = np.divide(power, lines.floor, out=np.zeros_like(power), where=lines.floor > 0)
+    return np.asarray(10 * np.log10(ratio + _TINY))
+
+
+def line_contrast(lines: LobeLines) -> Float:
+    """Power of each lobe line over the mean of the five lines around it, in dB; -30 without power.
+
+    A rig's resonance raises neighbouring lines alike; what is left is the pattern of the worn lobes, whose
+    spectrum is that of a row of z_s slots: n consecutive worn lobes put zeros at multiples of z_s/n.
+    """
+    power = np.abs(lines.lines) ** 2
+    around = uniform_filter1d(power, _CONTRAST_WIDTH, axis=1, mode="nearest")
+    ratio = np.divide(power, around, out=np.zeros_like(power), where=around > 0)
+    return np.asarray(10 * np.log10(ratio + _TINY))

@@ -1,0 +1,53 @@
+"""Results that the literature prints in tables."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from sklearn.utils import Bunch
+
+_TABLES = {
+    "signal_statistics": "table4_measured_signal_statistics.csv",
+    "spectral_centroid": "table5_spectral_centroid.csv",
+    "spectral_entropy": "table6_shannon_spectral_entropy.csv",
+}
+
+
+def load_published_tables() -> Bunch:
+    """Published statistics, centroids and entropies of measured output torque, for 0 to 7 worn lobes.
+
+    Returns
+    -------
+    sklearn.utils.Bunch
+        Three structured arrays of shape (8,), one row per disc, all with the field ``defect_count`` (0 to 7):
+
+        signal_statistics : table 4
+            ``min_nm``, ``max_nm``, ``mean_nm``, ``std_nm``, ``range_nm`` of the output torque in Nm.
+        spectral_centroid : table 5
+            ``centroid`` (unit not stated at the source).
+        spectral_entropy : table 6
+            ``entropy_bits``: Shannon entropy of the power spectral density, in bits.
+
+        and ``DESCR`` : str, their origin and meaning.
+
+    Notes
+    -----
+    From "Verification of the cycloidal gear train fault diagnosis methods based on measured data". There is
+    one recording per disc: one can compare with these numbers, but not estimate any accuracy from them.
+
+    Examples
+    --------
+    >>> tables = load_published_tables()
+    >>> tables.signal_statistics["std_nm"][:3].tolist()
+    [2.912, 4.964, 4.557]
+    >>> tables.spectral_entropy["entropy_bits"].argmin().item()
+    0
+    """
+    folder = files(__package__) / "tables"
+    found: dict[str, Any] = {}
+    for name, file in _TABLES.items():
+        with (folder / file).open(encoding="utf-8") as lines:
+            found[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    return Bunch(**found, DESCR=(folder / "README.md").read_text(encoding="utf-8"))

@@ -1,0 +1,609 @@
+"""What is written is read back, what a file leaves open is stated, each bad file gives its one error."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from cyclofeat.datasets import _readers, describe_recording, one_line, read_recording, write_recording
+from cyclofeat.recording import Recording
+
+STEADY = settings(derandomize=True, deadline=None, max_examples=60)
+RATE = 25_600.0
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+name = st.text(st.characters(codec="utf-8"), min_size=1).filter(str.isprintable)
+label = st.none() | name | st.integers(-(2**63), 2**63 - 1)
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | finite | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@st.composite
+def recordings(draw):
+    torque = draw(arrays(np.float64, st.integers(2, 30), elements=finite))
+    angle = None
+    if draw(st.booleans()):
+        angle = draw(st.floats(-1e3, 1e3)) + np.cumsum(
+            draw(arrays(np.float64, torque.size, elements=st.floats(1e-3, 10)))
+        )
+    lobes = draw(st.none() | st.sets(st.integers(0, 14)))
+    return Recording(
+        torque,
+        draw(st.floats(1e-3, 1e7)),
+        angle=angle,
+        angle_of=draw(st.sampled_from(["input", "disc"])) if angle is not None else "input",
+        angle_is_absolute=draw(st.booleans()) if angle is not None else False,
+        assembly=draw(label),
+        run=draw(label),
+        defect_count=draw(st.none() | st.integers(0, 15)) if lobes is None else None,
+        worn_lobes=lobes,
+        load_nm=draw(st.none() | finite),
+        source=draw(st.none() | name),
+        meta=draw(st.dictionaries(st.text(), json_values, max_size=3)),
+    )
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def rows(values, *, head="", separator="\n"):
+    return head + separator.join(str(value) for value in values) + "\n"
+
+
+def test_examples_of_the_docstrings_run():
+    result = doctest.testmod(_readers)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+# -- round trips
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+@STEADY
+@given(recording=recordings())
+def test_reading_gives_back_what_was_written(tmp_path_factory, suffix, recording):
+    path = tmp_path_factory.mktemp("round") / f"record{suffix}"
+    write_recording(path, recording)
+    read = read_recording(path)
+    assert read == recording
+    np.testing.assert_array_equal(np.signbit(read.torque), np.signbit(recording.torque))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_the_nominal_speed_comes_back_too(tmp_path, suffix):
+    recording = Recording([1, 2], RATE, speed_rpm=500, angle=[0.0, 0.002])
+    write_recording(tmp_path / f"record{suffix}", recording)
+    assert read_recording(tmp_path / f"record{suffix}") == recording
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_labels_that_are_given_precede_those_of_the_file(tmp_path, suffix):
+    path = tmp_path / f"record{suffix}"
+    write_recording(
+        path, Recording([1, 2], RATE, angle=[0, 1], angle_is_absolute=True, worn_lobes=(0, 4), meta={"a": 1})
+    )
+    assert read_recording(path, assembly="B").assembly == "B"
+    assert read_recording(path, worn_lobes=(1,)).defect_count == 1
+    assert read_recording(path, defect_count=7).worn_lobes is None
+    assert read_recording(path, meta={"b": 2}).meta == {"a": 1, "b": 2}
+    bare = read_recording(path, angle_channel=False)
+    assert bare.angle is None
+    assert not bare.angle_is_absolute
+
+
+def test_written_csv_is_legible(tmp_path):
+    path = tmp_path / "record.csv"
+    write_recording(path, Recording([21.5, 22], RATE, angle=[0, 0.5], assembly="A1", worn_lobes=(0, 4)))
+    lines = path.read_text().splitlines()
+    assert '# assembly: "A1"' in lines
+    assert "# worn_lobes: [0, 4]" in lines
+    assert lines[-3:] == ["torque [Nm],angle [rad]", "21.5,0", "22,0.5"]
+
+
+def test_written_npz_is_plain_arrays(tmp_path):
+    path = tmp_path / "record.npz"
+    write_recording(path, Recording([21.5, 22], RATE, assembly="A1", worn_lobes=()))
+    with np.load(path, allow_pickle=False) as archive:
+        assert archive["torque"].tolist() == [21.5, 22]
+        assert archive["sampling_rate"] == RATE
+        assert archive["assembly"] == "A1"
+        assert archive["worn_lobes"].dtype == np.int64
+        assert "angle" not in archive.files
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path, suffix, monkeypatch):
+    path = tmp_path / f"record{suffix}"
+    old = Recording([1, 2], RATE)
+    write_recording(path, old)
+
+    def full_disk(*args, **kwargs):
+        args[0].write(b"half a file")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(np, "savetxt", full_disk)
+    monkeypatch.setattr(np, "savez", full_disk)
+    with pytest.raises(OSError, match=r"no space left"):
+        write_recording(path, Recording([3, 4], RATE))
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+    assert read_recording(path) == old
+
+
+def test_writing_replaces(tmp_path):
+    path = tmp_path / "record.csv"
+    for torque in ([1, 2], [3, 4, 5]):
+        write_recording(path, Recording(torque, RATE))
+        assert read_recording(path).torque.tolist() == torque
+
+
+@pytest.mark.parametrize(
+    ("target", "kind", "words"),
+    [
+        ("record.txt", ValueError, "record.txt: unknown kind of file '.txt'; .csv and .npz"),
+        ("record", ValueError, "unknown kind of file ''"),
+        ("nowhere/record.csv", FileNotFoundError, "no such folder.*nowhere"),
+        ("folder.csv", ValueError, "folder.csv is a directory"),
+    ],
+)
+def test_where_nothing_can_be_written(tmp_path, target, kind, words):
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(kind, match=words):
+        write_recording(tmp_path / target, Recording([1, 2], RATE))
+
+
+def test_what_cannot_be_written(tmp_path):
+    for value in (object(), (1, 2), np.nan, {1: 2}):
+        with pytest.raises(TypeError, match=r"meta must hold only text"):
+            write_recording(tmp_path / "record.csv", Recording([1, 2], RATE, meta={"key": value}))
+    with pytest.raises(TypeError, match=r"recording must be a Recording, got ndarray"):
+        write_recording(tmp_path / "record.csv", np.zeros(3))
+    with pytest.raises(TypeError, match=r"path must be a file name, got 3"):
+        write_recording(3, Recording([1, 2], RATE))
+    assert not list(tmp_path.iterdir())
+
+
+# -- CSV of others
+
+
+TORQUE = [21.5, -3.25, 22.125]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_separators_and_line_ends_are_found(tmp_path, separator, end, mark):
+    lines = [
+        separator.join(("time", "torque")),
+        *(separator.join((str(i / 1000), str(t))) for i, t in enumerate(TORQUE)),
+    ]
+    path = tmp_path / "rig.csv"
+    path.write_bytes((mark + end.join(lines) + end).encode())
+    recording = read_recording(path)
+    assert recording.torque.tolist() == TORQUE
+    assert recording.sampling_rate == 1_000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "torque\n21.5\n-3.25\n22.125\n",
+        "21.5\n-3.25\n22.125",
+        "\n\n21.5\n-3.25\n22.125\n\n  \n",
+        '"torque"\n"21.5"\n"-3.25"\n"22.125"\n',
+        "# rig 3, second day\n# torque cell 7\ntorque\n2.15e1\n-3.25\n 22.125 \n",
+        "torque;note\n21,5;a\n-3,25;b\n22,125;c, d\n",
+        "Torque (Nm)\n21.5\n-3.25\n22.125\n",
+        "Torque / mNm\n21500\n-3250\n22125\n",
+        "torque_knm\n0.0215\n-0.00325\n0.022125\n",
+        "M [N·m]\n21.5\n-3.25\n22.125\n",
+        "torque in Ncm\n2150\n-325\n2212.5\n",
+        "a1,torque_out,a2\n1,21.5,x\n2,-3.25,y\n3,22.125,z\n",
+    ],
+)
+def test_layouts_that_are_understood(tmp_path, text):
+    recording = read_recording(write(tmp_path / "rig.csv", text), sampling_rate=RATE)
+    np.testing.assert_allclose(recording.torque, TORQUE, rtol=1e-15)
+    assert recording.sampling_rate == RATE
+
+
+@pytest.mark.parametrize("channel", ["force sum", "Force Sum", 1, np.int64(1)])
+def test_a_channel_is_named_or_counted(tmp_path, channel):
+    path = write(tmp_path / "rig.csv", "speed,force sum [Nm]\n1,21.5\n2,-3.25\n3,22.125\n")
+    assert read_recording(path, channel=channel, sampling_rate=RATE).torque.tolist() == TORQUE
+
+
+def test_a_scale_turns_volts_into_torque(tmp_path):
+    path = write(tmp_path / "rig.csv", "torque [V]\n1\n2\n")
+    recording = read_recording(path, sampling_rate=RATE, scale=-10)
+    assert recording.torque.tolist() == [-10, -20]
+    assert recording.meta["scale"] == -10
+    with pytest.raises(ValueError, match=r"channel 'torque \[V\]' is in 'V', known are Nm.*scale="):
+        read_recording(path, sampling_rate=RATE)
+
+
+@STEADY
+@given(rate=st.integers(100, 200_000), digits=st.integers(7, 12), start=st.floats(0, 1e3))
+def test_rounded_times_give_the_same_whole_rate(tmp_path_factory, rate, digits, start):
+    times = np.round(start + np.arange(2_000) / rate, digits)
+    if 10.0**-digits * rate > 0.2:
+        return  # times so coarse that samples could be missing
+    text = rows((f"{time:.{digits}f},{i % 7}" for i, time in enumerate(times)), head="t,torque\n")
+    path = write(tmp_path_factory.mktemp("times") / "rig.csv", text)
+    assert read_recording(path).sampling_rate == pytest.approx(
+        rate, rel=2.0 * 10**-digits * rate / 2_000 + 1e-9
+    )
+
+
+def test_a_rounded_time_column_gives_a_whole_number_of_hertz(tmp_path):
+    text = rows((f"{i / 25_600:.6f},{i % 7}" for i in range(10_000)), head="time [s],torque\n")
+    assert read_recording(write(tmp_path / "rig.csv", text)).sampling_rate == 25_600.0
+    text = rows((f"{1000 * i / 25_600:.6f},{i % 7}" for i in range(10_000)), head="time [ms],torque\n")
+    assert read_recording(write(tmp_path / "rig.csv", text)).sampling_rate == 25_600.0
+    # but a rate that is no whole number stays what it is
+    text = rows((f"{i / 1234.5:.9f},{i % 7}" for i in range(10_000)), head="time,torque\n")
+    assert read_recording(write(tmp_path / "rig.csv", text)).sampling_rate == pytest.approx(1234.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("missing", [1, 50, 500, 998])
+def test_one_missing_sample_is_noticed(tmp_path, missing):
+    times = [f"{i / 1000:.6f},{i % 7}" for i in range(1_000) if i != missing]
+    path = write(tmp_path / "rig.csv", rows(times, head="time,torque\n"))
+    with pytest.raises(
+        ValueError, match=r"rig.csv: time column 'time' is not evenly spaced: at line .*sampling_rate="
+    ):
+        read_recording(path)
+    assert read_recording(path, sampling_rate=1_000).sampling_rate == 1_000  # on the caller's word
+
+
+def test_a_rate_that_the_times_contradict_is_an_error(tmp_path):
+    path = write(
+        tmp_path / "rig.csv", rows((f"{i / 1000},{i % 7}" for i in range(100)), head="time,torque\n")
+    )
+    with pytest.raises(
+        ValueError, match=r"sampling_rate = 25600 Hz contradicts its time column 'time', .* 1000 Hz"
+    ):
+        read_recording(path, sampling_rate=25_600)
+    assert read_recording(path, sampling_rate=1_001).sampling_rate == 1_001
+
+
+def test_a_clock_in_text_does_not_matter_where_the_rate_is_given(tmp_path):
+    path = write(tmp_path / "rig.csv", "time,torque\n12:00:01,1\n12:00:02,2\n")
+    assert read_recording(path, sampling_rate=1).torque.tolist() == [1, 2]
+    for arguments in ({}, {"sampling_rate": 1, "time_channel": "time"}):
+        with pytest.raises(
+            ValueError, match=r"line 2, column 'time' holds '12:00:01', which is not a number"
+        ):
+            read_recording(path, **arguments)
+
+
+def test_the_angle_is_read_in_its_own_unit(tmp_path):
+    path = write(tmp_path / "rig.csv", "torque,angle [deg]\n1,0\n2,90\n3,180\n")
+    np.testing.assert_allclose(read_recording(path, sampling_rate=1).angle, [0, np.pi / 2, np.pi])
+    with pytest.raises(ValueError, match=r"angle_unit = 'rad' contradicts the column 'angle"):
+        read_recording(path, sampling_rate=1, angle_unit="rad")
+    bare = write(tmp_path / "bare.csv", "torque,disc_angle\n1,0\n2,90\n3,180\n")
+    with pytest.raises(
+        ValueError, match=r"'disc_angle' does not say .* angle_unit='rad' or 'deg'.*angle_channel=False"
+    ):
+        read_recording(bare, sampling_rate=1)
+    recording = read_recording(bare, sampling_rate=1, angle_unit="deg")
+    np.testing.assert_allclose(recording.angle, [0, np.pi / 2, np.pi])
+    assert recording.angle_of == "disc"
+    assert read_recording(bare, sampling_rate=1, angle_channel=False).angle is None
+
+
+def test_an_angle_that_starts_again_at_each_turn_is_an_error_with_a_way_out(tmp_path):
+    path = write(tmp_path / "rig.csv", "torque,angle_deg\n1,200\n2,300\n3,40\n")
+    with pytest.raises(
+        ValueError, match=r"rig.csv: angle must rise strictly.*numpy.unwrap.*angle_channel=False"
+    ):
+        read_recording(path, sampling_rate=1)
+
+
+def test_what_was_assumed_is_stated(tmp_path):
+    path = write(tmp_path / "rig.csv", "time;torque\n0,0;21,5\n0,5;22,5\n1,0;23,0\n")
+    recording = read_recording(path)
+    assert recording.meta == {
+        "file": "rig.csv", "channel": "torque", "unit_assumed": True, "rate_from": "time column 'time'",
+        "decimal_comma": True,
+    }  # fmt: skip
+    assert one_line(recording) == (
+        "rig.csv: torque 21.5 to 23 Nm (unit assumed) (mean 22.33), 2 Hz from time column 'time', "
+        "3 samples = 1.5 s, no angle"
+    )
+    stated = read_recording(write(tmp_path / "b.csv", "torque [Nm]\n1\n2\n"), sampling_rate=1)
+    assert not describe_recording(stated)["unit_assumed"]
+    assert recording.source is None  # nobody said that it was measured
+
+
+BAD_CSV = {
+    "no rate": (
+        "torque\n1\n2\n",
+        {"sampling_rate": None},
+        ["no sampling rate", "sampling_rate=", "time_channel="],
+    ),
+    "wrong column": ("torque,a\n1,2\n3,4\n", {"channel": "tork"}, ["channel = 'tork'", "'torque', 'a'"]),
+    "wrong index": ("torque,a\n1,2\n3,4\n", {"channel": 2}, ["channel = 2", "'torque', 'a'"]),
+    "negative index": ("torque,a\n1,2\n3,4\n", {"channel": -1}, ["channel = -1", "'torque', 'a'"]),
+    "index without names": ("1,2\n3,4\n", {"channel": 2}, ["channel = 2", "0, 1 (no names in the file)"]),
+    "no column chosen": ("a1,a2\n1,2\n3,4\n", {}, ["channel must be given", "'a1', 'a2'"]),
+    "no column chosen, no names": ("1,2\n3,4\n", {}, ["channel must be given", "0, 1 (no names"]),
+    "two columns fit": (
+        "torque,torque_nm\n1,2\n3,4\n",
+        {},
+        ["channel must be given", "'torque', 'torque_nm'"],
+    ),
+    "a name twice": ("a,a\n1,2\n3,4\n", {"channel": "a"}, ["channel = 'a'", "[0, 1]", "index"]),
+    "wrong time column": ("torque\n1\n2\n", {"time_channel": "when"}, ["time_channel = 'when'", "'torque'"]),
+    "wrong angle column": ("torque\n1\n2\n", {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
+    "NaN": ("torque\n1\n2\nnan\nnan\n", {}, ["line 4", "'torque'", "nan", "finite"]),
+    "infinity": ("# a\n# b\ntorque\n1\n-inf\n3\n", {}, ["line 5", "-inf", "finite"]),
+    "text in a cell": (
+        "a,torque\n1,2\n1,two\n1,2\n",
+        {},
+        ["line 3", "column 'torque'", "'two', which is not a number"],
+    ),
+    "an empty cell": ("a,torque\n1,2\n1,\n1,2\n", {}, ["line 3", "column 'torque'", "nothing"]),
+    "text without names": ("1.5\n2.5\nthree\n", {}, ["line 3", "column '0'", "'three'"]),
+    "units below names": ("time;torque\ns;Nm\n0;1\n1;2\n", {}, ["line 2", "column 'torque'", "'Nm'"]),
+    "thousands": ("torque;a\n1,234.5;1\n2;1\n", {}, ["line 2", "'1,234.5', which is not a number"]),
+    "an underscore": ("torque\n1_000\n2\n", {}, ["column 'torque'"]),
+    "a short row": ("a,torque\n1,2\n1\n1,2\n", {}, ["line 3", "2 columns", "got 1 column"]),
+    "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", {}, ["line 3", "2 columns", "got 3 columns"]),
+    "an empty line": ("torque\n1\n\n2\n", {}, ["line 3", "1 columns", "an empty line"]),
+    "decimal commas": ("torque\n22,5\n22,6\n", {}, ["line 2", "decimal commas?", "delimiter=';'"]),
+    "one sample": ("torque\n1\n", {}, ["one sample", "at least 2"]),
+    "names only": ("torque,a\n", {}, ["column names, but no row of data"]),
+    "comments only": ("# a\n# b\n", {}, ["no row of data"]),
+    "blank": ("\n \n", {}, ["no row of data"]),
+    "times that stand": (
+        "time,torque\n1,1\n1,2\n",
+        {"sampling_rate": None},
+        ["time column 'time' must rise", "1"],
+    ),
+    "times in hours": ("time [h],torque\n1,1\n2,2\n", {}, ["'time [h]'", "s, ms, us", "'h'"]),
+    "a damaged header": (
+        "# cyclofeat recording: 1\n# run: x\ntorque\n1\n2\n",
+        {},
+        ["label 'run'", "not JSON", "'x'"],
+    ),
+    "a header without rate": (
+        "# cyclofeat recording: 1\ntorque\n1\n2\n",
+        {},
+        ["sampling_rate", "header", "None"],
+    ),
+    "a later format": ("# cyclofeat recording: 2\ntorque\n1\n2\n", {}, ["format 2", "update"]),
+    "a strange label": ("# cyclofeat recording: 1\n# hue: 1\ntorque\n1\n2\n", {}, ["unknown label 'hue'"]),
+    "a bad label": ("torque\n1\n2\n", {"speed_rpm": -1}, ["speed_rpm must be positive"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CSV)
+def test_each_bad_csv_gives_its_one_clear_line(tmp_path, case):
+    text, arguments, words = BAD_CSV[case]
+    path = write(tmp_path / "rig.csv", text)
+    with pytest.raises(ValueError, match=r"rig.csv") as caught:
+        read_recording(path, **{"sampling_rate": 1_000, **arguments})
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_files_that_are_no_text(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_bytes("Drehmoment [Nm]; Prüfung\n1;2\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"rig.csv is not UTF-8 text \(byte 19\)"):
+        read_recording(path, sampling_rate=1)
+    path.write_bytes(b"1\n\x002\n")
+    with pytest.raises(ValueError, match=r"rig.csv holds binary data"):
+        read_recording(path, sampling_rate=1)
+
+
+# -- any file
+
+
+def test_files_that_are_not_there_or_not_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no such file: .*missing\.csv"):
+        read_recording(tmp_path / "missing.csv")
+    with pytest.raises(ValueError, match=r"is a directory"):
+        read_recording(tmp_path)
+    with pytest.raises(
+        ValueError, match=r"rig.tdms: unknown kind of file '.tdms'; .csv and .npz can be read"
+    ):
+        read_recording(write(tmp_path / "rig.tdms", "x"))
+    for empty in ("empty.csv", "empty.npz"):
+        with pytest.raises(ValueError, match=rf"{empty} is empty"):
+            read_recording(write(tmp_path / empty, ""))
+    with pytest.raises(TypeError, match=r"path must be a file name"):
+        read_recording(None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "words"),
+    [
+        ({"sampling_rate": 0}, ValueError, "sampling_rate must be a positive, finite number"),
+        ({"sampling_rate": "fast"}, ValueError, "sampling_rate must be a positive, finite number.*'fast'"),
+        ({"scale": 0}, ValueError, "scale must be a finite number other than 0"),
+        ({"scale": np.nan}, ValueError, "scale must be a finite number other than 0"),
+        ({"angle_unit": "turns"}, ValueError, "angle_unit must be 'rad' or 'deg', got 'turns'"),
+        ({"delimiter": "|"}, ValueError, "delimiter must be ',', ';' or a tab"),
+        ({"channel": True}, TypeError, "channel must be a column's name or index"),
+        ({"channel": 1.0}, TypeError, "channel must be a column's name or index"),
+        ({"angle_channel": True}, TypeError, "angle_channel must be a column's name or index"),
+        ({"colour": "red"}, TypeError, "unknown label 'colour'; known are angle_of"),
+        ({"torque": [1]}, TypeError, "unknown label 'torque'"),
+        ({"assembly": 1.5}, TypeError, "rig.csv: assembly must be text"),
+    ],
+)
+def test_arguments_are_checked(tmp_path, arguments, kind, words):
+    path = write(tmp_path / "rig.csv", "torque\n1\n2\n")
+    with pytest.raises(kind, match=words):
+        read_recording(path, **{"sampling_rate": 1, **arguments})
+
+
+# -- NPZ of others
+
+
+def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
+    path = tmp_path / "rig.npz"
+    np.savez(path, torque=np.float32(TORQUE), sampling_rate=[25_600], note="second day")
+    recording = read_recording(path, run="r7")
+    assert recording.torque.tolist() == TORQUE
+    assert recording.sampling_rate == RATE
+    assert recording.run == "r7"
+    assert recording.meta["rate_from"] == "array 'sampling_rate'"
+    np.savez(path, torque=[1, 2, 3], sampling_rate=100, angle=[0.1, 0.2, 0.3], assembly="A1", defect_count=2)
+    recording = read_recording(path)
+    assert recording.angle.tolist() == [0.1, 0.2, 0.3]
+    assert (recording.assembly, recording.defect_count) == ("A1", 2)
+    np.savez(path, a1=[1, 2, 3], phi=[0.1, 0.2, 0.3])
+    recording = read_recording(path, channel="a1", angle_channel="phi", sampling_rate=5, scale=10)
+    assert recording.torque.tolist() == [10, 20, 30]
+    assert recording.angle.tolist() == [0.1, 0.2, 0.3]
+
+
+BAD_NPZ = {
+    "no torque": ({"x": [1, 2]}, {}, ["channel = 'torque'", "'x'"]),
+    "wrong channel": ({"torque": [1, 2]}, {"channel": "x"}, ["channel = 'x'", "'torque'"]),
+    "wrong angle": ({"torque": [1, 2]}, {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
+    "no rate": ({"torque": [1, 2]}, {}, ["no sampling rate", "sampling_rate=", "'torque'"]),
+    "rate twice": (
+        {"torque": [1, 2], "sampling_rate": 3},
+        {"sampling_rate": 4},
+        ["4 Hz", "contradicts", "3 Hz"],
+    ),
+    "many rates": ({"torque": [1, 2], "sampling_rate": [3, 4]}, {}, ["'sampling_rate'", "one number"]),
+    "negative rate": ({"torque": [1, 2], "sampling_rate": -3}, {}, ["'sampling_rate'", "positive", "-3"]),
+    "a matrix": ({"torque": [[1], [2]], "sampling_rate": 3}, {}, ["'torque'", "1-D", "(2, 1)"]),
+    "text": ({"torque": ["a", "b"], "sampling_rate": 3}, {}, ["'torque'", "real numbers", "<U1"]),
+    "complex": ({"torque": [1j, 2], "sampling_rate": 3}, {}, ["'torque'", "real numbers", "complex128"]),
+    "NaN": ({"torque": [1, np.nan], "sampling_rate": 3}, {}, ["torque", "finite", "nan at sample 1"]),
+    "one sample": ({"torque": [1], "sampling_rate": 3}, {}, ["at least 2 samples", "got 1"]),
+    "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, {}, ["angle", "at least 2"]),
+    "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, {}, ["'meta'", "JSON object", "[1]"]),
+    "a CSV's argument": ({"torque": [1, 2], "sampling_rate": 3}, {"delimiter": ";"}, ["delimiter", "CSV"]),
+    "a later format": ({"torque": [1, 2], "sampling_rate": 3, "cyclofeat_recording": 2}, {}, ["format 2"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_NPZ)
+def test_each_bad_npz_gives_its_one_clear_line(tmp_path, case):
+    content, arguments, words = BAD_NPZ[case]
+    np.savez(tmp_path / "rig.npz", **content)
+    with pytest.raises(ValueError, match=r"rig.npz") as caught:
+        read_recording(tmp_path / "rig.npz", **arguments)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_an_npz_channel_is_a_name(tmp_path):
+    np.savez(tmp_path / "rig.npz", torque=[1, 2], sampling_rate=3)
+    with pytest.raises(TypeError, match=r"channel must be the name of an array, got 0; arrays are 'torque'"):
+        read_recording(tmp_path / "rig.npz", channel=0)
+
+
+class Trap:
+    """Runs code when it is unpickled."""
+
+    def __reduce__(self):
+        return (pytest.fail, ("a pickle was loaded",))
+
+
+@pytest.mark.parametrize("key", ["torque", "sampling_rate", "meta", "note"])
+def test_pickles_are_never_loaded(tmp_path, key):
+    content = {"torque": [1, 2], "sampling_rate": 3} | {key: np.array([Trap()], dtype=object)}
+    np.savez(tmp_path / "rig.npz", **content)
+    with pytest.raises(ValueError, match=r"rig.npz holds pickled objects, which are never loaded"):
+        read_recording(tmp_path / "rig.npz")
+    (tmp_path / "bare.npz").write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(ValueError, match=r"bare.npz is damaged or not an NPZ archive"):
+        read_recording(tmp_path / "bare.npz")
+
+
+def test_a_bare_array_is_no_archive(tmp_path):
+    with (tmp_path / "rig.npz").open("wb") as file:
+        np.save(file, np.zeros(5))
+    with pytest.raises(ValueError, match=r"rig.npz is a single array"):
+        read_recording(tmp_path / "rig.npz")
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.7, 0.95, 0.999])
+def test_a_truncated_file_is_damaged(tmp_path, save, share):
+    path = tmp_path / "rig.npz"
+    save(path, torque=np.random.default_rng(0).normal(size=1_000), sampling_rate=3)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(ValueError, match=r"rig.npz is damaged"):
+        read_recording(path)
+
+
+def test_a_flipped_bit_is_noticed(tmp_path):
+    path = tmp_path / "rig.npz"
+    np.savez(path, torque=np.random.default_rng(0).normal(size=1_000), sampling_rate=3)
+    damaged = bytearray(path.read_bytes())
+    damaged[2_000] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(ValueError, match=r"rig.npz is damaged"):
+        read_recording(path)
+
+
+# -- descriptions
+
+
+def test_a_description_is_fit_for_json():
+    recording = Recording(
+        [21, 23],
+        RATE,
+        angle=[0, 0.1],
+        angle_of="disc",
+        angle_is_absolute=True,
+        assembly=np.int64(3),
+        run="r7",
+        worn_lobes=(0, 4),
+        load_nm=22,
+        source="simulated",
+    )
+    found = json.loads(json.dumps(describe_recording(recording)))
+    assert found["angle"] == "disc, absolute"
+    assert found["worn_lobes"] == [0, 4]
+    assert found["duration_s"] == 2 / RATE
+    assert found["mean"] == 22
+    assert not found["constant"]
+
+
+def test_people_count_lobes_from_one():
+    text = one_line(
+        Recording([21, 23], 1_000, assembly="A1", worn_lobes=(0, 4), speed_rpm=500, source="surrogate")
+    )
+    assert text == (
+        "assembly 'A1': torque 21 to 23 Nm (mean 22), 1000 Hz, 2 samples = 0.002 s, 500 RPM, no angle, "
+        "2 worn lobes (1, 5), surrogate"
+    )
+    assert "1 worn lobe," in one_line(Recording([21, 23], 1_000, defect_count=1, source="simulated"))
+    assert "0 worn lobes" in one_line(Recording([21, 23], 1_000, worn_lobes=()))
+
+
+def test_a_dead_sensor_is_shown():
+    assert "CONSTANT" in one_line(Recording([3.5, 3.5], RATE))
+
+
+def test_another_unit_is_stated_where_the_record_is_no_torque():
+    text = one_line(Recording([1, 2], RATE, meta={"channel": "a1", "unit": "g"}))
+    assert text.startswith("a1 1 to 2 g")
