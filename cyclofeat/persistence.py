@@ -1,0 +1,95 @@
+"""Models on disk.
+
+A joblib file is a pickle: loading it runs code from the file. It is loaded only where the caller says that
+the file is trusted.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import joblib
+
+from cyclofeat.counting import LobeModel
+
+
+class ModelFileError(ValueError):
+    """A model file that cannot be read, is not trusted or holds something else."""
+
+
+def save_model(path: str | os.PathLike[str], model: LobeModel) -> Path:
+    """Write a model with joblib; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write, by custom ``*.joblib``.
+    model : LobeModel
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    TypeError
+        For anything but a LobeModel.
+    FileNotFoundError
+        Where the folder does not exist.
+    """
+    if not isinstance(model, LobeModel):
+        raise TypeError(f"model must be a LobeModel, got {type(model).__name__}")
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    os.close(handle)
+    try:
+        joblib.dump(model, temporary, compress=3)
+        os.replace(temporary, target)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    return target
+
+
+def load_model(path: str | os.PathLike[str], *, trusted: bool = False) -> LobeModel:
+    """Read a model that :func:`save_model` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        File to read.
+    trusted : bool
+        Whether the file comes from a trusted source. A joblib file can run any code when loaded.
+
+    Returns
+    -------
+    LobeModel
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such file.
+    ModelFileError
+        Where the file is not trusted, is damaged or holds something else.
+    """
+    source = Path(path)
+    if not source.is_file():
+        raise FileNotFoundError(f"model file {source} does not exist")
+    if not trusted:
+        raise ModelFileError(
+            f"{source} is a joblib file, which can run any code when loaded: if you trust where it comes from, "
+            "load it with trusted=True (--trust-model on the command line)"
+        )
+    try:
+        model = joblib.load(source)
+    except Exception as error:
+        raise ModelFileError(
+            f"{source} cannot be read as a joblib model ({type(error).__name__}: {error}): it is damaged or was "
+            "written by other versions"
+        ) from error
+    if not isinstance(model, LobeModel):
+        raise ModelFileError(f"{source} holds a {type(model).__name__}, not a cyclofeat LobeModel")
+    return model
