@@ -1,1 +1,343 @@
-def main(): ...
+"""The ``cyclofeat`` command: simulate, train, count, evaluate, demo."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cyclofeat import __version__
+from cyclofeat._progress import Progress
+
+if TYPE_CHECKING:
+    from cyclofeat.recording import Recording
+    from cyclofeat.simulators import LobeDefects, Rig
+
+_BAD_INPUT = 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; default ``sys.argv[1:]``.
+
+    Returns
+    -------
+    int
+        0 on success, 2 for bad input (with one line on standard error that says what).
+    """
+    arguments = _parser().parse_args(argv)
+    # Imported late: --help and --version answer at once.
+    from cyclofeat.simulators import SimulationDiverged
+
+    try:
+        command: Callable[[argparse.Namespace], int] = arguments.command
+        return command(arguments)
+    except (ValueError, TypeError, OSError, ImportError, SimulationDiverged) as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        print("cyclofeat: interrupted", file=sys.stderr)
+        return 130
+
+
+def _fail(message: str) -> int:
+    print(f"cyclofeat: error: {' '.join(message.split())}", file=sys.stderr)
+    return _BAD_INPUT
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from cyclofeat.datasets import one_line, write_recording
+    from cyclofeat.recording import Recording
+    from cyclofeat.simulators import CycloidalGearbox, simulate
+
+    defects = _defects(arguments)
+    if arguments.simulator is None and arguments.rig is None:
+        gearbox = CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
+        run = simulate(gearbox, defects, duration=arguments.duration, sampling_rate=arguments.sampling_rate)
+        recording = Recording.from_run(run, assembly="nominal", run="simulated")
+    else:
+        from cyclofeat.datasets import make_rig_recording
+
+        if arguments.material != "steel":
+            raise ValueError("--material goes without --rig and --simulator: these state their own gearbox")
+        recording = make_rig_recording(
+            _rig(arguments),
+            defects,
+            duration_s=arguments.duration,
+            sampling_rate=arguments.sampling_rate,
+            random_state=arguments.seed,
+            with_angle=True,
+        )
+    if arguments.no_angle:
+        recording = recording.replace(angle=None, angle_is_absolute=False)
+    write_recording(arguments.out, recording)
+    if arguments.json:
+        _print_json({"file": str(arguments.out), "defect_count": recording.defect_count})
+    else:
+        print(f"{arguments.out}: {one_line(recording)}")
+    return 0
+
+
+def _defects(arguments: argparse.Namespace) -> LobeDefects:
+    from cyclofeat.simulators import LobeDefects
+
+    wheels = {"both": (0, 1), "0": (0,), "1": (1,)}[arguments.wheels]
+    if arguments.removed is not None:
+        return LobeDefects.removed(_lobes(arguments.removed), wheels=wheels)
+    if arguments.worn is not None:
+        return LobeDefects.worn(_lobes(arguments.worn), wheels=wheels, depth=arguments.depth)
+    return LobeDefects.healthy()
+
+
+def _lobes(text: str) -> int | tuple[int, ...]:
+    """A count ("3") or a list of lobes counted from 0 ("0,4")."""
+    try:
+        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        numbers = ()
+    if not numbers:
+        raise ValueError(f"lobes must be a count like 3 or a list counted from 0 like 0,4, got {text!r}")
+    return numbers[0] if "," not in text else numbers
+
+
+def _rig(arguments: argparse.Namespace, default: str | None = None) -> Rig:
+    from cyclofeat.simulators import Rig
+
+    if arguments.simulator is not None:
+        return Rig.from_json(arguments.simulator)
+    name = arguments.rig or default
+    assert name is not None
+    return {"r0": Rig.r0, "r1": Rig.r1, "r2": Rig.r2}[name]()
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    from cyclofeat.counting import LobeModel
+    from cyclofeat.datasets import make_rig_recordings
+    from cyclofeat.persistence import save_model
+
+    folder = Path(arguments.out).parent
+    if not folder.is_dir():  # found out now rather than after the simulation
+        raise FileNotFoundError(f"folder {folder} for --out does not exist: make it first")
+    if arguments.recordings:
+        recordings = _read_all(arguments.recordings)
+        origin = f"{len(recordings)} recordings from files"
+    else:
+        rig = _rig(arguments, default="r2")
+        recordings = make_rig_recordings(
+            arguments.assemblies,
+            range(arguments.max_count + 1),
+            rig=rig,
+            sampling_rate=arguments.sampling_rate,
+            random_state=arguments.seed,
+            n_jobs=arguments.jobs,
+            with_angle=True,
+            progress=Progress("simulating assemblies"),
+        )
+        origin = f"{len(recordings)} simulated assemblies of rig {rig.name}, seed {arguments.seed}"
+    print(f"training on {origin}", file=sys.stderr)
+    speed = recordings[0].input_speed_hz
+    model = LobeModel.train(
+        recordings, input_speed_hz=speed, random_state=arguments.seed, description=origin
+    )
+    save_model(arguments.out, model)
+    if arguments.json:
+        _print_json({"file": str(arguments.out), **model.card})
+    else:
+        print(f"{arguments.out}: counts {model.card['classes']}, trained on {origin}")
+        print(
+            f"for recordings at {model.sampling_rate:g} Hz and {60 * model.input_speed_hz:g} RPM; "
+            f"{'locates lobes' if model.locator is not None else 'does not locate lobes'}"
+        )
+    return 0
+
+
+def _count(arguments: argparse.Namespace) -> int:
+    from cyclofeat.datasets import one_line, read_recording
+    from cyclofeat.persistence import load_model
+
+    model = load_model(arguments.model, trusted=arguments.trust_model)
+    results: list[dict[str, Any]] = []
+    failed = False
+    for path in arguments.files:
+        # One bad file must not cost the others their result.
+        try:
+            recording = read_recording(
+                path, channel=arguments.channel, sampling_rate=arguments.sampling_rate
+            )
+            if not arguments.json:
+                print(f"{path}: {one_line(recording)}")
+            result = model.count(_without_start(recording, arguments.skip))
+        except (ValueError, TypeError, OSError) as error:
+            failed = True
+            results.append({"file": str(path), "error": " ".join(str(error).split())})
+            _fail(f"{path}: {error}")
+            continue
+        results.append({"file": str(path), **result.to_dict()})
+        if not arguments.json:
+            _print_count(results[-1])
+    if arguments.json:
+        _print_json(results)
+    return _BAD_INPUT if failed else 0
+
+
+def _without_start(recording: Recording, seconds: float) -> Recording:
+    first = round(seconds * recording.sampling_rate)
+    if first == 0:
+        return recording
+    if not 0 < first < recording.n_samples - 1:
+        raise ValueError(f"--skip must lie within the recording of {recording.duration:g} s, got {seconds:g} s")
+    angle = None if recording.angle is None else recording.angle[first:]
+    return recording.replace(torque=recording.torque[first:], angle=angle)
+
+
+def _print_count(result: dict[str, Any]) -> None:
+    count = result["defect_count"]
+    print(f"  worn lobes: {count} (probability {result['probability'][str(count)]:.2f})")
+    if result["lobes"]:
+        # People count from 1.
+        print(f"  positions:  {', '.join(str(lobe + 1) for lobe in result['lobes'])} (counted from 1)")
+    for warning in result["warnings"]:
+        print(f"  note: {warning}")
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    if arguments.dataset == "oedi":
+        from cyclofeat.counting import evaluate_load_levels
+        from cyclofeat.datasets import load_oedi_gearbox
+
+        levels = evaluate_load_levels(load_oedi_gearbox(arguments.data), random_state=arguments.seed)
+        if arguments.json:
+            _print_json(levels.to_dict())
+        else:
+            print(levels.table())
+        return 0
+    if not arguments.files:
+        raise ValueError("evaluate needs labelled recording files, or --dataset oedi")
+    from cyclofeat.counting import evaluate, make_entropy_counter, make_lobe_counter
+    from cyclofeat.recording import Windower
+
+    recordings = _read_all(arguments.files)
+    speed = recordings[0].input_speed_hz
+    windows = Windower(input_speed_hz=speed).windows(recordings)
+    if windows.y is None or windows.groups is None:
+        raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
+    assert speed is not None  # the windower would have raised
+    counters = {
+        "lobe map": make_lobe_counter(windows.sampling_rate, input_speed_hz=speed),
+        "Shannon entropy (papers)": make_entropy_counter(windows.sampling_rate),
+    }
+    results = {
+        name: evaluate(
+            counter, windows.X, windows.y, windows.groups, n_splits=arguments.folds,
+            random_state=arguments.seed, progress=Progress(name),
+        )
+        for name, counter in counters.items()
+    }  # fmt: skip
+    if arguments.json:
+        _print_json({name: result.to_dict() for name, result in results.items()})
+    else:
+        print(f"{len(windows)} windows, folds by assembly; 95 % bootstrap intervals over assemblies")
+        for name, result in results.items():
+            low, high = result.accuracy_interval
+            print(
+                f"{name:26s} accuracy {result.accuracy:.3f} [{low:.3f}, {high:.3f}], "
+                f"mean absolute error {result.mean_absolute_error:.3f}"
+            )
+        print("confusion matrix of the lobe map (rows true, columns predicted):")
+        print(results["lobe map"].confusion)
+    return 0
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    from cyclofeat._demo import run_demo
+
+    return run_demo(Path(arguments.out), n_jobs=arguments.jobs)
+
+
+def _read_all(paths: Sequence[str]) -> list[Recording]:
+    from cyclofeat.datasets import read_recording
+
+    files: list[Path] = []
+    for name in paths:
+        path = Path(name)
+        found = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".npz")) if path.is_dir() else [path]
+        if not found:
+            raise ValueError(f"folder {path} holds no .csv or .npz recordings")
+        files += found
+    return [read_recording(path) for path in files]
+
+
+def _print_json(value: Any) -> None:
+    print(json.dumps(value, indent=2))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="cyclofeat", description="Count and locate the worn lobes of a cycloidal disc from output torque."
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    simulate = _command(commands, "simulate", _simulate, "simulate one recording and write it to a file")
+    simulate.add_argument("--out", required=True, help="file to write, .csv or .npz")
+    kind = simulate.add_mutually_exclusive_group()
+    kind.add_argument("--worn", metavar="LOBES", help="worn lobes: a count (3) or a list from 0 (0,4)")
+    kind.add_argument("--removed", metavar="LOBES", help="removed lobes: a count or a list from 0")
+    simulate.add_argument("--wheels", choices=("both", "0", "1"), default="both", help="wheels that carry them")
+    simulate.add_argument("--depth", type=float, default=1.0, help="severity of the wear, 0 to 1")
+    simulate.add_argument("--material", choices=("steel", "abs"), default="steel")
+    simulate.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
+    simulate.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
+    simulate.add_argument("--seed", type=int, default=0, help="seed of the assembly's errors, drift and noise")
+    simulate.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+    _add_rig(simulate, "the papers' free output without errors")
+
+    train = _command(commands, "train", _train, "train a model and write it to a file")
+    train.add_argument("--out", required=True, help="model file to write, e.g. model.joblib")
+    train.add_argument("recordings", nargs="*", help="labelled recordings or folders; default: simulate them")
+    train.add_argument("--assemblies", type=int, default=40, help="simulated assemblies per count (default 40)")
+    train.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
+    train.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
+    train.add_argument("--seed", type=int, default=0)
+    train.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    _add_rig(train, "r2")
+
+    count = _command(commands, "count", _count, "count the worn lobes of recordings")
+    count.add_argument("files", nargs="+", metavar="FILE", help="recordings, .csv or .npz")
+    count.add_argument("--model", required=True, help="model file that train wrote")
+    count.add_argument("--trust-model", action="store_true", help="load the model: a joblib file can run any code")
+    count.add_argument("--channel", help="column of the torque in CSV files")
+    count.add_argument("--sampling-rate", type=float, help="Hz, for CSV files that do not state it")
+    count.add_argument("--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up)")
+
+    evaluate = _command(commands, "evaluate", _evaluate, "cross-validate with whole assemblies held out")
+    evaluate.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")
+    evaluate.add_argument("--dataset", choices=("oedi",), help="measured gearbox vibration: load level")
+    evaluate.add_argument("--data", help="file of the data set, outside a checkout")
+    evaluate.add_argument("--folds", type=int, default=5)
+    evaluate.add_argument("--seed", type=int, default=0)
+
+    demo = _command(commands, "demo", _demo, "train, write surrogate recordings, count them, report")
+    demo.add_argument("--out", default="demo", help="folder to write (default: demo)")
+    demo.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    return parser
+
+
+def _command(commands: Any, name: str, run: Callable[..., int], text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text)
+    parser.set_defaults(command=run)
+    if name != "demo":
+        parser.add_argument("--json", action="store_true", help="print JSON for programs")
+    return parser
+
+
+def _add_rig(parser: argparse.ArgumentParser, default: str) -> None:
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--rig", choices=("r0", "r1", "r2"), help=f"a rig of the toolkit (default: {default})")
+    group.add_argument("--simulator", metavar="FILE", help="readable description of gearbox and rig (JSON)")

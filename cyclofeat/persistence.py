@@ -25,7 +25,7 @@ def save_model(path: str | os.PathLike[str], model: LobeModel) -> Path:
     Parameters
     ----------
     path : path-like
-        File to write, by custom ``*.joblib``.
+        File to write, usually ``*.joblib``.
     model : LobeModel
 
     Returns
@@ -80,15 +80,15 @@ def load_model(path: str | os.PathLike[str], *, trusted: bool = False) -> LobeMo
         raise FileNotFoundError(f"model file {source} does not exist")
     if not trusted:
         raise ModelFileError(
-            f"{source} is a joblib file, which can run any code when loaded: if you trust where it comes from, "
-            "load it with trusted=True (--trust-model on the command line)"
+            f"{source} is a joblib file, which can run any code when loaded: if you trust where it comes "
+            "from, load it with trusted=True (--trust-model on the command line)"
         )
     try:
         model = joblib.load(source)
     except Exception as error:
         raise ModelFileError(
-            f"{source} cannot be read as a joblib model ({type(error).__name__}: {error}): it is damaged or was "
-            "written by other versions"
+            f"{source} cannot be read as a joblib model ({type(error).__name__}: {error}): it is damaged or "
+            "was written by other versions"
         ) from error
     if not isinstance(model, LobeModel):
         raise ModelFileError(f"{source} holds a {type(model).__name__}, not a cyclofeat LobeModel")

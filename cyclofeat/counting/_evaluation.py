@@ -15,9 +15,9 @@ from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array, check_consistent_length
 
 _LEAK = (
-    "groups must name the assembly of every window, got None: windows of one recording look alike for reasons "
-    "that have nothing to do with wear, so a split that puts them on both sides measures how well the counter "
-    "recognises the recording. Pass the groups that Windower.transform returns"
+    "groups must name the assembly of every window, got None: windows of one recording look alike for "
+    "reasons that have nothing to do with wear, so a split that puts them on both sides measures how well "
+    "the counter recognises the recording. Pass the groups that Windower.transform returns"
 )
 
 
@@ -138,8 +138,8 @@ def evaluate(
         n_assemblies = np.unique(assemblies[labels == label]).size
         if n_assemblies < n_splits:
             raise ValueError(
-                f"class {label} has {n_assemblies} assemblies, fewer than n_splits={n_splits}: with one recording "
-                "per class no split can estimate an accuracy; record more assemblies or lower n_splits"
+                f"class {label} has {n_assemblies} assemblies, fewer than n_splits={n_splits}: with one "
+                "recording per class no split can estimate an accuracy; record more assemblies or lower n_splits"
             )
     predictions = np.empty_like(labels)
     folds = StratifiedGroupKFold(n_splits=n_splits, shuffle=True, random_state=random_state)

@@ -1,0 +1,230 @@
+"""Counting: pipelines, grouped evaluation, locating, models for whole recordings."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import clone
+from sklearn.dummy import DummyClassifier
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.pipeline import Pipeline
+
+from cyclofeat.counting import (
+    LobeLocator,
+    LobeModel,
+    evaluate,
+    make_entropy_counter,
+    make_lobe_counter,
+    slot_of_lobe_zero,
+)
+from cyclofeat.recording import Windower
+
+SPEED = 500 / 60
+
+
+@pytest.fixture(scope="module")
+def windows(surrogates):
+    return Windower(input_speed_hz=SPEED).windows(surrogates)
+
+
+@pytest.fixture(scope="module")
+def model(surrogates):
+    """Trained on six assemblies of each count, the last two of each left for testing."""
+    return LobeModel.train([r for r in surrogates if not held_out(r, surrogates)], input_speed_hz=SPEED)
+
+
+def held_out(recording, recordings):
+    same = [r.assembly for r in recordings if r.defect_count == recording.defect_count]
+    return same.index(recording.assembly) >= 6
+
+
+# Pipelines
+
+
+def test_counters_are_plain_pipelines_with_reachable_parameters():
+    counter = make_lobe_counter(sampling_rate=25_600)
+    assert type(counter) is Pipeline
+    copy = clone(counter).set_params(lobe_map__n_lines=30, trees__n_estimators=10)
+    assert copy.get_params()["lobe_map__n_lines"] == 30
+    assert make_entropy_counter(25_600).get_params()["entropy__preset"] == "matlab_pwelch"
+
+
+def test_probabilities_and_ordered_classes(windows):
+    counter = make_lobe_counter(25_600, n_trees=50).fit(windows.X, windows.y)
+    assert counter.classes_.tolist() == [0, 1, 3, 5]
+    probability = counter.predict_proba(windows.X)
+    assert_allclose(probability.sum(axis=1), 1)
+    assert_array_equal(counter.classes_[probability.argmax(axis=1)], counter.predict(windows.X))
+
+
+# Evaluation
+
+
+def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
+    """Finding 3 of the toolkit's facts, on few assemblies: far above, against near, chance (0.25)."""
+    results = {
+        name: evaluate(counter, windows.X, windows.y, windows.groups, n_splits=4)
+        for name, counter in (("map", make_lobe_counter(25_600)), ("entropy", make_entropy_counter(25_600)))
+    }
+    assert results["map"].accuracy >= 0.9
+    assert results["entropy"].accuracy <= 0.6
+
+
+def test_evaluation_agrees_with_counting_by_hand():
+    """A classifier whose predictions are known: the most frequent label of the training folds."""
+    labels = np.repeat([0, 1, 1, 2], 6)
+    assemblies = np.repeat(np.arange(12), 2)
+    X = np.random.default_rng(0).normal(size=(24, 5))
+    result = evaluate(DummyClassifier(), X, labels, assemblies, n_splits=3)
+    assert result.accuracy == 0.5
+    assert result.mean_absolute_error == 0.5
+    assert_array_equal(result.predictions, 1)
+    assert_array_equal(result.confusion, [[0, 6, 0], [0, 12, 0], [0, 6, 0]])
+    assert_array_equal(result.group_accuracy, np.repeat([0, 1, 1, 0], 3))
+    low, high = result.accuracy_interval
+    assert 0.1 < low < 0.5 < high < 0.9
+    assert_allclose(result.confusion_interval[:, 1, 1], 1)
+    # Binomial over 12 assemblies with p = 0.5: 95 % within 3 to 9 of them
+    assert low == pytest.approx(3 / 12, abs=0.05)
+    assert high == pytest.approx(9 / 12, abs=0.05)
+
+
+def test_windows_of_one_assembly_never_stand_on_both_sides():
+    """Features that only tell the assembly: shuffled folds would score 1, folds by assembly cannot."""
+    assemblies = np.repeat(np.arange(40), 5)
+    labels = assemblies % 4
+    X = assemblies[:, np.newaxis] * np.ones((1, 3)) + 0.01 * np.random.default_rng(1).normal(size=(200, 3))
+    result = evaluate(ExtraTreesClassifier(50, random_state=0), X, labels, assemblies, n_splits=5)
+    assert result.accuracy < 0.5
+
+
+def test_equal_seeds_give_equal_results(windows):
+    first, second = (
+        evaluate(make_lobe_counter(25_600, n_trees=20), windows.X, windows.y, windows.groups, n_splits=2)
+        for _ in range(2)
+    )
+    assert first.to_dict() == second.to_dict()
+
+
+X4 = np.random.default_rng(2).normal(size=(8, 6))
+Y4 = np.repeat([0, 1], 4)
+G4 = np.arange(8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"groups": None}, "groups must name the assembly.*got None.*Windower"),
+        ({"groups": np.zeros(8)}, "class 0 has 1 assemblies, fewer than n_splits=2"),
+        ({"groups": G4[:5]}, "inconsistent numbers of samples"),
+        ({"y": Y4.astype(str)}, "y must hold defect counts.*'0'"),
+        ({"y": Y4[:, np.newaxis]}, r"y must hold one value per window, got shape \(8, 1\)"),
+        ({"X": np.where(X4 > 1, np.nan, X4)}, "X contains NaN"),
+        ({"X": np.vstack([X4[:7], np.ones(6)])}, "window 7 is constant"),
+        ({"X": X4[0]}, "Expected 2D array"),
+        ({"n_splits": 1}, "n_splits must be at least 2, got 1"),
+        ({"confidence": 95}, "confidence must lie between 0 and 1, got 95"),
+    ],
+)
+def test_bad_input_to_evaluate(changes, message):
+    arguments = {"X": X4, "y": Y4, "groups": G4, "n_splits": 2, **changes}
+    with pytest.raises(ValueError, match=message):
+        evaluate(DummyClassifier(), **arguments)
+
+
+# Locating
+
+
+def test_each_slot_further_in_the_angle_is_one_lobe_less():
+    """A sixteenth of a turn of the cam brings the next lobe under the load."""
+    start = np.array([0.3, 0.3 + 2 * np.pi / 16, 0.3 + 2 * np.pi * 15 / 16])
+    first, second, again = slot_of_lobe_zero(start)
+    assert (first - second) % 15 == 1
+    assert first == again
+    assert_array_equal(slot_of_lobe_zero(start + 15 * 2 * np.pi), slot_of_lobe_zero(start))
+
+
+def test_turning_the_disc_turns_the_answer(windows):
+    """The locator treats all slots alike: a window begun three slots later gives the same, turned."""
+    worn = np.random.default_rng(3).random((len(windows), 15)) < 0.3
+    locator = LobeLocator(25_600, n_trees=20).fit(windows.X, worn)
+    period = 25_600 / (SPEED * 16 / 15)
+    shift = round(period / 5)
+    later = np.roll(windows.X, -shift, axis=1)
+    here, there = (locator.lobe_map_.transform(X)[:, 15:30] for X in (windows.X, later))
+    cosine = [
+        np.dot(a, np.roll(b, 3)) / np.linalg.norm(a) / np.linalg.norm(b)
+        for a, b in zip(here, there, strict=True)
+    ]
+    assert np.median(cosine) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("worn", "message"),
+    [
+        (np.ones((2, 15)), "both worn and sound"),
+        (np.ones((2, 14)), r"worn must have shape .* = \(2, 15\), got \(2, 14\)"),
+    ],
+)
+def test_bad_input_to_the_locator(worn, message):
+    with pytest.raises(ValueError, match=message):
+        LobeLocator(25_600).fit(np.random.default_rng(0).normal(size=(2, 46_080)), worn)
+
+
+# Whole recordings
+
+
+def test_counts_and_positions_of_recordings_never_seen(model, surrogates):
+    unseen = [r for r in surrogates if held_out(r, surrogates)]
+    counts = [model.count(r) for r in unseen]
+    assert np.mean([c.defect_count == r.defect_count for c, r in zip(counts, unseen, strict=True)]) >= 7 / 8
+    assert all(c.absolute for c in counts)
+    # Six assemblies of each class are few to learn positions from: most lobes right, not every set.
+    overlap = [
+        len(set(c.lobes) & set(r.worn_lobes)) / r.defect_count
+        for c, r in zip(counts, unseen, strict=True)
+        if r.defect_count == c.defect_count != 0
+    ]
+    assert np.mean(overlap) >= 0.7
+    for count in counts:
+        assert len(count.lobes) == count.defect_count
+        assert len(count.lobe_probability) == 15
+        assert sum(count.probability.values()) == pytest.approx(1)
+
+
+def test_without_an_angle_positions_are_relative_and_said_to_be(model, surrogates):
+    recording = surrogates[-1]
+    blind = model.count(recording.replace(angle=None, angle_is_absolute=False))
+    seeing = model.count(recording)
+    assert not blind.absolute
+    assert any("relative" in warning for warning in blind.warnings)
+    # The same lobes, counted from another one.
+    turned = {
+        shift for shift in range(15) if {(lobe + shift) % 15 for lobe in blind.lobes} == set(seeing.lobes)
+    }
+    assert turned
+
+
+def test_windows_of_one_recording_are_combined(model, surrogates):
+    recording = surrogates[0]
+    twice = recording.replace(torque=np.tile(recording.torque, 2), angle=None, angle_is_absolute=False)
+    once = model.count(recording)
+    both = model.count(twice)
+    assert (once.n_windows, both.n_windows) == (1, 2)
+    assert max(both.probability.values()) >= max(once.probability.values())
+
+
+def test_training_needs_labels_of_more_than_one_kind(surrogates):
+    with pytest.raises(ValueError, match="must all state their defect_count"):
+        LobeModel.train([surrogates[0].replace(defect_count=None, worn_lobes=None)], input_speed_hz=SPEED)
+    with pytest.raises(ValueError, match="at least two defect counts, got 0 only"):
+        LobeModel.train(surrogates[:2], input_speed_hz=SPEED)
+
+
+def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
+    recording = surrogates[0]
+    with pytest.raises(ValueError, match="sampling_rate of the recording is 10000 Hz.*trained at 25600 Hz"):
+        model.count(recording.replace(sampling_rate=10_000.0, angle=None, angle_is_absolute=False))
+    with pytest.raises(ValueError, match="speed_rpm of the recording is 400.*trained at 500 RPM"):
+        model.count(recording.replace(speed_rpm=400.0, angle=None, angle_is_absolute=False))
+    with pytest.raises(ValueError, match="short"):
+        model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))

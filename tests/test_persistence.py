@@ -1,0 +1,85 @@
+"""Models on disk: round trip, trust, damage."""
+
+import subprocess
+import sys
+
+import joblib
+import numpy as np
+import pytest
+
+from cyclofeat.counting import LobeModel
+from cyclofeat.persistence import ModelFileError, load_model, save_model
+
+
+@pytest.fixture(scope="module")
+def model(surrogates):
+    return LobeModel.train(surrogates[::2], input_speed_hz=500 / 60)
+
+
+@pytest.fixture
+def stored(model, tmp_path):
+    return save_model(tmp_path / "model.joblib", model)
+
+
+def test_a_model_survives_the_way_to_another_process(model, stored, surrogates, tmp_path):
+    np.save(tmp_path / "torque.npy", surrogates[1].torque)
+    code = (
+        "import sys, numpy as np\n"
+        "from cyclofeat import Recording\n"
+        "from cyclofeat.persistence import load_model\n"
+        "model = load_model(sys.argv[1], trusted=True)\n"
+        "print(repr(model.count(Recording(np.load(sys.argv[2]), 25_600.0)).probability))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(stored), str(tmp_path / "torque.npy")],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    here = model.count(surrogates[1].replace(angle=None, angle_is_absolute=False)).probability
+    assert done.stdout.strip() == repr(here)
+
+
+def test_a_file_is_loaded_only_when_trusted(stored):
+    with pytest.raises(ModelFileError, match=r"can run any code.*trusted=True \(--trust-model"):
+        load_model(stored)
+
+
+def test_an_untrusted_file_runs_nothing(tmp_path):
+    marker = tmp_path / "ran"
+    evil = tmp_path / "evil.joblib"
+    joblib.dump(Touch(str(marker)), evil)
+    with pytest.raises(ModelFileError):
+        load_model(evil)
+    assert not marker.exists()
+    with pytest.raises(ModelFileError, match="not a cyclofeat LobeModel"):
+        load_model(evil, trusted=True)
+    assert marker.exists()  # which is why trust must be stated
+
+
+class Touch:
+    """Creates a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (self.path, "w"))
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.99])
+def test_a_truncated_file_is_a_clear_error(stored, kept):
+    whole = stored.read_bytes()
+    stored.write_bytes(whole[: int(kept if kept >= 1 or kept == 0 else kept * len(whole))])
+    with pytest.raises(ModelFileError, match="cannot be read as a joblib model"):
+        load_model(stored, trusted=True)
+
+
+def test_other_mistakes(model, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"model file .*absent\.joblib does not exist"):
+        load_model(tmp_path / "absent.joblib", trusted=True)
+    with pytest.raises(FileNotFoundError, match="folder .* does not exist: make it first"):
+        save_model(tmp_path / "absent" / "model.joblib", model)
+    with pytest.raises(TypeError, match="must be a LobeModel, got dict"):
+        save_model(tmp_path / "model.joblib", {})
+    assert list(tmp_path.iterdir()) == []
