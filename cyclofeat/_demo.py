@@ -40,8 +40,8 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
     rig = Rig.r1()
     (folder / "recordings").mkdir(parents=True, exist_ok=True)
     print(
-        f"Rig {rig.name}: brake rotor behind a compliant torque meter, drifting load, {rig.noise_nm:g} Nm noise.\n"
-        "All recordings here are SURROGATE: simulated torque, no measurement."
+        f"Rig {rig.name}: brake rotor behind a compliant torque meter, drifting load, "
+        f"{rig.noise_nm:g} Nm noise.\nAll recordings here are SURROGATE: simulated torque, no measurement."
     )
     training = make_rig_recordings(
         TRAINING_ASSEMBLIES, range(8), rig=rig, random_state=TRAINING_SEED, n_jobs=n_jobs, with_angle=True,

@@ -142,9 +142,7 @@ def _train(arguments: argparse.Namespace) -> int:
         origin = f"{len(recordings)} simulated assemblies of rig {rig.name}, seed {arguments.seed}"
     print(f"training on {origin}", file=sys.stderr)
     speed = recordings[0].input_speed_hz
-    model = LobeModel.train(
-        recordings, input_speed_hz=speed, random_state=arguments.seed, description=origin
-    )
+    model = LobeModel.train(recordings, input_speed_hz=speed, random_state=arguments.seed, description=origin)
     save_model(arguments.out, model)
     if arguments.json:
         _print_json({"file": str(arguments.out), **model.card})
@@ -167,9 +165,7 @@ def _count(arguments: argparse.Namespace) -> int:
     for path in arguments.files:
         # One bad file must not cost the others their result.
         try:
-            recording = read_recording(
-                path, channel=arguments.channel, sampling_rate=arguments.sampling_rate
-            )
+            recording = read_recording(path, channel=arguments.channel, sampling_rate=arguments.sampling_rate)
             if not arguments.json:
                 print(f"{path}: {one_line(recording)}")
             result = model.count(_without_start(recording, arguments.skip))
@@ -191,7 +187,7 @@ def _without_start(recording: Recording, seconds: float) -> Recording:
     if first == 0:
         return recording
     if not 0 < first < recording.n_samples - 1:
-        raise ValueError(f"--skip must lie within the recording of {recording.duration:g} s, got {seconds:g} s")
+        raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
     angle = None if recording.angle is None else recording.angle[first:]
     return recording.replace(torque=recording.torque[first:], angle=angle)
 
@@ -279,7 +275,8 @@ def _print_json(value: Any) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="cyclofeat", description="Count and locate the worn lobes of a cycloidal disc from output torque."
+        prog="cyclofeat",
+        description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",
     )
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -289,19 +286,19 @@ def _parser() -> argparse.ArgumentParser:
     kind = simulate.add_mutually_exclusive_group()
     kind.add_argument("--worn", metavar="LOBES", help="worn lobes: a count (3) or a list from 0 (0,4)")
     kind.add_argument("--removed", metavar="LOBES", help="removed lobes: a count or a list from 0")
-    simulate.add_argument("--wheels", choices=("both", "0", "1"), default="both", help="wheels that carry them")
+    simulate.add_argument("--wheels", choices=("both", "0", "1"), default="both", help="wheels carrying them")
     simulate.add_argument("--depth", type=float, default=1.0, help="severity of the wear, 0 to 1")
     simulate.add_argument("--material", choices=("steel", "abs"), default="steel")
     simulate.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
     simulate.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
-    simulate.add_argument("--seed", type=int, default=0, help="seed of the assembly's errors, drift and noise")
+    simulate.add_argument("--seed", type=int, default=0, help="seed of assembly, drift and noise")
     simulate.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
     _add_rig(simulate, "the papers' free output without errors")
 
     train = _command(commands, "train", _train, "train a model and write it to a file")
     train.add_argument("--out", required=True, help="model file to write, e.g. model.joblib")
     train.add_argument("recordings", nargs="*", help="labelled recordings or folders; default: simulate them")
-    train.add_argument("--assemblies", type=int, default=40, help="simulated assemblies per count (default 40)")
+    train.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
     train.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
     train.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
     train.add_argument("--seed", type=int, default=0)
@@ -311,7 +308,7 @@ def _parser() -> argparse.ArgumentParser:
     count = _command(commands, "count", _count, "count the worn lobes of recordings")
     count.add_argument("files", nargs="+", metavar="FILE", help="recordings, .csv or .npz")
     count.add_argument("--model", required=True, help="model file that train wrote")
-    count.add_argument("--trust-model", action="store_true", help="load the model: a joblib file can run any code")
+    count.add_argument("--trust-model", action="store_true", help="a joblib model is code: say you trust it")
     count.add_argument("--channel", help="column of the torque in CSV files")
     count.add_argument("--sampling-rate", type=float, help="Hz, for CSV files that do not state it")
     count.add_argument("--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up)")

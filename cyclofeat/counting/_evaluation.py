@@ -139,7 +139,7 @@ def evaluate(
         if n_assemblies < n_splits:
             raise ValueError(
                 f"class {label} has {n_assemblies} assemblies, fewer than n_splits={n_splits}: with one "
-                "recording per class no split can estimate an accuracy; record more assemblies or lower n_splits"
+                "recording per class no split can estimate an accuracy; record more or lower n_splits"
             )
     predictions = np.empty_like(labels)
     folds = StratifiedGroupKFold(n_splits=n_splits, shuffle=True, random_state=random_state)
