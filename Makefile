@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -75,6 +75,10 @@ wheel-check: $(WHEEL)  ## install the wheel into an empty environment and use it
 test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and scikit-learn's own checks
 	bash .ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
 		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
+
+bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
+	$(BIN)/python benchmarks/simulator.py --out benchmarks/simulator.md
 
 clean:  ## remove what the commands made (.venv stays)
 	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

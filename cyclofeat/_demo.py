@@ -15,7 +15,7 @@ from cyclofeat.persistence import load_model, save_model
 from cyclofeat.recording import Recording, Windower
 from cyclofeat.simulators import Rig
 
-TRAINING_ASSEMBLIES = 30  # per defect count
+TRAINING_ASSEMBLIES = 24  # per defect count
 FILE_ASSEMBLIES = 4  # per defect count
 TRAINING_SEED = 1
 FILE_SEED = 2

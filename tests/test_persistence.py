@@ -1,5 +1,6 @@
 """Models on disk: round trip, trust, damage."""
 
+import os
 import subprocess
 import sys
 
@@ -56,13 +57,13 @@ def test_an_untrusted_file_runs_nothing(tmp_path):
 
 
 class Touch:
-    """Creates a file when it is unpickled."""
+    """Creates a folder when it is unpickled."""
 
     def __init__(self, path):
         self.path = path
 
     def __reduce__(self):
-        return (open, (self.path, "w"))
+        return (os.mkdir, (self.path,))
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")

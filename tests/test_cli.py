@@ -1,0 +1,288 @@
+"""The command line: the way from nothing to a count, and every mistake on it."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cyclofeat import __version__
+from cyclofeat._progress import Progress
+from cyclofeat.cli import main
+from cyclofeat.counting import LobeModel
+from cyclofeat.datasets import read_recording, write_recording
+from cyclofeat.persistence import save_model
+from cyclofeat.simulators import Rig
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error of one call."""
+    code = main([str(argument) for argument in arguments])
+    return code, *capsys.readouterr()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, surrogates):
+    """A model and some recordings as files."""
+    folder = tmp_path_factory.mktemp("cli")
+    save_model(folder / "model.joblib", LobeModel.train(surrogates[8:], input_speed_hz=500 / 60))
+    for recording in surrogates[:8]:
+        write_recording(folder / f"{recording.assembly}.npz", recording)
+    write_recording(folder / "worn.csv", surrogates[3])
+    return folder
+
+
+def test_version_and_help_need_neither_numba_nor_scikit_learn():
+    code = (
+        "import sys; from cyclofeat.cli import main\n"
+        "try: main(['--version'])\n"
+        "except SystemExit as stop: assert stop.code == 0\n"
+        "assert not {'numba', 'sklearn', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == __version__
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "cyclofeat", "--help"], capture_output=True, text=True, check=True
+    )
+    for command in ("simulate", "train", "count", "evaluate", "demo"):
+        assert command in done.stdout
+
+
+def test_simulate_writes_what_it_says(capsys, tmp_path):
+    file = tmp_path / "worn.npz"
+    code, out, _ = run(
+        capsys, "simulate", "--worn", "0,4", "--wheels", "0", "--duration", "0.5", "--out", file
+    )
+    assert code == 0
+    assert str(file) in out
+    assert "Nm" in out
+    recording = read_recording(file)
+    assert recording.worn_lobes == (0, 4)
+    assert recording.source == "simulated"
+    assert recording.duration == pytest.approx(0.5)
+    assert recording.angle_is_absolute
+
+
+def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
+    Rig.r1().replace(noise_nm=0.0, load_drift_nm=0.0).to_json(tmp_path / "rig.json")
+    same, other = (tmp_path / name for name in ("a.npz", "b.csv"))
+    for file in (same, other):
+        code, out, _ = run(
+            capsys, "simulate", "--worn", 2, "--simulator", tmp_path / "rig.json", "--seed", 3,
+            "--duration", 0.2, "--no-angle", "--json", "--out", file,
+        )  # fmt: skip
+        assert code == 0
+        assert json.loads(out) == {"file": str(file), "defect_count": 2}
+    first, second = read_recording(same), read_recording(other)
+    assert first.source == second.source == "surrogate"
+    assert first.angle is None
+    np.testing.assert_array_equal(first.torque, second.torque)
+
+
+def test_train_and_count(capsys, folder, tmp_path):
+    model = tmp_path / "small.joblib"
+    code, out, _ = run(capsys, "train", folder, "--out", model)
+    assert code == 0
+    assert "counts [0, 1, 3, 5]" in out
+    code, out, err = run(capsys, "count", folder / "worn.csv", "--model", model, "--trust-model", "--json")
+    assert code == 0
+    assert err == ""
+    (result,) = json.loads(out)
+    assert result["file"] == str(folder / "worn.csv")
+    assert isinstance(result["defect_count"], int)
+    assert set(result["probability"]) == {"0", "1", "3", "5"}
+    assert len(result["lobe_probability"]) == 15
+    assert all(isinstance(lobe, int) for lobe in result["lobes"])
+    assert result["warnings"] == []
+
+
+def test_count_for_people_counts_lobes_from_one(capsys, folder):
+    code, out, _ = run(
+        capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust-model"
+    )
+    assert code == 0
+    recording = read_recording(folder / "worn.csv")
+    assert f"worn lobes: {recording.defect_count}" in out
+    assert "counted from 1" in out
+    assert "surrogate" in out
+
+
+def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_path):
+    (tmp_path / "empty.csv").touch()
+    code, out, err = run(
+        capsys, "count", tmp_path / "empty.csv", folder / "worn.csv",
+        "--model", folder / "model.joblib", "--trust-model", "--json",
+    )  # fmt: skip
+    assert code == 2
+    bad, good = json.loads(out)
+    assert "empty" in bad["error"]
+    assert good["defect_count"] == 5
+    assert err.count("\n") == 1
+
+
+def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
+    recording = read_recording(folder / "worn.csv")
+    start = np.zeros(2560)
+    write_recording(
+        tmp_path / "late.npz",
+        recording.replace(torque=np.r_[start, recording.torque], angle=None, angle_is_absolute=False),
+    )
+    code, out, _ = run(
+        capsys, "count", tmp_path / "late.npz", "--skip", 0.1, "--model", folder / "model.joblib",
+        "--trust-model", "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)[0]["defect_count"] == recording.defect_count
+
+
+def test_evaluate_labelled_files(capsys, folder, tmp_path, surrogates):
+    for recording in surrogates[:16]:
+        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert result["lobe map"]["n_assemblies"] == 16
+    assert result["Shannon entropy (papers)"]["n_windows"] == 16
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2)
+    assert "accuracy" in out
+    assert "confusion matrix" in out
+
+
+def test_evaluate_measured_vibration(capsys):
+    code, out, _ = run(capsys, "evaluate", "--dataset", "oedi")
+    assert code == 0
+    for word in ("a1", "accuracy", "chance", "vibration"):
+        assert word in out
+
+
+def wrong_column(folder):
+    file = folder / "other.csv"
+    file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n")
+    return ["count", file, "--channel", "torque"]
+
+
+def empty(folder):
+    (folder / "empty.csv").touch()
+    return ["count", folder / "empty.csv"]
+
+
+def not_a_number(folder):
+    file = folder / "nan.csv"
+    file.write_text("torque_nm\n22\nnan\n22\n")
+    return ["count", file, "--sampling-rate", "25600"]
+
+
+def constant(folder):
+    np.savez(folder / "constant.npz", torque=np.full(50_000, 22.0), sampling_rate=25_600.0)
+    return ["count", folder / "constant.npz"]
+
+
+def too_short(folder):
+    np.savez(folder / "short.npz", torque=np.random.default_rng(0).normal(size=2000), sampling_rate=25_600.0)
+    return ["count", folder / "short.npz"]
+
+
+def other_rate(folder):
+    np.savez(folder / "slow.npz", torque=np.random.default_rng(0).normal(size=50_000), sampling_rate=10_000.0)
+    return ["count", folder / "slow.npz"]
+
+
+def other_speed(folder):
+    recording = read_recording(folder / "worn.csv").replace(
+        angle=None, angle_is_absolute=False, speed_rpm=400.0
+    )
+    write_recording(folder / "other_speed.npz", recording)
+    return ["count", folder / "other_speed.npz"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda _: ["count", "absent.csv"], "absent.csv.*does not exist"),
+        (wrong_column, "torque.*time_s.*speed"),
+        (empty, "empty"),
+        (not_a_number, "NaN|nan|finite"),
+        (constant, "constant"),
+        (too_short, "short"),
+        (other_rate, "10000 Hz.*25600 Hz"),
+        (other_speed, "400.*500 RPM"),
+    ],
+)
+def test_bad_recordings(capsys, folder, make, message):
+    code, out, err = run(capsys, *make(folder), "--model", folder / "model.joblib", "--trust-model", "--json")
+    assert code == 2
+    assert err.startswith("cyclofeat: error: ")
+    assert err.count("\n") == 1, "one clear line"
+    assert re.search(message, err), err
+    assert "error" in json.loads(out)[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["count", "x.csv", "--model", "absent.joblib", "--trust-model"], "absent.joblib does not exist"),
+        (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust-model"),
+        (
+            ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust-model"],
+            "cannot be read as a joblib model",
+        ),
+        (
+            ["simulate", "--worn", "three", "--out", "x.npz"],
+            "count like 3 or a list counted from 0 like 0,4, got 'three'",
+        ),
+        (["simulate", "--worn", "16", "--out", "x.npz"], "lobe 15"),
+        (["simulate", "--worn", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
+        (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
+        (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
+        (["train", "--out", "absent/model.joblib"], "folder absent .* does not exist"),
+        (["train", "absent", "--out", "{folder}/x.joblib"], "absent.*does not exist"),
+        (["evaluate"], "labelled recording files, or --dataset oedi"),
+        (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
+    ],
+)
+def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, *(a.format(folder=folder) for a in arguments))
+    assert code == 2
+    assert err.count("\n") == 1, err
+    assert re.search(message, err), err
+    assert list(tmp_path.iterdir()) == []
+
+
+class Terminal(list):
+    """A stream that remembers, and says what it is."""
+
+    def __init__(self, is_terminal):
+        super().__init__()
+        self.is_terminal = is_terminal
+
+    def isatty(self):
+        return self.is_terminal
+
+    def write(self, text):
+        self.append(text)
+
+    def flush(self):
+        pass
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_progress_is_silent_for_two_seconds_then_says_what_is_left(monkeypatch, is_terminal):
+    now = iter([0.0, 1.0, 3.0, 3.1, 30.0, 40.0])
+    monkeypatch.setattr("cyclofeat._progress.time.monotonic", lambda: next(now))
+    stream = Terminal(is_terminal)
+    progress = Progress("working", stream)
+    progress(1, 40)
+    assert stream == []
+    progress(10, 40)
+    assert "working: 10 of 40, 3 s, about 9 s left" in stream[-1]
+    progress(11, 40)
+    assert len(stream) == 1
+    progress(39, 40)
+    progress(40, 40)
+    assert "working: 40 of 40, 40 s\n" in stream[-1]
