@@ -31,6 +31,8 @@ OFFENCES = [
     ("foundations", "recording.py", "from cyclofeat.counting import evaluate"),
     ("foundations", "spectral.py", "import cyclofeat.features"),
     ("foundations", "orders.py", "from cyclofeat.simulators import simulate"),
+    ("foundations", "lobes.py", "import cyclofeat.features"),
+    ("foundations", "wavelets.py", "from cyclofeat.datasets import load_published_tables"),
 ]
 
 ALLOWED = [
