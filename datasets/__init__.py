@@ -3,11 +3,14 @@
 from cyclofeat.datasets._oedi import load_oedi_gearbox
 from cyclofeat.datasets._published import load_published_tables
 from cyclofeat.datasets._readers import describe_recording, one_line, read_recording, write_recording
+from cyclofeat.datasets._surrogate import make_rig_recording, make_rig_recordings
 
 __all__ = [
     "describe_recording",
     "load_oedi_gearbox",
     "load_published_tables",
+    "make_rig_recording",
+    "make_rig_recordings",
     "one_line",
     "read_recording",
     "write_recording",

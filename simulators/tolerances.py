@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,31 +81,3 @@ class AssemblyTolerances:
             pin_tangential_errors=tangential,
             wheel_runouts=runouts,
         )
-
-
-def draw_brake(
-    gearbox: CycloidalGearbox,
-    seed: int | np.random.Generator,
-    inertia: tuple[float, float],
-    stiffness: tuple[float, float],
-    damping_ratio: tuple[float, float],
-) -> CycloidalGearbox:
-    """The gearbox with a brake drawn log-uniformly from ranges of inertia, meter stiffness and damping.
-
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-    seed : int or numpy.random.Generator
-    inertia : tuple of float
-        Lowest and highest inertia of the brake's rotor, in kg m2.
-    stiffness : tuple of float
-        Lowest and highest torsional stiffness of shaft and torque meter, in Nm/rad.
-    damping_ratio : tuple of float
-        Lowest and highest share of critical damping of the rotor on that stiffness.
-    """
-    random = np.random.default_rng(seed)
-    drawn = [
-        math.exp(random.uniform(math.log(low), math.log(high)))
-        for low, high in (inertia, stiffness, damping_ratio)
-    ]
-    return gearbox.with_brake(*drawn)

@@ -166,8 +166,8 @@ class LobeModel:
         """Raise ``ValueError`` where a recording does not suit the model: sampling rate, speed, length."""
         if abs(recording.sampling_rate / self.sampling_rate - 1) > 1e-6:
             raise ValueError(
-                f"sampling_rate of the recording is {recording.sampling_rate:g} Hz, but the model was trained "
-                f"at {self.sampling_rate:g} Hz: resample the recording or train a model at its rate"
+                f"sampling_rate of the recording is {recording.sampling_rate:g} Hz, but the model was "
+                f"trained at {self.sampling_rate:g} Hz: resample the recording or train a model at its rate"
             )
         speed = recording.input_speed_hz
         if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:

@@ -1,0 +1,303 @@
+"""Surrogate recordings: their labels, their determinism, and that they look like their rig."""
+
+from __future__ import annotations
+
+import doctest
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cyclofeat.datasets import (
+    _surrogate,
+    make_rig_recording,
+    make_rig_recordings,
+    read_recording,
+    write_recording,
+)
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, SimulationDiverged
+
+QUIET = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.0)
+SHORT = {"duration_s": 0.05, "rig": "R0"}
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """Healthy and worn assemblies of R1 without drift and noise, one output turn each."""
+    return make_rig_recordings(6, [0, 5], rig=QUIET, wheels=(0, 1), random_state=1, n_jobs=2)
+
+
+@pytest.fixture(scope="module")
+def labelled():
+    return make_rig_recordings(2, [0, 1, 3], rig="R2", duration_s=0.06, with_angle=True, random_state=9)
+
+
+def test_examples_of_the_docstrings_run():
+    result = doctest.testmod(_surrogate)
+    assert result.attempted > 0
+    assert result.failed == 0
+
+
+def test_importing_datasets_does_not_load_the_simulator(tmp_path):
+    code = "import sys, cyclofeat.datasets; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+
+
+# Labels
+
+
+def test_recordings_are_labelled_as_surrogates_with_nominal_speed_and_load(labelled):
+    assert [r.defect_count for r in labelled] == [0, 1, 3] * 2
+    assert [r.assembly for r in labelled] == [f"R2-9-{i:04d}" for i in range(6)]
+    for recording in labelled:
+        assert recording.source == "surrogate"
+        assert "measured" not in repr(recording)
+        assert recording.n_samples == round(0.06 * 25_600)
+        assert recording.sampling_rate == 25_600
+        assert (recording.speed_rpm, recording.load_nm) == (500.0, 22.0)
+        assert len(recording.worn_lobes) == recording.defect_count
+        assert recording.meta["rig"] == "R2"
+        assert recording.meta["true_speed_rpm"] != 500
+        assert recording.meta["true_speed_rpm"] == pytest.approx(500, rel=0.01)
+        assert recording.meta["true_load_nm"] == pytest.approx(22, rel=0.03)
+        assert recording.meta["wheels"] in ([[]] if recording.defect_count == 0 else [[0], [0, 1]])
+        assert 0.005 <= recording.meta["brake_inertia_kg_m2"] <= 0.05
+
+
+def test_angle_is_absolute_and_turns_at_the_true_speed(labelled):
+    starts = []
+    for recording in labelled:
+        assert recording.angle_is_absolute
+        assert recording.angle_of == "input"
+        speed = np.polyfit(np.arange(recording.n_samples) / recording.sampling_rate, recording.angle, 1)[0]
+        assert speed * 60 / (2 * math.pi) == pytest.approx(recording.meta["true_speed_rpm"], rel=1e-9)
+        start = recording.meta["start_angle_rad"]
+        assert 0 <= start < 30 * math.pi
+        assert math.cos((recording.angle[0] - start) / 15) == pytest.approx(1)
+        starts.append(start)
+    assert np.ptp(starts) > 2 * math.pi
+
+
+def test_without_a_tachometer_there_is_no_angle_and_the_torque_is_the_same(labelled):
+    bare = make_rig_recordings(2, [0, 1, 3], rig="R2", duration_s=0.06, random_state=9)
+    for one, other in zip(bare, labelled, strict=True):
+        assert one.angle is None
+        assert not one.angle_is_absolute
+        np.testing.assert_array_equal(one.torque, other.torque)
+
+
+def test_lobes_and_wheels_are_random_and_follow_their_pattern():
+    made = make_rig_recordings(30, [3], duration_s=0.002, rig="R0", random_state=2)
+    for recording in made:
+        first = [k for k in range(15) if sorted((k + np.arange(3)) % 15) == list(recording.worn_lobes)]
+        assert len(first) == 1
+    assert len({recording.worn_lobes for recording in made}) >= 10
+    both = sum(recording.meta["wheels"] == [0, 1] for recording in made)
+    assert 4 <= both <= 26  # 15 +- 2.7
+    scattered = make_rig_recordings(4, [3], lobes="random", wheels=(1,), **SHORT)
+    assert all(recording.meta["wheels"] == [1] for recording in scattered)
+    assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
+
+
+def test_recordings_survive_a_file(labelled, tmp_path):
+    path = tmp_path / "r.npz"
+    write_recording(path, labelled[1])
+    back = read_recording(path)
+    np.testing.assert_array_equal(back.torque, labelled[1].torque)
+    assert back.source == "surrogate"
+    assert back.meta.items() >= labelled[1].meta.items()
+
+
+# Determinism
+
+
+def test_the_same_bytes_for_any_number_of_processes():
+    arguments = {"duration_s": 0.05, "rig": "R1", "random_state": 4, "with_angle": True}
+    one = make_rig_recordings(2, [0, 2], n_jobs=1, **arguments)
+    two = make_rig_recordings(2, [0, 2], n_jobs=2, **arguments)
+    assert one == two
+    assert [r.torque.tobytes() for r in one] == [r.torque.tobytes() for r in two]
+
+
+def test_more_assemblies_and_a_longer_duration_append():
+    few = make_rig_recordings(1, [0, 4], random_state=3, **SHORT)
+    many = make_rig_recordings(2, [0, 4], random_state=3, rig="R0", duration_s=0.2)
+    for one, other in zip(few, many[:2], strict=True):
+        assert one.meta == other.meta
+        np.testing.assert_array_equal(one.torque, other.torque[: one.n_samples])
+    assert len({r.meta["true_load_nm"] for r in many}) == 4
+
+
+def test_seeds_and_rigs_make_other_assemblies():
+    loads = {
+        make_rig_recordings(1, [0], rig=rig, random_state=seed, duration_s=0.05)[0].meta["true_load_nm"]
+        for rig, seed in (("R0", 0), ("R0", 1), ("R1", 0), ("R2", 0))
+    }
+    assert len(loads) == 4
+
+
+def test_noise_is_white_and_changes_nothing_else():
+    n = 25_600
+    clean, noisy = (
+        make_rig_recordings(1, [1], rig="R0", duration_s=1.0, noise_nm=noise)[0] for noise in (0.0, 0.5)
+    )
+    noise = noisy.torque - clean.torque
+    assert noise.std() == pytest.approx(0.5, rel=4 / math.sqrt(2 * n))
+    assert abs(noise.mean()) < 4 * 0.5 / math.sqrt(n)
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4 / math.sqrt(n)
+    assert (noisy.meta["noise_nm"], clean.meta["noise_nm"]) == (0.5, 0.0)
+    changed = noisy.meta | {"noise_nm": 0.0}
+    assert changed == clean.meta
+    default = make_rig_recordings(1, [1], rig="R0", duration_s=1.0)[0]
+    assert (default.torque - clean.torque).std() == pytest.approx(0.2, rel=4 / math.sqrt(2 * n))
+
+
+# What the rig does
+
+
+def test_healthy_records_rest_on_the_load(quiet):
+    for recording in quiet:
+        assert recording.n_samples == 46_080
+        # The ripple does not cancel exactly, since the window is an output turn at nominal speed only.
+        assert recording.torque.mean() == pytest.approx(recording.meta["true_load_nm"], abs=0.06)
+        assert recording.torque.mean() == pytest.approx(22, rel=0.035)
+
+
+def test_worn_assemblies_ripple_more(quiet):
+    healthy, worn = (
+        np.median([r.torque.std() for r in quiet if r.defect_count == count]) for count in (0, 5)
+    )
+    assert 0.2 < healthy < 2
+    assert worn > 2 * healthy
+
+
+def test_the_record_starts_after_settling(quiet):
+    for recording in quiet:
+        assert recording.meta["settling_s"] > 0.6  # R1: ramp of 0.2 s, then five time constants
+        begin = recording.torque[: 46_080 // 15]
+        later = recording.torque[46_080 // 15 :]
+        assert abs(begin.mean() - later.mean()) < 0.5
+        assert begin.std() < 3 * later.std()
+
+
+def test_drift_moves_the_load():
+    slow = Rig.r1().replace(noise_nm=0.0)
+    drifting = make_rig_recordings(8, [0], rig=slow, duration_s=0.6)
+    still = make_rig_recordings(8, [0], rig=slow.replace(load_drift_nm=0.0), duration_s=0.6)
+    offsets = [one.torque.mean() - other.torque.mean() for one, other in zip(drifting, still, strict=True)]
+    # rms of eight means over 0.6 s: 3 Nm, a little smoothed, +- 25 %
+    assert 1 < math.sqrt(np.mean(np.square(offsets))) < 5
+    assert drifting[0].meta["drift_nm"] == 3.0
+
+
+def test_a_rig_of_ones_own():
+    mine = Rig(
+        name="mine", gearbox=CycloidalGearbox.steel(n_pins=14, load_torque=18.0, input_speed=40 * math.pi / 3)
+    )
+    made = make_rig_recordings(1, [0, 9], rig=mine, duration_s=0.05, sampling_rate=10_000, lobes="random")
+    assert {r.assembly for r in made} == {"mine-0-0000", "mine-0-0001"}
+    assert {(r.speed_rpm, r.load_nm, r.n_samples) for r in made} == {(400.0, 18.0, 500)}
+    assert max(made[1].worn_lobes) <= 12
+
+
+# One recording
+
+
+def test_one_recording_of_given_defects_is_the_first_of_many():
+    first = make_rig_recordings(1, [2], rig="R0", duration_s=0.05, random_state=6, with_angle=True)[0]
+    defects = LobeDefects.worn(first.worn_lobes, wheels=first.meta["wheels"])
+    one = make_rig_recording("R0", defects, duration_s=0.05, random_state=6, with_angle=True)
+    assert one == first
+
+
+def test_removed_lobes_are_counted_and_named():
+    one = make_rig_recording("R0", LobeDefects.removed((3,), wheels=(0,)), duration_s=0.05)
+    assert (one.defect_count, one.worn_lobes, one.source) == (1, None, "surrogate")
+    assert (one.meta["worn_lobes"], one.meta["removed_lobes"], one.meta["wheels"]) == ([], [3], [0])
+    healthy = make_rig_recording("R0", duration_s=0.05)
+    assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels"]) == (0, (), [])
+
+
+@pytest.mark.parametrize(
+    ("defects", "message"), [(3, "defects must be LobeDefects, got 3"), (LobeDefects.worn((15,)), "lobe 15")]
+)
+def test_defects_that_are_none_are_refused(defects, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        make_rig_recording("R0", defects, duration_s=0.05)
+
+
+# Progress and failure
+
+
+def test_progress_is_reported():
+    seen = []
+    make_rig_recordings(2, [0, 1], progress=lambda done, total: seen.append((done, total)), **SHORT)
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_an_error_in_the_callback_stops_the_work(n_jobs):
+    def stop(done, total):
+        raise KeyError("enough")
+
+    with pytest.raises(KeyError, match="enough"):
+        make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, **SHORT)
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_a_diverged_run_names_its_assembly(n_jobs):
+    stiff = Rig.r1().replace(gearbox=CycloidalGearbox.steel(stiffness_scale=1e3))
+    with pytest.raises(SimulationDiverged, match=r"assembly R1-0-0000 \(worn lobes .*stiffness") as caught:
+        make_rig_recordings(1, [2, 3], rig=stiff, duration_s=0.05, n_jobs=n_jobs)
+    assert "diverged at t =" in str(caught.value)
+    assert caught.value.time > 0
+    assert "the contact of wheel" in caught.value.contact
+
+
+def test_a_rig_that_never_settles_is_refused():
+    ringing = Rig.r1().replace(
+        gearbox=CycloidalGearbox.steel(contact_damping=0.0), meter_damping_ratio=(1e-6, 1e-6)
+    )
+    with pytest.raises(
+        ValueError, match=r"more damping: assembly R1-0-0000 .* settles in .* raise meter_damp"
+    ):
+        make_rig_recordings(1, [0], rig=ringing)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n_assemblies": 0}, "n_assemblies must be at least 1, got 0"),
+        ({"n_assemblies": 1.0}, "n_assemblies must be a whole number, got 1.0"),
+        ({"defect_counts": 3}, "defect_counts must be several whole numbers, .* got 3"),
+        ({"defect_counts": []}, "defect_counts must be distinct and from 0 to 15"),
+        ({"defect_counts": [1, 1]}, "defect_counts must be distinct"),
+        ({"defect_counts": [16]}, r"from 0 to 15, got \[16\]"),
+        ({"defect_counts": [-1]}, "defect_counts must be at least 0, got -1"),
+        ({"defect_counts": [0.5]}, "defect_counts must be a whole number, got 0.5"),
+        ({"rig": "R3"}, "rig must be one of .* or a Rig, got 'R3'"),
+        ({"rig": None}, "rig must be one of .* got None"),
+        ({"lobes": "even"}, "lobes must be one of .* got 'even'"),
+        ({"lobes": (0, 4)}, r"lobes must be one of .* got \(0, 4\)"),
+        ({"wheels": "both"}, "wheels must be 'random', .* got 'both'"),
+        ({"wheels": (2,)}, r"wheels must be .* got \(2,\)"),
+        ({"wheels": 0}, "wheels must be .* got 0"),
+        ({"duration_s": 0}, "duration_s must be positive, got 0"),
+        ({"duration_s": math.inf}, "duration_s must be finite"),
+        ({"duration_s": 1e-6}, "duration_s must hold at least 2 samples"),
+        ({"sampling_rate": -1.0}, "sampling_rate must be positive, got -1.0"),
+        ({"sampling_rate": 1e6}, "sampling_rate must not exceed"),
+        ({"sampling_rate": "25k"}, "sampling_rate must be a number"),
+        ({"noise_nm": -0.1}, "noise_nm must not be negative"),
+        ({"noise_nm": math.nan}, "noise_nm must be .* finite, got nan"),
+        ({"random_state": None}, "random_state must be a whole number, got None"),
+        ({"random_state": -1}, "random_state must be at least 0, got -1"),
+        ({"n_jobs": 0}, "n_jobs must be a whole number"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message):
+    given = {"n_assemblies": 1, "duration_s": 0.05} | arguments
+    with pytest.raises((TypeError, ValueError), match=message):
+        make_rig_recordings(**given)
