@@ -13,6 +13,7 @@ from cyclofeat.counting import Evaluation, LobeModel, evaluate, make_entropy_cou
 from cyclofeat.datasets import make_rig_recordings, read_recording, write_recording
 from cyclofeat.persistence import load_model, save_model
 from cyclofeat.recording import Recording, Windower
+from cyclofeat.report import write_demo_report
 from cyclofeat.simulators import Rig
 
 TRAINING_ASSEMBLIES = 24  # per defect count
@@ -135,5 +136,52 @@ def print_methods(methods: dict[str, Evaluation], n_assemblies: int) -> None:
 def write_report(
     path: Path, rig: Rig, methods: dict[str, Evaluation], predictions: list[dict[str, Any]], files: list[Path]
 ) -> Path:
-    """The report: answer first, then a healthy and a worn assembly side by side."""
-    raise NotImplementedError
+    """The report: methods compared, then a healthy and a worn assembly side by side."""
+    outline = rig.gearbox.profile.outline
+    examples = []
+    for count in (0, 3):
+        row, file = next(
+            (row, file) for row, file in zip(predictions, files, strict=True) if row["true"] == count
+        )
+        recording = read_recording(file)
+        examples.append(
+            {
+                "recording": recording,
+                "heading": f"{'Healthy' if count == 0 else f'{count} worn lobes'}: {file.name}",
+                "predicted": row["result"],
+                "outline": outline(recording.worn_lobes or ()),
+            }
+        )
+    lobe_map = next(iter(methods.values()))
+    return write_demo_report(
+        path,
+        title="Counting worn lobes on a surrogate rig",
+        provenance={
+            "Rig": f"{rig.name}: brake rotor behind a compliant torque meter, drifting load, "
+            f"{rig.noise_nm:g} Nm noise (assumptions)",
+            "Training": f"{8 * TRAINING_ASSEMBLIES} simulated assemblies, seed {TRAINING_SEED}",
+            "Counted files": f"{len(files)} surrogate recordings of other assemblies, seed {FILE_SEED}",
+        },
+        accuracy_rows=[
+            {
+                "method": name,
+                "accuracy": result.accuracy,
+                "low": result.accuracy_interval[0],
+                "high": result.accuracy_interval[1],
+                "mean_absolute_error": result.mean_absolute_error,
+            }
+            for name, result in methods.items()
+        ],
+        examples=examples,
+        predictions=[
+            {**row, "lobes": row["result"]["lobes"], "lobes_absolute": row["result"]["lobes_absolute"]}
+            for row in predictions
+        ],
+        confusion=lobe_map.confusion,
+        class_labels=lobe_map.classes.tolist(),
+        notes=[
+            "Folds hold out whole assemblies; intervals are bootstrapped over assemblies.",
+            "One known rig for training and test: on rigs that differ from assembly to assembly (R2) the "
+            "counter does less well.",
+        ],
+    )

@@ -120,7 +120,7 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
                 residual[row] = lfilter(np.r_[1.0, -coefficients], 1.0, x)
         X = residual
     scale = X.std(axis=1, keepdims=True)
-    return np.divide(X, scale, out=np.zeros_like(X), where=scale > 0)
+    return np.asarray(np.divide(X, scale, out=np.zeros_like(X), where=scale > 0))
 
 
 def lobe_lines(

@@ -14,7 +14,7 @@ from cyclofeat.counting import (
     evaluate,
     make_entropy_counter,
     make_lobe_counter,
-    slot_of_lobe_zero,
+    passage_of_lobe_zero,
 )
 from cyclofeat.recording import Windower
 
@@ -134,40 +134,51 @@ def test_bad_input_to_evaluate(changes, message):
 # Locating
 
 
-def test_each_slot_further_in_the_angle_is_one_lobe_less():
-    """A sixteenth of a turn of the cam brings the next lobe under the load."""
+def test_a_sixteenth_of_a_turn_of_the_cam_brings_the_next_lobe():
     start = np.array([0.3, 0.3 + 2 * np.pi / 16, 0.3 + 2 * np.pi * 15 / 16])
-    first, second, again = slot_of_lobe_zero(start)
-    assert (first - second) % 15 == 1
-    assert first == again
-    assert_array_equal(slot_of_lobe_zero(start + 15 * 2 * np.pi), slot_of_lobe_zero(start))
+    first, second, again = passage_of_lobe_zero(start)
+    assert (first - second) % 1 == pytest.approx(1 / 15)
+    assert first == pytest.approx(again)
+    assert_allclose(passage_of_lobe_zero(start + 15 * 2 * np.pi), passage_of_lobe_zero(start))
 
 
-def test_turning_the_disc_turns_the_answer(windows):
-    """The locator treats all slots alike: a window begun three slots later gives the same, turned."""
-    worn = np.random.default_rng(3).random((len(windows), 15)) < 0.3
-    locator = LobeLocator(25_600, n_trees=20).fit(windows.X, worn)
+def test_lobe_zero_passes_when_the_cam_points_at_its_tip():
+    """At phi = 14 pi/16 ... the cam's direction in the wheel's frame, phi - theta_1, is a whole turn."""
+    passage = passage_of_lobe_zero([0.0])[0]
+    phi = passage * 15 / 16 * 2 * np.pi  # 15/16 of a turn a period
+    theta = -(phi + np.pi) / 15
+    assert np.cos(phi - theta) == pytest.approx(1)
+
+
+def test_a_window_begun_later_gives_the_same_lobes(windows):
+    worn = np.zeros((len(windows), 15), dtype=bool)
+    for row, worn_lobes in zip(worn, windows.worn_lobes, strict=True):
+        row[list(worn_lobes)] = True
+    passage = passage_of_lobe_zero(windows.start_angle)
+    locator = LobeLocator(25_600, n_trees=50).fit(windows.X[::2], worn[::2], passage[::2])
+    here = locator.predict_proba(windows.X[1::2], passage[1::2])
+    # A window of whole periods may be turned in time: three tenths of a period later.
     period = 25_600 / (SPEED * 16 / 15)
-    shift = round(period / 5)
-    later = np.roll(windows.X, -shift, axis=1)
-    here, there = (locator.lobe_map_.transform(X)[:, 15:30] for X in (windows.X, later))
-    cosine = [
-        np.dot(a, np.roll(b, 3)) / np.linalg.norm(a) / np.linalg.norm(b)
-        for a, b in zip(here, there, strict=True)
-    ]
-    assert np.median(cosine) > 0.95
+    later = np.roll(windows.X[1::2], -round(0.3 * period), axis=1)
+    there = locator.predict_proba(later, passage[1::2] - 0.3)
+    assert np.median(np.abs(there - here)) < 0.1
+
+
+BOTH_KINDS = np.eye(2, 15)
 
 
 @pytest.mark.parametrize(
-    ("worn", "message"),
+    ("worn", "passage", "message"),
     [
-        (np.ones((2, 15)), "both worn and sound"),
-        (np.ones((2, 14)), r"worn must have shape .* = \(2, 15\), got \(2, 14\)"),
+        (np.ones((2, 15)), [0, 0], "both worn and sound"),
+        (np.ones((2, 14)), [0, 0], r"worn must have shape .* = \(2, 15\), got \(2, 14\)"),
+        (BOTH_KINDS, [0], r"passage must hold one finite number per window \(2\), got shape \(1,\)"),
+        (BOTH_KINDS, [0, np.nan], "passage must hold one finite number"),
     ],
 )
-def test_bad_input_to_the_locator(worn, message):
+def test_bad_input_to_the_locator(worn, passage, message):
     with pytest.raises(ValueError, match=message):
-        LobeLocator(25_600).fit(np.random.default_rng(0).normal(size=(2, 46_080)), worn)
+        LobeLocator(25_600).fit(np.random.default_rng(0).normal(size=(2, 46_080)), worn, passage)
 
 
 # Whole recordings

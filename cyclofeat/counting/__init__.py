@@ -14,7 +14,7 @@ name                        job
 
 from cyclofeat.counting._evaluation import Evaluation, evaluate
 from cyclofeat.counting._load_levels import LoadLevelResult, evaluate_load_levels
-from cyclofeat.counting._locator import LobeLocator, slot_of_lobe_zero
+from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeCount, LobeModel
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
 
@@ -28,5 +28,5 @@ __all__ = [
     "evaluate_load_levels",
     "make_entropy_counter",
     "make_lobe_counter",
-    "slot_of_lobe_zero",
+    "passage_of_lobe_zero",
 ]

@@ -1,4 +1,4 @@
-"""Which lobes are worn: a probability per lobe from the lobe map's slots."""
+"""Which lobes are worn: a probability per lobe from the torque folded lobe by lobe."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from sklearn.base import BaseEstimator
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from cyclofeat import lobes
 from cyclofeat.features import LobeMap
 
 
-def slot_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[np.int64]:
-    """Slot in which lobe 0 passes the load, for windows that start at an absolute input angle.
+def passage_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[np.float64]:
+    """When lobe 0 passes the cam's direction, for windows that start at an absolute input angle.
 
-    The cam's direction in the wheel's frame is (z_k phi + pi)/z_s: it reaches the tip of lobe l, at
-    2 pi l/z_s, after l slots and a fraction.
+    In the wheel's frame the cam points in direction (z_k phi + pi)/z_s, at the tip of lobe l at 2 pi l/z_s.
 
     Parameters
     ----------
@@ -28,17 +28,19 @@ def slot_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[np.i
 
     Returns
     -------
-    ndarray of int, shape (n_windows,)
+    ndarray, shape (n_windows,)
+        Time from the first sample in periods of the lobe frequency, from 0 to 1.
     """
     phi = np.asarray(start_angle, dtype=float)
     cam_in_wheel = ((n_lobes + 1) * phi + np.pi) / n_lobes
-    return np.floor(-cam_in_wheel * n_lobes / (2 * np.pi)).astype(int) % n_lobes
+    return np.asarray(-cam_in_wheel / (2 * np.pi) % 1.0)
 
 
 class LobeLocator(BaseEstimator):
     """Probability that each lobe of a disc is worn.
 
-    Every slot of the lobe map, seen with its neighbours (the map turned until that slot comes first), is one
+    The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.lobes`), from the passage of lobe 0
+    on. Every slot of the fold, seen with its neighbours (the fold turned until that slot comes first), is one
     example of a worn or a sound lobe: what is learned about one lobe holds for all.
 
     Parameters
@@ -57,6 +59,7 @@ class LobeLocator(BaseEstimator):
     Attributes
     ----------
     lobe_map_ : LobeMap
+        Finds the lobe lines.
     trees_ : ExtraTreesClassifier
     """
 
@@ -74,7 +77,7 @@ class LobeLocator(BaseEstimator):
         self.n_trees = n_trees
         self.random_state = random_state
 
-    def fit(self, X: ArrayLike, worn: ArrayLike) -> Self:
+    def fit(self, X: ArrayLike, worn: ArrayLike, passage: ArrayLike) -> Self:
         """Learn from windows whose worn lobes are known.
 
         Parameters
@@ -82,12 +85,18 @@ class LobeLocator(BaseEstimator):
         X : array-like, shape (n_windows, n_samples)
             Windows of torque in Nm.
         worn : array-like of bool, shape (n_windows, n_lobes)
-            Whether the lobe in each slot is worn; slot 0 begins at the window's first sample, see
-            :func:`slot_of_lobe_zero`.
+            Whether each lobe is worn.
+        passage : array-like, shape (n_windows,)
+            When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
 
         Returns
         -------
         self
+
+        Raises
+        ------
+        ValueError
+            Where shapes do not match, or lobes are all worn or all sound.
         """
         X = validate_data(self, X, dtype=[np.float64, np.float32])
         target = np.asarray(worn, dtype=bool)
@@ -98,20 +107,23 @@ class LobeLocator(BaseEstimator):
         if target.all() or not target.any():
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
         self.lobe_map_ = LobeMap(
-            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes, align="start"
+            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
         ).fit(X)
         self.trees_ = ExtraTreesClassifier(
             self.n_trees, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
         )
-        self.trees_.fit(self._views(X), target.ravel())
+        self.trees_.fit(self._views(X, passage), target.ravel())
         return self
 
-    def predict_proba(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Probability that the lobe in each slot is worn.
+    def predict_proba(self, X: ArrayLike, passage: ArrayLike) -> NDArray[np.float64]:
+        """Probability that each lobe is worn.
 
         Parameters
         ----------
         X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+        passage : array-like, shape (n_windows,)
+            As for :meth:`fit`.
 
         Returns
         -------
@@ -119,10 +131,18 @@ class LobeLocator(BaseEstimator):
         """
         check_is_fitted(self)
         X = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
-        return np.asarray(self.trees_.predict_proba(self._views(X))[:, 1].reshape(len(X), self.n_lobes))
+        proba = self.trees_.predict_proba(self._views(X, passage))[:, 1]
+        return np.asarray(proba.reshape(len(X), self.n_lobes))
 
-    def _views(self, X: NDArray[Any]) -> NDArray[np.float64]:
-        """The map seen from each slot, shape (n_windows * n_lobes, 2 * n_lobes)."""
-        slots = self.lobe_map_.transform(X)[:, : 2 * self.n_lobes].reshape(len(X), 2, self.n_lobes)
+    def _views(self, X: NDArray[Any], passage: ArrayLike) -> NDArray[np.float64]:
+        """The fold seen from each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
+        begins = np.asarray(passage, dtype=float)
+        if begins.shape != (len(X),) or not np.isfinite(begins).all():
+            raise ValueError(
+                f"passage must hold one finite number per window ({len(X)}), got shape {begins.shape}"
+            )
+        lines = lobes.shift(self.lobe_map_.lines(X).lines, begins)
+        folded = lobes.fold(lines, self.n_lobes)
+        slots = np.stack([folded.mean(axis=2), folded.std(axis=2)], axis=1)
         turn = (np.arange(self.n_lobes) + np.arange(self.n_lobes)[:, np.newaxis]) % self.n_lobes
         return np.ascontiguousarray(slots[:, :, turn].transpose(0, 2, 1, 3)).reshape(-1, 2 * self.n_lobes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from cyclofeat import __version__
-from cyclofeat.counting._locator import LobeLocator, slot_of_lobe_zero
+from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.lobes import lobe_frequency
 from cyclofeat.recording import Recording, Windower, WindowSet
@@ -25,6 +25,8 @@ from cyclofeat.recording import Recording, Windower, WindowSet
 _SPEED_TOLERANCE = 0.015
 # A tree ensemble's zero is "never seen among the trees", not "impossible".
 _LEAST_PROBABILITY = 1e-3
+# Places between two lobes at which a recording without an absolute angle is assumed to begin.
+_BEGINNINGS = 4
 
 
 @dataclass(frozen=True)
@@ -146,11 +148,11 @@ class LobeModel:
             windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
         ).fit(windows.X, windows.y)
         locator = None
-        worn = _worn_slots(windows, n_lobes)
+        worn = _worn_lobes(windows, n_lobes)
         if worn is not None and worn.any() and not worn.all():
             locator = LobeLocator(
                 windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
-            ).fit(windows.X, worn)
+            ).fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
         sources = sorted({str(r.source) for r in recordings})
         card = {
             "description": description,
@@ -237,17 +239,18 @@ class LobeModel:
     def _lobe_probability(self, windows: WindowSet, absolute: bool) -> NDArray[np.float64]:
         """Mean over windows of each lobe's probability, numbered as on the disc or from the first sample."""
         assert self.locator is not None
-        by_slot = self.locator.predict_proba(windows.X)
         if absolute:
-            zero = slot_of_lobe_zero(windows.start_angle, self.n_lobes)
-        else:
-            # The lobe under load at the first sample comes again after whole turns of the fold.
-            speed = self.locator.lobe_map_.lines(windows.X).input_speed_hz
-            turns = windows.start_s * lobe_frequency(1.0, self.n_lobes) * speed
-            zero = np.rint(-turns * self.n_lobes).astype(int)
-        lobe = np.arange(self.n_lobes)
-        slots = (lobe + zero[:, np.newaxis]) % self.n_lobes
-        return np.asarray(np.take_along_axis(by_slot, slots, axis=1).mean(axis=0))
+            passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
+            return np.asarray(self.locator.predict_proba(windows.X, passage).mean(axis=0))
+        # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
+        # Where between two lobes the recording begins is not known: the most decided answer tells.
+        speed = self.locator.lobe_map_.lines(windows.X).input_speed_hz
+        again = -windows.start_s * lobe_frequency(1.0, self.n_lobes) * speed
+        answers = [
+            self.locator.predict_proba(windows.X, again + begin / (_BEGINNINGS * self.n_lobes)).mean(axis=0)
+            for begin in range(_BEGINNINGS)
+        ]
+        return np.asarray(max(answers, key=lambda share: float(np.abs(share - 0.5).sum())))
 
 
 def versions() -> dict[str, str]:
@@ -263,16 +266,13 @@ def versions() -> dict[str, str]:
     }
 
 
-def _worn_slots(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
-    """Whether the lobe in each slot of each window is worn; None where that is not known of all."""
-    if not windows.absolute.all() or any(lobes is None for lobes in windows.worn_lobes):
+def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
+    """Whether each lobe is worn, shape (n_windows, n_lobes); None where it is not known of all windows."""
+    if not windows.absolute.all():
         return None
-    zero = slot_of_lobe_zero(windows.start_angle, n_lobes)
     worn = np.zeros((len(windows), n_lobes), dtype=bool)
-    for row, (lobes, first) in enumerate(zip(windows.worn_lobes, zero, strict=True)):
-        worn[row, [(lobe + first) % n_lobes for lobe in _known(lobes)]] = True
+    for row, lobes in zip(worn, windows.worn_lobes, strict=True):
+        if lobes is None:
+            return None
+        row[list(lobes)] = True
     return worn
-
-
-def _known(lobes: Iterable[int] | None) -> Iterable[int]:
-    return () if lobes is None else lobes

@@ -1,0 +1,254 @@
+"""Spectrum of the torque, with lobe lines and orders of the input shaft."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal.windows import hann
+
+from cyclofeat.lobes import lobe_frequency
+from cyclofeat.plotting._base import Float, axes_for, input_speed_from_angle, line_column
+from cyclofeat.recording import Recording
+from cyclofeat.spectral import get_preset, welch_psd
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.lines import Line2D
+
+_QUANTITIES = ("amplitude", "psd")
+_SCALES = ("log", "dB", "linear")
+# Numerical zeros (a padded or noise-free record) would stretch a logarithmic axis without end.
+_DYNAMIC_RANGE = 1e8
+
+
+class SpectrumDisplay:
+    """Spectrum of the torque up to a frequency limit.
+
+    Parameters
+    ----------
+    frequencies : array-like, shape (n_bins,)
+        Frequencies in Hz, increasing.
+    values : array-like, shape (n_bins,)
+        Amplitude in Nm, or power spectral density in Nm^2/Hz; not negative.
+    quantity : {"amplitude", "psd"}, default="amplitude"
+        What ``values`` hold.
+    input_speed_hz : float, optional
+        Input speed in turns per second: places lobe lines and orders. Without it there are none.
+    n_lobes : int, default=15
+        Number of lobes z_s of a disc.
+    definition : str, default=""
+        How the spectrum was made, for the axis label.
+
+    Attributes
+    ----------
+    line_ : matplotlib.lines.Line2D
+    order_ax_ : matplotlib.axes.Axes or None
+        The axis of orders on top; None where the input speed is not known.
+    ax_ : matplotlib.axes.Axes
+    figure_ : matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat import Recording
+    >>> from cyclofeat.plotting import SpectrumDisplay
+    >>> torque = 22 + 0.5 * np.sin(2 * np.pi * 100 * np.arange(25_600) / 25_600)
+    >>> display = SpectrumDisplay.from_recording(Recording(torque, 25_600, speed_rpm=500))
+    >>> peak = display.values.argmax()
+    >>> print(display.frequencies[peak], display.values[peak].round(6))
+    100.0 0.5
+    >>> _ = display.plot(max_frequency_hz=200)  # doctest: +SKIP
+    """
+
+    line_: Line2D
+    order_ax_: Any
+    ax_: Axes
+    figure_: Figure | SubFigure
+
+    def __init__(
+        self,
+        *,
+        frequencies: ArrayLike,
+        values: ArrayLike,
+        quantity: Literal["amplitude", "psd"] = "amplitude",
+        input_speed_hz: float | None = None,
+        n_lobes: int = 15,
+        definition: str = "",
+    ) -> None:
+        if quantity not in _QUANTITIES:
+            raise ValueError(f"quantity must be one of {_QUANTITIES}, got {quantity!r}")
+        if input_speed_hz is not None and not 0 < input_speed_hz < np.inf:
+            raise ValueError(f"input_speed_hz must be positive and finite, got {input_speed_hz!r}")
+        if n_lobes < 2:
+            raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
+        self.frequencies = line_column(frequencies, "frequencies", "Hz")
+        self.values = line_column(values, "values", "Nm" if quantity == "amplitude" else "Nm^2/Hz")
+        if self.values.size != self.frequencies.size or self.values.min() < 0:
+            raise ValueError(
+                f"values must hold one number, not negative, for each of the {self.frequencies.size} "
+                f"frequencies, got {self.values.size} down to {self.values.min():g}"
+            )
+        self.quantity = quantity
+        self.input_speed_hz = input_speed_hz
+        self.n_lobes = n_lobes
+        self.definition = definition
+
+    @classmethod
+    def from_recording(
+        cls,
+        recording: Recording,
+        *,
+        quantity: Literal["amplitude", "psd"] = "amplitude",
+        preset: str = "ripple",
+        input_speed_hz: float | None = None,
+        n_lobes: int = 15,
+    ) -> Self:
+        """Display of the spectrum of a whole recording.
+
+        Parameters
+        ----------
+        recording : Recording
+        quantity : {"amplitude", "psd"}, default="amplitude"
+            ``"amplitude"``: of one Fourier transform over the whole recording, mean removed, periodic Hann
+            window; a sine's line has the sine's amplitude. Only this tells lobe lines from orders: a
+            recording of T seconds resolves 2/T Hz. ``"psd"``: :func:`cyclofeat.spectral.welch_psd`.
+        preset : str, default="ripple"
+            Definition of the PSD, a name in :data:`cyclofeat.spectral.PRESETS`.
+        input_speed_hz : float, optional
+            Input speed in turns per second. Default: the mean speed by the recording's angle; without an
+            angle its nominal speed. A true speed 1 % beside it puts the marks between the lines: pass the
+            refined ``LobeMapDisplay.input_speed_hz`` then.
+        n_lobes : int, default=15
+            Number of lobes z_s of a disc.
+
+        Returns
+        -------
+        SpectrumDisplay
+        """
+        if input_speed_hz is None:
+            measured = input_speed_from_angle(recording, n_lobes, 0, recording.n_samples)
+            input_speed_hz = recording.input_speed_hz if measured is None else measured
+        if quantity == "psd":
+            frequencies, values = welch_psd(recording.torque, recording.sampling_rate, preset)
+            definition = f"Welch, preset {get_preset(preset).name!r}"
+        else:
+            frequencies, values = _amplitudes(recording.torque, recording.sampling_rate)
+            definition = f"Hann, {recording.duration:.3g} s"
+        return cls(
+            frequencies=frequencies,
+            values=values,
+            quantity=quantity,
+            input_speed_hz=input_speed_hz,
+            n_lobes=n_lobes,
+            definition=definition,
+        )
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        max_frequency_hz: float = 400.0,
+        scale: Literal["log", "dB", "linear"] = "log",
+        **line_kw: Any,
+    ) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        max_frequency_hz : float, default=400.0
+            Upper limit in Hz; the highest frequency there is, where that is lower.
+        scale : {"log", "dB", "linear"}, default="log"
+            Scale of the vertical axis; dB are relative to 1 Nm (amplitude) or 1 Nm^2/Hz (PSD).
+        **line_kw
+            Passed on to ``Axes.plot``.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If the limit is below the second frequency, or there is no such scale.
+        """
+        if not max_frequency_hz >= self.frequencies[1]:
+            raise ValueError(
+                f"max_frequency_hz must reach {self.frequencies[1]:g} Hz at least, got {max_frequency_hz!r}"
+            )
+        if scale not in _SCALES:
+            raise ValueError(f"scale must be one of {_SCALES}, got {scale!r}")
+        self.figure_, self.ax_ = axes_for(ax, (7.0, 3.4))
+        limit = min(float(max_frequency_hz), float(self.frequencies[-1]))
+        # A line at 0 Hz would only show what of the mean was left.
+        shown = (self.frequencies <= limit) & (self.frequencies > 0)
+        heights = self._scaled(self.values[shown], scale)
+        (self.line_,) = self.ax_.plot(self.frequencies[shown], heights, zorder=3, **line_kw)
+        if "linewidth" not in line_kw and "lw" not in line_kw:
+            self.line_.set_linewidth(0.9)
+        if scale == "log":
+            self.ax_.set_yscale("log")
+        if scale != "linear":
+            # Single bins can fall to any depth by chance: they must not take half of the picture.
+            self.ax_.set_ylim(bottom=float(np.quantile(heights, 0.01)))
+        self.ax_.set(xlabel="frequency (Hz)", ylabel=self._label(scale), xlim=(0, limit))
+        self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
+        self.order_ax_ = None
+        if self.input_speed_hz is not None:
+            self.order_ax_ = self._mark(limit, self.input_speed_hz)
+        return self
+
+    def _scaled(self, values: Float, scale: str) -> Float:
+        if scale == "linear":
+            return values
+        largest = values.max()
+        values = np.maximum(values, largest / _DYNAMIC_RANGE if largest > 0 else 1 / _DYNAMIC_RANGE)
+        if scale == "log":
+            return values
+        return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
+
+    def _label(self, scale: str) -> str:
+        name, unit = ("amplitude", "Nm") if self.quantity == "amplitude" else ("PSD", "Nm²/Hz")
+        label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
+        return f"{label}\n{self.definition}" if self.definition else label
+
+    def _mark(self, limit: float, input_speed_hz: float) -> Any:
+        """Lobe lines behind the spectrum, orders of the input as short strokes and as the axis on top."""
+        spacing = lobe_frequency(input_speed_hz, self.n_lobes)
+        lobe_lines = np.arange(1, int(limit / spacing) + 1) * spacing
+        orders = np.arange(1, int(limit / input_speed_hz) + 1) * input_speed_hz
+        across = self.ax_.get_xaxis_transform()
+        self.ax_.vlines(
+            lobe_lines, 0, 1, transform=across, color="C1", alpha=0.45, linewidth=0.8, zorder=1,
+            label=f"lobe lines, multiples of {spacing:.2f} Hz ({self.n_lobes + 1}/{self.n_lobes} of input)",
+        )  # fmt: skip
+        self.ax_.vlines(
+            orders, 0, 0.035, transform=across, color="C2", linewidth=1.0, zorder=2,
+            label=f"input orders, multiples of {input_speed_hz:.2f} Hz",
+        )  # fmt: skip
+        self.ax_.legend(loc="upper right", fontsize="small", framealpha=0.85)
+        speed: Any = input_speed_hz
+        order_ax = self.ax_.secondary_xaxis(
+            "top", functions=(lambda hz: hz / speed, lambda order: order * speed)
+        )
+        order_ax.set_xlabel("order of the input shaft (1)")
+        return order_ax
+
+
+def _amplitudes(torque: Float, sampling_rate: float) -> tuple[Float, Float]:
+    """Amplitude spectrum in Nm over the whole record: mean removed, periodic Hann window."""
+    taper = hann(torque.size, sym=False)
+    spectrum = np.fft.rfft((torque - torque.mean()) * taper)
+    frequencies = np.arange(spectrum.size, dtype=np.float64) * (sampling_rate / torque.size)
+    return frequencies, np.asarray(np.abs(spectrum) * 2 / taper.sum(), dtype=np.float64)

@@ -1,0 +1,138 @@
+"""Torque over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cyclofeat.plotting._base import Float, axes_for, line_column
+from cyclofeat.recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.lines import Line2D
+
+
+class TorqueDisplay:
+    """Torque over time.
+
+    Parameters
+    ----------
+    time : array-like, shape (n,)
+        Time in s, increasing.
+    torque : array-like, shape (n,)
+        Torque in Nm.
+
+    Attributes
+    ----------
+    line_ : matplotlib.lines.Line2D
+    ax_ : matplotlib.axes.Axes
+    figure_ : matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If time and torque are not finite, 1-D and of equal length.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat import Recording
+    >>> from cyclofeat.plotting import TorqueDisplay
+    >>> recording = Recording(22 + np.sin(np.arange(25_600) / 100), 25_600)
+    >>> display = TorqueDisplay.from_recording(recording, stop_s=0.5)
+    >>> display.torque.size
+    12800
+    >>> _ = display.plot()  # doctest: +SKIP
+    """
+
+    line_: Line2D
+    ax_: Axes
+    figure_: Figure | SubFigure
+
+    def __init__(self, *, time: ArrayLike, torque: ArrayLike) -> None:
+        self.time = line_column(time, "time", "s")
+        self.torque = line_column(torque, "torque", "Nm")
+        if self.time.size != self.torque.size:
+            raise ValueError(
+                f"torque must have time's length, got {self.torque.size} for {self.time.size} moments"
+            )
+
+    @classmethod
+    def from_recording(
+        cls, recording: Recording, *, start_s: float = 0.0, stop_s: float | None = None
+    ) -> Self:
+        """Display of a whole recording or a slice of it.
+
+        Parameters
+        ----------
+        recording : Recording
+        start_s : float, default=0.0
+            Beginning of the slice in s from the recording's first sample.
+        stop_s : float, optional
+            End of the slice in s; default, the recording's end.
+
+        Returns
+        -------
+        TorqueDisplay
+
+        Raises
+        ------
+        ValueError
+            If the slice holds fewer than two samples.
+        """
+        stop_s = recording.duration if stop_s is None else stop_s
+        if not 0 <= start_s < stop_s:
+            raise ValueError(f"start_s must lie between 0 and stop_s = {stop_s:g} s, got {start_s!r}")
+        first, last = (round(moment * recording.sampling_rate) for moment in (start_s, stop_s))
+        torque = recording.torque[first:last]
+        if torque.size < 2:
+            raise ValueError(
+                f"the slice from start_s = {start_s:g} to stop_s = {stop_s:g} s must hold 2 samples or more, "
+                f"got {torque.size} of a recording of {recording.duration:g} s"
+            )
+        return cls(time=(first + np.arange(torque.size)) / recording.sampling_rate, torque=torque)
+
+    def plot(self, ax: Axes | None = None, *, max_points: int = 6000, **line_kw: Any) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        max_points : int, default=6000
+            Longer records are drawn as smallest and largest value of ``max_points / 2`` equal parts: no peak
+            is lost, and files stay small.
+        **line_kw
+            Passed on to ``Axes.plot``.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        """
+        self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
+        (self.line_,) = self.ax_.plot(*_thinned(self.time, self.torque, max_points), **line_kw)
+        if "linewidth" not in line_kw and "lw" not in line_kw:
+            self.line_.set_linewidth(0.7)
+        self.ax_.set(xlabel="time (s)", ylabel="output torque (Nm)", xlim=(self.time[0], self.time[-1]))
+        self.ax_.grid(alpha=0.3, linewidth=0.6)
+        return self
+
+
+def _thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
+    """Extremes of ``max_points / 2`` equal parts, or all where there are no more points than that."""
+    if max_points < 4:
+        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
+    if values.size <= max_points:
+        return time, values
+    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
+    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+    return np.repeat(time[starts], 2), extremes.T.ravel()

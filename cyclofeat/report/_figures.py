@@ -1,0 +1,150 @@
+"""Figures of a report, drawn for light and for dark pages, as data URIs."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.plotting import LobeMapDisplay, SpectrumDisplay, TorqueDisplay
+from cyclofeat.plotting._lobe_map import LEAST_SCALE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Picture = dict[str, Any]
+Draw = Callable[["Axes", str], object]
+
+# Pixels per inch at which a figure is shown: a font of 10 points is then 13 pixels tall.
+_PIXELS_PER_INCH = 92
+_HIGHEST_FREQUENCY = 400.0
+
+# What is small must recede, into a bright page as into a dark one.
+_RMS_COLOURS = {"light": "YlOrRd", "dark": "inferno"}
+_COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
+
+_TORQUE = "Output torque in Nm over time in s"
+_SPECTRUM = "Amplitude spectrum of the torque in Nm, with lobe lines and orders of the input shaft"
+_LOBE_MAP = "Disc with a ring of slots, one per lobe, coloured by the rms of the folded torque"
+
+
+def _theme(ink: str, faint: str, frame: str, legend: str, cycle: Sequence[str]) -> Any:
+    from cycler import cycler
+
+    transparent = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
+    inked = ("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.labelcolor", "ytick.labelcolor")
+    lines = ("axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
+    return {
+        **dict.fromkeys(transparent, "none"),
+        **dict.fromkeys(inked, ink),
+        **dict.fromkeys(lines, faint),
+        "legend.facecolor": legend,
+        "legend.edgecolor": frame,
+        "axes.prop_cycle": cycler(color=list(cycle)),
+        "font.size": 10.5,
+        # Text as outlines looks the same on every machine; one salt gives equal files for equal data.
+        "svg.fonttype": "path",
+        "svg.hashsalt": "cyclofeat",
+    }
+
+
+def _themes() -> dict[str, Any]:
+    """Settings by the scheme of the page; the legend's ground is the page's card."""
+    return {
+        "light": _theme("#1d2329", "#6b7580", "#d3d9de", "#ffffff", ("#1f6fb4", "#e07b12", "#2a9134")),
+        "dark": _theme("#e4e8ec", "#8b96a1", "#363e46", "#1c2126", ("#4a98de", "#f0a050", "#55bd60")),
+    }
+
+
+def picture(draw: Draw, size: tuple[float, float], alt: str) -> Picture:
+    """A figure as two SVG data URIs, with its size in pixels and a text in its place.
+
+    Parameters
+    ----------
+    draw : callable
+        Draws on the axes that it is given; called for the schemes ``"light"`` and ``"dark"``.
+    size : tuple of float
+        Width and height in inches.
+    alt : str
+        What the figure shows.
+
+    Returns
+    -------
+    dict
+        ``light``, ``dark``, ``alt``, ``width``, ``height``.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    found: Picture = {"alt": alt, "width": round(size[0] * _PIXELS_PER_INCH)}
+    found["height"] = round(size[1] * _PIXELS_PER_INCH)
+    for scheme, settings in _themes().items():
+        # A bare Figure: no window system, and no list of open figures to clear up.
+        with matplotlib.rc_context(settings):
+            figure = Figure(figsize=size, layout="constrained")
+            draw(figure.subplots(), scheme)
+            svg = io.BytesIO()
+            figure.savefig(svg, format="svg", metadata={"Date": None})
+        found[scheme] = "data:image/svg+xml;base64," + base64.b64encode(svg.getvalue()).decode("ascii")
+    return found
+
+
+def example_pictures(
+    torques: Sequence[TorqueDisplay], spectra: Sequence[SpectrumDisplay], maps: Sequence[LobeMapDisplay]
+) -> list[list[Picture]]:
+    """Torque, spectrum and lobe map of each example, all on the same scales."""
+    low = min(float(display.torque.min()) for display in torques)
+    high = max(float(display.torque.max()) for display in torques)
+    margin = 0.05 * (high - low)
+    lines = [_shown(display) for display in spectra]
+    # Single bins can fall to any depth by chance.
+    bottom = min(float(np.quantile(values, 0.01)) for values in lines)
+    top = 2 * max(float(values.max()) for values in lines)
+    largest = max(LEAST_SCALE, *(float(display.slot_rms.max()) for display in maps))
+
+    def draw_torque(display: TorqueDisplay) -> Draw:
+        return lambda ax, _: display.plot(ax, max_points=2000).ax_.set_ylim(low - margin, high + margin)
+
+    def draw_spectrum(display: SpectrumDisplay) -> Draw:
+        def draw(ax: Axes, _: str) -> None:
+            display.plot(ax, max_frequency_hz=_HIGHEST_FREQUENCY)
+            if 0 < bottom < top:
+                ax.set_ylim(bottom, top)
+
+        return draw
+
+    def draw_map(display: LobeMapDisplay) -> Draw:
+        return lambda ax, scheme: display.plot(ax, vmax=largest, cmap=_RMS_COLOURS[scheme])
+
+    return [
+        [
+            picture(draw_torque(torque), (6.0, 2.6), _TORQUE),
+            picture(draw_spectrum(spectrum), (6.0, 3.3), _SPECTRUM),
+            picture(draw_map(lobe_map), (6.0, 5.6), _LOBE_MAP),
+        ]
+        for torque, spectrum, lobe_map in zip(torques, spectra, maps, strict=True)
+    ]
+
+
+def _shown(display: SpectrumDisplay) -> NDArray[np.float64]:
+    inside = (display.frequencies > 0) & (display.frequencies <= _HIGHEST_FREQUENCY)
+    return display.values[inside]
+
+
+def confusion_picture(confusion: NDArray[np.int64], labels: Sequence[str]) -> Picture:
+    """Confusion matrix, true counts in rows."""
+
+    def draw(ax: Axes, scheme: str) -> None:
+        from sklearn.metrics import ConfusionMatrixDisplay
+
+        ConfusionMatrixDisplay(confusion, display_labels=labels).plot(
+            ax=ax, cmap=_COUNT_COLOURS[scheme], colorbar=False
+        )
+        ax.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
+
+    side = 1.6 + 0.45 * len(labels)
+    return picture(draw, (side, side), "Confusion matrix: windows by true and predicted number of worn lobes")
