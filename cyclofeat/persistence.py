@@ -7,11 +7,11 @@ the file is trusted.
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 import joblib
 
+from cyclofeat._files import write_whole
 from cyclofeat.counting import LobeModel
 
 
@@ -41,17 +41,7 @@ def save_model(path: str | os.PathLike[str], model: LobeModel) -> Path:
     """
     if not isinstance(model, LobeModel):
         raise TypeError(f"model must be a LobeModel, got {type(model).__name__}")
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    os.close(handle)
-    try:
-        joblib.dump(model, temporary, compress=3)
-        os.replace(temporary, target)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
-    return target
+    return write_whole(Path(path), lambda file: joblib.dump(model, file, compress=3))
 
 
 def load_model(path: str | os.PathLike[str], *, trusted: bool = False) -> LobeModel:

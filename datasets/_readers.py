@@ -7,16 +7,16 @@ import json
 import math
 import os
 import re
-import secrets
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._files import write_whole
 from cyclofeat.recording import Recording
 
 Float = NDArray[np.float64]
@@ -206,7 +206,7 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
         raise FileNotFoundError(f"no such folder: {path.parent}")
     labels = _labels_to_write(recording)
     write = _write_csv if suffix == ".csv" else _write_npz
-    _write_whole(path, lambda file: write(file, recording, labels))
+    write_whole(path, lambda file: write(file, recording, labels))
 
 
 def describe_recording(recording: Recording) -> dict[str, Any]:
@@ -781,14 +781,3 @@ def _labels_to_write(recording: Recording) -> dict[str, Any]:
             f"keys, to be written to a file; got {meta!r}"
         )
     return labels
-
-
-def _write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> None:
-    """Write to a file beside ``path`` and rename it: nobody ever sees half a file."""
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        with part.open("xb") as file:
-            write(file)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

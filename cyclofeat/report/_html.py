@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat import __version__
+from cyclofeat._files import write_whole
 from cyclofeat.plotting._base import require_matplotlib
 
 if TYPE_CHECKING:
@@ -107,8 +107,8 @@ def write_demo_report(
         class_labels=class_labels,
         notes=notes,
     )
-    _write_whole(target, template.render(summary))
-    return target
+    html = template.render(summary)
+    return write_whole(target, lambda file: file.write(html.encode()))
 
 
 def summarise_demo(
@@ -308,14 +308,3 @@ def _lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
 
 def _probability_text(probability: float) -> str:
     return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write to a file beside ``path`` and rename it: nobody ever sees half a report."""
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
-        with part.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
