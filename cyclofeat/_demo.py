@@ -59,7 +59,8 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
     origin = f"{len(training)} simulated assemblies of rig {rig.name}"
     speed = training[0].input_speed_hz
     model_file = save_model(
-        folder / "model.joblib", LobeModel.train(training, input_speed_hz=speed, description=origin)
+        folder / "model.joblib",
+        LobeModel.train(training, input_speed_hz=speed, n_splits=0, description=origin),
     )
     print(f"Trained on {origin}; model in {model_file}")
     predictions = count_files(files, model_file)

@@ -152,6 +152,16 @@ def _train(arguments: argparse.Namespace) -> int:
             f"for recordings at {model.sampling_rate:g} Hz and {60 * model.input_speed_hz:g} RPM; "
             f"{'locates lobes' if model.locator is not None else 'does not locate lobes'}"
         )
+        scores = model.card["cross_validation"]
+        if scores is None:
+            print("too few assemblies per count to cross-validate (5 needed): accuracy unknown")
+        else:
+            low, high = scores["accuracy_interval"]
+            print(
+                f"cross-validated over {scores['n_assemblies']} assemblies: accuracy "
+                f"{scores['accuracy']:.3f} [{low:.3f}, {high:.3f}], "
+                f"mean absolute error {scores['mean_absolute_error']:.3f}"
+            )
     return 0
 
 

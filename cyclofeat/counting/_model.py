@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from cyclofeat import __version__
+from cyclofeat.counting._evaluation import evaluate
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.lobes import lobe_frequency
@@ -109,6 +110,7 @@ class LobeModel:
         input_speed_hz: float | None = None,
         n_lobes: int = 15,
         random_state: int = 0,
+        n_splits: int = 5,
         description: str = "",
     ) -> LobeModel:
         """Train on labelled recordings.
@@ -124,6 +126,9 @@ class LobeModel:
             Number of lobes of a disc.
         random_state : int
             Seed of the trees.
+        n_splits : int
+            Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0
+            for none. Where a class has fewer assemblies than that there is none either, and the card says so.
         description : str
             Where the recordings come from, for the card.
 
@@ -146,7 +151,9 @@ class LobeModel:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         counter = make_lobe_counter(
             windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
-        ).fit(windows.X, windows.y)
+        )
+        scores = _cross_validation(counter, windows, n_splits, random_state)
+        counter.fit(windows.X, windows.y)
         locator = None
         worn = _worn_lobes(windows, n_lobes)
         if worn is not None and worn.any() and not worn.all():
@@ -160,6 +167,7 @@ class LobeModel:
             "n_windows": len(windows),
             "sources": sources,
             "classes": np.unique(windows.y).tolist(),
+            "cross_validation": scores,
             "versions": versions(),
         }
         return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card)
@@ -264,6 +272,20 @@ def versions() -> dict[str, str]:
         "joblib": joblib.__version__,
         "numba": numba.__version__,
     }
+
+
+def _cross_validation(
+    counter: BaseEstimator, windows: WindowSet, n_splits: int, random_state: int
+) -> dict[str, Any] | None:
+    """Scores with whole assemblies held out; None where too few are known."""
+    if n_splits == 0 or windows.y is None or windows.groups is None:
+        return None
+    fewest = min(np.unique(windows.groups[windows.y == label]).size for label in np.unique(windows.y))
+    if fewest < n_splits:
+        return None
+    return evaluate(
+        counter, windows.X, windows.y, windows.groups, n_splits=n_splits, random_state=random_state
+    ).to_dict()
 
 
 def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
