@@ -12,8 +12,6 @@ import numpy as np
 import pywt
 from numpy.typing import NDArray
 
-WaveletLike = str | pywt.Wavelet | Sequence[Sequence[float]]
-
 
 @cache
 def _table() -> dict[str, Any]:
@@ -70,7 +68,7 @@ def morris(name: str) -> pywt.Wavelet:
     return wavelet
 
 
-def as_wavelet(wavelet: WaveletLike) -> pywt.Wavelet:
+def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.Wavelet:
     """A discrete wavelet from whatever names it.
 
     Parameters

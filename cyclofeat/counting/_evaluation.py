@@ -118,15 +118,15 @@ def evaluate(
     """
     if groups is None:
         raise ValueError(_LEAK)
-    X = check_array(X, dtype=[np.float64, np.float32], input_name="X")
+    windows: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32], input_name="X")
     labels, assemblies = np.asarray(y), np.asarray(groups)
     for name, values in (("y", labels), ("groups", assemblies)):
         if values.ndim != 1:
             raise ValueError(f"{name} must hold one value per window, got shape {values.shape}")
-    check_consistent_length(X, labels, assemblies)
+    check_consistent_length(windows, labels, assemblies)
     if not all(isinstance(label, Real) for label in labels.tolist()):
         raise ValueError(f"y must hold defect counts (numbers), got {labels.tolist()[0]!r}")
-    constant = np.flatnonzero(X.max(axis=1) == X.min(axis=1))
+    constant = np.flatnonzero(windows.max(axis=1) == windows.min(axis=1))
     if constant.size:
         raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
     if not 0 < confidence < 1:
@@ -143,8 +143,8 @@ def evaluate(
             )
     predictions = np.empty_like(labels)
     folds = StratifiedGroupKFold(n_splits=n_splits, shuffle=True, random_state=random_state)
-    for done, (train, test) in enumerate(folds.split(X, labels, assemblies), start=1):
-        predictions[test] = clone(counter).fit(X[train], labels[train]).predict(X[test])
+    for done, (train, test) in enumerate(folds.split(windows, labels, assemblies), start=1):
+        predictions[test] = clone(counter).fit(windows[train], labels[train]).predict(windows[test])
         if progress is not None:
             progress(done, n_splits)
     return _summarise(labels, predictions, assemblies, classes, confidence, n_bootstrap, random_state)

@@ -98,21 +98,20 @@ class LobeLocator(BaseEstimator):
         ValueError
             Where shapes do not match, or lobes are all worn or all sound.
         """
-        X = validate_data(self, X, dtype=[np.float64, np.float32])
+        windows: NDArray[Any] = validate_data(self, X, dtype=[np.float64, np.float32])
         target = np.asarray(worn, dtype=bool)
-        if target.shape != (len(X), self.n_lobes):
-            raise ValueError(
-                f"worn must have shape (n_windows, n_lobes) = ({len(X)}, {self.n_lobes}), got {target.shape}"
-            )
+        expected = (len(windows), self.n_lobes)
+        if target.shape != expected:
+            raise ValueError(f"worn must have shape (n_windows, n_lobes) = {expected}, got {target.shape}")
         if target.all() or not target.any():
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
         self.lobe_map_ = LobeMap(
             self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
-        ).fit(X)
+        ).fit(windows)
         self.trees_ = ExtraTreesClassifier(
             self.n_trees, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
         )
-        self.trees_.fit(self._views(X, passage), target.ravel())
+        self.trees_.fit(self._views(windows, passage), target.ravel())
         return self
 
     def predict_proba(self, X: ArrayLike, passage: ArrayLike) -> NDArray[np.float64]:
@@ -130,9 +129,9 @@ class LobeLocator(BaseEstimator):
         ndarray, shape (n_windows, n_lobes)
         """
         check_is_fitted(self)
-        X = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
-        proba = self.trees_.predict_proba(self._views(X, passage))[:, 1]
-        return np.asarray(proba.reshape(len(X), self.n_lobes))
+        windows: NDArray[Any] = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        proba = self.trees_.predict_proba(self._views(windows, passage))[:, 1]
+        return np.asarray(proba.reshape(len(windows), self.n_lobes))
 
     def _views(self, X: NDArray[Any], passage: ArrayLike) -> NDArray[np.float64]:
         """The fold seen from each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
