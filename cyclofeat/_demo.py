@@ -127,11 +127,7 @@ def print_methods(methods: dict[str, Evaluation], n_assemblies: int) -> None:
     """Accuracy of each method with its interval."""
     print(f"Cross-validated over {n_assemblies} assemblies, the same folds for both (chance 0.125):")
     for name, result in methods.items():
-        low, high = result.accuracy_interval
-        print(
-            f"  {name:34s} accuracy {result.accuracy:.3f} [{low:.3f}, {high:.3f}], "
-            f"mean absolute error {result.mean_absolute_error:.2f}"
-        )
+        print(f"  {name:34s} {result}")
 
 
 def write_report(

@@ -117,7 +117,7 @@ def _rig(arguments: argparse.Namespace, default: str | None = None) -> Rig:
 
 
 def _train(arguments: argparse.Namespace) -> int:
-    from cyclofeat.counting import LobeModel
+    from cyclofeat.counting import LobeModel, score_text
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.persistence import save_model
 
@@ -156,12 +156,7 @@ def _train(arguments: argparse.Namespace) -> int:
         if scores is None:
             print("too few assemblies per count to cross-validate (5 needed): accuracy unknown")
         else:
-            low, high = scores["accuracy_interval"]
-            print(
-                f"cross-validated over {scores['n_assemblies']} assemblies: accuracy "
-                f"{scores['accuracy']:.3f} [{low:.3f}, {high:.3f}], "
-                f"mean absolute error {scores['mean_absolute_error']:.3f}"
-            )
+            print(f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}")
     return 0
 
 
@@ -250,11 +245,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     else:
         print(f"{len(windows)} windows, folds by assembly; 95 % bootstrap intervals over assemblies")
         for name, result in results.items():
-            low, high = result.accuracy_interval
-            print(
-                f"{name:26s} accuracy {result.accuracy:.3f} [{low:.3f}, {high:.3f}], "
-                f"mean absolute error {result.mean_absolute_error:.3f}"
-            )
+            print(f"{name:26s} {result}")
         print("confusion matrix of the lobe map (rows true, columns predicted):")
         print(results["lobe map"].confusion)
     return 0

@@ -12,7 +12,7 @@ name                        job
 ==========================  =====================================================================
 """
 
-from cyclofeat.counting._evaluation import Evaluation, evaluate
+from cyclofeat.counting._evaluation import Evaluation, evaluate, score_text
 from cyclofeat.counting._load_levels import LoadLevelResult, evaluate_load_levels
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeCount, LobeModel
@@ -29,4 +29,5 @@ __all__ = [
     "make_entropy_counter",
     "make_lobe_counter",
     "passage_of_lobe_zero",
+    "score_text",
 ]

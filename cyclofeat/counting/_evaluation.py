@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
@@ -56,6 +56,9 @@ class Evaluation:
     predictions: NDArray[Any] = field(repr=False)
     confidence: float = 0.95
 
+    def __str__(self) -> str:
+        return score_text(self.to_dict())
+
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types, for JSON."""
         return {
@@ -69,6 +72,15 @@ class Evaluation:
             "n_windows": int(self.predictions.size),
             "n_assemblies": int(self.groups.size),
         }
+
+
+def score_text(scores: Mapping[str, Any]) -> str:
+    """One line for people from :meth:`Evaluation.to_dict`."""
+    low, high = scores["accuracy_interval"]
+    return (
+        f"accuracy {scores['accuracy']:.3f} [{low:.3f}, {high:.3f}], "
+        f"mean absolute error {scores['mean_absolute_error']:.3f}"
+    )
 
 
 def evaluate(
