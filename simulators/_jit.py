@@ -8,10 +8,10 @@ from typing import Any
 import numba
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def njit(**options: Any) -> Any:
     """Compile on first use and keep the result on disk; every use states ``fastmath``."""
 
-    def compile_lazily(function: Callable[..., Any]) -> Callable[..., Any]:
+    def compile_lazily(function: Callable[..., Any]) -> Any:
         try:
             return numba.njit(cache=True, error_model="numpy", **options)(function)
         except RuntimeError:  # no folder for the cache can be written

@@ -60,6 +60,7 @@ WheelConstants = namedtuple(
         "pit_ny",
         "tip_radius",  # effective contact radius at the tip, m
         "pit_radius",  # and at the pit, m
+        "near",  # square of the displacement up to which one Newton step finds the foot of every pin, m^2
     ],
 )
 
@@ -167,6 +168,13 @@ def _profile_contacts(
     q = wheel.pin_radius
     big_r = wheel.pin_circle_radius
     inverse_ez = 1.0 / (eccentricity * n_pins)
+    # With cos(z_s t)/m = (|g|^2 - 1 - 1/m^2)/2 the curvature is curve_1/|g| + curve_3/|g|^3; its change along
+    # the trochoid follows from d|g|/dt = -z_s sin(z_s t)/(m |g|).
+    curve_1 = inverse_ez * (1.0 + 0.5 * n_lobes)
+    curve_3 = inverse_ez * 0.5 * n_lobes * (1.0 - inverse_m * inverse_m)
+    steepness = n_lobes * inverse_m * inverse_ez
+    pit = 1.0 / (inverse_m - 1.0)
+    largest_change = 0.25 * abs((curve_1 + curve_3 * pit * pit) * pit)
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
@@ -199,14 +207,20 @@ def _profile_contacts(
         ig = 1.0 / np.sqrt(gg)
         nx = hx * ig
         ny = hy * ig
-        # |g|^2 = 1/m^2 + 1 + 2 cos(z_s t)/m gives cos(z_s t) without another rotation.
-        cos_lobe = (gg - inverse_m * inverse_m - 1.0) * (0.5 / inverse_m)
-        kappa = (1.0 + n_lobes * (1.0 + cos_lobe * inverse_m) * ig * ig) * ig * inverse_ez
+        cubic = curve_3 * ig * ig
+        kappa = (curve_1 + cubic) * ig
         normal_part = rx * nx + ry * ny
         tangential_part = ry * nx - rx * ny
-        # What is left of the tangential part is taken on the osculating circle.
-        bend = kappa * tangential_part / max(1.0 + kappa * normal_part, 0.3)
-        gap = normal_part + 0.5 * bend * tangential_part
+        # What is left of the tangential part is taken on the osculating circle, with the change of curvature
+        # along it: near the pit it is so fast that the forces depend on it.
+        rest = tangential_part / max(1.0 + kappa * normal_part, 0.3)
+        sine_lobe = (1.0 - v1) * hy - s1 * hx
+        change = (curve_1 + 3.0 * cubic) * (ig * ig) * (ig * ig) * steepness * sine_lobe * rest
+        change = min(max(change, -largest_change), largest_change)
+        bend = kappa * rest
+        gap = normal_part + 0.5 * bend * tangential_part + change * rest * rest / 6.0
+        bend += 0.5 * change * rest
+        kappa += change
         shrink = 1.0 - 0.5 * bend * bend
         mx = shrink * nx - bend * ny
         my = shrink * ny + bend * nx
@@ -219,6 +233,112 @@ def _profile_contacts(
         work[FORCE + j] += f
         total_x -= f * (cb * mx - sb * my)
         total_y -= f * (sb * mx + cb * my)
+        moment -= f * arm
+    return total_x, total_y, moment
+
+
+# Search for the foot of a far displaced pin: half width (in half pitches of the lobes) and number of points
+# of the first grid, and the largest number of steps after it.
+SEARCH_WIDTH, SEARCH_POINTS, SEARCH_STEPS = 0.75, 33, 24
+
+
+@njit(fastmath=FASTMATH)
+def _far_profile_contacts(
+    wheel, contact, pins, work, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate
+):
+    """As :func:`_profile_contacts`, exact and slow: for pins displaced by the trochoid's radius at the pit.
+
+    So far the output slips where lobes of both wheels have been removed.
+    """
+    eccentricity = wheel.eccentricity
+    inverse_m = 1.0 / wheel.shortening
+    n_lobes = float(wheel.n_lobes)
+    n_pins = n_lobes + 1.0
+    q = wheel.pin_radius
+    big_r = wheel.pin_circle_radius
+    inverse_ez = 1.0 / (eccentricity * n_pins)
+    width = SEARCH_WIDTH * np.pi / n_lobes
+    spacing = 2.0 * width / (SEARCH_POINTS - 1)
+    cos_first = np.cos(width)
+    sin_first = np.sin(width)
+    cos_lobe_first = np.cos(n_pins * width)
+    sin_lobe_first = np.sin(n_pins * width)
+    cos_spacing = np.cos(spacing)
+    sin_spacing = np.sin(spacing)
+    cos_lobe_spacing = np.cos(n_pins * spacing)
+    sin_lobe_spacing = np.sin(n_pins * spacing)
+    total_x = 0.0
+    total_y = 0.0
+    moment = 0.0
+    for j in range(np.uintp(wheel.n_lobes + 1)):
+        if work[WEIGHT + j] == 0.0:
+            continue
+        cb = pins[PIN_COS + j]
+        sb = pins[PIN_SIN + j]
+        # Pin and foot in the frame of the pin; there the trochoid at the rest position's parameter is x = 0.
+        dx = cb * offset_x + sb * offset_y + pins[PIN_RADIAL_ERROR + j]
+        dy = cb * offset_y - sb * offset_x + pins[PIN_TANGENTIAL_ERROR + j]
+        qx = cb * lobe_cos + sb * lobe_sin
+        qy = cb * lobe_sin - sb * lobe_cos
+        best = -width
+        nearest = np.inf
+        ux = cos_first
+        uy = -sin_first
+        wx = cos_lobe_first * qx + sin_lobe_first * qy
+        wy = cos_lobe_first * qy - sin_lobe_first * qx
+        for k in range(SEARCH_POINTS):
+            rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - wx)
+            ry = dy - big_r * uy + eccentricity * (qy - wy)
+            distance = rx * rx + ry * ry
+            if distance < nearest:
+                nearest = distance
+                best = k * spacing - width
+            ux, uy = ux * cos_spacing - uy * sin_spacing, uy * cos_spacing + ux * sin_spacing
+            wx, wy = (
+                wx * cos_lobe_spacing - wy * sin_lobe_spacing,
+                wy * cos_lobe_spacing + wx * sin_lobe_spacing,
+            )
+        # Newton steps, kept inside a bracket that shrinks.
+        low = best - spacing
+        high = best + spacing
+        step = best
+        for _ in range(SEARCH_STEPS):
+            ux = np.cos(step)
+            uy = np.sin(step)
+            wx = np.cos(n_pins * step) * qx - np.sin(n_pins * step) * qy
+            wy = np.cos(n_pins * step) * qy + np.sin(n_pins * step) * qx
+            rx = dx + big_r * (1.0 - ux) + eccentricity * (qx - wx)
+            ry = dy - big_r * uy + eccentricity * (qy - wy)
+            hx = ux * inverse_m + wx
+            hy = uy * inverse_m + wy
+            ahead = (ry * hx - rx * hy) * inverse_ez
+            slope = hx * hx + hy * hy + (rx * (hx + n_lobes * wx) + ry * (hy + n_lobes * wy)) * inverse_ez
+            if ahead > 0.0:
+                low = step
+            else:
+                high = step
+            following = step + ahead / slope if slope > 0.0 else high + 1.0
+            if following <= low or following >= high:
+                following = 0.5 * (low + high)
+            change = abs(following - step)
+            step = following
+            if change < 1e-12:
+                break
+        ig = 1.0 / np.sqrt(hx * hx + hy * hy)
+        nx = hx * ig
+        ny = hy * ig
+        cos_lobe = ux * wx + uy * wy
+        kappa = (1.0 + n_lobes * (1.0 + cos_lobe * inverse_m) * ig * ig) * ig * inverse_ez
+        gap = rx * nx + ry * ny
+        px = big_r + pins[PIN_RADIAL_ERROR + j] - (cb * cx + sb * cy)
+        py = pins[PIN_TANGENTIAL_ERROR + j] - (cb * cy - sb * cx)
+        arm = px * ny - py * nx
+        gap_rate = -(nx * (cb * cvx + sb * cvy) + ny * (cb * cvy - sb * cvx)) - rate * arm
+        f = work[WEIGHT + j] * contact_force(-gap, -gap_rate, max(q * (1.0 - kappa * q), 0.0), contact)
+        work[FORCE + j] += f
+        work[WEIGHT + j] = 0.0
+        total_x -= f * (cb * nx - sb * ny)
+        total_y -= f * (sb * nx + cb * ny)
         moment -= f * arm
     return total_x, total_y, moment
 
@@ -253,7 +373,7 @@ def _worn_contacts(w, wheel, contact, pins, wear, work, run_x, run_y, theta, cx,
         lobe = int(np.floor((pins[PIN_ANGLE + j] - theta) * lobes_per_radian + LEAD) - first)
         if lobe >= n_lobes:
             lobe -= n_lobes
-        share = wear[w, lobe]
+        share = wear[w, min(max(lobe, 0), n_lobes - 1)]  # an angle that is not a number gives any index
         work[WEIGHT + j] = 0.0 if share == REMOVED else share
     for j in range(np.uintp(wheel.n_lobes + 1)):
         cb = pins[PIN_COS + j]
@@ -349,7 +469,7 @@ def _removed_contacts(
         sk = lobes[LOBE_SIN, lobe]
         cl = cos_theta * ck - sin_theta * sk
         sl = sin_theta * ck + cos_theta * sk
-        first = int(np.ceil((theta + lobe * lobe_pitch) / pin_pitch - 0.06))
+        first = int(np.ceil((theta + lobe * lobe_pitch) / pin_pitch - 0.25))
         for j in (first % n_pins, (first + 1) % n_pins):
             wx = wheel.pin_circle_radius + pins[PIN_RADIAL_ERROR + j]
             wy = pins[PIN_TANGENTIAL_ERROR + j]
@@ -427,14 +547,14 @@ def _joint_contacts(
 
 @njit(fastmath=FASTMATH, forceinline=True)
 def derivatives(
-    phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, wheel, joint, contact, joint_contact,
-    body, pins, mounts, lobes, wear, sleeves, work, pin_force, sleeve_force, rates, result,
+    phi, cos_phi, sin_phi, cos_slow, sin_slow, omega, alpha, load, state, wheel, joint, contact,
+    joint_contact, body, pins, mounts, lobes, wear, sleeves, work, pin_force, sleeve_force, rates, result,
 ):  # fmt: skip
     """Right-hand side of the reduced model.
 
     ``slow`` stands for exp(-i phi / z_s). Writes the derivative of ``state`` into ``rates``, the forces of
-    the pins into ``pin_force`` (2, n_pins), of the internal sleeves into ``sleeve_force`` (2, n_internal), and output and
-    input torque into ``result``.
+    the pins into ``pin_force`` (2, n_pins), of the internal sleeves into ``sleeve_force`` (2, n_internal),
+    and output and input torque into ``result``.
     """
     z = float(wheel.n_lobes)
     e = wheel.eccentricity
@@ -476,7 +596,8 @@ def derivatives(
         force_y = 0.0
         moment = 0.0
         fault_kind = int(mounts[w, FAULT_KIND])
-        if fault_kind:
+        far = offset_x * offset_x + offset_y * offset_y >= wheel.near
+        if fault_kind or far:
             theta = state[w] - phi / z + mounts[w, REST_ANGLE]
             if fault_kind & HAS_WORN:
                 force_x, force_y, moment = _worn_contacts(
@@ -487,6 +608,13 @@ def derivatives(
                     w, wheel, contact, pins, lobes, wear, work, runout_x, runout_y, theta, cos_theta,
                     sin_theta, cx, cy, cvx, cvy, rate,
                 )  # fmt: skip
+                force_x += fx
+                force_y += fy
+                moment += m
+            if far:
+                fx, fy, m = _far_profile_contacts(
+                    wheel, contact, pins, work, cx, cy, cvx, cvy, offset_x, offset_y, lobe_cos, lobe_sin, rate
+                )
                 force_x += fx
                 force_y += fy
                 moment += m

@@ -152,6 +152,16 @@ class CycloidalGearbox:
                 raise ValueError(
                     f"{name} must be a whole number from {least} to {MAX_SLEEVES}, got {value!r}"
                 )
+            object.__setattr__(self, name, int(value))
+        for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
+            if not 0 <= getattr(self, name) <= 0.5:
+                raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
+        smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
+        if self.pin_radius >= smallest:
+            raise ValueError(
+                f"pin_radius must be below {smallest:.6g} m, the least radius of curvature of the pins' path "
+                f"(else the profile is undercut), got {self.pin_radius!r}"
+            )
         if self.contact_law not in CONTACT_LAWS:
             raise ValueError(f"contact_law must be one of {CONTACT_LAWS}, got {self.contact_law!r}")
         if self.brake_inertia > 0 and self.meter_stiffness == 0:
@@ -234,6 +244,9 @@ class CycloidalGearbox:
         damping_ratio : float
             Share of critical damping of the rotor on that stiffness: c = 2 ratio sqrt(k J).
         """
+        for name, value in (("inertia", inertia), ("stiffness", stiffness)):
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
         if not 0 <= damping_ratio < 1:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
         damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
@@ -271,13 +284,10 @@ class LobeDefects:
     def __post_init__(self) -> None:
         for name in ("worn_lobes", "removed_lobes"):
             lobes = tuple(getattr(self, name))
-            if any(int(lobe) != lobe or lobe < 0 for lobe in lobes) or len(set(lobes)) != len(lobes):
+            if not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
                 raise ValueError(f"{name} must be distinct whole numbers from 0, got {lobes!r}")
             object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
-        wheels = tuple(sorted(self.wheels))
-        if wheels not in ((0,), (1,), (0, 1)):
-            raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {self.wheels!r}")
-        object.__setattr__(self, "wheels", wheels)
+        object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
         if not 0 <= self.depth <= 1:
             raise ValueError(
                 f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
@@ -304,12 +314,12 @@ class LobeDefects:
         >>> LobeDefects.worn((0, 4), wheels=(0,)).defect_count
         2
         """
-        return cls(worn_lobes=_lobe_indices(lobes), wheels=tuple(wheels), depth=depth)
+        return cls(worn_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels), depth=depth)
 
     @classmethod
     def removed(cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1)) -> LobeDefects:
         """Removed lobes: a count (consecutive from lobe 0) or the indices themselves."""
-        return cls(removed_lobes=_lobe_indices(lobes), wheels=tuple(wheels))
+        return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
 
     @property
     def defect_count(self) -> int:
@@ -324,8 +334,19 @@ class LobeDefects:
 
 
 def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
-    if isinstance(lobes, (int, np.integer)):
-        if lobes < 0:
-            raise ValueError(f"a number of lobes must not be negative, got {lobes}")
-        return tuple(range(int(lobes)))
-    return tuple(lobes)
+    if isinstance(lobes, Iterable):
+        return tuple(lobes)
+    if not _is_index(lobes):
+        raise ValueError(f"lobes must be a number of lobes from 0, or their indices, got {lobes!r}")
+    return tuple(range(int(lobes)))
+
+
+def _is_index(value: object) -> bool:
+    return isinstance(value, (int, float, np.number)) and float(value).is_integer() and float(value) >= 0
+
+
+def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
+    found = tuple(sorted(wheels)) if isinstance(wheels, Iterable) else ()
+    if found not in ((0,), (1,), (0, 1)):
+        raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
+    return found

@@ -37,7 +37,7 @@ class CycloidalProfile:
     Examples
     --------
     >>> profile = CycloidalProfile(2.8e-3, 16, 0.7, 6e-3)
-    >>> round(abs(profile.point(0.0)) * 1e3, 3)  # tip of a lobe, mm
+    >>> round(float(abs(profile.point(0.0))) * 1e3, 3)  # tip of a lobe, mm
     60.8
     """
 
@@ -64,16 +64,18 @@ class CycloidalProfile:
     def trochoid(self, t: ArrayLike) -> Complex:
         """Path T(t) = R exp(it) + e exp(i z_k t) of a pin's centre, in m."""
         t = np.asarray(t, dtype=float)
-        return self.pin_circle_radius * np.exp(1j * t) + self.eccentricity * np.exp(1j * self.n_pins * t)
+        path = self.pin_circle_radius * np.exp(1j * t) + self.eccentricity * np.exp(1j * self.n_pins * t)
+        return np.asarray(path, dtype=complex)
 
     def _gradient(self, t: ArrayLike) -> Complex:
         """Factor g(t) = 1/m + exp(i z_s t) of the tangent T' = i e z_k exp(it) g."""
-        return 1 / self.shortening + np.exp(1j * self.n_lobes * np.asarray(t, dtype=float))
+        turned = np.exp(1j * self.n_lobes * np.asarray(t, dtype=float))
+        return np.asarray(1 / self.shortening + turned, dtype=complex)
 
     def normal(self, t: ArrayLike) -> Complex:
         """Outward unit normal of trochoid and profile at parameter t."""
         g = self._gradient(t)
-        return np.exp(1j * np.asarray(t, dtype=float)) * g / np.abs(g)
+        return np.asarray(np.exp(1j * np.asarray(t, dtype=float)) * g / np.abs(g), dtype=complex)
 
     def point(self, t: ArrayLike) -> Complex:
         """Point of the wheel's profile at parameter t, in m."""

@@ -137,7 +137,9 @@ class ReferenceGearbox:
                 f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}"
             )
         if not 0 <= self.depth <= 1:
-            raise ValueError(f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth}")
+            raise ValueError(
+                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth}"
+            )
         if len(self.wheel_runouts) != 2:
             raise ValueError(f"wheel_runouts must be two offsets in m, got {self.wheel_runouts!r}")
         if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):

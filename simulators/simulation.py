@@ -39,10 +39,15 @@ class SimulationDiverged(RuntimeError):
     def __init__(self, time: float, contact: str, force: float, dt: float) -> None:
         self.time = time
         self.contact = contact
+        self._given = (time, contact, force, dt)
         super().__init__(
             f"simulation diverged at t = {time:.6f} s: {contact} reached {force:.3g} N with dt = {dt:g} s; "
             f"use a smaller dt (try {dt / 4:g} s) or a softer contact (smaller stiffness_scale)"
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # An exception is rebuilt from its message by default; this one comes back from other processes whole.
+        return type(self), self._given
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
     tip, pit = profile.chord()
     pit_angle = math.pi / n_lobes
     pit_normal = complex(profile.normal(pit_angle))
+    pin_errors = np.hypot(gearbox.pin_radial_errors or [0.0], gearbox.pin_tangential_errors or [0.0])
     wheel = _kernels.WheelConstants(
         eccentricity=float(gearbox.eccentricity),
         shortening=float(gearbox.shortening),
@@ -131,6 +137,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         pit_ny=pit_normal.imag,
         tip_radius=float(profile.effective_radius(0.0)),
         pit_radius=float(profile.effective_radius(pit_angle)),
+        near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0) ** 2,
     )
     joint = _kernels.JointConstants(
         pitch_radius=float(gearbox.internal_pitch_radius),
@@ -283,10 +290,10 @@ def simulate(
     for name, value in (("duration", duration), ("dt", dt), ("sampling_rate", sampling_rate)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    if not math.isfinite(start_angle):
+        raise ValueError(f"start_angle must be finite (rad), got {start_angle!r}")
     if sampling_rate * dt > 1 + 1e-9:
-        raise ValueError(
-            f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz"
-        )
+        raise ValueError(f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz")
     if decimation not in ("antialias", "pick"):
         raise ValueError(f"decimation must be 'antialias' or 'pick', got {decimation!r}")
     if tolerances is not None:
@@ -304,13 +311,13 @@ def simulate(
     # The anti-alias filter pads with zeros: right at the start, which is at rest; at the end it falls on the
     # samples simulated beyond it.
     n_steps = math.ceil((n_samples + _FILTER_MARGIN) / ratio)
-    half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
+    half_steps: Float = np.arange(2 * n_steps + 1, dtype=float) * (dt / 2)
     phi, omega, alpha = _driver(gearbox, half_steps, start_angle)
     load = _load(gearbox, half_steps, load_fluctuation)
     torques = np.empty((n_steps, _kernels.N_RESULT))
     angles = np.empty((n_steps, 4))
-    last_external = np.zeros((2, gearbox.n_pins))
-    last_internal = np.zeros((2, gearbox.n_internal_sleeves))
+    last_external = _zeros_apart(2, gearbox.n_pins)
+    last_internal = _zeros_apart(2, gearbox.n_internal_sleeves)
     n_force_rows = n_steps if forces else 0
     external = np.empty((n_force_rows, *last_external.shape))
     internal = np.empty((n_force_rows, *last_internal.shape))
@@ -344,6 +351,16 @@ def simulate(
         dt=dt,
         seed=seed,
     )
+
+
+def _zeros_apart(n_rows: int, n_columns: int) -> Float:
+    """Array of zeros that begins well behind whatever lies before it in memory.
+
+    Compiled loops that write to it check whether it begins within a few vectors of what they read, and if so
+    add in another order: the last bits of a run would depend on where the memory happened to be free.
+    """
+    apart = 64
+    return np.zeros(apart + n_rows * n_columns)[apart:].reshape(n_rows, n_columns)
 
 
 def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:

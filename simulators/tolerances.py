@@ -52,7 +52,7 @@ class AssemblyTolerances:
         for name in ("stiffness", "damping", "load", "speed"):
             if getattr(self, name) >= 1:
                 raise ValueError(f"{name} is a relative half width below 1, got {getattr(self, name)!r}")
-        if len(self.clearance) != 2 or self.clearance[0] > self.clearance[1]:
+        if np.shape(self.clearance) != (2,) or self.clearance[0] > self.clearance[1]:
             raise ValueError(f"clearance must be (lower, upper) in m, got {self.clearance!r}")
 
     def draw(self, gearbox: CycloidalGearbox, seed: int | np.random.Generator) -> CycloidalGearbox:

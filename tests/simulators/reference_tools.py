@@ -1,0 +1,121 @@
+"""What the tests of the 28-body system and of the kernel share: states, and the two models side by side."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, _kernels
+from cyclofeat.simulators.gearbox import RPM
+from cyclofeat.simulators.reference import ReferenceGearbox
+from cyclofeat.simulators.simulation import kernel_input
+
+SPEED = 500 * RPM
+PIT = math.pi / 15
+
+
+class State(NamedTuple):
+    phi: float
+    omega: float
+    alpha: float
+    angles: np.ndarray
+    rates: np.ndarray
+    load: float
+
+
+def random_state(gearbox: ReferenceGearbox, rng: np.random.Generator, spread: float = 2e-3) -> State:
+    """A state near the rest position; a spread of 2 mrad makes penetrations of some 0.1 mm."""
+    phi = rng.uniform(-50, 50)
+    omega, alpha = rng.normal(0, SPEED), rng.normal(0, 260)
+    angles = gearbox.rest_angles(phi) + rng.normal(0, spread, 3)
+    rates = -omega / gearbox.n_lobes + rng.normal(0, 1, 3)
+    return State(phi, omega, alpha, angles, rates, rng.normal(0, 22))
+
+
+def random_lobes(rng: np.random.Generator, n_lobes: int = 15) -> tuple[int, ...]:
+    return tuple(int(lobe) for lobe in np.flatnonzero(rng.random(n_lobes) < 0.5))
+
+
+def random_gearbox(rng: np.random.Generator, **parameters: Any) -> ReferenceGearbox:
+    """A system with worn lobes on both wheels, displaced pins and runout."""
+    return ReferenceGearbox(
+        worn_lobes=(random_lobes(rng), random_lobes(rng)),
+        depth=rng.choice([1.0, rng.uniform()]),
+        pin_errors=rng.normal(0, 2e-5, (16, 2)),
+        wheel_runouts=tuple(rng.normal(0, 1e-5, (2, 2)) @ [1, 1j]),
+        **parameters,
+    )
+
+
+def pose_with_sleeve_0_at(t: float) -> float:
+    """Input angle of the rest position that brings sleeve 0 to parameter ``t`` of wheel 0."""
+    return 15 * t - math.pi
+
+
+def reference_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> ReferenceGearbox:
+    """The same gearbox as a system of 28 bodies."""
+    angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
+    none = np.zeros(gearbox.n_pins)
+    errors = np.asarray(gearbox.pin_radial_errors or none) + 1j * np.asarray(
+        gearbox.pin_tangential_errors or none
+    )
+    errors = errors * np.exp(1j * angles)
+    worn_0, worn_1 = (defects.worn_lobes if wheel in defects.wheels else () for wheel in (0, 1))
+    return ReferenceGearbox(
+        eccentricity=gearbox.eccentricity,
+        n_pins=gearbox.n_pins,
+        shortening=gearbox.shortening,
+        pin_radius=gearbox.pin_radius,
+        internal_pitch_radius=gearbox.internal_pitch_radius,
+        internal_sleeve_radius=gearbox.internal_sleeve_radius,
+        clearance=gearbox.clearance,
+        wheel_young=gearbox.wheel_youngs_modulus,
+        wheel_poisson=gearbox.wheel_poisson_ratio,
+        stiffness_scale=gearbox.stiffness_scale,
+        contact_damping=gearbox.contact_damping,
+        worn_lobes=(worn_0, worn_1),
+        depth=defects.depth,
+        pin_errors=np.column_stack([errors.real, errors.imag]),
+        wheel_runouts=tuple(gearbox.wheel_runouts) or (0j, 0j),
+    )
+
+
+def kernel_state(reference: ReferenceGearbox, state: State) -> np.ndarray:
+    """The kernel's state: deviations from the rest position, and their rates."""
+    result = np.zeros(_kernels.N_STATE)
+    result[:3] = state.angles - reference.rest_angles(state.phi)
+    result[4:7] = state.rates + state.omega / reference.n_lobes
+    return result
+
+
+class Kernel:
+    """The kernel's right-hand side for one gearbox, called like a function."""
+
+    def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects) -> None:
+        self.gearbox = gearbox
+        self.constants = tuple(kernel_input(gearbox, defects))
+        self.work = np.zeros(_kernels.WORK_SIZE)
+
+    def __call__(
+        self, state: np.ndarray, phi: float, omega: float = 0.0, alpha: float = 0.0, load: float = 0.0
+    ) -> dict[str, Any]:
+        """Accelerations, torques and forces in SI units, named as in ``Solution``."""
+        z = self.gearbox.n_lobes
+        external = np.zeros((2, self.gearbox.n_pins))
+        internal = np.zeros((2, self.gearbox.n_internal_sleeves))
+        rates, torques = np.zeros(_kernels.N_STATE), np.zeros(_kernels.N_RESULT)
+        _kernels.derivatives(
+            phi, math.cos(phi), math.sin(phi), math.cos(phi / z), -math.sin(phi / z), omega, alpha, load,
+            state, *self.constants, self.work, external, internal, rates, torques,
+        )  # fmt: skip
+        return {
+            "theta_acceleration": rates[4:6] - alpha / z,
+            "psi_acceleration": rates[6] - alpha / z,
+            "brake_acceleration": rates[7] - alpha / z,
+            "output_torque": torques[0],
+            "input_torque": torques[1],
+            "external_force": external,
+            "internal_force": internal,
+        }

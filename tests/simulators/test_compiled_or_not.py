@@ -1,0 +1,81 @@
+"""A short look at the kernels that also runs without numba's compiler, which hides errors of Python."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from reference_tools import Kernel, kernel_state, random_state, reference_of
+
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationDiverged, simulate
+
+pytestmark = pytest.mark.nojit
+
+# 1 ms under half of the load, two worn lobes and an edge of a removed one among the contacts.
+SCRIPT = """
+import json
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+gearbox = CycloidalGearbox.steel(ramp_time=2e-3, pin_radial_errors=[2e-5] * 16).with_brake(0.02, 1e4, 0.02)
+defects = LobeDefects(worn_lobes=(0, 7), removed_lobes=(3,), depth=0.5)
+run = simulate(gearbox, defects, duration=1e-3, sampling_rate=100_000, decimation="pick", forces=True)
+print(json.dumps({
+    name: getattr(run, name).tolist()
+    for name in ("torque_out", "torque_in", "output_angle", "external_forces", "internal_forces")
+}))
+"""
+
+
+def in_a_process_of_its_own(jit: bool) -> dict[str, np.ndarray]:
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "0" if jit else "1"}
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+    )
+    return {name: np.array(values) for name, values in json.loads(found.stdout).items()}
+
+
+def test_compiled_and_interpreted_runs_agree() -> None:
+    """But for the order of sums, which the compiler may change."""
+    compiled, interpreted = in_a_process_of_its_own(jit=True), in_a_process_of_its_own(jit=False)
+    assert compiled["external_forces"].shape == (100, 2, 16)
+    assert compiled["external_forces"].max() > 100
+    for name, values in compiled.items():
+        assert np.abs(values - interpreted[name]).max() <= 1e-9 * np.abs(values).max(), name
+
+
+@pytest.mark.parametrize("defects", [LobeDefects.healthy(), LobeDefects.worn((0, 5, 6), depth=0.7)])
+def test_kernel_agrees_with_the_papers_system(defects: LobeDefects) -> None:
+    gearbox = CycloidalGearbox.steel(wheel_runouts=(2e-6, 3e-6j))
+    reference = reference_of(gearbox, defects)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        state = random_state(reference, rng, 2e-4)
+        expected = reference.accelerations(*state)
+        start = kernel_state(reference, state)
+        found = Kernel(gearbox, defects)(start, state.phi, state.omega, state.alpha, state.load)
+        scale = max(expected.external_force.max(), 1.0)
+        assert np.abs(found["external_force"] - expected.external_force).max() < 1e-5 * scale
+        assert found["output_torque"] == pytest.approx(expected.output_torque, abs=1e-9)
+
+
+def test_no_pin_is_missed_far_out() -> None:
+    gearbox = CycloidalGearbox.steel()
+    reference = reference_of(gearbox, LobeDefects.healthy())
+    state = random_state(reference, np.random.default_rng(2), 0.03)
+    expected = reference.accelerations(*state)
+    kernel = Kernel(gearbox, LobeDefects.healthy())
+    found = kernel(kernel_state(reference, state), state.phi, state.omega, state.alpha, state.load)
+    assert expected.external_force.max() > 1000
+    assert found["external_force"] == pytest.approx(expected.external_force, rel=1e-6, abs=1e-3)
+
+
+def test_healthy_start_and_divergence() -> None:
+    run = simulate(duration=1e-3)
+    assert run.torque_out.shape == (26,)
+    assert np.all(np.isfinite(run.torque_out))
+    assert run.torque_in[5:20].mean() == pytest.approx(2.46e-3, rel=0.2)
+    with pytest.raises(SimulationDiverged):
+        simulate(CycloidalGearbox.steel(stiffness_scale=1.0), LobeDefects.worn(1), duration=2e-3)

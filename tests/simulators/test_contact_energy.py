@@ -1,0 +1,136 @@
+"""The worn lobe's outline is closed: the force has no jump and throws no energy away."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference_tools import PIT, Kernel, pose_with_sleeve_0_at
+
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.contact import stiffness_factor
+
+STEEL = CycloidalGearbox.steel()
+CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0)
+
+
+def with_radial_error(gearbox: CycloidalGearbox, error: float) -> CycloidalGearbox:
+    return gearbox.replace(pin_radial_errors=np.full(16, error))
+
+
+def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, t: np.ndarray, push: float) -> np.ndarray:
+    """Sleeve 0 over the parameters ``t`` of wheel 0, which is turned by ``push`` and at rest otherwise.
+
+    Returns the force on the sleeve and the moment on the wheel over the pins' radius, in N: (n, 2).
+    """
+    kernel = Kernel(gearbox, defects)
+    state = np.array([push, *np.zeros(7)])
+    found = np.empty((t.size, 2))
+    for row, parameter in zip(found, t, strict=True):
+        result = kernel(state, pose_with_sleeve_0_at(parameter))
+        moment = result["theta_acceleration"][0] * gearbox.wheel_inertia
+        row[:] = result["external_force"][0, 0], moment / gearbox.pin_circle_radius
+    return found
+
+
+@pytest.mark.parametrize("depth", [1.0, 0.5])
+@pytest.mark.parametrize("radial_error", [0.0, 3e-5, -3e-5])
+@pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
+def test_force_over_a_worn_lobe_has_no_jump(push: float, radial_error: float, depth: float) -> None:
+    """In steps of 0.002 degrees; where the change is largest it shrinks with the steps, a jump would not."""
+    gearbox, defects = with_radial_error(STEEL, radial_error), LobeDefects.worn(1, wheels=(0,), depth=depth)
+    t = np.deg2rad(np.arange(-1.0, 25.0, 0.002) + 1e-5)
+    force = sweep(gearbox, defects, t, push)
+    assert force[:, 0].max() > 500 * depth
+    changes = np.abs(np.diff(force, axis=0))
+    assert changes.max() < 0.003 * force[:, 0].max()
+    for column in (0, 1):
+        worst = int(np.argmax(changes[:, column]))
+        fine = sweep(gearbox, defects, np.linspace(t[worst], t[worst + 1], 11), push)
+        assert np.abs(np.diff(fine[:, column])).max() < 0.11 * changes[worst, column]
+
+
+@pytest.mark.parametrize("removed", [(0,), (14, 0), (0, 1)])
+def test_force_at_the_edges_of_removed_lobes_has_no_jump(removed: tuple[int, ...]) -> None:
+    """The outline ends in the tips beside them."""
+    defects = LobeDefects.removed(removed, wheels=(0,))
+    gearbox = with_radial_error(STEEL, -5e-5)
+    t = np.deg2rad(np.arange(-26.0, 50.0, 0.01) + 1e-5)
+    force = sweep(gearbox, defects, t, 0.0)[:, 0]
+    assert force.max() > 5
+    assert np.all(force[(t > np.deg2rad(2.5)) & (t < np.deg2rad(21.5))] == 0)
+    assert np.abs(np.diff(force)).max() < 0.01 * force.max()
+
+
+def closed_path(kernel: Kernel, n: int, start: np.ndarray, swing: np.ndarray) -> tuple[float, float]:
+    """Work of all contacts over a closed path and the sum of its magnitudes, in J.
+
+    Sleeve 0 moves from before the tip to after the next tip and back, while wheels and output turn by
+    ``start`` + ``swing`` sin(s), so that the way back is another.
+    """
+    gearbox = kernel.gearbox
+    s = 2 * np.pi * np.arange(n) / n
+    t = np.deg2rad(12 - 13 * np.cos(s))
+    d_phi = 15 * np.deg2rad(13) * np.sin(s)
+    power = np.empty(n)
+    for k in range(n):
+        state = np.append(start + swing * np.sin(s[k]), np.zeros(5))
+        result = kernel(state, pose_with_sleeve_0_at(t[k]))
+        d_theta = swing * np.cos(s[k]) - d_phi[k] / 15
+        # The cam's force on the wheel balances the contacts': they work -T_in per angle of the input.
+        power[k] = -result["input_torque"] * d_phi[k]
+        power[k] += gearbox.wheel_inertia * result["theta_acceleration"] @ d_theta[:2]
+        power[k] += gearbox.output_inertia * result["psi_acceleration"] * d_theta[2]
+    return float(power.mean() * 2 * np.pi), float(np.abs(power).mean() * 2 * np.pi)
+
+
+@pytest.mark.parametrize("depth", [1.0, 0.5, 0.0])
+@pytest.mark.parametrize("radial_error", [0.0, 3e-5, -3e-5])
+def test_no_energy_is_thrown_away_over_a_worn_lobe(radial_error: float, depth: float) -> None:
+    """What is left, 10 uJ of up to 0.8 J that flow, is the quadrature and the fast foot points."""
+    gearbox = with_radial_error(CONSERVATIVE, radial_error)
+    kernel = Kernel(gearbox, LobeDefects.worn(1, wheels=(0,), depth=depth))
+    loaded, swing = np.array([1.7e-3, 1.7e-3, 4.1e-3]), np.array([1e-3, 1e-3, 2e-3])
+    for start, by in ((loaded, swing), (-loaded / 2, swing / 2)):
+        work, flow = closed_path(kernel, 10_000, start, by)
+        assert flow > 0.01
+        assert abs(work) < 2e-5
+
+
+def test_the_papers_law_is_not_conservative() -> None:
+    """Its stiffness follows the curvature of the place: a closed path makes or takes energy."""
+    kernel = Kernel(STEEL.replace(contact_damping=0.0), LobeDefects.healthy())
+    work, flow = closed_path(kernel, 10_000, np.array([1.7e-3, 1.7e-3, 4.1e-3]), np.array([1e-3, 1e-3, 2e-3]))
+    assert abs(work) > 0.002 * flow
+
+
+def switched_force(gearbox: CycloidalGearbox, t: float) -> complex:
+    """Naive outline at the rest position: the chord alone up to the pit, the healthy flank from there on."""
+    profile, q = gearbox.profile, gearbox.pin_radius
+    tip, pit = profile.chord()
+    along = (pit - tip) / abs(pit - tip)
+    normal = -1j * along
+    from_tip = complex(profile.trochoid(t)) - tip
+    on_chord = t < PIT and (from_tip * np.conj(along)).real > 0
+    depth = max(q - (from_tip * np.conj(normal)).real, 0.0) if on_chord else 0.0
+    ramp = min(depth / gearbox.contact_ramp, 1.0)
+    return ramp * stiffness_factor(gearbox) * q**0.5 * depth**1.5 * normal
+
+
+def test_switching_surfaces_at_the_pit_would_lose_energy() -> None:
+    """A passage begins and ends without contact: the closed outline gives back all that it took."""
+    t = np.deg2rad(np.linspace(-1, 25, 26_001))
+    path = CONSERVATIVE.profile.trochoid(t)  # of the sleeve in the wheel's frame, at the rest position
+
+    naive = np.array([switched_force(CONSERVATIVE, parameter) for parameter in t])
+    middle = 0.5 * (naive[1:] + naive[:-1])
+    lost = -float(np.sum((middle * np.conj(np.diff(path))).real))
+    assert lost == pytest.approx(0.08, rel=0.1)
+
+    kernel = Kernel(CONSERVATIVE, LobeDefects.worn(1, wheels=(0,)))
+    input_torque = np.array([kernel(np.zeros(8), pose_with_sleeve_0_at(p))["input_torque"] for p in t])
+    moment = sweep(CONSERVATIVE, LobeDefects.worn(1, wheels=(0,)), t, 0.0)[:, 1]
+    power = -15 * input_torque - moment * CONSERVATIVE.pin_circle_radius
+    work = float(np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t)))
+    taken = float(np.sum(np.minimum(power, 0.0)) * (t[1] - t[0]))
+    assert taken < -0.06
+    assert abs(work) < 1e-6

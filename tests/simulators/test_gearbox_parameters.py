@@ -1,0 +1,166 @@
+"""Parameters of the gearbox and its faults: defaults, presets, refusals, geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from cyclofeat.simulators import CycloidalGearbox, CycloidalProfile, LobeDefects
+from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
+from cyclofeat.simulators.reference import ReferenceGearbox
+
+STEEL = CycloidalGearbox.steel()
+
+
+def test_lobes_count_from_0() -> None:
+    assert LobeDefects.worn(3).worn_lobes == (0, 1, 2)
+    assert LobeDefects.worn(3).wheels == (0, 1)
+    assert LobeDefects.worn(3).depth == 1.0
+    some = LobeDefects.worn((4, 0), wheels=(0,), depth=0.3)
+    assert (some.worn_lobes, some.removed_lobes, some.wheels, some.depth) == ((0, 4), (), (0,), 0.3)
+    gone = LobeDefects.removed(7, wheels=(0,))
+    assert (gone.worn_lobes, gone.removed_lobes, gone.wheels) == ((), tuple(range(7)), (0,))
+    assert LobeDefects.removed((2, 9)).removed_lobes == (2, 9)
+    assert LobeDefects.healthy() == LobeDefects.worn(0) == LobeDefects()
+    assert LobeDefects.worn(np.int64(2)) == LobeDefects.worn(np.array([1, 0])) == LobeDefects.worn(range(2))
+
+
+def test_defect_count_is_of_distinct_lobes_whichever_wheels_carry_them() -> None:
+    assert LobeDefects.healthy().defect_count == 0
+    assert LobeDefects.worn(7).defect_count == LobeDefects.worn(7, wheels=(1,)).defect_count == 7
+    assert LobeDefects(worn_lobes=(1,), removed_lobes=(4, 5)).defect_count == 3
+
+
+def test_defects_cannot_change() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        LobeDefects.worn(1).depth = 0.5  # type: ignore[misc]
+    assert hash(LobeDefects.worn(2)) == hash(LobeDefects.worn((1, 0)))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: LobeDefects.worn(-1), "lobes must be a number of lobes from 0, or their indices, got -1"),
+        (lambda: LobeDefects.worn(2.5), "lobes must be a number of lobes .* got 2.5"),
+        (lambda: LobeDefects.worn(None), "lobes must be a number of lobes .* got None"),
+        (lambda: LobeDefects.worn((0, 0)), r"worn_lobes must be distinct whole numbers from 0, got \(0, 0\)"),
+        (lambda: LobeDefects.worn((0.5,)), r"worn_lobes must be distinct .* got \(0.5,\)"),
+        (lambda: LobeDefects.worn((float("nan"),)), r"worn_lobes must be distinct .* got \(nan,\)"),
+        (lambda: LobeDefects.worn("ab"), r"worn_lobes must be distinct .* got \('a', 'b'\)"),
+        (lambda: LobeDefects.removed((-1, 2)), r"removed_lobes must be distinct .* got \(-1, 2\)"),
+        (lambda: LobeDefects.worn(1, wheels=(2,)), r"wheels must be \(0,\), \(1,\) or \(0, 1\), got \(2,\)"),
+        (lambda: LobeDefects.worn(1, wheels=()), r"wheels must be .* got \(\)"),
+        (lambda: LobeDefects.worn(1, wheels=0), "wheels must be .* got 0"),
+        (lambda: LobeDefects.worn(1, depth=1.5), r"depth must lie between 0 .* and 1 .* got 1.5"),
+        (lambda: LobeDefects.worn(1, depth=math.nan), "depth must lie between 0 .* got nan"),
+        (
+            lambda: LobeDefects(worn_lobes=(1, 2), removed_lobes=(2,)),
+            r"worn_lobes and removed_lobes must not overlap, both hold \[2\]",
+        ),
+        (
+            lambda: LobeDefects.removed((3, 15)).check_against(15),
+            "defects name lobe 15, but the wheel has lobes 0 to 14",
+        ),
+    ],
+)
+def test_impossible_defects_are_refused(make, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"eccentricity": 0.0}, "eccentricity must be positive, got 0.0"),
+        ({"eccentricity": math.nan}, "eccentricity must be finite, got nan"),
+        ({"clearance": -1e-6}, "clearance must not be negative, got -1e-06"),
+        ({"contact_ramp": 0.0}, "contact_ramp must be positive, got 0.0"),
+        ({"shortening": 1.0}, "shortening must lie between 0 and 1, got 1.0"),
+        ({"input_speed": -52.0}, r"input_speed must be positive \(rad/s\), got -52.0"),
+        ({"n_pins": 3}, "n_pins must be a whole number from 4 to 128, got 3"),
+        ({"n_pins": 15.5}, "n_pins must be a whole number from 4 to 128, got 15.5"),
+        ({"n_internal_sleeves": 129}, "n_internal_sleeves must be a whole number from 2 to 128, got 129"),
+        ({"wheel_poisson_ratio": 0.7}, "wheel_poisson_ratio must lie between 0 and 0.5, got 0.7"),
+        ({"sleeve_poisson_ratio": -0.1}, "sleeve_poisson_ratio must lie between 0 and 0.5, got -0.1"),
+        ({"contact_law": "hertz"}, "contact_law must be one of .* got 'hertz'"),
+        ({"brake_inertia": 0.1}, "brake_inertia needs a meter_stiffness above 0 .* got 0"),
+        ({"pin_radial_errors": (0.0, 0.0)}, "pin_radial_errors must be empty or hold 16 values, got 2"),
+        ({"wheel_runouts": (0j,) * 3}, "wheel_runouts must be empty or hold 2 values, got 3"),
+        ({"pin_tangential_errors": (math.inf,) * 16}, "pin_tangential_errors must be finite"),
+        ({"pin_radius": 0.014}, r"pin_radius must be below 0.0131227 m, .* \(else .* undercut\), got 0.014"),
+    ],
+)
+def test_impossible_gearboxes_are_refused(changes: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        CycloidalGearbox(**changes)
+
+
+def test_arrays_and_whole_floats_are_taken_as_what_they_mean() -> None:
+    gearbox = CycloidalGearbox(n_pins=16.0, pin_radial_errors=np.zeros(16), wheel_runouts=[1e-6, 2e-6j])
+    assert gearbox.n_pins == 16
+    assert isinstance(gearbox.n_pins, int)
+    assert gearbox.pin_radial_errors == (0.0,) * 16
+    assert gearbox.wheel_runouts == (1e-6, 2e-6j)
+    assert hash(gearbox) == hash(gearbox.replace())
+
+
+def test_presets_are_the_papers() -> None:
+    assert CycloidalGearbox() == STEEL
+    assert STEEL.input_speed_hz == pytest.approx(500 / 60)
+    assert (STEEL.n_lobes, STEEL.pin_circle_radius) == (15, pytest.approx(64e-3))
+    assert STEEL.output_inertia == pytest.approx(1.373e-4 + 8 * 0.048 * 36e-3**2)
+    plastic = CycloidalGearbox.abs(load_torque=5.0)
+    assert (plastic.wheel_youngs_modulus, plastic.contact_damping) == (2.2e9, 20.0)
+    assert (plastic.load_torque, plastic.eccentricity) == (5.0, STEEL.eccentricity)
+
+
+def test_contact_parameters_are_those_of_the_papers_system() -> None:
+    """Paper B eq. 14-16, and the effective radius of a sleeve in a hole that is wider by e."""
+    for gearbox in (STEEL, CycloidalGearbox.abs()):
+        reference = ReferenceGearbox(
+            wheel_young=gearbox.wheel_youngs_modulus,
+            wheel_poisson=gearbox.wheel_poisson_ratio,
+            stiffness_scale=gearbox.stiffness_scale,
+        )
+        for radius in (3e-3, 6e-3):
+            force = stiffness_factor(gearbox) * radius**0.5 * 1e-4**1.5
+            found = reference.normal_force(np.array(-1e-4), np.array(0.0), radius)
+            assert force == pytest.approx(float(found))
+    assert joint_effective_radius(STEEL) == pytest.approx(6e-3 * 8.8e-3 / 2.8e-3)
+
+
+def test_profile_is_that_of_the_papers_system() -> None:
+    for profile, reference in (
+        (STEEL.profile, ReferenceGearbox()),
+        (
+            CycloidalProfile(1.5e-3, 14, 0.6, 3.5e-3),
+            ReferenceGearbox(eccentricity=1.5e-3, n_pins=14, shortening=0.6, pin_radius=3.5e-3),
+        ),
+    ):
+        t = np.linspace(0, 7, 300)
+        assert np.abs(profile.trochoid(t) - reference.trochoid(t)).max() < 1e-16
+        assert np.abs(profile.point(t) - reference.profile(t)).max() < 1e-16
+        assert np.abs(profile.normal(t) - reference.normal(t)).max() < 1e-13
+        assert profile.curvature(t) == pytest.approx(reference.curvature(t), rel=1e-10)
+        assert np.all(profile.effective_radius(t) > 0)
+
+
+def test_effective_radius_has_the_sign_of_the_flank() -> None:
+    """Concave flanks make it larger than the pin's radius: 3.6 mm at the tip, 69.7 mm at the pit."""
+    radii = STEEL.profile.effective_radius([0.0, np.deg2rad(6.38), np.pi / 15])
+    assert 1e3 * radii == pytest.approx([3.625, 3.26, 69.75], abs=0.01)
+    concave = -6.57e-3
+    assert radii[2] == pytest.approx(1 / (1 / concave + 1 / 6e-3), rel=0.02)
+
+
+def test_outline_is_closed_and_holds_the_chords() -> None:
+    profile = STEEL.profile
+    healthy, worn = profile.outline(), profile.outline((0, 7), points_per_lobe=100)
+    assert healthy.size == 3000
+    assert np.abs(np.diff(np.append(worn, worn[0]))).max() < 1e-3
+    tip, pit = profile.chord()
+    assert worn[700 + 25] == pytest.approx((tip + pit) / 2 * np.exp(2j * np.pi * 7 / 15))
+    assert np.abs(worn[100:700] - profile.outline(points_per_lobe=100)[100:700]).max() == 0

@@ -1,0 +1,73 @@
+"""Values of an independent implementation of paper B's model, over 0.3-0.6 s of its 0.6 s runs.
+
+Means and healthy forces agree to 2 %, standard deviations and peaks to 10 %: contact makes peaks sensitive.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+
+
+def settled_run(defects: LobeDefects) -> dict[str, np.ndarray]:
+    run = simulate(
+        CycloidalGearbox.steel(),
+        defects,
+        duration=0.6,
+        sampling_rate=100_000,
+        decimation="pick",
+        forces=True,
+    )
+    settled = slice(30_000, None)
+    assert run.external_forces is not None
+    assert run.internal_forces is not None
+    return {
+        "out": run.torque_out[settled],
+        "in": run.torque_in[settled],
+        "external": run.external_forces[settled],
+        "internal": run.internal_forces[settled],
+    }
+
+
+@pytest.mark.parametrize(
+    ("wheels", "count", "std", "least", "most", "mean_in", "force"),
+    [
+        ((0,), 0, 0.018, 21.96, 22.04, 1.454, 99),
+        ((0,), 1, 0.025, 21.92, 22.18, 1.456, 743),
+        ((0,), 3, 0.065, 21.60, 22.46, 1.459, 716),
+        ((0,), 7, 0.068, 21.64, 22.46, 1.466, 716),
+        ((0, 1), 1, 0.121, 21.06, 22.81, 1.457, 693),
+        ((0, 1), 3, 0.155, 20.64, 22.83, 1.462, 675),
+        ((0, 1), 7, 0.250, 19.39, 23.48, 1.475, 675),
+    ],
+)
+def test_torque_and_largest_force(
+    wheels: tuple[int, ...], count: int, std: float, least: float, most: float, mean_in: float, force: float
+) -> None:
+    run = settled_run(LobeDefects.worn(count, wheels=wheels))
+    torque = run["out"]
+    rounding = 0.005  # of the values above
+    assert torque.mean() == pytest.approx(22.0, rel=0.02)
+    assert run["in"].mean() == pytest.approx(mean_in, rel=0.02)
+    assert torque.std() == pytest.approx(std, rel=0.1)
+    assert 22 - torque.min() == pytest.approx(22 - least, rel=0.1, abs=rounding)
+    assert torque.max() - 22 == pytest.approx(most - 22, rel=0.1, abs=rounding)
+    assert run["external"].max() == pytest.approx(force, rel=0.02 if count == 0 else 0.1)
+
+
+def test_healthy_internal_force() -> None:
+    assert settled_run(LobeDefects.healthy())["internal"].max() == pytest.approx(163, rel=0.02)
+
+
+def test_one_effective_radius_closes_the_energy_balance_of_the_mean() -> None:
+    """Input 22/15 Nm and a little damping with a fixed radius; the papers' law makes 0.9 % from nothing."""
+    means = {}
+    for law in ("paper", "conservative"):
+        gearbox = CycloidalGearbox.steel(contact_law=law)
+        run = simulate(gearbox, duration=0.3 + 0.1125 * 2, sampling_rate=100_000, decimation="pick")
+        means[law] = run.torque_in[30_000:].mean()
+    assert means["conservative"] == pytest.approx(1.4675, rel=5e-4)
+    assert 22 / 15 < means["conservative"] < 1.002 * 22 / 15
+    assert means["paper"] == pytest.approx((1 - 0.009) * 22 / 15, rel=1e-3)

@@ -1,0 +1,190 @@
+"""What ``simulate`` records: steps, decimation, drive, load, seeds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cyclofeat.simulators import AssemblyTolerances, CycloidalGearbox, LobeDefects, SimulationRun, simulate
+
+STEEL = CycloidalGearbox.steel()
+
+
+def raw(defects: LobeDefects | None = None, gearbox: CycloidalGearbox = STEEL, **options) -> SimulationRun:
+    """Every step of the integration."""
+    return simulate(gearbox, defects, sampling_rate=100_000, decimation="pick", **options)
+
+
+def same(a: SimulationRun, b: SimulationRun) -> bool:
+    names = ("torque_out", "torque_in", "input_angle", "output_angle")
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
+
+
+def test_integration_is_of_second_order() -> None:
+    """Before the first impact, over the first 4 ms of load and the ringing after them."""
+    quick = STEEL.replace(ramp_time=0.004)
+
+    def end(dt: float) -> np.ndarray:
+        run = simulate(quick, duration=0.02, dt=dt, sampling_rate=5000, decimation="pick")
+        return np.stack([1e3 * run.output_angle, run.torque_out, run.torque_in])
+
+    exact = end(6.25e-7)
+    errors = [np.abs(end(dt) - exact).max(axis=1) for dt in (4e-5, 2e-5, 1e-5, 5e-6)]
+    for coarse, fine in pairwise(errors):
+        assert np.all(coarse / fine > 3.5)
+        assert np.all(coarse / fine < 4.5)
+    assert errors[2] == pytest.approx(np.zeros(3), abs=2e-3)  # Nm at the papers' step
+
+
+@pytest.mark.parametrize("sampling_rate", [10_000, 20_000, 1000])
+def test_picked_samples_are_those_of_the_integration(sampling_rate: int) -> None:
+    every = 100_000 // sampling_rate
+    full = raw(LobeDefects.worn(2), duration=0.25, forces=True)
+    picked = simulate(
+        STEEL, LobeDefects.worn(2), duration=0.25, sampling_rate=sampling_rate, decimation="pick", forces=True
+    )
+    assert picked.torque_out.size == 0.25 * sampling_rate
+    for name in ("torque_out", "torque_in", "output_angle", "external_forces", "internal_forces"):
+        assert np.array_equal(getattr(picked, name), getattr(full, name)[::every]), name
+    assert picked.input_angle == pytest.approx(full.input_angle[::every], abs=1e-12)
+    assert picked.time == pytest.approx(full.time[::every])
+
+
+def test_forces_are_kept_on_request_only() -> None:
+    run = simulate(duration=0.01)
+    assert run.external_forces is None
+    assert run.internal_forces is None
+    run = simulate(duration=0.01, forces=True)
+    assert run.external_forces is not None
+    assert run.internal_forces is not None
+    assert run.external_forces.shape == (256, 2, 16)
+    assert run.internal_forces.shape == (256, 2, 8)
+
+
+def test_filtered_samples_lie_where_the_integration_does() -> None:
+    """At 25.6 kHz every 32nd sample falls on a step of the integration: no delay, a scale of 1 to 3e-5."""
+    full, filtered = raw(duration=0.4), simulate(duration=0.4)
+    assert filtered.torque_out.size == 10_240
+    for name in ("torque_out", "torque_in"):
+        steps, samples = getattr(full, name)[::125], getattr(filtered, name)[::32]
+        assert samples[250:] == pytest.approx(steps[250:], abs=1e-3)
+
+
+@pytest.mark.parametrize("sampling_rate", [25_600, 6400, 1000, 441.0])
+def test_constant_torque_stays_constant_to_the_very_end(sampling_rate: float) -> None:
+    """A filter that pads with zeros would end at 13.8 Nm."""
+    run = simulate(duration=0.45, sampling_rate=sampling_rate)
+    late = run.time > 0.3
+    assert np.abs(run.torque_out[late] - 22).max() < 0.05
+    assert np.abs(run.torque_in[late] - 1.454).max() < 0.02
+
+
+def test_load_beyond_nyquist_is_suppressed() -> None:
+    """700 Hz at 1 kHz would appear at 300 Hz; picking lets it through, as the papers' every 10th may."""
+
+    def at_300_hz(decimation: str) -> float:
+        run = simulate(
+            duration=0.8,
+            sampling_rate=1000,
+            decimation=decimation,
+            load_fluctuation=lambda t: 2 * np.sin(2 * np.pi * 700 * t),
+        )
+        torque, window = run.torque_out[300:] - 22, np.hanning(500)
+        return 2 * float(np.abs(np.fft.rfft(torque * window))[150]) / window.sum()
+
+    assert at_300_hz("pick") > 1
+    assert at_300_hz("antialias") < 1e-3 * at_300_hz("pick")
+
+
+def test_duration_includes_the_ramp() -> None:
+    run = raw(duration=0.3)
+    assert run.time[-1] == pytest.approx(0.3 - 1e-5)
+    assert run.torque_out[0] == 0
+    half = run.torque_out[9_000:11_000]
+    assert half.mean() == pytest.approx(11, abs=0.05)
+    assert run.input_angle[20_000] == pytest.approx(STEEL.input_speed * 0.1)  # half of a steady drive's
+    assert np.diff(run.input_angle[-2:]) == pytest.approx(STEEL.input_speed * 1e-5)
+    assert run.torque_out[25_000:].mean() == pytest.approx(22, abs=0.01)
+    # The inertia of the wheels on their cams: 2 m e^2 alpha.
+    assert run.torque_in[0] == pytest.approx(2.462e-3, rel=1e-3)
+
+
+def test_output_turns_against_the_input() -> None:
+    run = raw(duration=0.5)
+    turned = run.output_angle[-1] - run.output_angle[25_000]
+    assert turned == pytest.approx(-(run.input_angle[-1] - run.input_angle[25_000]) / 15, rel=1e-3)
+    rest = run.output_angle + run.input_angle / 15
+    assert rest[0] == 0
+    assert rest[-1] == pytest.approx(4.14e-3, rel=0.02)  # the load turns it back
+
+
+def test_start_angle_shifts_the_record() -> None:
+    """Once the start has died away; a whole number of pin pitches and turns changes nothing at all."""
+    steps = 3000
+    ahead = STEEL.input_speed * 1e-5 * steps
+    plain = raw(LobeDefects.worn(1), duration=0.6)
+    shifted = raw(LobeDefects.worn(1), duration=0.5, start_angle=ahead)
+    assert shifted.input_angle[0] == ahead
+    settled = slice(30_000, 45_000)
+    later = slice(30_000 + steps, 45_000 + steps)
+    assert shifted.torque_out[settled] == pytest.approx(plain.torque_out[later], abs=1e-8)
+    assert np.ptp(plain.torque_out[later]) > 1
+    around = raw(LobeDefects.worn(1), duration=0.3, start_angle=30 * np.pi)
+    assert around.torque_out == pytest.approx(plain.torque_out[:30_000], abs=1e-8)
+
+
+def test_load_fluctuation_is_a_number_or_a_function() -> None:
+    number = raw(duration=0.3, load_fluctuation=2.0)
+    assert same(number, raw(gearbox=STEEL.replace(load_torque=24.0), duration=0.3))
+    assert same(number, raw(duration=0.3, load_fluctuation=lambda t: 2.0))
+    assert same(number, raw(duration=0.3, load_fluctuation=lambda t: np.full_like(t, 2.0)))
+    swell = raw(duration=0.5, load_fluctuation=lambda t: 3 * np.sin(2 * np.pi * 5 * t))
+    expected = 22 + 3 * np.sin(2 * np.pi * 5 * swell.time)
+    assert swell.torque_out[22_000:] == pytest.approx(expected[22_000:], abs=0.06)
+    # Under the ramp, like the load.
+    ramped = expected[5000:20_000] * swell.time[5000:20_000] / 0.2
+    assert swell.torque_out[5000:20_000] == pytest.approx(ramped, abs=0.1)
+
+
+def test_runs_are_the_same_bit_for_bit() -> None:
+    def run() -> SimulationRun:
+        return simulate(STEEL, LobeDefects.worn(3), duration=0.25, seed=5, tolerances=AssemblyTolerances())
+
+    first = run()
+    simulate(STEEL, LobeDefects.removed(2), duration=0.05, start_angle=1.0)  # leaves nothing behind
+    simulate(STEEL, LobeDefects.worn(7), duration=0.05, seed=6, tolerances=AssemblyTolerances())
+    assert same(first, run())
+    other = simulate(STEEL, LobeDefects.worn(3), duration=0.25, seed=6, tolerances=AssemblyTolerances())
+    assert not same(first, other)
+    assert first.seed == 5
+    assert first.gearbox == AssemblyTolerances().draw(STEEL, 5)
+    # Without tolerances there is nothing random.
+    assert same(
+        simulate(STEEL, LobeDefects.worn(3), duration=0.05, seed=1),
+        simulate(STEEL, LobeDefects.worn(3), duration=0.05),
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"duration": 0.0}, "duration must be positive and finite, got 0.0"),
+        ({"duration": float("nan")}, "duration must be positive and finite, got nan"),
+        ({"duration": 1e-9}, "duration 1e-09 s is shorter than one sample at 25600 Hz"),
+        ({"dt": -1e-5}, "dt must be positive and finite, got -1e-05"),
+        ({"sampling_rate": float("inf")}, "sampling_rate must be positive and finite, got inf"),
+        ({"sampling_rate": 2e5}, "sampling_rate must not exceed 1/dt = 100000 Hz, got 200000 Hz"),
+        ({"start_angle": float("nan")}, r"start_angle must be finite \(rad\), got nan"),
+        ({"decimation": "mean"}, "decimation must be 'antialias' or 'pick', got 'mean'"),
+        ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz .* got 25600 Hz"),
+        ({"tolerances": AssemblyTolerances()}, "seed must be given with tolerances"),
+        ({"load_fluctuation": np.zeros(100)}, r"load_fluctuation must be .* it gave shape \(100,\)"),
+        ({"load_fluctuation": float("inf")}, "load_fluctuation must be finite"),
+        ({"defects": LobeDefects.worn((15,))}, "defects name lobe 15, but the wheel has lobes 0 to 14"),
+    ],
+)
+def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        simulate(**{"duration": 0.01, **options})
