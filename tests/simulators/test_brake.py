@@ -33,13 +33,13 @@ def test_torque_out_is_the_meters() -> None:
         assert np.array_equal(found[name], bare[name]), name
 
 
-@pytest.mark.parametrize(("inertia", "stiffness"), [(0.02, 1e4), (0.05, 3e4)])
+@pytest.mark.parametrize(("inertia", "stiffness"), [(0.02, 1e4), (0.01, 2e4)])
 def test_mean_of_the_meter_is_the_load(inertia: float, stiffness: float) -> None:
-    """And wear makes more ripple there than on a free output."""
-    gearbox = STEEL.with_brake(inertia, stiffness, 0.05)
+    """And wear makes many times the ripple of 0.155 Nm on a free output."""
+    gearbox = STEEL.with_brake(inertia, stiffness, 0.2)
     torque = run(gearbox, LobeDefects.worn(3), duration=1.325).torque_out[-4 * 1125 :]
-    assert torque.mean() == pytest.approx(22, abs=0.05)
-    assert torque.std() > 3 * 0.155
+    assert torque.mean() == pytest.approx(22, abs=0.005)
+    assert torque.std() > 5 * 0.155
 
 
 def gear_stiffness(load: float) -> float:

@@ -116,6 +116,18 @@ def test_other_numbers_of_pins(n_pins: int) -> None:
     assert run.torque_in[30_000:].mean() == pytest.approx(22 / (n_pins - 1), rel=0.06)
 
 
+@pytest.mark.parametrize("n_pins", [5, 15])
+def test_worn_lobes_of_even_numbers_of_lobes(n_pins: int) -> None:
+    """Worn on the one wheel or on the other, a lobe does the same to its own wheel."""
+    gearbox = STEEL.replace(n_pins=n_pins, eccentricity=0.064 * 0.7 / n_pins, pin_radius=2e-3)
+    largest = []
+    for wheel in (0, 1):
+        run = raw(LobeDefects.worn(1, wheels=(wheel,)), gearbox, duration=0.5, forces=True)
+        forces = run.external_forces[30_000:].max(axis=(0, 2))
+        largest.append((forces[wheel], forces[1 - wheel]))
+    assert largest[0] == pytest.approx(largest[1], rel=1e-3)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_slips_far_without_lobes(seed: int) -> None:
     """Seven lobes of both wheels removed: pins leave the profile's neighbourhood, and steps do not matter."""
