@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -39,8 +40,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command: Callable[[argparse.Namespace], int] = arguments.command
         return command(arguments)
+    except BrokenPipeError:
+        # The reader (head, less) has seen enough; nothing more may be written, not even at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except (ValueError, TypeError, OSError, ImportError, SimulationDiverged) as error:
         return _fail(str(error))
+    except MemoryError as error:
+        return _fail(f"not enough memory: {error}")
     except KeyboardInterrupt:
         print("cyclofeat: interrupted", file=sys.stderr)
         return 130
@@ -167,7 +174,7 @@ def _count(arguments: argparse.Namespace) -> int:
     model = load_model(arguments.model, trusted=arguments.trust_model)
     results: list[dict[str, Any]] = []
     failed = False
-    for path in arguments.files:
+    for path in _recording_files(arguments.files):
         # One bad file must not cost the others their result.
         try:
             recording = read_recording(path, channel=arguments.channel, sampling_rate=arguments.sampling_rate)
@@ -260,6 +267,11 @@ def _demo(arguments: argparse.Namespace) -> int:
 def _read_all(paths: Sequence[str]) -> list[Recording]:
     from cyclofeat.datasets import read_recording
 
+    return [read_recording(path) for path in _recording_files(paths)]
+
+
+def _recording_files(paths: Sequence[str]) -> list[Path]:
+    """The files named, and those in the folders named."""
     files: list[Path] = []
     for name in paths:
         path = Path(name)
@@ -267,7 +279,7 @@ def _read_all(paths: Sequence[str]) -> list[Recording]:
         if not found:
             raise ValueError(f"folder {path} holds no .csv or .npz recordings")
         files += found
-    return [read_recording(path) for path in files]
+    return files
 
 
 def _print_json(value: Any) -> None:
@@ -307,7 +319,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_rig(train, "r2")
 
     count = _command(commands, "count", _count, "count the worn lobes of recordings")
-    count.add_argument("files", nargs="+", metavar="FILE", help="recordings, .csv or .npz")
+    count.add_argument("files", nargs="+", metavar="FILE", help="recordings, .csv or .npz, or folders")
     count.add_argument("--model", required=True, help="model file that train wrote")
     count.add_argument("--trust-model", action="store_true", help="a joblib model is code: say you trust it")
     count.add_argument("--channel", help="column of the torque in CSV files")

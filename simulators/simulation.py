@@ -23,6 +23,8 @@ Load = float | ArrayLike | Callable[[Float], ArrayLike]
 # Beyond any torque that the papers' machine could bear; a healthy run stays below 30 Nm.
 ABSURD_TORQUE = 1e4
 _FILTER_MARGIN = 40  # samples of the result
+# A step takes about 100 bytes of memory while it is simulated: 100 million are 1000 s and 10 GB.
+LARGEST_N_STEPS = 100_000_000
 
 
 class SimulationDiverged(RuntimeError):
@@ -311,6 +313,11 @@ def simulate(
     # The anti-alias filter pads with zeros: right at the start, which is at rest; at the end it falls on the
     # samples simulated beyond it.
     n_steps = math.ceil((n_samples + _FILTER_MARGIN) / ratio)
+    if n_steps > LARGEST_N_STEPS:
+        raise ValueError(
+            f"duration {duration:g} s takes {n_steps:.3g} steps of dt = {dt:g} s, more than "
+            f"{LARGEST_N_STEPS:g}: simulate shorter runs"
+        )
     half_steps: Float = np.arange(2 * n_steps + 1, dtype=float) * (dt / 2)
     phi, omega, alpha = _driver(gearbox, half_steps, start_angle)
     load = _load(gearbox, half_steps, load_fluctuation)

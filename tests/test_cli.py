@@ -160,6 +160,23 @@ def test_evaluate_measured_vibration(capsys):
         assert word in out
 
 
+def test_a_folder_counts_as_its_files(capsys, folder):
+    code, out, _ = run(capsys, "count", folder, "--model", folder / "model.joblib", "--trust-model", "--json")
+    names = {result["file"] for result in json.loads(out)}
+    assert str(folder / "worn.csv") in names
+    assert len(names) >= 9
+    assert code in (0, 2)  # the folder holds the other tests' bad files too
+
+
+def test_a_closed_pipe_is_no_error(folder):
+    command = [sys.executable, "-m", "cyclofeat", "evaluate", "--dataset", "oedi"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    with process.stderr as err:
+        assert err.read() == b""
+    assert process.wait() == 0
+
+
 def wrong_column(folder):
     file = folder / "other.csv"
     file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n")
@@ -238,6 +255,7 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--worn", "16", "--out", "x.npz"], "lobe 15"),
         (["simulate", "--worn", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
+        (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
         (["train", "--out", "absent/model.joblib"], "folder absent .* does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
