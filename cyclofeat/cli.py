@@ -184,7 +184,7 @@ def _count(arguments: argparse.Namespace) -> int:
         except (ValueError, TypeError, OSError) as error:
             failed = True
             results.append({"file": str(path), "error": " ".join(str(error).split())})
-            _fail(f"{path}: {error}")
+            _fail(str(error) if str(error).startswith(str(path)) else f"{path}: {error}")
             continue
         results.append({"file": str(path), **result.to_dict()})
         if not arguments.json:
@@ -304,7 +304,9 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--material", choices=("steel", "abs"), default="steel")
     simulate.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
     simulate.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
-    simulate.add_argument("--seed", type=int, default=0, help="seed of assembly, drift and noise")
+    simulate.add_argument(
+        "--seed", type=int, default=1000, help="of assembly, drift and noise (default 1000)"
+    )
     simulate.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
     _add_rig(simulate, "the papers' free output without errors")
 

@@ -237,5 +237,10 @@ def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
         model.count(recording.replace(sampling_rate=10_000.0, angle=None, angle_is_absolute=False))
     with pytest.raises(ValueError, match="speed_rpm of the recording is 400.*trained at 500 RPM"):
         model.count(recording.replace(speed_rpm=400.0, angle=None, angle_is_absolute=False))
+    faster = recording.replace(angle=1.05 * recording.angle, angle_is_absolute=False)
+    with pytest.raises(
+        ValueError, match=r"the angle of the recording turns at 5\d\d\.?\d* RPM.*trained at 500 RPM"
+    ):
+        model.count(faster)
     with pytest.raises(ValueError, match="short"):
         model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))

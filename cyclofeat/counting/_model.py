@@ -179,12 +179,21 @@ class LobeModel:
                 f"sampling_rate of the recording is {recording.sampling_rate:g} Hz, but the model was "
                 f"trained at {self.sampling_rate:g} Hz: resample the recording or train a model at its rate"
             )
-        speed = recording.input_speed_hz
-        if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:
-            raise ValueError(
-                f"speed_rpm of the recording is {60 * speed:g}, but the model was trained at "
-                f"{60 * self.input_speed_hz:g} RPM: train a model at that speed"
+        stated = {"speed_rpm of the recording is": recording.input_speed_hz}
+        phi = recording.input_angle(self.n_lobes)
+        if phi is not None:
+            # Speed by the tachometer, whatever the label says; in the middle half, away from a run-up.
+            first, last = phi.size // 4, 3 * phi.size // 4
+            turns = (phi[last] - phi[first]) / (2 * np.pi)
+            stated["the angle of the recording turns at"] = float(
+                turns * recording.sampling_rate / max(last - first, 1)
             )
+        for source, speed in stated.items():
+            if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:
+                raise ValueError(
+                    f"{source} {60 * speed:.5g} RPM, but the model was trained at "
+                    f"{60 * self.input_speed_hz:.5g} RPM: train a model at that speed"
+                )
 
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
@@ -225,14 +234,15 @@ class LobeModel:
             share = self._lobe_probability(windows, absolute)
             lobes = tuple(sorted(int(lobe) for lobe in np.argsort(-share, kind="stable")[:count]))
             by_lobe = tuple(float(p) for p in share)
-            if not absolute:
+            if not absolute and lobes:
                 notes.append(
-                    "positions are relative: without an absolute angle, lobe 0 is the one under load at the "
-                    "recording's first sample"
+                    "positions are relative: without an absolute angle they count from the lobe under load "
+                    "at the first sample counted"
                 )
         if probability.max() < 0.5:
             notes.append(
-                f"uncertain: no count reaches a probability of 0.5 ({count} has {probability.max():.2f})"
+                f"uncertain: {count} is most probable with {probability.max():.3f} only (share of the trees, "
+                "not calibrated); more output turns decide better"
             )
         return LobeCount(
             defect_count=count,
