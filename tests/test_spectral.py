@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import signal, stats
 
-from cyclofeat import spectral
+from cyclofeat import _windows, spectral
 from cyclofeat.spectral import (
     PRESETS,
     band_mask,
@@ -185,7 +185,7 @@ def test_leading_axes_and_integers(preset):
 def test_chunks_change_nothing(monkeypatch, preset):
     X = torque(7, 500)
     whole = welch_psd(X, SAMPLING_RATE, preset)[1], torque_statistics(X)["std"]
-    monkeypatch.setattr(spectral, "_CHUNK", 2500)
+    monkeypatch.setattr(_windows, "_CHUNK", 2500)
     parts = welch_psd(X, SAMPLING_RATE, preset)[1], torque_statistics(X)["std"]
     for one, other in zip(whole, parts, strict=True):
         assert_allclose(one, other, rtol=1e-12)
