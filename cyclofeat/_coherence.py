@@ -91,7 +91,7 @@ def magnitude_squared_coherence(
     -----
     A window and itself have coherence 1. Lines without power have coherence 0, and so have those whose power
     is less than 1e-28 of the largest line's: what is left there is rounding. Two independent windows of noise
-    have a mean coherence of about 0.2, as 8 overlapping segments are few. Windows of fewer than 9 samples
+    have a mean coherence of about 0.14, as 8 overlapping segments are few. Windows of fewer than 9 samples
     have segments of one sample, and their coherence does not depend on the frequency.
 
     References

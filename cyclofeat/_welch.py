@@ -275,11 +275,10 @@ def welch_psd(X: ArrayLike, sampling_rate: float, preset: str = "matlab_pwelch")
     taper = definition.taper(segment)
     windows = X.reshape(-1, n_samples)
     psd = np.empty((len(windows), frequencies.size))
-    scale = one_sided(frequencies.size) / (float(sampling_rate) * (taper @ taper) * n_segments)
-    transforms = SegmentTransforms(
-        taper, n_samples, segment // 2, fft_length(n_samples), definition.remove_mean
-    )
-    for chunk in chunks(len(windows), n_segments * frequencies.size):
+    n_fft = fft_length(n_samples)
+    transforms = SegmentTransforms(taper, n_samples, segment // 2, n_fft, definition.remove_mean)
+    scale = one_sided(frequencies.size) / (float(sampling_rate) * (taper @ taper) * transforms.n_segments)
+    for chunk in chunks(len(windows), transforms.n_segments * frequencies.size):
         psd[chunk] = power_over_segments(transforms(windows[chunk])) * scale
     return frequencies, psd.reshape(*X.shape[:-1], frequencies.size)
 
