@@ -12,9 +12,17 @@ from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from cyclofeat.counting import make_entropy_counter, make_lobe_counter
-from cyclofeat.features import LobeMap, SpectralEntropy, TorqueStatistics
+from cyclofeat.features import (
+    LobeMap,
+    SpectralEntropy,
+    TorqueStatistics,
+    WaveletEnvelopeSpectrum,
+    WaveletLevelStatistics,
+    WaveletMinimaOverlap,
+)
 
 SAMPLING_RATE = 25_600
+HAAR = [[0.5**0.5, 0.5**0.5], [-(0.5**0.5), 0.5**0.5], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0.5**0.5)]]
 
 
 def estimators() -> list[BaseEstimator]:
@@ -26,6 +34,12 @@ def estimators() -> list[BaseEstimator]:
         SpectralEntropy(SAMPLING_RATE, preset="ripple", band=(50.0, 1500.0)),
         LobeMap(SAMPLING_RATE),
         LobeMap(SAMPLING_RATE, align="start", speed_tolerance=0, ar_order=0),
+        WaveletMinimaOverlap(SAMPLING_RATE),
+        WaveletMinimaOverlap(SAMPLING_RATE, wavelet="db4", levels=3, align="none"),
+        WaveletEnvelopeSpectrum(SAMPLING_RATE),
+        WaveletEnvelopeSpectrum(SAMPLING_RATE, wavelet="haar", shaft_hz=300.0, n_mesh_harmonics=2),
+        WaveletLevelStatistics(SAMPLING_RATE),
+        WaveletLevelStatistics(SAMPLING_RATE, wavelet=HAAR, levels=2, colours=2),
         make_lobe_counter(SAMPLING_RATE, n_trees=10),
         make_entropy_counter(SAMPLING_RATE, n_trees=10),
     ]

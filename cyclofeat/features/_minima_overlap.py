@@ -1,0 +1,294 @@
+"""Overlap of a scalogram's minima with those of the worst class."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Sequence
+from numbers import Integral, Real
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils import check_consistent_length, column_or_1d
+
+from cyclofeat import lobes
+from cyclofeat._sklearn import Interval, StrOptions
+from cyclofeat.features._registry import REGISTRY
+from cyclofeat.features._wavelet import WaveletTransformer
+from cyclofeat.wavelets import AnyWavelet, dwt, lowest_colour, visible
+
+# A reference is the median over as many windows.
+_N_REFERENCES = 8
+# Lobe lines that place a window, where the sampling rate holds as many; LobeMap's default.
+_N_LINES = 44
+# Samples that are compared before a whole window is.
+_N_PROBES = 16
+
+
+class WaveletMinimaOverlap(WaveletTransformer):
+    """Cells of the lowest colour that a window's scalogram shares with the worst class's (paper B section 7).
+
+    For each level of the wavelet transform: the share of the scalogram's cells that have the lowest colour
+    both here and in the reference (the dark area of paper B's fig. 18, paper A's fig. 9). ``fit`` keeps the
+    minima of up to eight windows of the worst class; each feature is the median over them. The scalogram is
+    MATLAB's (:func:`cyclofeat.wavelets.scalogram`).
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
+    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
+        Name of PyWavelets or of the Morris family, a wavelet, or a filter bank (dec_lo, dec_hi, rec_lo,
+        rec_hi).
+    levels : int, default=12
+        Number of levels, 1 to 30. Paper B saw the overlap grow at levels 3 and 4 only.
+    colours : int, default=64
+        Number of colours.
+    reference : int, float or str, default="worst"
+        Class that windows are compared with: ``"worst"`` for the largest label in ``y`` (of strings, the last
+        in alphabetical order), or a label. Paper B has 8 worn lobes but refers to 7.
+    align : {"energy", "none"}, default="energy"
+        Whether scalograms are compared from the same phase of the lobes' passage on. ``"energy"``: from the
+        circular mean of the energy of the folded torque on (see :class:`LobeMap`), so that it does not matter
+        where a window starts. ``"none"``: from the window's first sample on, as in the papers, whose
+        simulations all start alike.
+    input_speed_hz : float, default=500/60
+        Nominal input speed in turns per second, for the alignment. For windows on equal steps of the
+        angle: 1.
+    n_lobes : int, default=15
+        Number of lobes of a disc, for the alignment.
+    speed_tolerance : float, default=0.015
+        Largest relative deviation from the nominal speed that is searched, for the alignment; 0 takes the
+        nominal speed, as is right for windows on equal steps of the angle.
+
+    Attributes
+    ----------
+    reference_class_ : object
+        Label of the windows in the reference; None where ``fit`` was given no ``y``.
+    reference_minima_ : list of ndarray of bool, shape (n_references, n_compared)
+        For each level, which of the compared coefficients of the reference have the lowest colour.
+    n_features_in_ : int
+        Samples in a window.
+    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+        Names of the samples, if ``fit`` was given a data frame.
+
+    See Also
+    --------
+    cyclofeat.wavelets.minima_mask : The minima of a scalogram, cell by cell.
+    cyclofeat.scans.scan_wavelets : Which wavelet's overlap grows with the number of worn lobes.
+
+    Notes
+    -----
+    **Reference.** Taken from the class's windows at equal distances in their order, so that they come from as
+    many recordings as possible. In ``transform``, a window that is identical to one in the reference is not
+    compared with it: with itself it shares all its minima, which would give its label away. Where nothing
+    else is in the reference, it is compared with itself after all. Other windows of a recording that is in
+    the reference still resemble it: evaluate with whole assemblies held out. Without ``y`` all windows count
+    as one class, and ``reference`` must be ``"worst"``.
+
+    **Alignment.** A window is not turned in a circle, which would join its end to its beginning in a step
+    that outshines every other coefficient. Of the scalogram of the whole window, a part begins at the
+    window's lobe phase and is one lobe period (z_s slots, 15/16 of an input turn) shorter than the window, so
+    that it fits behind every phase. The part begins at the nearest border of two coefficients, level by
+    level: at most 2^(k-1) samples off, 8 at level 4 where a lobe's slot has 192. From level 8 on (at
+    25.6 kHz) a coefficient is longer than a slot, and alignment means little. The windows are transformed as
+    they are, one transform serving every transformer, and colours are those of the whole window. Windows of
+    less than two lobe periods (0.225 s at 500 RPM) are compared from their first sample on.
+
+    With ``"none"``, coefficients count by their cells inside the central cut: the exact share of MATLAB's
+    picture. Its alignment then has to come from the data: records that start alike, or windows on equal steps
+    of an absolute angle.
+
+    A constant window is of the lowest colour throughout. Overlaps do not depend on the scale or the mean of
+    the torque, as long as coefficients stay above sqrt(eps) = 1.5e-8 Nm.
+
+    Paper A found no gradual relation in measured torque, and by this definition a peaked level has many cells
+    of the lowest colour in any case: read it beside :class:`WaveletLevelStatistics`.
+
+    Examples
+    --------
+    Windows that start anywhere, with a burst at each passage of lobe 3, the larger the more it is worn, and
+    noise. The larger the bursts, the more of the noise falls into the lowest colour:
+
+    >>> import numpy as np
+    >>> from cyclofeat.features import WaveletMinimaOverlap
+    >>> noise = np.random.default_rng(0).normal(scale=0.05, size=(9, 46_080))
+    >>> def torque(size, start):
+    ...     slot = (start + np.arange(46_080)) / 192.3 % 15
+    ...     return 22 + size * np.exp(-(((slot - 3.5) * 8) ** 2)) * np.cos(2 * np.pi * 12 * slot)
+    >>> X = noise + [torque(size, start) for size in (1, 2, 3) for start in (0, 500, 1700)]
+    >>> y = np.repeat([1, 2, 3], 3)
+    >>> transformer = WaveletMinimaOverlap(sampling_rate=25_600, levels=4).fit(X, y)
+    >>> transformer.get_feature_names_out()[3]
+    'minima_overlap(mb32.3;64colours;energy;worst;level04)'
+    >>> transformer.transform(X)[:, 3].round(2)
+    array([0.5 , 0.52, 0.53, 0.79, 0.79, 0.81, 0.89, 0.89, 0.89])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WaveletTransformer._parameter_constraints,
+        "levels": [Interval(Integral, 1, 30, closed="both")],
+        "colours": [Interval(Integral, 2, None, closed="left")],
+        "reference": [str, Real],
+        "align": [StrOptions({"energy", "none"})],
+        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        "n_lobes": [Interval(Integral, 3, None, closed="left")],
+        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+    }
+
+    def __init__(
+        self,
+        sampling_rate: float,
+        wavelet: AnyWavelet = "mb32.3",
+        levels: int = 12,
+        colours: int = 64,
+        reference: float | str = "worst",
+        align: str = "energy",
+        input_speed_hz: float = 500 / 60,
+        n_lobes: int = 15,
+        speed_tolerance: float = 0.015,
+    ) -> None:
+        self.sampling_rate = sampling_rate
+        self.wavelet = wavelet
+        self.levels = levels
+        self.colours = colours
+        self.reference = reference
+        self.align = align
+        self.input_speed_hz = input_speed_hz
+        self.n_lobes = n_lobes
+        self.speed_tolerance = speed_tolerance
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        super()._learn(X, y)
+        if self.align == "energy":
+            highest = lobes.highest_frequency(
+                self.input_speed_hz, self.n_lobes, self.n_lobes, self.speed_tolerance
+            )
+            if highest > self.sampling_rate / 2:
+                raise ValueError(
+                    f"sampling_rate={self.sampling_rate:g} holds frequencies up to "
+                    f"{self.sampling_rate / 2:g}, but placing {self.n_lobes} lobes at input_speed_hz="
+                    f"{self.input_speed_hz:g} takes {highest:g}: use a higher rate or align='none'"
+                )
+        self.reference_class_, members = self._members(len(X), y)
+        spread = np.linspace(0, len(members) - 1, min(_N_REFERENCES, len(members))).round().astype(int)
+        windows = np.ascontiguousarray(X[members[spread]], dtype=np.float64)
+        self._probes = windows[:, self._probed(X.shape[1])]
+        self._digests = [_digest(window) for window in windows]
+        coefficients = dwt(windows, self.wavelet, self.levels)
+        self.reference_minima_ = [minima for minima, _ in self._minima(windows, coefficients)]
+
+    def _members(self, n_windows: int, y: ArrayLike | None) -> tuple[Any, NDArray[np.intp]]:
+        """Label of the reference and indices of its windows."""
+        if y is None:
+            if self.reference != "worst":
+                raise ValueError(f"reference={self.reference!r} is a label of y, but fit was given no y")
+            return None, np.arange(n_windows)
+        labels = column_or_1d(y)
+        check_consistent_length(labels, np.empty(n_windows))
+        classes = np.unique(labels)
+        if self.reference == "worst":
+            return classes[-1], np.flatnonzero(labels == classes[-1])
+        if self.reference not in classes.tolist():
+            raise ValueError(
+                f"reference must be 'worst' or a label in y ({', '.join(map(repr, classes.tolist()))}), "
+                f"got {self.reference!r}"
+            )
+        return self.reference, np.flatnonzero(labels == self.reference)
+
+    def _columns(self) -> list[str]:
+        row = REGISTRY["minima_overlap"]
+        # Labels may hold what names may not.
+        label = re.sub(r"[^\w.+-]", "_", str(self.reference), flags=re.ASCII)
+        definition = (self._bank(), f"{self.colours}colours", self.align, label)
+        return [row.column(*definition, f"level{level:02d}") for level in range(1, self.levels + 1)]
+
+    def _depth(self) -> int:
+        return self.levels
+
+    def _from_coefficients(
+        self,
+        X: NDArray[Any],
+        coefficients: Sequence[NDArray[np.float64]],
+        found: lobes.LobeLines | None = None,
+    ) -> NDArray[np.float64]:
+        # ``found``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
+        known = self._known(X)
+        overlaps = np.empty((len(X), self.levels))
+        of_level = zip(self._minima(X, coefficients, found), self.reference_minima_, strict=True)
+        for column, ((minima, cells), reference) in enumerate(of_level):
+            shared = (minima * cells) @ reference.T.astype(np.float64) / cells.sum()
+            overlaps[:, column] = np.median(shared, axis=1)
+            for row in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)):
+                overlaps[row, column] = np.median(shared[row, ~known[row]])
+        return overlaps
+
+    def _minima(
+        self,
+        X: NDArray[Any],
+        coefficients: Sequence[NDArray[np.float64]],
+        found: lobes.LobeLines | None = None,
+    ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64]]]:
+        """For each level: which of the compared coefficients are lowest, and how many cells each has."""
+        n_samples = X.shape[1]
+        starts = self._starts(X, found)
+        result = []
+        for level in range(1, self.levels + 1):
+            detail = coefficients[level - 1]
+            shown, cells = visible(detail, level, n_samples)
+            minima = lowest_colour(shown, self.colours)
+            if starts is not None:
+                size = 1 << level
+                compared = max((n_samples - self._longest_period()) >> level, 1)
+                # Cells that the central cut left of the first coefficient shown.
+                first = (starts + (size - int(cells[0])) + size // 2) >> level
+                first = np.minimum(first, shown.shape[1] - compared)
+                minima = np.stack([row[at : at + compared] for row, at in zip(minima, first, strict=True)])
+                cells = np.full(compared, size)
+            result.append((minima, cells.astype(np.float64)))
+        return result
+
+    def _longest_period(self) -> int:
+        """Samples of the longest lobe period that the speed's tolerance allows."""
+        slowest = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes) * (1 - self.speed_tolerance)
+        return math.ceil(self.sampling_rate / slowest)
+
+    def _starts(self, X: NDArray[Any], found: lobes.LobeLines | None) -> NDArray[np.int64] | None:
+        """Sample of each window that its lobe phase begins at; None if they are not aligned."""
+        nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
+        # The same limit as in lobe_lines; the comparison then has something left to compare.
+        if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
+            return None
+        if found is None:
+            reached = lobes.highest_frequency(self.input_speed_hz, self.n_lobes, 1, self.speed_tolerance)
+            found = lobes.lobe_lines(
+                np.asarray(X, dtype=np.float64),
+                self.sampling_rate,
+                self.input_speed_hz,
+                n_lobes=self.n_lobes,
+                n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
+                speed_tolerance=self.speed_tolerance,
+            )
+        phase = np.mod(lobes.energy_centre(lobes.fold(found.lines, self.n_lobes)), 1.0)
+        period = self.sampling_rate / lobes.lobe_frequency(1.0, self.n_lobes) / found.input_speed_hz
+        starts = np.floor(phase * period).astype(np.int64)
+        return np.minimum(starts, self._longest_period() - 1)
+
+    def _probed(self, n_samples: int) -> NDArray[np.intp]:
+        return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
+
+    def _known(self, X: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which windows are which ones of the reference, shape (n_windows, n_references)."""
+        probes = np.asarray(X[:, self._probed(X.shape[1])], dtype=np.float64)
+        known: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
+        for row in np.flatnonzero(known.any(axis=1)):
+            digest = _digest(np.asarray(X[row], dtype=np.float64))
+            known[row] &= [digest == other for other in self._digests]
+        return known
+
+
+def _digest(window: NDArray[np.float64]) -> bytes:
+    # + 0.0 makes one zero of both.
+    return hashlib.blake2b((window + 0.0).tobytes(), digest_size=16).digest()
