@@ -11,6 +11,7 @@ each window takes it out beforehand.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,6 +133,7 @@ def lobe_lines(
     n_lines: int = 44,
     ar_order: int = 16,
     speed_tolerance: float = 0.015,
+    searched: Sequence[int] | None = None,
 ) -> LobeLines:
     """Lobe lines of each window, at the input speed that fits them best.
 
@@ -153,6 +155,9 @@ def lobe_lines(
         frequencies of sampling rate; 0 for none.
     speed_tolerance : float
         Largest relative deviation of the speed that is searched; 0 takes the nominal speed.
+    searched : sequence of int, optional
+        Numbers of the lobe lines that the search looks at. By default all from the fifth on: below, the brake
+        drifts.
 
     Returns
     -------
@@ -181,9 +186,9 @@ def lobe_lines(
     factor = np.ones(n_windows)
     if speed_tolerance > 0:
         prominence = np.log(np.divide(power, floor, out=np.zeros_like(power), where=floor > 0) + _TINY)
-        searched = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :]
+        teeth = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :] if searched is None else np.asarray(searched)
         factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
-        bins = np.outer(factors, searched * (nominal / resolution))
+        bins = np.outer(factors, teeth * (nominal / resolution))
         fit = np.stack([_between_bins(row, bins).sum(axis=1) for row in prominence])
         factor = factors[np.argmax(fit, axis=1)]
     frequencies = np.outer(factor * nominal, numbers)

@@ -1,4 +1,4 @@
-"""Angle and order domain: pure functions of torque and shaft angle.
+"""Angle and order domain: pure functions of torque, shaft angle and input speed.
 
 Angles are in rad. The input shaft's angle phi increases as the machine runs; order k means k times per turn
 of the input shaft. A disc with z_s lobes turns z_s times slower than the input, and against it.
@@ -11,10 +11,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import fft, ifft, next_fast_len
 from scipy.interpolate import CubicSpline
-from scipy.signal import firwin, kaiser_beta, upfirdn
+from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn
+
+from cyclofeat import lobes
+from cyclofeat._windows import as_windows
 
 Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 # Anti-alias filter: flat up to 0.8 of the new Nyquist order, 80 dB down from that order on. By Kaiser's
 # formula this takes (80 - 7.95) / (2.285 * 0.2 pi) = 50.2 samples of the result, hence 26 on either side.
@@ -24,6 +29,13 @@ _HALF_WIDTH = 26
 # Below this share of the median speed a turn holds so many samples that the grid would outgrow the record.
 _SLOWEST_SHARE = 1 / 16
 _SPEED_STEPS_PER_TURN = 8
+
+# The comb by which the input speed is found: LobeMap's own number of lines, and the fewest that tell a speed.
+_COMB_LINES = 44
+_FEWEST_COMB_LINES = 3
+# Order lines are read at a reduced rate, this many times the highest line; what folds down is 100 dB down.
+_RATE_PER_HIGHEST_LINE = 4
+_ALIAS_DB = 100.0
 
 
 def input_angle_from_disc(angle: ArrayLike, reduction: int = 15) -> Float:
@@ -183,3 +195,306 @@ def _checked_samples_per_turn(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 2:
         raise ValueError(f"samples_per_turn must be a whole number of at least 2, got {value!r}")
     return int(value)
+
+
+FOLDS = ("output", "input", "lobe")
+"""By what torque is folded: turns of the output, turns of the input, passages of a lobe."""
+
+
+def lines_per_input_turn(fold_by: str, n_lobes: int = 15) -> float:
+    """How often per input turn the fold repeats, in other words the order of its first line.
+
+    1/z_s for the output turn, 1 for the input turn, (z_s + 1)/z_s for the passage of lobes.
+
+    Examples
+    --------
+    >>> from cyclofeat.orders import lines_per_input_turn
+    >>> lines_per_input_turn("output") * 15
+    1.0
+    """
+    if fold_by not in FOLDS:
+        raise ValueError(f"fold_by must be one of {', '.join(FOLDS)}; got {fold_by!r}")
+    return {"output": 1 / n_lobes, "input": 1.0, "lobe": (n_lobes + 1) / n_lobes}[fold_by]
+
+
+COMBS = ("lobe", "mesh")
+"""By which lines the input speed can be found."""
+
+
+def comb_lines(
+    sampling_rate: float, nominal_hz: float, tolerance: float, comb: str = "lobe", n_lobes: int = 15
+) -> int:
+    """Number of lobe lines within which :func:`estimate_input_speed` looks: 44, or what fits.
+
+    Raises
+    ------
+    ValueError
+        If the comb is unknown, or the sampling rate does not hold its first lines: three lobe lines or one
+        mesh line.
+    """
+    if comb not in COMBS:
+        raise ValueError(f"comb must be one of {', '.join(COMBS)}; got {comb!r}")
+    fewest = n_lobes if comb == "mesh" else _FEWEST_COMB_LINES
+    fitting = int(sampling_rate / 2 / lobes.highest_frequency(nominal_hz, n_lobes, 1, tolerance))
+    if fitting < fewest:
+        needed = 2 * lobes.highest_frequency(nominal_hz, n_lobes, fewest, tolerance)
+        raise ValueError(
+            f"sampling_rate={sampling_rate:g} is too low to find an input speed near {nominal_hz:g}: "
+            f"at least {needed:g} is needed"
+        )
+    return min(fitting, max(_COMB_LINES, n_lobes))
+
+
+def estimate_input_speed(
+    X: ArrayLike,
+    sampling_rate: float,
+    nominal_hz: float,
+    tolerance: float = 0.015,
+    comb: str = "lobe",
+    n_lobes: int = 15,
+) -> Float:
+    """Input speed of each window without a tachometer, from its lobe lines or its mesh lines.
+
+    The lobe lines are the multiples of (z_s + 1)/z_s of the input speed; every z_s-th of them is a mesh line
+    (order z_s + 1). The speed is the one, of 301 within the tolerance, whose comb stands out most from the
+    spectrum around it, summed in decibels; see :func:`cyclofeat.lobes.lobe_lines`, whose search this is.
+
+    Parameters
+    ----------
+    X : array-like, shape (n_windows, n_samples)
+        Windows of torque in Nm.
+    sampling_rate : float
+        Samples per second in Hz (samples per input turn for windows on equal steps of the angle, with
+        ``nominal_hz=1``).
+    nominal_hz : float
+        Nominal input speed in turns per second.
+    tolerance : float, default=0.015
+        Largest relative deviation that is searched; 0 returns the nominal speed.
+    comb : {"lobe", "mesh"}, default="lobe"
+        ``"lobe"``: all lobe lines from the fifth to the 44th, as :class:`cyclofeat.features.LobeMap` does.
+        ``"mesh"``: the mesh lines among them alone, for torque in which the lobes do not differ.
+    n_lobes : int, default=15
+        Number of lobes z_s of a disc.
+
+    Returns
+    -------
+    ndarray, shape (n_windows,)
+        Input speed in turns per second.
+
+    Raises
+    ------
+    ValueError
+        If the tolerance is not within 0 and 0.2, the comb is unknown or beyond half of the sampling rate, or
+        ``X`` is not two-dimensional, real and finite.
+
+    Notes
+    -----
+    The steps of the search are ``tolerance / 150`` (0.01 % at 1.5 %). In windows of one output turn (1.8 s at
+    500 RPM) whose comb stands 10 dB out of the noise the estimate is within 0.03 % of the truth. Torque
+    without lobe or mesh lines has no speed to be found: the result is then any within the tolerance, as it is
+    for windows of few turns. Windows of less than two lobe periods, and constant ones, get the nominal speed
+    or any within the tolerance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.orders import estimate_input_speed
+    >>> phase = 2 * np.pi * 8.4 * np.arange(46_080) / 25_600
+    >>> torque = 22 + np.sin(16 * phase) + 0.5 * np.cos(32 * phase)  # mesh lines only
+    >>> torque = torque + 0.1 * np.random.default_rng(0).normal(size=46_080)
+    >>> print(estimate_input_speed(torque[np.newaxis], 25_600, 500 / 60, comb="mesh").round(2))
+    [8.4]
+    """
+    if not 0 <= tolerance <= 0.2:
+        raise ValueError(f"tolerance must be from 0 to 0.2 (a share of the speed), got {tolerance!r}")
+    if not 0 < nominal_hz < math.inf:
+        raise ValueError(f"nominal_hz must be positive and finite, got {nominal_hz!r}")
+    X = as_windows(X)
+    if X.ndim != 2:
+        raise ValueError(f"X must have the shape (n_windows, n_samples), got {X.shape}")
+    if tolerance == 0:
+        return np.full(len(X), float(nominal_hz))
+    n_lines = comb_lines(sampling_rate, nominal_hz, tolerance, comb, n_lobes)
+    return lobes.lobe_lines(
+        np.asarray(X, dtype=np.float64),
+        sampling_rate,
+        nominal_hz,
+        n_lobes=n_lobes,
+        n_lines=n_lines,
+        speed_tolerance=tolerance,
+        searched=range(n_lobes, n_lines + 1, n_lobes) if comb == "mesh" else None,
+    ).input_speed_hz
+
+
+def order_lines(
+    X: ArrayLike,
+    sampling_rate: float,
+    input_speed_hz: ArrayLike,
+    n_lines: int,
+    fold_by: str = "output",
+    n_lobes: int = 15,
+) -> Complex:
+    r"""Complex amplitudes of the torque at the lines of a turn.
+
+    .. math:: c_k = \frac{2}{L} \sum_{n=0}^{L-1} (x_n - \bar x) e^{-2 \pi j k f n / f_s}
+
+    with f = the input speed times the order of the first line (:func:`lines_per_input_turn`: the order lines
+    of the output turn are k/15 for 15 lobes) and the L samples of the largest whole number of turns in the
+    window. Over whole turns the lines do not disturb each other, and what does not repeat with the turn
+    averages out: these are the lines of the torque's synchronous average, however high its resolution.
+
+    Parameters
+    ----------
+    X : array-like, shape (n_windows, n_samples)
+        Windows of torque in Nm.
+    sampling_rate : float
+        Samples per second in Hz (samples per input turn for windows on equal steps of the angle, with
+        ``input_speed_hz=1``).
+    input_speed_hz : array-like, shape (n_windows,)
+        Input speed of each window in turns per second, as from :func:`estimate_input_speed`.
+    n_lines : int
+        Number of lines.
+    fold_by : {"output", "input", "lobe"}, default="output"
+        Which turn the lines belong to.
+    n_lobes : int, default=15
+        Number of lobes z_s of a disc.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_windows, n_lines)
+        Amplitudes in Nm of lines k = 1, 2, ...: the torque holds Re(c_k exp(2 pi i k f t)), t = 0 at the
+        first sample. True to 1e-4 of the largest amplitude in the window.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit, a speed is not positive, a line lies beyond half of the sampling rate or ``X``
+        is not real and finite.
+
+    Notes
+    -----
+    The number of turns is rounded: a window that misses half a turn or less of a whole number, as one of 15
+    nominal input turns does where the speed is 1 % low, is taken whole. So is a window of less than half a
+    turn, whose lines blend into each other; windows of a constant, and of one sample, have lines 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.orders import order_lines
+    >>> phase = 2 * np.pi * 500 / 60 * np.arange(46_080) / 25_600
+    >>> torque = 22 + 3 * np.cos(16 / 15 * phase)
+    >>> lines = order_lines(torque[np.newaxis], 25_600, [500 / 60], 20)
+    >>> print(np.abs(lines[0, 14:17]).round(3))  # orders 15/15, 16/15, 17/15
+    [0. 3. 0.]
+    """
+    X = as_windows(X)
+    speeds = np.asarray(input_speed_hz, dtype=np.float64)
+    if X.ndim != 2 or speeds.shape != X.shape[:1]:
+        raise ValueError(
+            "X must have the shape (n_windows, n_samples) and input_speed_hz (n_windows,), "
+            f"got {X.shape} and {speeds.shape}"
+        )
+    first = speeds * lines_per_input_turn(fold_by, n_lobes)
+    if not (speeds > 0).all():
+        raise ValueError(f"input_speed_hz must be positive, got {speeds[~(speeds > 0)][0]}")
+    if not n_lines >= 1:
+        raise ValueError(f"n_lines must be at least 1, got {n_lines!r}")
+    highest = float(first.max(initial=0.0)) * n_lines
+    if highest > sampling_rate / 2:
+        raise ValueError(
+            f"line {n_lines} lies at {highest:g}, beyond half of the sampling rate, {sampling_rate / 2:g}"
+        )
+    lines = np.empty((len(X), n_lines), dtype=np.complex128)
+    if not len(X):
+        return lines
+    reducer = _Reducer(sampling_rate, highest)
+    for row, (x, line) in enumerate(zip(X, first, strict=True)):
+        turns = round(x.size * line / sampling_rate)
+        whole = x[: min(x.size, round(turns * sampling_rate / line)) or x.size].astype(np.float64)
+        whole -= whole[0]  # a constant then leaves no rounding
+        whole -= whole.mean()
+        lines[row] = 2 / whole.size * reducer.lines(whole, 2 * math.pi * line / sampling_rate, n_lines)
+    return lines
+
+
+class _Reducer:
+    """Fourier sums at multiples of a frequency, from samples low-passed and thinned beforehand.
+
+    The filter takes the record as zero beyond its ends and keeps all that it makes of it, so that its gain at
+    the lines can be divided out: what is left is what folds down, 100 dB below the rest.
+    """
+
+    def __init__(self, sampling_rate: float, highest: float) -> None:
+        self.factor = max(1, int(sampling_rate / (_RATE_PER_HIGHEST_LINE * highest)))
+        if self.factor > 1:
+            # Nothing up to the highest line may be disturbed by what folds down onto it.
+            stop = sampling_rate / self.factor - highest
+            n_taps, beta = kaiserord(_ALIAS_DB, 2 * (stop - highest) / sampling_rate)
+            self.taps: Float = firwin(
+                n_taps | 1, (highest + stop) / 2, window=("kaiser", beta), fs=sampling_rate
+            )
+
+    def lines(self, x: Float, step: float, n_lines: int) -> Complex:
+        """Sums of ``x[n] exp(-i k step n)`` for k = 1 to ``n_lines``."""
+        if self.factor == 1:
+            return _fourier_sums(x, step, n_lines)
+        gain = _fourier_sums(self.taps, step, n_lines)  # with the filter's delay
+        thinned = upfirdn(self.taps, x, 1, self.factor)
+        return np.asarray(self.factor * _fourier_sums(thinned, step * self.factor, n_lines) / gain)
+
+
+def _fourier_sums(x: Float, step: float, n_lines: int) -> Complex:
+    """Sums of ``x[n] exp(-i k step n)`` for k = 1 to ``n_lines``, by Bluestein's convolution."""
+    size = max(x.size, n_lines + 1)
+    chirp = np.exp(-0.5j * step * np.arange(size, dtype=np.float64) ** 2)
+    n_fft = next_fast_len(x.size + n_lines + 1)
+    kernel = np.zeros(n_fft, dtype=np.complex128)
+    kernel[: n_lines + 1] = chirp[: n_lines + 1].conj()
+    kernel[n_fft - x.size + 1 :] = chirp[1 : x.size][::-1].conj()
+    sums = ifft(fft(x * chirp[: x.size], n_fft) * fft(kernel))[: n_lines + 1] * chirp[: n_lines + 1]
+    return np.asarray(sums[1:])
+
+
+def synchronous_average(
+    X: ArrayLike,
+    sampling_rate: float,
+    input_speed_hz: ArrayLike,
+    n_lines: int,
+    n_points: int,
+    fold_by: str = "output",
+    n_lobes: int = 15,
+) -> Float:
+    """Torque folded by output turn, input turn or passage of lobes, from its lines.
+
+    Parameters
+    ----------
+    X, sampling_rate, input_speed_hz, n_lines, fold_by, n_lobes
+        See :func:`order_lines`.
+    n_points : int
+        Points of the result, evenly spread over the turn.
+
+    Returns
+    -------
+    ndarray, shape (n_windows, n_points)
+        Torque in Nm without its mean, band-limited to the lines; the first point is the window's first
+        sample.
+
+    Raises
+    ------
+    ValueError
+        As in :func:`order_lines`, or if ``n_points`` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.orders import synchronous_average
+    >>> phase = 2 * np.pi * 500 / 60 * np.arange(46_080) / 25_600
+    >>> torque = 22 + np.cos(phase) + np.cos(np.sqrt(2) * 100 * phase)
+    >>> synchronous_average(torque[np.newaxis], 25_600, [500 / 60], 4, 4, fold_by="input").round(1) + 0.0
+    array([[ 1.,  0., -1.,  0.]])
+    """
+    if n_points < 1:
+        raise ValueError(f"n_points must be at least 1, got {n_points!r}")
+    lines = order_lines(X, sampling_rate, input_speed_hz, n_lines, fold_by, n_lobes)
+    phase = np.outer(np.arange(1, n_lines + 1), np.arange(n_points) / n_points)
+    return np.ascontiguousarray((lines @ np.exp(2j * np.pi * phase)).real)

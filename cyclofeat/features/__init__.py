@@ -3,12 +3,22 @@
 ===========================  =================================================================================
 transformer                  features of each window
 ===========================  =================================================================================
+``AmplitudeSpectrum``        amplitudes of the lines of a transform of fixed length, averaged over blocks
+``BandPower``                power in bands
+``CoherenceToReference``     mean coherence with windows of the healthy class, per band
+``HighPass``                 the window itself without what varies slowly: goes before any of the others
 ``LobeMap``                  mean and rms in each lobe's slot, prominence and contrast of the lobe lines
+``NarrowbandRatio``          share of the power around the harmonics of a frequency
+``OrderSpectrum``            amplitudes at order lines of the output turn, of the input turn or of the lobes
+``SpectralCentroid``         mean frequency of the density, of the window or its parts
 ``SpectralEntropy``          Shannon entropy of the power spectral density in bits, or normalized
+``SpectralFlatness``         geometric over arithmetic mean of the density, of the window or its parts
+``SpectralRolloff``          frequency up to which 95 % of the power lies, of the window or its parts
 ``TorqueStatistics``         minimum, maximum, mean, std, range, rms, crest factor, skewness, kurtosis, ripple
 ``WaveletEnvelopeSpectrum``  envelope of the level that holds the mesh frequency, at shaft and mesh harmonics
 ``WaveletLevelStatistics``   rms, share of energy, kurtosis, extent of the lowest colour per level
 ``WaveletMinimaOverlap``     share of lowest-colour cells shared with the worst class, per level
+``WelchPSD``                 power spectral density, line by line
 ===========================  =================================================================================
 
 All take ``X`` of shape (n_windows, n_samples) in Nm and a required ``sampling_rate`` in Hz. Each is a thin
@@ -16,18 +26,39 @@ shell over pure functions of :mod:`cyclofeat.spectral` and its neighbours.
 """
 
 # One import, one line in the table above and one entry below per transformer.
+from cyclofeat.features._coherence import CoherenceToReference
+from cyclofeat.features._density import (
+    BandPower,
+    NarrowbandRatio,
+    SpectralCentroid,
+    SpectralFlatness,
+    SpectralRolloff,
+)
 from cyclofeat.features._envelope import WaveletEnvelopeSpectrum
+from cyclofeat.features._highpass import HighPass
 from cyclofeat.features._levels import WaveletLevelStatistics
+from cyclofeat.features._lines import AmplitudeSpectrum, WelchPSD
 from cyclofeat.features._lobe_map import LobeMap
 from cyclofeat.features._minima_overlap import WaveletMinimaOverlap
+from cyclofeat.features._orders import OrderSpectrum
 from cyclofeat.features._spectral import SpectralEntropy
 from cyclofeat.features._statistics import TorqueStatistics
 
 __all__ = [
+    "AmplitudeSpectrum",
+    "BandPower",
+    "CoherenceToReference",
+    "HighPass",
     "LobeMap",
+    "NarrowbandRatio",
+    "OrderSpectrum",
+    "SpectralCentroid",
     "SpectralEntropy",
+    "SpectralFlatness",
+    "SpectralRolloff",
     "TorqueStatistics",
     "WaveletEnvelopeSpectrum",
     "WaveletLevelStatistics",
     "WaveletMinimaOverlap",
+    "WelchPSD",
 ]

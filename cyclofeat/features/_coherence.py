@@ -1,0 +1,179 @@
+"""Coherence with windows of a reference class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils.validation import check_consistent_length, column_or_1d
+
+from cyclofeat._coherence import coherence_of_transforms, coherence_transforms, line_powers
+from cyclofeat._density import checked_bands
+from cyclofeat.features._base import WindowTransformer
+from cyclofeat.features._registry import REGISTRY, band_qualifier
+from cyclofeat.spectral import band_mask, welch_frequencies
+
+_MOST_REFERENCES = 8
+# Equal windows may differ by the rounding of one of them to single precision.
+_SAME = 1e-6
+
+
+class CoherenceToReference(WindowTransformer):
+    """Mean coherence, band by band, with training windows of a reference class (paper A 5.2, paper B 5).
+
+    ``fit`` keeps up to 8 training windows of the reference class. Each window's magnitude-squared coherence
+    with each of them, by the defaults of MATLAB's ``mscohere``, is averaged over the lines of each band; the
+    feature is the median over the references. A reference that equals the window is left out: with itself a
+    window has coherence 1, which would give the label away in training.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+    reference : str or number, default="healthy"
+        Which training windows are the reference:
+
+        - ``"healthy"``: those labelled ``"healthy"`` or, if there are none, of the smallest label (in sorted
+          order: 0 worn lobes). Without labels all training windows.
+        - ``"first"``: the first 8 training windows, whatever their labels.
+        - any other value: those with this label.
+
+        Of more than 8 windows, 8 evenly spread over the training set are kept.
+    bands : sequence of tuple of float, default=None
+        Lower and upper limits in Hz, both included. ``None`` takes those of
+        :func:`cyclofeat.spectral.octave_bands`. The papers looked at 0 to 1500 Hz.
+
+    Attributes
+    ----------
+    references_ : ndarray, shape (n_references, n_samples)
+        Windows of the reference class.
+    frequencies_ : ndarray, shape (n_bins,)
+        Frequencies of the coherence in Hz.
+    n_features_in_ : int
+        Samples in a window.
+    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+        Names of the samples, if ``fit`` was given a data frame.
+
+    See Also
+    --------
+    cyclofeat.spectral.magnitude_squared_coherence : Coherence line by line.
+
+    Notes
+    -----
+    Input torque and output torque are taken alike; the features do not depend on the scale of either window.
+    They do depend on its mean, as ``mscohere`` keeps it. Windows that equal each other to 1e-6 of their
+    largest sample count as the same window. A window without any other reference, and one without power, has
+    coherence 0. Windows of fewer than 9 samples have segments of one sample, so that all their lines have one
+    coherence, 1 for windows of one sample.
+
+    Where windows of one recording are both references and evaluated, what repeats in that recording alone
+    raises their coherence: split by assembly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.features import CoherenceToReference
+    >>> rng = np.random.default_rng(0)
+    >>> mesh = np.sin(2 * np.pi * 133 * np.arange(46_080) / 25_600)
+    >>> healthy, worn = 22 + mesh + 0.1 * rng.normal(size=(2, 46_080)), 22 + rng.normal(size=(2, 46_080))
+    >>> transformer = CoherenceToReference(sampling_rate=25_600, bands=[(130, 136)])
+    >>> X, y = np.vstack([healthy, worn]), ["healthy", "healthy", "worn", "worn"]
+    >>> coherence = transformer.fit(X, y).transform(X)
+    >>> bool(coherence[:2].min() > 0.9 > coherence[2:].max())
+    True
+    >>> transformer.get_feature_names_out()
+    array(['coherence(mscohere;healthy;130..136Hz)'], dtype=object)
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WindowTransformer._parameter_constraints,
+        "reference": [str, Real],
+        "bands": [tuple, list, None],
+    }
+
+    def __init__(
+        self,
+        sampling_rate: float,
+        reference: str | float = "healthy",
+        bands: Sequence[tuple[float, float]] | None = None,
+    ) -> None:
+        self.sampling_rate = sampling_rate
+        self.reference = reference
+        self.bands = bands
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
+        checked_bands(self.frequencies_, self.bands)  # raises where a band does not fit
+        self.references_ = np.array(X[self._chosen(len(X), y)])
+
+    def _chosen(self, n_windows: int, y: ArrayLike | None) -> NDArray[np.intp]:
+        """Rows of the training windows that become references."""
+        rows = np.arange(n_windows)
+        if isinstance(self.reference, str) and self.reference == "first":
+            return rows[:_MOST_REFERENCES]
+        if y is not None:
+            labels = column_or_1d(y)
+            check_consistent_length(rows, labels)
+            classes = np.unique(labels).tolist()
+            wanted: Any = self.reference
+            if wanted == "healthy" and wanted not in classes:
+                wanted = classes[0]
+            if wanted not in classes:
+                raise ValueError(
+                    f"reference must be 'healthy', 'first' or one of the labels in y, {classes}; "
+                    f"got {wanted!r}"
+                )
+            rows = rows[[label == wanted for label in labels.tolist()]]
+        elif self.reference != "healthy":
+            raise ValueError(
+                f"reference={self.reference!r} is a label, so y must hold the labels of the windows, got None"
+            )
+        spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
+        return rows[np.rint(spread).astype(int)]
+
+    def _columns(self) -> list[str]:
+        reference = "".join(c if c.isalnum() or c in "._-+" else "_" for c in str(self.reference))
+        return [
+            REGISTRY["coherence"].column("mscohere", reference, band_qualifier(band))
+            for band in checked_bands(self.frequencies_, self.bands)
+        ]
+
+    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+        bands = [
+            np.flatnonzero(band_mask(self.frequencies_, band))
+            for band in checked_bands(self.frequencies_, self.bands)
+        ]
+        # Lines that no band needs are left out.
+        first, last = min(lines[0] for lines in bands), max(lines[-1] for lines in bands) + 1
+        transforms = coherence_transforms(X.shape[1])
+        references = transforms(self.references_)
+        reference_powers = line_powers(references)[:, first:last]
+        references = np.ascontiguousarray(references[..., first:last])
+        coherence = np.zeros((len(X), len(bands)))
+        for row, x in enumerate(X):
+            others = [not _same(x, reference) for reference in self.references_]
+            if not any(others):
+                continue
+            a = transforms(x[np.newaxis])[0]
+            kept, powers = (
+                (references, reference_powers)
+                if all(others)
+                else (references[others], reference_powers[others])
+            )
+            found = coherence_of_transforms(a[:, first:last], line_powers(a)[first:last], kept, powers)
+            means = [found[:, lines[0] - first : lines[-1] + 1 - first].mean(axis=1) for lines in bands]
+            coherence[row] = np.median(means, axis=1)
+        return coherence
+
+
+def _same(x: NDArray[Any], reference: NDArray[Any]) -> bool:
+    """Whether two windows are one and the same, but for rounding."""
+    limit = _SAME * max(float(x.max()), -float(x.min()))
+    # Nearly all pairs differ at once.
+    return all(
+        float(np.abs(np.subtract(a, b, dtype=np.float64)).max()) <= limit
+        for a, b in ((x[:64], reference[:64]), (x, reference))
+    )

@@ -1,0 +1,163 @@
+"""Amplitudes at the order lines of a turn."""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat._sklearn import Interval, StrOptions
+from cyclofeat.features._base import WindowTransformer
+from cyclofeat.features._registry import REGISTRY
+from cyclofeat.orders import (
+    COMBS,
+    FOLDS,
+    comb_lines,
+    estimate_input_speed,
+    lines_per_input_turn,
+    order_lines,
+)
+
+
+class OrderSpectrum(WindowTransformer):
+    """Amplitudes of the torque, in Nm, at the order lines k/z_s of the input speed, and around the mesh.
+
+    The input speed of each window is refined (:func:`cyclofeat.orders.estimate_input_speed`), and the torque
+    is read at the multiples of a turn: by default the output turn, whose lines are k/15 of the input speed
+    for 15 lobes. Line 15 is the input turn, line 16 the passage of a lobe, line 240 the mesh. Kept are the
+    first lines and, on both sides of each mesh line, its sidebands.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz. For windows on equal steps of the shaft's angle: samples per input turn.
+    input_speed_hz : float, default=500/60
+        Nominal input speed in turns per second. For windows on equal steps of the angle: 1.
+    fold_by : {"output", "input", "lobe"}, default="output"
+        Which turn the lines belong to: the output's (lines k/z_s of the input speed), the input's (lines k),
+        or the passage of lobes (lines k (z_s + 1)/z_s).
+    n_lines : int, default=48
+        Number of lines from the first on.
+    n_mesh_lines : int, default=2
+        Number of mesh lines (multiples of order z_s + 1) that are kept with their sidebands.
+    n_sidebands : int, default=16
+        Sidebands on each side of a mesh line. Those of the output turn: 15 is an input turn, 16 a lobe away.
+    n_lobes : int, default=15
+        Number of lobes z_s of a disc.
+    speed_tolerance : float, default=0.015
+        Largest relative deviation from the nominal speed that is searched; 0 takes the nominal speed, as is
+        right for windows on equal steps of the angle.
+    comb : {"lobe", "mesh"}, default="lobe"
+        Lines by which the speed is found: all lobe lines, or the mesh lines alone.
+
+    Attributes
+    ----------
+    n_features_in_ : int
+        Samples in a window.
+    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+        Names of the samples, if ``fit`` was given a data frame.
+
+    See Also
+    --------
+    cyclofeat.orders.order_lines : The same as a function, with the equation.
+    cyclofeat.orders.synchronous_average : The torque folded by the same turn.
+    LobeMap : The pattern of the lobes, freed of the rig's resonance.
+
+    Notes
+    -----
+    The amplitudes grow with the torque's scale and do not depend, but for rounding, on its mean. To tell
+    lines of the output turn apart takes at least one of it, 1.8 s at 500 RPM; in shorter windows neighbouring
+    lines blend. Constant windows, and those of one sample, have amplitudes 0. Drift of the brake leaks into
+    the lowest lines; :class:`HighPass` takes it out.
+
+    Examples
+    --------
+    A mesh line with sidebands one input turn apart, at a speed 0.8 % above the nominal:
+
+    >>> import numpy as np
+    >>> from cyclofeat.features import OrderSpectrum
+    >>> phase = 2 * np.pi * 8.4 * np.arange(46_080) / 25_600
+    >>> torque = 22 + (1 + 0.2 * np.cos(phase)) * np.cos(16 * phase)
+    >>> transformer = OrderSpectrum(sampling_rate=25_600, comb="mesh").fit(torque[np.newaxis])
+    >>> names, amplitudes = transformer.get_feature_names_out(), transformer.transform(torque[np.newaxis])[0]
+    >>> for k in (225, 239, 240, 255):
+    ...     print(k, amplitudes[names == f"order_amplitude_nm(output;k{k})"][0].round(2))
+    225 0.1
+    239 0.02
+    240 1.0
+    255 0.1
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **WindowTransformer._parameter_constraints,
+        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        "fold_by": [StrOptions(set(FOLDS))],
+        "n_lines": [Interval(Integral, 1, None, closed="left")],
+        "n_mesh_lines": [Interval(Integral, 0, None, closed="left")],
+        "n_sidebands": [Interval(Integral, 0, None, closed="left")],
+        "n_lobes": [Interval(Integral, 3, None, closed="left")],
+        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+        "comb": [StrOptions(set(COMBS))],
+    }
+
+    def __init__(
+        self,
+        sampling_rate: float,
+        input_speed_hz: float = 500 / 60,
+        fold_by: str = "output",
+        n_lines: int = 48,
+        n_mesh_lines: int = 2,
+        n_sidebands: int = 16,
+        n_lobes: int = 15,
+        speed_tolerance: float = 0.015,
+        comb: str = "lobe",
+    ) -> None:
+        self.sampling_rate = sampling_rate
+        self.input_speed_hz = input_speed_hz
+        self.fold_by = fold_by
+        self.n_lines = n_lines
+        self.n_mesh_lines = n_mesh_lines
+        self.n_sidebands = n_sidebands
+        self.n_lobes = n_lobes
+        self.speed_tolerance = speed_tolerance
+        self.comb = comb
+
+    def _kept(self) -> NDArray[np.intp]:
+        """Numbers of the lines that are kept."""
+        mesh = round((self.n_lobes + 1) / lines_per_input_turn(self.fold_by, self.n_lobes))
+        aside = np.arange(-self.n_sidebands, self.n_sidebands + 1)
+        around = np.add.outer(mesh * np.arange(1, self.n_mesh_lines + 1), aside).ravel()
+        lines = np.union1d(np.arange(1, self.n_lines + 1), around)
+        return lines[lines > 0]
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        last = int(self._kept()[-1])
+        first_order = lines_per_input_turn(self.fold_by, self.n_lobes)
+        highest = last * first_order * self.input_speed_hz * (1 + self.speed_tolerance)
+        if highest > self.sampling_rate / 2:
+            raise ValueError(
+                f"sampling_rate={self.sampling_rate:g} holds frequencies up to {self.sampling_rate / 2:g}, "
+                f"but line {last} at input_speed_hz={self.input_speed_hz:g} reaches {highest:g}: "
+                "use fewer lines or a higher rate"
+            )
+        if self.speed_tolerance > 0:  # raises where the rate is too low
+            comb_lines(self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes)
+
+    def _columns(self) -> list[str]:
+        kept = self._kept()
+        digits = len(str(kept[-1]))
+        return [REGISTRY["order_amplitude"].column(self.fold_by, f"k{line:0{digits}d}") for line in kept]
+
+    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+        speeds = estimate_input_speed(
+            X, self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes
+        )
+        return self._from_speed(X, speeds)
+
+    def _from_speed(self, X: NDArray[Any], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Features, shape (n_windows, n_features), of windows whose input speeds are known."""
+        kept = self._kept()
+        lines = order_lines(X, self.sampling_rate, speeds, int(kept[-1]), self.fold_by, self.n_lobes)
+        return np.abs(lines[:, kept - 1])
