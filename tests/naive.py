@@ -115,3 +115,86 @@ def synchronous_average(x: Sequence[float], samples_per_period: int) -> list[flo
         sum(x[period * samples_per_period + k] for period in range(n_periods)) / n_periods
         for k in range(samples_per_period)
     ]
+
+
+def dwt_step(x: Sequence[float], taps: Sequence[float]) -> list[float]:
+    """One step of the discrete wavelet transform, half-sample symmetric at the ends, tap by tap."""
+    n, period = len(x), 2 * len(x)
+    result = []
+    for i in range((n + len(taps) - 1) // 2):
+        places = [(2 * i + 1 - tap) % period for tap in range(len(taps))]
+        result.append(
+            math.fsum(
+                h * x[place if place < n else period - 1 - place]
+                for h, place in zip(taps, places, strict=True)
+            )
+        )
+    return result
+
+
+def dwt_details(
+    x: Sequence[float], low: Sequence[float], high: Sequence[float], levels: int
+) -> list[list[float]]:
+    """Details of level 1, 2, ... with the decomposition filters ``low`` and ``high``."""
+    details, approximation = [], [float(value) for value in x]
+    for _ in range(levels):
+        details.append(dwt_step(approximation, high))
+        approximation = dwt_step(approximation, low)
+    return details
+
+
+def cells(detail: Sequence[float], level: int, n: int) -> list[float]:
+    """Each coefficient repeated 2^level times, and the middle n of them; what is below sqrt(eps) is 0."""
+    repeated = [value for value in detail for _ in range(2**level)]
+    first = (len(repeated) - n) // 2
+    return [value if abs(value) >= 2.0**-26 else 0.0 for value in repeated[first : first + n]]
+
+
+def colours(row: Sequence[float], n_colours: int) -> list[int]:
+    """MATLAB's ``wcodemat(row, n_colours, 'row')``."""
+    sizes = [abs(value) for value in row]
+    low = min(sizes)
+    span = max(size - low for size in sizes)
+    if span < 2.0**-52:
+        return [1] * len(sizes)
+    return [min(1 + math.floor(n_colours * ((size - low) / span)), n_colours) for size in sizes]
+
+
+def level_envelope(
+    detail: Sequence[float],
+    taps_low: Sequence[float],
+    taps_high: Sequence[float],
+    steps: int,
+    n: int,
+    whole: bool,
+) -> list[float]:
+    """Envelope of a level after so many inverse steps with the reconstruction filters.
+
+    Of n values: the first if the window as a ``whole`` is reached, else those in the middle.
+    """
+    signal = [float(value) for value in detail]
+    for taps in [taps_high, *[taps_low] * (steps - 1)]:
+        full = [0.0] * (2 * len(signal) + len(taps) - 2)
+        for i, value in enumerate(signal):
+            for tap, h in enumerate(taps):
+                full[2 * i + tap] += h * value
+        # The ends that lack part of their terms go.
+        signal = full[len(taps) - 2 : 2 * len(signal)]
+    first = 0 if whole else (len(signal) - n) // 2
+    signal = signal[first : first + n]
+    lines = [
+        sum(value * cmath.exp(-2j * cmath.pi * line * k / n) for k, value in enumerate(signal))
+        for line in range(n)
+    ]
+    # The analytic signal: negative frequencies go, positive ones count twice.
+    weights = [1 if line in (0, n / 2) else 2 if line < n / 2 else 0 for line in range(n)]
+    return [
+        abs(
+            sum(
+                w * c * cmath.exp(2j * cmath.pi * line * k / n)
+                for line, (w, c) in enumerate(zip(weights, lines, strict=True))
+            )
+        )
+        / n
+        for k in range(n)
+    ]
