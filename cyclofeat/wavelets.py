@@ -215,8 +215,8 @@ def scalogram(
     The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
     is 1 in rows of one size of coefficient, so everywhere in constant windows (up to 1e6 Nm, beyond which
     rounding passes sqrt(eps)). Where sizes differ by rounding alone, so do colours, as in MATLAB: windows of
-    two or three samples are the case to know. Rows are coloured by themselves: scaling the torque does not change a colour,
-    as long as coefficients stay above sqrt(eps).
+    two or three samples are the case to know. Rows are coloured by themselves: scaling the torque does not
+    change a colour, as long as coefficients stay above sqrt(eps).
 
     References
     ----------
