@@ -198,3 +198,94 @@ def level_envelope(
         / n
         for k in range(n)
     ]
+
+
+def spectral_flatness(psd: Sequence[float]) -> float:
+    """Geometric over arithmetic mean (paper A eq. 9), for products that stay in range."""
+    return math.prod(value ** (1 / len(psd)) for value in psd) / (math.fsum(psd) / len(psd))
+
+
+def spectral_centroid(psd: Sequence[float], frequencies: Sequence[float]) -> float:
+    """Mean frequency, weighted by power."""
+    return math.fsum(f * p for f, p in zip(frequencies, psd, strict=True)) / math.fsum(psd)
+
+
+def spectral_rolloff(psd: Sequence[float], frequencies: Sequence[float], fraction: float) -> float:
+    """First frequency at which the summed power reaches a fraction of the total."""
+    total = 0.0
+    for f, p in zip(frequencies, psd, strict=True):
+        total += p
+        if total >= fraction * math.fsum(psd):
+            return f
+    return frequencies[-1]
+
+
+def narrowband_lines(
+    frequencies: Sequence[float], fundamental: float, half_width: float, n_harmonics: int
+) -> set[int]:
+    """Lines around harmonics, harmonic by harmonic: those within the width, and the nearest."""
+    lines = set()
+    for number in range(1, n_harmonics + 1):
+        distance = [abs(f - number * fundamental) for f in frequencies]
+        lines |= {i for i, d in enumerate(distance) if d <= half_width}
+        lines.add(distance.index(min(distance)))
+    return lines
+
+
+def band_power(psd: Sequence[float], frequencies: Sequence[float], band: tuple[float, float]) -> float:
+    """Sum of the lines in the band times their distance."""
+    inside = [p for f, p in zip(frequencies, psd, strict=True) if band[0] <= f <= band[1]]
+    return math.fsum(inside) * (frequencies[1] - frequencies[0])
+
+
+def amplitude_spectrum(x: Sequence[float], n_fft: int) -> list[float]:
+    """Amplitudes under a symmetric Hamming window, root of the mean power over half-overlapping blocks."""
+    block = min(len(x), n_fft)
+    window = hamming_symmetric(block) if block > 2 else [1.0] * block
+    starts = range(0, len(x) - block + 1, n_fft // 2)
+    amplitudes = []
+    for line in range(n_fft // 2 + 1):
+        powers = [
+            power([w * value for w, value in zip(window, x[start : start + block], strict=True)], n_fft, line)
+            for start in starts
+        ]
+        sides = 1 if line in (0, n_fft // 2) else 2
+        amplitudes.append(sides * math.sqrt(math.fsum(powers) / len(powers)) / math.fsum(window))
+    return amplitudes
+
+
+def coherence(x: Sequence[float], reference: Sequence[float]) -> list[float]:
+    """Magnitude-squared coherence by the defaults of MATLAB's ``mscohere``."""
+    segment = max(1, math.floor(len(x) / 4.5))
+    overlap = math.floor(segment / 2)
+    n_fft = 256
+    while n_fft < segment:
+        n_fft *= 2
+    window = hamming_symmetric(segment)
+    result = []
+    for line in range(n_fft // 2 + 1):
+        cross, own, others = 0j, 0.0, 0.0
+        for start in range(0, len(x) - segment + 1, segment - overlap):
+            a, b = (
+                sum(
+                    w * value * cmath.exp(-2j * cmath.pi * line * k / n_fft)
+                    for k, (w, value) in enumerate(zip(window, y[start : start + segment], strict=True))
+                )
+                for y in (x, reference)
+            )
+            cross += a.conjugate() * b
+            own += abs(a) ** 2
+            others += abs(b) ** 2
+        result.append(abs(cross) ** 2 / (own * others))
+    return result
+
+
+def order_lines(x: Sequence[float], step: float, n_lines: int) -> list[complex]:
+    """Amplitudes of cosines at multiples of ``step`` (rad per sample), over the most whole turns."""
+    turns = round(len(x) * step / (2 * math.pi))
+    length = min(len(x), round(turns * 2 * math.pi / step)) or len(x)
+    mean = math.fsum(x[:length]) / length
+    return [
+        2 / length * sum((x[n] - mean) * cmath.exp(-1j * k * step * n) for n in range(length))
+        for k in range(1, n_lines + 1)
+    ]

@@ -4,6 +4,7 @@ import csv
 import math
 import shutil
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
 import naive
@@ -17,12 +18,22 @@ from scipy import signal, stats
 
 from cyclofeat import _windows, spectral
 from cyclofeat.spectral import (
+    AMPLITUDE_WINDOWS,
     PRESETS,
+    amplitude_spectrum,
     band_mask,
+    band_power,
     get_preset,
+    high_pass,
+    narrowband_mask,
+    narrowband_ratio,
     normalized_entropy,
+    octave_bands,
     segment_length,
     shannon_entropy,
+    spectral_centroid,
+    spectral_flatness,
+    spectral_rolloff,
     torque_statistics,
     welch_frequencies,
     welch_psd,
@@ -116,15 +127,58 @@ def test_entropies_and_statistics_against_octave(octave_input):
         assert_allclose(value, float(row["value"]), rtol=1e-10, err_msg=str(row))
 
 
-def test_octave_still_says_the_same(tmp_path):
+@both_presets
+@pytest.mark.parametrize("n_samples", [1500, 1152, 90])
+def test_shapes_of_the_density_against_octave(octave_input, n_samples, preset):
+    rows = {
+        row["name"]: float(row["value"])
+        for row in octave_rows(ORACLES / "spectral_shape.csv")
+        if (int(row["n_samples"]), row["preset"]) == (n_samples, preset)
+    }
+    frequencies, psd = welch_psd(octave_input[:n_samples], SAMPLING_RATE, preset)
+    ours = {
+        "spectral_flatness": spectral_flatness(psd),
+        "spectral_centroid": spectral_centroid(psd, frequencies),
+        "spectral_rolloff": spectral_rolloff(psd, frequencies),
+        "narrowband_ratio": narrowband_ratio(psd, frequencies, 100.0, 30.0),
+        "band_power": band_power(psd, frequencies, [(200, 3000)])[0],
+    }
+    assert ours.keys() == rows.keys()
+    for name, value in rows.items():
+        assert_allclose(ours[name], value, rtol=1e-10, err_msg=name)
+
+
+@pytest.mark.parametrize("window", sorted(set(AMPLITUDE_WINDOWS) - {"flattop"}))
+def test_amplitudes_against_octave(octave_input, window):
+    rows = [row for row in octave_rows(ORACLES / "amplitude_spectrum.csv") if row["window"] == window]
+    frequencies, amplitudes = amplitude_spectrum(octave_input, SAMPLING_RATE, 256, window)
+    assert_allclose(frequencies, [float(row["frequency_hz"]) for row in rows], rtol=1e-15)
+    assert_allclose(amplitudes, [float(row["amplitude"]) for row in rows], rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("script", "outputs"),
+    [
+        ("pwelch_oracle.m", {"pwelch_psd.csv": "psd", "pwelch_scalars.csv": "value"}),
+        (
+            "spectral_oracle.m",
+            {
+                "spectral_shape.csv": "value",
+                "amplitude_spectrum.csv": "amplitude",
+                "mscohere_coherence.csv": "coherence",
+            },
+        ),
+    ],
+)
+def test_octave_still_says_the_same(tmp_path, script, outputs):
     octave = shutil.which("octave-cli") or shutil.which("octave")
     if octave is None:
         pytest.skip("GNU Octave is not installed")
     command = [octave, "--no-gui", "--no-init-file", "--quiet"]
     if subprocess.run([*command, "--eval", "pkg load signal"], capture_output=True, check=False).returncode:
         pytest.skip("GNU Octave lacks its package signal")
-    subprocess.run([*command, "pwelch_oracle.m", str(tmp_path)], cwd=ORACLES, capture_output=True, check=True)
-    for name, column in [("pwelch_psd.csv", "psd"), ("pwelch_scalars.csv", "value")]:
+    subprocess.run([*command, script, str(tmp_path)], cwd=ORACLES, capture_output=True, check=True)
+    for name, column in outputs.items():
         committed, now = octave_rows(ORACLES / name), octave_rows(tmp_path / name)
         values = [np.array([float(row.pop(column)) for row in rows]) for rows in (committed, now)]
         assert committed == now
@@ -379,6 +433,203 @@ def test_entropy_of_mean_and_noise_is_a_function_of_their_power_ratio():
     assert stats.spearmanr(expected, TABLE_6_ENTROPY).statistic > 0.9
 
 
+# Shape of the density
+
+
+@both_presets
+@pytest.mark.parametrize("n_samples", [9, 20, 60])
+def test_shapes_against_brute_force(preset, n_samples):
+    x = torque(1, n_samples)[0]
+    frequencies, expected = naive.welch_psd(x, SAMPLING_RATE, preset)
+    ours, psd = welch_psd(x, SAMPLING_RATE, preset)
+    assert_allclose(spectral_flatness(psd), naive.spectral_flatness(expected), rtol=1e-10)
+    assert_allclose(spectral_centroid(psd, ours), naive.spectral_centroid(expected, frequencies), rtol=1e-11)
+    for fraction in (0.3, 0.95):
+        assert_allclose(
+            spectral_rolloff(psd, ours, fraction), naive.spectral_rolloff(expected, frequencies, fraction)
+        )
+    bands = [(0, 1000), (450.0, 12_800.0), (100, 100.5)]
+    powers = [naive.band_power(expected, frequencies, band) for band in bands]
+    assert_allclose(band_power(psd, ours, bands), powers, rtol=1e-11)
+
+
+@settings(derandomize=True, deadline=None, database=None, max_examples=60)
+@given(
+    fundamental=st.floats(3.0, 900.0),
+    half_width=st.floats(0.0, 700.0),
+    n_harmonics=st.integers(1, 9) | st.none(),
+    n_samples=st.integers(1, 3000),
+)
+def test_narrowband_lines_against_brute_force(fundamental, half_width, n_harmonics, n_samples):
+    frequencies = welch_frequencies(n_samples, 20_000)
+    count = n_harmonics or int(10_000 / fundamental)
+    mask = narrowband_mask(frequencies, fundamental, half_width, n_harmonics)
+    lines = naive.narrowband_lines(frequencies.tolist(), fundamental, half_width, count)
+    assert set(np.flatnonzero(mask).tolist()) == lines
+
+
+def test_narrowband_ratio_is_the_share_of_those_lines():
+    frequencies, psd = welch_psd(torque(2, 5000), SAMPLING_RATE)
+    mask = narrowband_mask(frequencies, 133.3, 20.0, 5)
+    assert_allclose(
+        narrowband_ratio(psd, frequencies, 133.3, 20.0, 5), psd[:, mask].sum(1) / psd.sum(1), rtol=1e-13
+    )
+    assert_allclose(narrowband_ratio(psd, frequencies, 0.5, 1e5), 1, rtol=1e-12)
+
+
+def test_shapes_of_known_densities():
+    frequencies = np.array([0.0, 100.0, 200.0, 300.0])
+    assert_allclose(spectral_flatness(np.full(4, 1e-200)), 1, rtol=1e-14)
+    assert_allclose(spectral_flatness([1.0, 2.0, 4.0, 8.0]), 64**0.25 / 3.75, rtol=1e-14)
+    # One line of zero makes the product of eq. 9 zero, and so does a window without power.
+    assert_array_equal(spectral_flatness([[1.0, 2.0, 0.0, 4.0], [0.0] * 4]), 0)
+    assert spectral_centroid([1.0, 0.0, 0.0, 1.0], frequencies) == 150
+    assert spectral_centroid([5.0, 1.0, 1.0, 0.0], frequencies, (100, 200)) == 150
+    assert_array_equal(
+        spectral_rolloff([[1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 2.0]], frequencies, 0.5), [100, 300]
+    )
+    assert spectral_rolloff([1.0, 1.0, 1.0, 1.0], frequencies, 1.0) == 300
+    assert spectral_rolloff([9.0, 0.0, 1.0, 1.0], frequencies, 0.4, (200, 300)) == 200
+    for value in (
+        spectral_centroid([0.0] * 4, frequencies, (100, 300)),
+        spectral_rolloff([0.0] * 4, frequencies, 0.95, (100, 300)),
+        narrowband_ratio([0.0] * 4, frequencies),
+    ):
+        assert value == 0
+
+
+def test_bands_by_default_are_octaves_and_hold_lines_however_short_the_window():
+    bands = octave_bands(SAMPLING_RATE)
+    assert bands[0] == (0.0, 100.0)
+    assert bands[-1] == (6400.0, 12_800.0)
+    assert all(high == 2 * low for low, high in bands[1:])
+    assert all(one[1] == other[0] for one, other in pairwise(bands))
+    for n_samples in (1, 46_080):
+        frequencies, psd = welch_psd(torque(2, n_samples), SAMPLING_RATE)
+        assert_array_equal(band_power(psd, frequencies), band_power(psd, frequencies, bands))
+
+
+def test_power_of_all_bands_is_the_mean_square():
+    X = torque(3, 46_080)
+    frequencies, psd = welch_psd(X, SAMPLING_RATE)
+    assert_allclose(band_power(psd, frequencies, [(0, 12_800)])[:, 0], (X**2).mean(1), rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda f, p: spectral_rolloff(p, f, 0.0), "fraction must be above 0 and at most 1, got 0.0"),
+        (lambda f, p: spectral_rolloff(p, f, 1.1), "got 1.1"),
+        (lambda f, p: spectral_centroid(p, f[1:]), r"each of the 129 lines, got shape \(128,\)"),
+        (lambda f, p: band_power(p, f, []), r"sequence of \(low, high\) in Hz, got \[\]"),
+        (lambda f, p: band_power(p, f, (100, 200)), r"got \(100, 200\)"),
+        (lambda f, p: band_power(p, f, [(0, 13_000)]), "beyond the highest frequency, 12800 Hz"),
+        (lambda f, p: band_power(p, f, "ab"), "got 'ab'"),
+        (lambda f, p: narrowband_ratio(p, f, 0), "fundamental_hz must be positive, in Hz; got 0"),
+        (lambda f, p: narrowband_ratio(p, f, 100, -1), "half_width_hz must not be negative, in Hz; got -1"),
+        (lambda f, p: narrowband_ratio(p, f, 100, 5, 0), "n_harmonics must be at least 1 or None, got 0"),
+        (lambda f, p: narrowband_ratio(p, f, 100, 5, 129), "harmonic 129 .* 12900 Hz, beyond .* 12800 Hz"),
+        (lambda f, p: narrowband_ratio(p, f, 13_000), "harmonic 1 .* 13000 Hz"),
+        (lambda f, p: spectral_flatness(-p), "finite and not negative"),
+        (lambda f, p: spectral_flatness(p, band=(0, 1)), "frequencies are needed"),
+    ],
+)
+def test_bad_arguments_of_shapes(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(*welch_psd(np.ones(100), SAMPLING_RATE))
+
+
+# Amplitudes
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 3, 31, 32, 33, 48, 100])
+def test_amplitudes_against_brute_force(n_samples):
+    x = torque(1, n_samples)[0]
+    frequencies, amplitudes = amplitude_spectrum(x, SAMPLING_RATE, 32)
+    assert_allclose(frequencies, np.arange(17) * 800.0)
+    assert_allclose(amplitudes, naive.amplitude_spectrum(x.tolist(), 32), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("window", AMPLITUDE_WINDOWS)
+def test_a_sine_reads_its_amplitude(window):
+    phase = 2 * np.pi * np.arange(46_080) / 8192
+    frequencies, amplitudes = amplitude_spectrum(
+        22 + 3 * np.sin(100 * phase + 1) + 0.5 * np.cos(4096 * phase), SAMPLING_RATE, window=window
+    )
+    assert frequencies[100] == 312.5
+    assert_allclose(amplitudes[[0, 100, 4096]], [22, 3, 0.5], rtol=1e-3)
+
+
+@pytest.mark.parametrize("window", AMPLITUDE_WINDOWS)
+@pytest.mark.parametrize("n_samples", [1, 2, 3])
+def test_amplitudes_of_shortest_windows_are_finite(window, n_samples):
+    _, amplitudes = amplitude_spectrum(np.full(n_samples, 22.0), SAMPLING_RATE, 64, window)
+    assert_allclose(amplitudes[0], 22, rtol=1e-12)
+    assert np.isfinite(amplitudes).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"n_fft": 7}, "n_fft must be an even whole number of at least 2, got 7"),
+        ({"n_fft": 0}, "got 0"),
+        ({"n_fft": 64.0}, "got 64.0"),
+        ({"n_fft": True}, "got True"),
+        ({"window": "kaiser"}, "window must be one of hamming, .*; got 'kaiser'"),
+        ({"sampling_rate": -1}, "sampling_rate .* got -1"),
+    ],
+)
+def test_bad_arguments_of_amplitudes(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        amplitude_spectrum(np.ones(100), **{"sampling_rate": SAMPLING_RATE, **arguments})
+
+
+# High-pass
+
+
+@pytest.mark.parametrize("cutoff", [0.5, 1.0, 10.0, 50.0])
+def test_high_pass_is_butterworth_run_twice(cutoff):
+    # Far from the ends of a long record, lines come out scaled by the squared gain, without delay.
+    rate = 200 * cutoff
+    time = np.arange(40_000) / rate
+    for factor in (0.5, 1.0, 2.0, 10.0):
+        line = np.cos(2 * np.pi * factor * cutoff * time)
+        # tan: the bilinear transform warps frequencies
+        warped = np.tan(np.pi * factor * cutoff / rate) / np.tan(np.pi * cutoff / rate)
+        gain = 1 / (1 + warped**-8)
+        filtered = high_pass(22 + line, rate, cutoff)[15_000:25_000]
+        assert_allclose(filtered, gain * line[15_000:25_000], atol=1e-9)
+
+
+def test_high_pass_ends_and_short_windows():
+    X = torque(3, 5000)
+    sections = signal.butter(2, 20.0, "highpass", fs=SAMPLING_RATE, output="sos")
+    expected = signal.sosfiltfilt(sections, X, axis=1, padtype="odd", padlen=1280)
+    assert_allclose(high_pass(X, SAMPLING_RATE, 20.0, order=2), expected, atol=1e-9)
+    for n_samples in (1, 2, 3):
+        for cutoff in (0.5, 1.0, 10.0, 50.0):
+            filtered = high_pass(torque(2, n_samples), SAMPLING_RATE, cutoff)
+            assert filtered.shape == (2, n_samples)
+            assert np.isfinite(filtered).all()
+    for cutoff in (0.5, 1.0, 10.0, 50.0):
+        assert_array_equal(high_pass(np.full(46_080, 22.1), SAMPLING_RATE, cutoff), 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cutoff_hz": 0}, r"half of the sampling rate \(12800 Hz\), got 0"),
+        ({"cutoff_hz": 12_800}, "got 12800"),
+        ({"cutoff_hz": np.nan}, "got nan"),
+        ({"order": 0}, "order must be at least 1, got 0"),
+        ({"sampling_rate": 0}, "sampling_rate .* got 0"),
+    ],
+)
+def test_bad_arguments_of_the_high_pass(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        high_pass(np.ones(100), **{"sampling_rate": SAMPLING_RATE, **arguments})
+
+
 # Statistics
 
 
@@ -493,3 +744,39 @@ def test_statistics_under_scale_and_offset(X, offset, scale):
     for name in ("min", "max"):
         assert_array_equal(shifted[name], before[name] + offset, err_msg=name)
     assert_allclose(shifted["mean"], before["mean"] + offset, atol=1e-9)
+
+
+@derandomized
+@given(X=windows, preset=presets, scale=scales, offset=offsets)
+def test_shapes_under_scale_and_offset(X, preset, scale, offset):
+    frequencies, psd = welch_psd(X, SAMPLING_RATE, preset)
+    _, scaled = welch_psd(X * scale, SAMPLING_RATE, preset)
+    _, shifted = welch_psd(X + offset, SAMPLING_RATE, "ripple")
+    _, ripple = welch_psd(X, SAMPLING_RATE, "ripple")
+    for shape in (
+        lambda p: spectral_flatness(p, frequencies, (100, 12_000)),
+        lambda p: spectral_centroid(p, frequencies),
+        lambda p: narrowband_ratio(p, frequencies, 700.0),
+    ):
+        assert_allclose(shape(scaled), shape(psd), rtol=1e-6, atol=1e-9)
+        assert_array_equal(shape(shifted), shape(ripple))
+    assert_allclose(
+        band_power(scaled, frequencies), scale**2 * band_power(psd, frequencies), rtol=1e-9, atol=1e-20
+    )
+    assert_array_equal(spectral_rolloff(shifted, frequencies), spectral_rolloff(ripple, frequencies))
+    bounds = [(spectral_flatness(psd), 1 + 1e-9), (spectral_centroid(psd, frequencies), 12_800)]
+    for value, limit in bounds:
+        assert (value >= 0).all()
+        assert (value <= limit).all()
+    ratio = narrowband_ratio(psd, frequencies)
+    assert (ratio >= 0).all()
+    assert (ratio <= 1 + 1e-12).all()
+
+
+@derandomized
+@given(X=windows, scale=st.sampled_from([0.25, 2.0, 1024.0]), offset=offsets)
+def test_amplitudes_and_high_pass_under_scale_and_offset(X, scale, offset):
+    _, before = amplitude_spectrum(X, SAMPLING_RATE, 64)
+    assert_array_equal(amplitude_spectrum(X * scale, SAMPLING_RATE, 64)[1], before * scale)
+    assert_array_equal(high_pass(X * scale, SAMPLING_RATE, 50.0), high_pass(X, SAMPLING_RATE, 50.0) * scale)
+    assert_array_equal(high_pass(X + offset, SAMPLING_RATE, 50.0), high_pass(X, SAMPLING_RATE, 50.0))

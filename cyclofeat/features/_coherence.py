@@ -14,9 +14,10 @@ from cyclofeat._coherence import coherence_of_transforms, coherence_transforms, 
 from cyclofeat._density import checked_bands
 from cyclofeat.features._base import WindowTransformer
 from cyclofeat.features._registry import REGISTRY, band_qualifier
-from cyclofeat.spectral import band_mask, welch_frequencies
+from cyclofeat.spectral import band_mask, octave_bands, welch_frequencies
 
 _MOST_REFERENCES = 8
+_DEFAULT_BANDS = 5
 # Equal windows may differ by the rounding of one of them to single precision.
 _SAME = 1e-6
 
@@ -43,8 +44,8 @@ class CoherenceToReference(WindowTransformer):
 
         Of more than 8 windows, 8 evenly spread over the training set are kept.
     bands : sequence of tuple of float, default=None
-        Lower and upper limits in Hz, both included. ``None`` takes those of
-        :func:`cyclofeat.spectral.octave_bands`. The papers looked at 0 to 1500 Hz.
+        Lower and upper limits in Hz, both included. ``None`` takes the lowest five of
+        :func:`cyclofeat.spectral.octave_bands`, 0 to 1600 Hz at 25.6 kHz: the papers looked at 0 to 1500 Hz.
 
     Attributes
     ----------
@@ -106,7 +107,7 @@ class CoherenceToReference(WindowTransformer):
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
-        checked_bands(self.frequencies_, self.bands)  # raises where a band does not fit
+        self._bands()  # raises where a band does not fit
         self.references_ = np.array(X[self._chosen(len(X), y)])
 
     def _chosen(self, n_windows: int, y: ArrayLike | None) -> NDArray[np.intp]:
@@ -134,18 +135,20 @@ class CoherenceToReference(WindowTransformer):
         spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
         return rows[np.rint(spread).astype(int)]
 
+    def _bands(self) -> tuple[tuple[float, float], ...]:
+        if self.bands is None:
+            return octave_bands(self.sampling_rate)[:_DEFAULT_BANDS]
+        return checked_bands(self.frequencies_, self.bands)
+
     def _columns(self) -> list[str]:
         reference = "".join(c if c.isalnum() or c in "._-+" else "_" for c in str(self.reference))
         return [
             REGISTRY["coherence"].column("mscohere", reference, band_qualifier(band))
-            for band in checked_bands(self.frequencies_, self.bands)
+            for band in self._bands()
         ]
 
     def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
-        bands = [
-            np.flatnonzero(band_mask(self.frequencies_, band))
-            for band in checked_bands(self.frequencies_, self.bands)
-        ]
+        bands = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._bands()]
         # Lines that no band needs are left out.
         first, last = min(lines[0] for lines in bands), max(lines[-1] for lines in bands) + 1
         transforms = coherence_transforms(X.shape[1])
