@@ -11,9 +11,9 @@ from cyclofeat._welch import (
     PRESETS,
     Complex,
     SegmentTransforms,
-    fft_length,
-    segment_length,
+    power_over_segments,
     welch_frequencies,
+    welch_transforms,
 )
 from cyclofeat._windows import Float, as_windows, chunks, ratio
 
@@ -23,19 +23,12 @@ _ROUNDING = 1e-28
 
 def coherence_transforms(n_samples: int) -> SegmentTransforms:
     """Transforms of the segments that ``mscohere`` takes by default: those of ``pwelch``."""
-    segment = segment_length(n_samples)
-    taper = PRESETS["matlab_pwelch"].taper(segment)
-    return SegmentTransforms(taper, n_samples, segment // 2, fft_length(n_samples), remove_mean=False)
+    return welch_transforms(n_samples, PRESETS["matlab_pwelch"])
 
 
-def line_powers(transforms: Complex) -> Float:
-    """Powers of the lines, shape (..., n_bins), of transforms of shape (..., n_segments, n_bins).
-
-    Lines that hold nothing but rounding are 0.
-    """
-    power = (transforms.real**2 + transforms.imag**2).sum(axis=-2)
-    power[power <= _ROUNDING * power.max(axis=-1, keepdims=True)] = 0.0
-    return np.asarray(power)
+def without_rounding(power: Float) -> Float:
+    """Powers of lines, shape (n_windows, n_bins), with 0 for those that hold nothing but rounding."""
+    return np.where(power > _ROUNDING * power.max(axis=1, keepdims=True), power, 0.0)
 
 
 def coherence_of_transforms(a: Complex, a_power: Float, b: Complex, b_power: Float) -> Float:
@@ -126,6 +119,6 @@ def magnitude_squared_coherence(
         a = transforms(windows[chunk])
         b = transforms(references if len(references) == 1 else references[chunk])
         cross = np.einsum("wsk,wsk->wk", a.conj(), np.broadcast_to(b, a.shape))
-        power = line_powers(a) * line_powers(b)
+        power = without_rounding(power_over_segments(a)) * without_rounding(power_over_segments(b))
         coherence[chunk] = np.minimum(ratio(cross.real**2 + cross.imag**2, power), 1.0)
     return frequencies, coherence.reshape(*x.shape[:-1], frequencies.size)

@@ -197,11 +197,23 @@ class SegmentTransforms:
         return as_strided(x, shape, (row, self.step * sample, sample), writeable=False)
 
 
+def welch_transforms(n_samples: int, definition: WelchPreset) -> SegmentTransforms:
+    """Transforms of the segments that a preset makes of windows of ``n_samples`` samples."""
+    segment = segment_length(n_samples)
+    taper = definition.taper(segment)
+    return SegmentTransforms(taper, n_samples, segment // 2, fft_length(n_samples), definition.remove_mean)
+
+
+def welch_scale(transforms: SegmentTransforms, sampling_rate: float) -> Float:
+    """What turns the power over segments into a density in Nm^2/Hz, shape (n_bins,)."""
+    taper = transforms.taper
+    norm = float(sampling_rate) * (taper @ taper) * transforms.n_segments
+    return one_sided(transforms.n_fft // 2 + 1) / norm
+
+
 def power_over_segments(transforms: Complex) -> Float:
-    """Sum of the squared moduli over the segments, shape (n_windows, n_bins). Overwrites ``transforms``."""
-    parts = transforms.view(np.float64)  # real and imaginary parts in turn
-    np.multiply(parts, parts, out=parts)
-    total = parts.sum(axis=1)
+    """Sum of the squared moduli over the segments, shape (n_windows, n_bins)."""
+    total = np.square(transforms.view(np.float64)).sum(axis=1)  # real and imaginary parts in turn
     return np.asarray(total[:, ::2] + total[:, 1::2])
 
 
@@ -271,13 +283,10 @@ def welch_psd(X: ArrayLike, sampling_rate: float, preset: str = "matlab_pwelch")
     X = as_windows(X)
     n_samples = X.shape[-1]
     frequencies = welch_frequencies(n_samples, sampling_rate)
-    segment = segment_length(n_samples)
-    taper = definition.taper(segment)
     windows = X.reshape(-1, n_samples)
     psd = np.empty((len(windows), frequencies.size))
-    n_fft = fft_length(n_samples)
-    transforms = SegmentTransforms(taper, n_samples, segment // 2, n_fft, definition.remove_mean)
-    scale = one_sided(frequencies.size) / (float(sampling_rate) * (taper @ taper) * transforms.n_segments)
+    transforms = welch_transforms(n_samples, definition)
+    scale = welch_scale(transforms, sampling_rate)
     for chunk in chunks(len(windows), transforms.n_segments * frequencies.size):
         psd[chunk] = power_over_segments(transforms(windows[chunk])) * scale
     return frequencies, psd.reshape(*X.shape[:-1], frequencies.size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from numbers import Real
 from typing import Any, ClassVar, Self
 
@@ -50,6 +51,10 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
 
         ``X`` is a chunk of validated windows, float64 or float32; writing to it or to ``self`` is forbidden.
         """
+
+    def _of_chunks(self, chunks: Iterable[NDArray[Any]]) -> list[NDArray[np.float64]]:
+        """Features of chunks of windows, in their order."""
+        return [self._compute(chunk) for chunk in chunks]
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
@@ -101,8 +106,8 @@ class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
         n_windows, n_samples = windows.shape
         chunk = min(max(_CHUNK_SAMPLES // n_samples, 1), _CHUNK_WINDOWS)
         # C order: sums over columns-first arrays round differently.
-        rows = [self._compute(np.ascontiguousarray(windows[part])) for part in gen_batches(n_windows, chunk)]
-        return np.concatenate(rows)
+        chunks = (np.ascontiguousarray(windows[part]) for part in gen_batches(n_windows, chunk))
+        return np.concatenate(self._of_chunks(chunks))
 
     def get_feature_names_out(self, input_features: ArrayLike | None = None) -> NDArray[np.object_]:
         """Names of the features that ``transform`` returns.

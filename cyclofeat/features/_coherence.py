@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from numbers import Real
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_consistent_length, column_or_1d
 
-from cyclofeat._coherence import coherence_of_transforms, coherence_transforms, line_powers
+from cyclofeat._coherence import coherence_of_transforms, coherence_transforms, without_rounding
 from cyclofeat._density import checked_bands
+from cyclofeat._welch import Complex, SegmentTransforms, power_over_segments
 from cyclofeat.features._base import WindowTransformer
 from cyclofeat.features._registry import REGISTRY, band_qualifier
 from cyclofeat.spectral import band_mask, octave_bands, welch_frequencies
@@ -20,6 +21,15 @@ _MOST_REFERENCES = 8
 _DEFAULT_BANDS = 5
 # Equal windows may differ by the rounding of one of them to single precision.
 _SAME = 1e-6
+
+
+class References(NamedTuple):
+    """References in the frequency domain: lines of the bands, one beyond the last, transforms, powers."""
+
+    bands: list[slice]
+    last: int
+    transforms: Complex
+    powers: NDArray[np.float64]
 
 
 class CoherenceToReference(WindowTransformer):
@@ -148,28 +158,42 @@ class CoherenceToReference(WindowTransformer):
         ]
 
     def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
-        bands = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._bands()]
-        # Lines that no band needs are left out.
-        first, last = min(lines[0] for lines in bands), max(lines[-1] for lines in bands) + 1
         transforms = coherence_transforms(X.shape[1])
-        references = transforms(self.references_)
-        reference_powers = line_powers(references)[:, first:last]
-        references = np.ascontiguousarray(references[..., first:last])
-        coherence = np.zeros((len(X), len(bands)))
+        coherence = np.empty((len(X), len(self._bands())))
+        references = self._of_references(transforms)
         for row, x in enumerate(X):
-            others = [not _same(x, reference) for reference in self.references_]
-            if not any(others):
-                continue
-            a = transforms(x[np.newaxis])[0]
-            kept, powers = (
-                (references, reference_powers)
-                if all(others)
-                else (references[others], reference_powers[others])
-            )
-            found = coherence_of_transforms(a[:, first:last], line_powers(a)[first:last], kept, powers)
-            means = [found[:, lines[0] - first : lines[-1] + 1 - first].mean(axis=1) for lines in bands]
-            coherence[row] = np.median(means, axis=1)
+            a = transforms(x[np.newaxis])
+            coherence[row] = self._of_window(x, a[0], power_over_segments(a)[0], references)
         return coherence
+
+    def _of_references(self, transforms: SegmentTransforms) -> References:
+        """What ``_of_window`` needs of the references: worked out once for many windows."""
+        lines = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._bands()]
+        bands = [slice(int(inside[0]), int(inside[-1]) + 1) for inside in lines]
+        # Lines above the highest band are left out.
+        last = max(band.stop for band in bands)
+        of_references = [transforms(reference[np.newaxis]) for reference in self.references_]
+        powers = [without_rounding(power_over_segments(one))[0, :last] for one in of_references]
+        return References(
+            bands, last, np.stack([one[0, :, :last] for one in of_references]), np.stack(powers)
+        )
+
+    def _of_window(
+        self, x: NDArray[Any], transforms: Complex, power: NDArray[np.float64], references: References
+    ) -> NDArray[np.float64]:
+        """Features, shape (n_bands,), of one window, its transforms and their power over segments."""
+        others = np.array([not _same(x, reference) for reference in self.references_])
+        if not others.any():
+            return np.zeros(len(references.bands))
+        kept = slice(None) if others.all() else others
+        found = coherence_of_transforms(
+            transforms[:, : references.last],
+            without_rounding(power[np.newaxis])[0, : references.last],
+            references.transforms[kept],
+            references.powers[kept],
+        )
+        means = [found[:, band].mean(axis=1) for band in references.bands]
+        return np.asarray(np.median(means, axis=1))
 
 
 def _same(x: NDArray[Any], reference: NDArray[Any]) -> bool:

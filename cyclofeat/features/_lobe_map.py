@@ -130,7 +130,10 @@ class LobeMap(WindowTransformer):
         ]
 
     def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
-        found = self.lines(X)
+        return self._from_lines(self.lines(X))
+
+    def _from_lines(self, found: lobes.LobeLines) -> NDArray[np.float64]:
+        """Features, shape (n_windows, n_features), of lobe lines."""
         folded = self._fold(found)
         return np.hstack(
             [
