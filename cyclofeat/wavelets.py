@@ -385,10 +385,11 @@ def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: in
 
     Notes
     -----
-    What is reconstructed: all coefficients but the level's own set to zero, the inverse transform goes up by
-    three steps and stops at level j - 3 (at the window itself for j up to 3). That approximation, over
-    2^((j-3)/2) for its unit, and cut centrally to the window, is the level's torque at the sampling rate over
-    2^(j-3), 8 times the upper limit of the level's band by half. The steps that are left out would only
+    What is reconstructed: all coefficients but the level's own (and of these the ones below sqrt(eps), as in
+    the scalogram) set to zero, the inverse transform goes up by three steps and stops at level j - 3 (at the
+    window itself for j up to 3). That approximation, over 2^((j-3)/2) for its unit and cut centrally to the
+    window, is the level's torque at the sampling rate over 2^(j-3): its Nyquist frequency is four times the
+    upper limit of the level's band. The steps that are left out would only
     interpolate: for mb32.3 and level 7 the envelope's lines differ from those at the full rate by less than
     0.2 % of its mean. It is not so for the shortest filters (haar), whose interpolation is a staircase.
 
@@ -402,6 +403,7 @@ def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: in
     """
     bank = as_wavelet(wavelet)
     left = max(level - _SYNTHESIS_STEPS, 0)
+    detail = np.where(np.abs(detail) < SMALLEST, 0.0, detail)
     signal = pywt.idwt(None, detail, bank, mode="symmetric", axis=-1)
     for _ in range(level - left - 1):
         signal = pywt.idwt(signal, None, bank, mode="symmetric", axis=-1)

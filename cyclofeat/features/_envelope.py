@@ -62,7 +62,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     Notes
     -----
     All features grow in proportion to the torque and do not depend on its mean. A constant window has
-    features 0 (to rounding). Shaft harmonics are told apart in windows of several input turns only; the
+    features 0. Shaft harmonics are told apart in windows of several input turns only; the
     amplitudes of a shorter window are finite and mean little.
 
     A level taken alone has an image: a tone at f comes with a weaker one at fs/2^j - f, which other levels

@@ -215,15 +215,20 @@ class WaveletMinimaOverlap(WaveletTransformer):
         found: lobes.LobeLines | None = None,
     ) -> NDArray[np.float64]:
         # ``found``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        known = self._known(X)
-        overlaps = np.empty((len(X), self.levels))
+        return _median_of_others(self._shared(X, coefficients, found), self._known(X))
+
+    def _shared(
+        self,
+        X: NDArray[Any],
+        coefficients: Sequence[NDArray[np.float64]],
+        found: lobes.LobeLines | None = None,
+    ) -> NDArray[np.float64]:
+        """Share of cells that are lowest in both, shape (n_windows, n_references, levels)."""
+        shared = np.empty((len(X), len(self._digests), self.levels))
         of_level = zip(self._minima(X, coefficients, found), self.reference_minima_, strict=True)
-        for column, ((minima, cells), reference) in enumerate(of_level):
-            shared = (minima * cells) @ reference.T.astype(np.float64) / cells.sum()
-            overlaps[:, column] = np.median(shared, axis=1)
-            for row in np.flatnonzero(known.any(axis=1) & ~known.all(axis=1)):
-                overlaps[row, column] = np.median(shared[row, ~known[row]])
-        return overlaps
+        for level, ((minima, cells), reference) in enumerate(of_level):
+            shared[:, :, level] = (minima * cells) @ reference.T.astype(np.float64) / cells.sum()
+        return shared
 
     def _minima(
         self,
@@ -257,24 +262,30 @@ class WaveletMinimaOverlap(WaveletTransformer):
 
     def _starts(self, X: NDArray[Any], found: lobes.LobeLines | None) -> NDArray[np.int64] | None:
         """Sample of each window that its lobe phase begins at; None if they are not aligned."""
-        nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
-        # The same limit as in lobe_lines; the comparison then has something left to compare.
-        if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
-            return None
         if found is None:
-            reached = lobes.highest_frequency(self.input_speed_hz, self.n_lobes, 1, self.speed_tolerance)
-            found = lobes.lobe_lines(
-                np.asarray(X, dtype=np.float64),
-                self.sampling_rate,
-                self.input_speed_hz,
-                n_lobes=self.n_lobes,
-                n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
-                speed_tolerance=self.speed_tolerance,
-            )
+            found = self._lines(X)
+        if found is None:
+            return None
         phase = np.mod(lobes.energy_centre(lobes.fold(found.lines, self.n_lobes)), 1.0)
         period = self.sampling_rate / lobes.lobe_frequency(1.0, self.n_lobes) / found.input_speed_hz
         starts = np.floor(phase * period).astype(np.int64)
         return np.minimum(starts, self._longest_period() - 1)
+
+    def _lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
+        """Lobe lines that place the windows; None if they are not aligned."""
+        nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
+        # The same limit as in lobe_lines; the comparison then has something left to compare.
+        if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
+            return None
+        reached = lobes.highest_frequency(self.input_speed_hz, self.n_lobes, 1, self.speed_tolerance)
+        return lobes.lobe_lines(
+            np.asarray(X, dtype=np.float64),
+            self.sampling_rate,
+            self.input_speed_hz,
+            n_lobes=self.n_lobes,
+            n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
+            speed_tolerance=self.speed_tolerance,
+        )
 
     def _probed(self, n_samples: int) -> NDArray[np.intp]:
         return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
@@ -292,3 +303,15 @@ class WaveletMinimaOverlap(WaveletTransformer):
 def _digest(window: NDArray[np.float64]) -> bytes:
     # + 0.0 makes one zero of both.
     return hashlib.blake2b((window + 0.0).tobytes(), digest_size=16).digest()
+
+
+def _median_of_others(shared: NDArray[np.float64], left_out: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Median over the references, shape (n_windows, levels), of shares that are not left out.
+
+    ``shared`` has the shape (n_windows, n_references, levels), ``left_out`` (n_windows, n_references). Where
+    all are left out, all count.
+    """
+    medians = np.median(shared, axis=1)
+    for row in np.flatnonzero(left_out.any(axis=1) & ~left_out.all(axis=1)):
+        medians[row] = np.median(shared[row, ~left_out[row]], axis=0)
+    return medians
