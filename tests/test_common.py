@@ -24,6 +24,7 @@ from cyclofeat.features import (
     SpectralEntropy,
     SpectralFlatness,
     SpectralRolloff,
+    TorqueFeatures,
     TorqueStatistics,
     WaveletEnvelopeSpectrum,
     WaveletLevelStatistics,
@@ -71,6 +72,8 @@ def estimators() -> list[BaseEstimator]:
         WaveletEnvelopeSpectrum(SAMPLING_RATE, wavelet="haar", shaft_hz=300.0, n_mesh_harmonics=2),
         WaveletLevelStatistics(SAMPLING_RATE),
         WaveletLevelStatistics(SAMPLING_RATE, wavelet=HAAR, levels=2, colours=2),
+        TorqueFeatures(SAMPLING_RATE),
+        TorqueFeatures(SAMPLING_RATE, ["WelchPSD", "OrderSpectrum", "CoherenceToReference"], preset="ripple"),
         make_lobe_counter(SAMPLING_RATE, n_trees=10),
         make_entropy_counter(SAMPLING_RATE, n_trees=10),
     ]

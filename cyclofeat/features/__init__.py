@@ -14,6 +14,7 @@ transformer                  features of each window
 ``SpectralEntropy``          Shannon entropy of the power spectral density in bits, or normalized
 ``SpectralFlatness``         geometric over arithmetic mean of the density, of the window or its parts
 ``SpectralRolloff``          frequency up to which 95 % of the power lies, of the window or its parts
+``TorqueFeatures``           all features in one row, what they share worked out once
 ``TorqueStatistics``         minimum, maximum, mean, std, range, rms, crest factor, skewness, kurtosis, ripple
 ``WaveletEnvelopeSpectrum``  envelope of the level that holds the mesh frequency, at shaft and mesh harmonics
 ``WaveletLevelStatistics``   rms, share of energy, kurtosis, extent of the lowest colour per level
@@ -27,6 +28,7 @@ shell over pure functions of :mod:`cyclofeat.spectral` and its neighbours.
 
 # One import, one line in the table above and one entry below per transformer.
 from cyclofeat.features._coherence import CoherenceToReference
+from cyclofeat.features._composite import TorqueFeatures
 from cyclofeat.features._density import (
     BandPower,
     NarrowbandRatio,
@@ -56,6 +58,7 @@ __all__ = [
     "SpectralEntropy",
     "SpectralFlatness",
     "SpectralRolloff",
+    "TorqueFeatures",
     "TorqueStatistics",
     "WaveletEnvelopeSpectrum",
     "WaveletLevelStatistics",
