@@ -126,7 +126,7 @@ def wavelet_qualifier(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -
     ('mb32.3', 'bankcbd66947')
     """
     if isinstance(wavelet, str):
-        return as_wavelet(wavelet).name
+        return str(as_wavelet(wavelet).name)
     filters = np.array(as_wavelet(wavelet).filter_bank)
     name = getattr(wavelet, "name", "")
     if name in _table() or name in pywt.wavelist(kind="discrete"):

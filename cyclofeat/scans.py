@@ -200,13 +200,13 @@ def scan_wavelets(
     >>> row.wavelet, row.level, row.kendall, row.strict, row.p_value < 0.05
     ('mb8.2', 4, 1.0, True, True)
     """
-    X = check_array(X, dtype=[np.float64, np.float32])
-    counts, labels = _counts(X, y)
+    windows: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32])
+    counts, labels = _counts(windows, y)
     tested = _wavelets(wavelets)
     members = np.flatnonzero(labels == len(counts) - 1)
     assembly, of_assembly = None, labels
     if groups is not None:
-        assembly, of_assembly = _assemblies(X, groups, labels)
+        assembly, of_assembly = _assemblies(windows, groups, labels)
         alone = [f"{count:g}" for k, count in enumerate(counts) if np.count_nonzero(of_assembly == k) < 2]
         if alone:
             raise ValueError(
@@ -218,10 +218,10 @@ def scan_wavelets(
         members = members[np.argsort(assembly[members], kind="stable")]
     spread = np.linspace(0, len(members) - 1, min(_N_REFERENCES, len(members))).round().astype(int)
     chosen = members[spread]
-    same = np.arange(len(X)) if assembly is None else assembly
+    same = np.arange(len(windows)) if assembly is None else assembly
     left_out = same[:, np.newaxis] == same[chosen]
 
-    parameters = {
+    parameters: dict[str, Any] = {
         "sampling_rate": sampling_rate,
         "levels": levels,
         "colours": colours,
@@ -230,10 +230,10 @@ def scan_wavelets(
         "n_lobes": n_lobes,
         "speed_tolerance": speed_tolerance,
     }
-    first = WaveletMinimaOverlap(**parameters).fit(X[chosen])
-    found = first._lines(X)
+    first = WaveletMinimaOverlap(**parameters).fit(windows[chosen])
+    found = first._lines(windows)
     done = joblib.Parallel(n_jobs=n_jobs, return_as="generator")(
-        joblib.delayed(_overlaps)(wavelet, parameters, X, chosen, left_out, found) for wavelet in tested
+        joblib.delayed(_overlaps)(wavelet, parameters, windows, chosen, left_out, found) for wavelet in tested
     )
     overlaps = []
     for number, overlap in enumerate(done, 1):
@@ -318,15 +318,15 @@ def _assemblies(
     X: NDArray[Any], groups: ArrayLike, labels: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Assembly of each window, and class of each assembly, both as indices."""
-    groups = column_or_1d(groups)
-    check_consistent_length(X, groups)
-    names, assembly = np.unique(groups, return_inverse=True)
+    given = column_or_1d(groups)
+    check_consistent_length(X, given)
+    names, assembly = np.unique(given, return_inverse=True)
     of_assembly = np.empty(len(names), dtype=np.intp)
     of_assembly[assembly] = labels
     mixed = np.flatnonzero(of_assembly[assembly] != labels)
     if mixed.size:
         raise ValueError(
-            f"groups must name assemblies with one defect count each, but {groups[mixed[0]]!r} has windows "
+            f"groups must name assemblies with one defect count each, but {given[mixed[0]]!r} has windows "
             "of two counts"
         )
     return assembly, of_assembly
@@ -467,15 +467,15 @@ def find_monotone_bands(
     >>> found.n_tried, len(found.bands), found.bands[0], found.p_number < 0.05
     (2080, 813, array([    0., 12800.]), True)
     """
-    X = check_array(X, dtype=[np.float64, np.float32])
-    counts, labels = _counts(X, y)
+    windows: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32])
+    counts, labels = _counts(windows, y)
     if groups is None and n_permutations > 0:
         raise ValueError(f"{_NO_GROUPS}, or n_permutations=0 for a list of bands without p-values")
-    frequencies, psd = welch_psd(X, sampling_rate, preset)
+    frequencies, psd = welch_psd(windows, sampling_rate, preset)
     limits = _edges(edges, sampling_rate)
     bands, entropies = _band_entropies(frequencies, psd, limits)
     if groups is not None:
-        assembly, labels = _assemblies(X, groups, labels)
+        assembly, labels = _assemblies(windows, groups, labels)
         entropies = _means(entropies, assembly)
     width = np.diff(bands, axis=1)[:, 0]
     means = _means(entropies, labels)

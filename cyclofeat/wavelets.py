@@ -15,6 +15,7 @@ every coefficient counts for as many cells as are left of it (:func:`visible`), 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 import pywt
@@ -52,7 +53,7 @@ __all__ = [
 ]
 
 Float = NDArray[np.float64]
-AnyWavelet = str | pywt.Wavelet | Sequence[Sequence[float]]
+AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
 
 SMALLEST = float(np.sqrt(np.finfo(np.float64).eps))
 """MATLAB's ``sqrt(eps)`` in Nm: smaller coefficients are taken for zero."""
@@ -275,7 +276,7 @@ def minima_mask(
     >>> both.mean(axis=-1).round(2)
     array([0.97, 0.97, 0.96, 0.92])
     """
-    return scalogram(X, wavelet, levels, colours) == 1
+    return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
 
 
 def _check_colours(colours: int) -> int:
