@@ -120,7 +120,12 @@ def _rig(arguments: argparse.Namespace, default: str | None = None) -> Rig:
         return Rig.from_json(arguments.simulator)
     name = arguments.rig or default
     assert name is not None
-    return {"r0": Rig.r0, "r1": Rig.r1, "r2": Rig.r2}[name]()
+    presets = {"r0": Rig.r0, "r1": Rig.r1, "r2": Rig.r2}
+    if name in presets:
+        return presets[name]()
+    if not Path(name).exists():
+        raise FileNotFoundError(f"--rig must be r0, r1, r2 or a description of a rig, no such file: {name}")
+    return Rig.from_json(name)
 
 
 def _train(arguments: argparse.Namespace) -> int:
@@ -351,5 +356,10 @@ def _command(commands: Any, name: str, run: Callable[..., int], text: str) -> ar
 
 def _add_rig(parser: argparse.ArgumentParser, default: str) -> None:
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("--rig", choices=("r0", "r1", "r2"), help=f"a rig of the toolkit (default: {default})")
-    group.add_argument("--simulator", metavar="FILE", help="readable description of gearbox and rig (JSON)")
+    group.add_argument(
+        "--rig",
+        metavar="RIG",
+        help="r0, r1, r2 (rigs of the toolkit), or a file: the readable description of gearbox, rig and "
+        f"effects in JSON (default: {default})",
+    )
+    group.add_argument("--simulator", metavar="FILE", help="such a file too")

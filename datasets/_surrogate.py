@@ -20,9 +20,6 @@ _PRESETS = ("R0", "R1", "R2")
 _PATTERNS = ("consecutive", "random")
 _WHEELS = ((0,), (1,), (0, 1))
 
-# Longest settling, in s, that is simulated: rigs with next to no damping would run for hours.
-_LONGEST_SETTLING = 60.0
-
 
 def make_rig_recordings(
     n_assemblies: int,
@@ -86,7 +83,8 @@ def make_rig_recordings(
         ``wheels`` (list of worn wheels), ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``,
         ``meter_damping_nms_per_rad``, ``stiffness_scale``, ``contact_damping``, ``clearance_m``,
         ``start_angle_rad`` (absolute angle of the input at the first sample, within one turn of the output),
-        ``settling_s`` (time before it), ``drift_nm`` (rms), ``noise_nm``, ``rig``.
+        ``settling_s`` (time before it), ``drift_nm`` (rms), ``noise_nm``, ``rig``, and, if the rig has
+        effects, ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly.
 
     Raises
     ------
@@ -209,10 +207,10 @@ def _unless_diverged(result: Recording | _Divergence) -> Recording:
     raise error
 
 
-def _streams(rig: Rig, random_state: int, index: int) -> list[np.random.SeedSequence]:
-    """Seeds of assembly, defects, start, drift and noise of one recording."""
+def _seed(rig: Rig, random_state: int, index: int) -> np.random.SeedSequence:
+    """Seed of one recording. Its second child is that of the defects; the others are the simulator's."""
     # The rig's name counts: assemblies of two rigs are different ones, and one may train and the other test.
-    return np.random.SeedSequence([random_state, *rig.name.encode()], spawn_key=(index,)).spawn(5)
+    return np.random.SeedSequence([random_state, *rig.name.encode()], spawn_key=(index,))
 
 
 def _drawn_recording(
@@ -229,7 +227,7 @@ def _drawn_recording(
     """One recording with randomly placed defects."""
     from cyclofeat.simulators import LobeDefects
 
-    random = np.random.default_rng(_streams(rig, random_state, index)[1])
+    random = np.random.default_rng(_seed(rig, random_state, index).spawn(2)[1])
     n_lobes = rig.gearbox.n_lobes
     one_wheel = random.random() < 0.5
     if lobes == "consecutive":
@@ -252,36 +250,29 @@ def _recording(
     with_angle: bool,
 ) -> Recording | _Divergence:
     """One recording. All that is random in it follows from the rig's name, seed and index."""
-    from cyclofeat.simulators import SimulationDiverged, settling_time, simulate
+    from cyclofeat.simulators import CompositeSimulator, SimulationDiverged, settling_time
+    from cyclofeat.simulators.rig import LONGEST_SETTLING
 
-    for_assembly, _, for_start, for_drift, for_noise = _streams(rig, random_state, index)
+    seed = _seed(rig, random_state, index)
     assembly = f"{rig.name}-{random_state}-{index:04d}"
-    gearbox = rig.assemble(for_assembly)
+    simulator = CompositeSimulator(rig)
+    gearbox, effects = simulator.assemble(seed)
     output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
     settling = settling_time(gearbox)
-    if settling > _LONGEST_SETTLING:
+    if settling > LONGEST_SETTLING:
         raise ValueError(
             f"rig {rig.name} must have more damping: {_parameters(assembly, gearbox, defects)} settles in "
-            f"{settling:.3g} s, more than {_LONGEST_SETTLING:g} s; raise meter_damping_ratio or "
+            f"{settling:.3g} s, more than {LONGEST_SETTLING:g} s; raise meter_damping_ratio or "
             "contact_damping"
         )
-    n_settling = math.ceil(settling * sampling_rate)
-    duration = (n_settling + n_samples) / sampling_rate
     try:
-        run = simulate(
-            gearbox,
-            defects,
-            duration=duration,
-            sampling_rate=sampling_rate,
-            start_angle=np.random.default_rng(for_start).uniform(0, output_turn),
-            # the simulation runs on for some samples, for its anti-alias filter
-            load_fluctuation=rig.drift(for_drift, duration + 64 / sampling_rate),
+        run = simulator.simulate(
+            defects, duration=n_samples / sampling_rate, sampling_rate=sampling_rate, seed=seed
         )
     except SimulationDiverged as error:
         message = f"{_parameters(assembly, gearbox, defects)}: {error}"
         return _Divergence(message, error.time, error.contact)
-    noise = np.random.default_rng(for_noise).normal(0, 1, n_samples)
-    angle = run.input_angle[n_settling:]
+    angle = run.input_angle
     removed = defects.removed_lobes
     meta = {
         "rig": rig.name,
@@ -295,14 +286,16 @@ def _recording(
         "contact_damping": float(gearbox.contact_damping),
         "clearance_m": float(gearbox.clearance),
         "start_angle_rad": float(angle[0] % output_turn),
-        "settling_s": n_settling / sampling_rate,
+        "settling_s": math.ceil(settling * sampling_rate) / sampling_rate,
         "drift_nm": math.hypot(rig.load_drift_nm, rig.broad_drift_nm),
         "noise_nm": rig.noise_nm,
     }
+    if effects:
+        meta["effects"] = [effect.to_dict() for effect in effects]
     if removed:
         meta |= {"worn_lobes": list(defects.worn_lobes), "removed_lobes": list(removed)}
     return Recording(
-        run.torque_out[n_settling:] + rig.noise_nm * noise,
+        run.torque_out,
         sampling_rate,
         angle=angle if with_angle else None,
         angle_of="input",

@@ -8,12 +8,37 @@ module           responsibility
 ``contact``      contact parameters by material and geometry
 ``tolerances``   random errors of single assemblies
 ``rig``          gearbox and test rig in one readable description, from which assemblies are drawn
+``effects``      what a real rig does besides: parameters, bounds, priors, place in the chain
+``composite``    gearbox or rig with effects: the simulator of a record as a real rig would give it
 ``simulation``   from parameters to a run
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product
 ===============  ================================================================================
 """
 
+from cyclofeat.simulators.composite import CompositeSimulator
+from cyclofeat.simulators.effects import (
+    BrakeRotor,
+    Clearance,
+    ClockError,
+    ContactDampingForm,
+    ContactDampingScale,
+    ContactStiffnessScale,
+    Effect,
+    Gain,
+    Hum,
+    LoadDrift,
+    Noise,
+    Offset,
+    PinErrors,
+    Place,
+    Quantisation,
+    RunOut,
+    SensorDrift,
+    SpeedWander,
+    TorqueMeterLowPass,
+    effect_library,
+)
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.rig import Rig, settling_time
@@ -22,12 +47,33 @@ from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 __all__ = [
     "AssemblyTolerances",
+    "BrakeRotor",
+    "Clearance",
+    "ClockError",
+    "CompositeSimulator",
+    "ContactDampingForm",
+    "ContactDampingScale",
+    "ContactStiffnessScale",
     "CycloidalGearbox",
     "CycloidalProfile",
+    "Effect",
+    "Gain",
+    "Hum",
+    "LoadDrift",
     "LobeDefects",
+    "Noise",
+    "Offset",
+    "PinErrors",
+    "Place",
+    "Quantisation",
     "Rig",
+    "RunOut",
+    "SensorDrift",
     "SimulationDiverged",
     "SimulationRun",
+    "SpeedWander",
+    "TorqueMeterLowPass",
+    "effect_library",
     "settling_time",
     "simulate",
 ]

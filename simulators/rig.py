@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
+from cyclofeat.simulators.effects import BrakeRotor, Effect, _noise
+from cyclofeat.simulators.effects._library import checked_effects, effects_from_list
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tolerances import AssemblyTolerances
 
@@ -37,21 +38,19 @@ _DRAWN = {
     "wheel_runouts": "tolerances.runout",
 }
 
-_FORMAT = "cyclofeat rig 1"
+_FORMAT = "cyclofeat rig 2"
+# As the newest, but without effects.
+_FIRST_FORMAT = "cyclofeat rig 1"
 _NOTE = (
     "SI units: m, kg, kg m2, s, rad/s, Nm, Nm/rad, Pa; keys in _nm are Nm, in _hz Hz. [low, high] is a range "
-    "from which each assembly draws; equal ends are a known value. Keys left out keep their default."
+    "from which each assembly draws; equal ends are a known value. Keys left out keep their default. effects "
+    'is a list like [{"effect": "hum", "amplitude_nm": 0.2}], whose values are numbers or ranges.'
 )
-
-# Samples of the drift per period of its cutoff: what lies between them is joined by straight lines.
-_DRIFT_OVERSAMPLING = 200
-_HIGHEST_CUTOFF = 1000.0
-_HIGHEST_ORDER = 8
-# Time beyond the duration asked for, in s: a simulation runs on a little, for its anti-alias filter.
-_DRIFT_MARGIN = 1.0
 
 # Time constants of the slowest torsional mode until a start counts as settled: exp(-5) = 0.7 % is left.
 _SETTLED = 5.0
+# Longest settling, in s, that is simulated: rigs with next to no damping would run for hours.
+LONGEST_SETTLING = 60.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,10 @@ class Rig:
         A second drift, independent of the first and of the same order: rms in Nm and cutoff in Hz.
     noise_nm : float
         Standard deviation in Nm of the torque meter's white noise.
+    effects : sequence of Effect
+        What else this rig does (:mod:`cyclofeat.simulators.effects`). Kept as a tuple of copies.
+        :meth:`assemble` and :meth:`drift` know nothing of them:
+        :class:`cyclofeat.simulators.CompositeSimulator` applies them.
 
     Raises
     ------
@@ -122,6 +125,7 @@ class Rig:
     broad_drift_nm: float = 0.0
     broad_drift_cutoff_hz: float = 25.0
     noise_nm: float = 0.2
+    effects: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -158,15 +162,24 @@ class Rig:
             object.__setattr__(self, name, value)
         for name in ("load_drift_cutoff_hz", "broad_drift_cutoff_hz"):
             value = _number(name, getattr(self, name), "a number of Hz")
-            if not 0 < value <= _HIGHEST_CUTOFF:
-                raise ValueError(f"{name} must lie above 0 and up to {_HIGHEST_CUTOFF:g} Hz, got {value!r}")
+            if not 0 < value <= _noise.HIGHEST_CUTOFF:
+                raise ValueError(
+                    f"{name} must lie above 0 and up to {_noise.HIGHEST_CUTOFF:g} Hz, got {value!r}"
+                )
             object.__setattr__(self, name, value)
         order = self.load_drift_order
         if isinstance(order, bool) or not isinstance(order, (int, np.integer)):
             raise TypeError(f"load_drift_order must be a whole number, got {order!r}")
-        if not 1 <= order <= _HIGHEST_ORDER:
-            raise ValueError(f"load_drift_order must lie between 1 and {_HIGHEST_ORDER}, got {order!r}")
+        if not 1 <= order <= _noise.HIGHEST_ORDER:
+            raise ValueError(f"load_drift_order must lie between 1 and {_noise.HIGHEST_ORDER}, got {order!r}")
         object.__setattr__(self, "load_drift_order", int(order))
+        object.__setattr__(self, "effects", checked_effects(self.effects))
+        rotors = self.has_brake + sum(isinstance(effect, BrakeRotor) for effect in self.effects)
+        if rotors > 1:
+            raise ValueError(
+                f"effects must hold no {BrakeRotor.effect_id} where the rig has a brake, and one at most, "
+                f"got {rotors} brakes in all"
+            )
 
     @classmethod
     def r0(cls) -> Rig:
@@ -284,30 +297,17 @@ class Rig:
         duration = _number("duration", duration, "a number of s")
         if duration <= 0:
             raise ValueError(f"duration must be positive (s), got {duration!r}")
-        streams = _generator(seed).integers(2**63, size=(2, 4))
-        end = duration + _DRIFT_MARGIN
+        slow, broad = _noise.streams(_generator(seed), 2)
+        end = duration + _noise.MARGIN
         parts = [
-            _low_passed_noise(stream, rms, cutoff, self.load_drift_order, end)
+            _noise.low_passed_noise(stream, rms, cutoff, self.load_drift_order, end)
             for stream, rms, cutoff in (
-                (streams[0], self.load_drift_nm, self.load_drift_cutoff_hz),
-                (streams[1], self.broad_drift_nm, self.broad_drift_cutoff_hz),
+                (slow, self.load_drift_nm, self.load_drift_cutoff_hz),
+                (broad, self.broad_drift_nm, self.broad_drift_cutoff_hz),
             )
             if rms > 0
         ]
-
-        def load(time: Float) -> Float:
-            time = np.asarray(time, dtype=float)
-            if time.size and not (time.min() >= 0 and time.max() <= end):
-                raise ValueError(
-                    f"time must lie between 0 and {end:g} s in this drift, got {time.min():g} to "
-                    f"{time.max():g} s: draw it with a longer duration"
-                )
-            total = np.zeros(time.shape)
-            for times, values in parts:
-                total += np.interp(time, times, values)
-            return total
-
-        return load
+        return _noise.sum_of(parts, end)
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the description to a JSON file, every value explicit.
@@ -324,7 +324,9 @@ class Rig:
         lines = [f'  "format": {json.dumps(_FORMAT)}', f'  "note": {json.dumps(_NOTE)}']
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
-            if dataclasses.is_dataclass(value):
+            if item.name == "effects":
+                text = _list_of([effect.to_dict() for effect in self.effects])
+            elif dataclasses.is_dataclass(value):
                 inner = (
                     f"    {json.dumps(name)}: {_json_value(getattr(value, name), default)}"
                     for name, default in _scalars(type(value)).items()
@@ -342,7 +344,9 @@ class Rig:
         The file holds one object. Its keys are the parameters of :class:`Rig`; ``"gearbox"`` and
         ``"tolerances"`` are objects with the parameters of :class:`CycloidalGearbox` and
         :class:`AssemblyTolerances`, in the same SI units. Ranges are ``[low, high]``, no brake is ``null``.
-        All keys may be left out. ``"note"`` is free text.
+        ``"effects"`` is a list of objects: the effect's name under ``"effect"``, then its parameters, numbers
+        or ranges (:func:`cyclofeat.simulators.effect_library` has them all). All keys may be left out.
+        ``"note"`` is free text. Files of the first format, without effects, are read too.
 
         Parameters
         ----------
@@ -375,6 +379,46 @@ class Rig:
             return _rig_from(_read_json(path), cls)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+
+def rig_of(gearbox: CycloidalGearbox) -> Rig:
+    """The rig whose assemblies are all this gearbox: without spread, drift and noise.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox
+
+    Raises
+    ------
+    ValueError
+        If it has errors of single pins or wheels, which a rig draws, or a brake without damping.
+    """
+    defaults = {item.name: item.default for item in dataclasses.fields(gearbox)}
+    changed = {name: defaults[name] for name in _DRAWN if name in defaults}
+    for name, default in changed.items():
+        if isinstance(default, tuple) and getattr(gearbox, name) != default:
+            raise ValueError(
+                f"gearbox.{name} must be empty to be described as a rig, which draws such errors for each "
+                f"assembly: give {_DRAWN[name]}"
+            )
+    none: dict[str, Any] = {
+        item.name: (0.0, 0.0) if isinstance(item.default, tuple) else 0.0
+        for item in dataclasses.fields(AssemblyTolerances)
+    }
+    none["clearance"] = (gearbox.clearance, gearbox.clearance)
+    brake: dict[str, Any] = {}
+    if gearbox.brake_inertia > 0:
+        critical = 2 * math.sqrt(gearbox.meter_stiffness * gearbox.brake_inertia)
+        values = (gearbox.brake_inertia, gearbox.meter_stiffness, gearbox.meter_damping / critical)
+        brake = {name: (value, value) for name, value in zip(_BRAKE, values, strict=True)}
+    return Rig(
+        name="gearbox",
+        gearbox=gearbox.replace(**changed),
+        tolerances=AssemblyTolerances(**none),
+        load_drift_nm=0.0,
+        noise_nm=0.0,
+        **brake,
+    )
 
 
 def settling_time(gearbox: CycloidalGearbox) -> float:
@@ -440,22 +484,6 @@ def _contact_stage(
     return 2 * stiffness, 2 * gearbox.contact_damping * float(np.sum(weights * arms**2))
 
 
-def _low_passed_noise(stream: Any, rms: float, cutoff: float, order: int, end: float) -> tuple[Float, Float]:
-    """Times in s and values in Nm of stationary low-passed noise with the given expected rms."""
-    rate = _DRIFT_OVERSAMPLING * cutoff
-    sos = butter(order, cutoff, fs=rate, output="sos")
-    # Until the slowest pole of the filter has fallen to 1e-9.
-    slowest = 2 * np.pi * cutoff * math.sin(np.pi / (2 * order))
-    warm_up = math.ceil(math.log(1e9) / slowest * rate)
-    response = sosfilt(sos, np.r_[1.0, np.zeros(warm_up)])
-    # A straight line between samples has, averaged over its length, 2/3 of their variance and 1/3 of their
-    # covariance.
-    power = 2 / 3 * float(response @ response) + 1 / 3 * float(response[1:] @ response[:-1])
-    n = math.ceil(end * rate) + 1
-    noise = np.random.default_rng(stream).normal(size=warm_up + n)
-    return np.arange(n) / rate, rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
-
-
 def _generator(seed: Any) -> np.random.Generator:
     if isinstance(seed, (np.random.SeedSequence, np.random.Generator)):
         return np.random.default_rng(seed)
@@ -518,6 +546,14 @@ def _json_value(value: Any, default: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def _list_of(objects: list[dict[str, Any]]) -> str:
+    """A JSON list of objects, one to a line."""
+    if not objects:
+        return "[]"
+    lines = (f"    {json.dumps(one, ensure_ascii=False, allow_nan=False)}" for one in objects)
+    return "[\n" + ",\n".join(lines) + "\n  ]"
+
+
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
@@ -572,12 +608,16 @@ def _rig_from(content: Any, kind: type[Rig]) -> Rig:
     note, form = given.pop("note", ""), given.pop("format", _FORMAT)
     if not isinstance(note, str):
         raise TypeError(f"note must be text, got {_short(note)}")
-    if form != _FORMAT:
-        raise ValueError(f"format must be {_FORMAT!r}, got {_short(form)}")
+    if form not in (_FORMAT, _FIRST_FORMAT):
+        raise ValueError(f"format must be {_FORMAT!r} or {_FIRST_FORMAT!r}, got {_short(form)}")
+    if form == _FIRST_FORMAT and "effects" in given:
+        raise ValueError(f"effects need the format {_FORMAT!r}, got {form!r}")
     _reject_unknown(given, [*known, "format", "note"], "")
     for name, part in (("gearbox", CycloidalGearbox), ("tolerances", AssemblyTolerances)):
         if name in given:
             given[name] = _part_from(name, part, given[name])
+    if "effects" in given:
+        given["effects"] = effects_from_list(given["effects"])
     for name in (*_BRAKE, *_FACTORS):
         if given.get(name) is not None:
             given[name] = _pair(name, given[name])

@@ -14,7 +14,7 @@ from cyclofeat.cli import main
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.persistence import save_model
-from cyclofeat.simulators import Rig
+from cyclofeat.simulators import Offset, Quantisation, Rig, TorqueMeterLowPass
 
 
 def run(capsys, *arguments):
@@ -82,6 +82,36 @@ def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
     assert first.source == second.source == "surrogate"
     assert first.angle is None
     np.testing.assert_array_equal(first.torque, second.torque)
+
+
+def test_rig_takes_a_file_with_effects_too(capsys, tmp_path):
+    effects = [Offset(0.5), Quantisation(0.25)]
+    Rig.r0().replace(name="mine", effects=effects).to_json(tmp_path / "mine.json")
+    for option, file in (("--rig", "a.npz"), ("--simulator", "b.npz")):
+        code, _, err = run(
+            capsys, "simulate", option, tmp_path / "mine.json", "--duration", 0.1, "--out", tmp_path / file
+        )
+        assert (code, err) == (0, "")
+    one, other = (read_recording(tmp_path / file) for file in ("a.npz", "b.npz"))
+    np.testing.assert_array_equal(one.torque, other.torque)
+    np.testing.assert_array_equal(one.torque * 4, np.rint(one.torque * 4))
+    assert one.meta["effects"] == [effect.to_dict() for effect in effects]
+
+
+def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
+    Rig.r0().replace(name="mine", effects=[Offset(0.5)]).to_json(tmp_path / "mine.json")
+    code, out, err = run(
+        capsys, "train", "--rig", tmp_path / "mine.json", "--assemblies", 2, "--max-count", 1,
+        "--out", tmp_path / "m.joblib", "--jobs", 2,
+    )  # fmt: skip
+    assert code == 0, err
+    assert "simulated assemblies of rig mine" in out
+    Rig.r0().replace(effects=[TorqueMeterLowPass(2e4)]).to_json(tmp_path / "high.json")
+    code, _, err = run(
+        capsys, "train", "--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"
+    )
+    assert code == 2
+    assert "cutoff_hz of torque_meter_low_pass must lie below the Nyquist frequency 12800 Hz" in err
 
 
 def test_train_and_count(capsys, folder, tmp_path):
@@ -257,6 +287,9 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
+        (["simulate", "--rig", "r3", "--out", "x.npz"], "--rig must be r0, r1, r2 or .* no such file: r3"),
+        (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be r0, r1, r2 or .* no such file: r3"),
+        (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
         (["train", "--out", "absent/model.joblib"], "folder absent .* does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
         (["evaluate"], "labelled recording files, or --dataset oedi"),

@@ -17,7 +17,18 @@ from cyclofeat.datasets import (
     read_recording,
     write_recording,
 )
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, SimulationDiverged
+from cyclofeat.simulators import (
+    BrakeRotor,
+    CycloidalGearbox,
+    Hum,
+    LobeDefects,
+    Offset,
+    Quantisation,
+    Rig,
+    SimulationDiverged,
+    settling_time,
+    simulate,
+)
 
 QUIET = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.0)
 SHORT = {"duration_s": 0.05, "rig": "R0"}
@@ -200,6 +211,93 @@ def test_a_rig_of_ones_own():
     assert {r.assembly for r in made} == {"mine-0-0000", "mine-0-0001"}
     assert {(r.speed_rpm, r.load_nm, r.n_samples) for r in made} == {(400.0, 18.0, 500)}
     assert max(made[1].worn_lobes) <= 12
+
+
+# Effects
+
+
+def by_hand(rig, count, index, random_state, duration):
+    """A recording of a rig without effects as this module first made it, step by step."""
+    seeds = np.random.SeedSequence([random_state, *rig.name.encode()], spawn_key=(index,)).spawn(5)
+    for_assembly, for_defects, for_start, for_drift, for_noise = seeds
+    random = np.random.default_rng(for_defects)
+    wheels = (0,) if random.random() < 0.5 else (0, 1)
+    worn = (random.integers(15) + np.arange(count)) % 15
+    gearbox = rig.assemble(for_assembly)
+    skipped = math.ceil(settling_time(gearbox) * 25_600)
+    n = round(duration * 25_600)
+    total = (skipped + n) / 25_600
+    run = simulate(
+        gearbox,
+        LobeDefects.worn(worn.tolist(), wheels=wheels),
+        duration=total,
+        start_angle=np.random.default_rng(for_start).uniform(0, 2 * np.pi * 15),
+        load_fluctuation=rig.drift(for_drift, total + 64 / 25_600),
+    )
+    noise = np.random.default_rng(for_noise).normal(0, 1, n)
+    return run.torque_out[skipped:] + rig.noise_nm * noise, run.input_angle[skipped:]
+
+
+@pytest.mark.parametrize("rig", [Rig.r0(), Rig.r1(), Rig.r2()], ids=lambda rig: rig.name)
+def test_rigs_without_effects_make_the_recordings_that_they_always_made(rig):
+    made = make_rig_recordings(1, [0, 3], rig=rig, duration_s=0.06, random_state=17, with_angle=True)
+    for index, recording in enumerate(made):
+        torque, angle = by_hand(rig, recording.defect_count, index, 17, 0.06)
+        assert recording.torque.tobytes() == torque.tobytes()
+        assert recording.angle.tobytes() == angle.tobytes()
+        assert "effects" not in recording.meta
+
+
+# Written down before effects came: true speed, load, stiffness, damping, clearance, start, settling.
+BEFORE_EFFECTS = {
+    "R0": (504.243061, 22.471695867566183, 0.008672078025954138, 166.94942693570232, 8.731699031196353e-06,
+           55.6374032672144, 0.3190234375),
+    "R1": (496.621195, 22.075564198868207, 0.008038991852540174, 168.29347782675427, 2.6520201582934827e-05,
+           25.701007808099035, 0.826953125),
+    "R2": (501.145396, 22.620778306307983, 0.016988785962809734, 121.60997430607827, 1.721055396304902e-05,
+           85.8544944641034, 0.5459765625),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BEFORE_EFFECTS)
+def test_assemblies_are_those_of_the_time_before_effects(name):
+    (recording,) = make_rig_recordings(1, [0], rig=name, duration_s=0.01, random_state=17)
+    keys = ("true_speed_rpm", "true_load_nm", "stiffness_scale", "contact_damping", "clearance_m",
+            "start_angle_rad", "settling_s")  # fmt: skip
+    assert [recording.meta[key] for key in keys] == pytest.approx(BEFORE_EFFECTS[name], rel=1e-12)
+
+
+def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
+    rig = Rig.r0().replace(effects=[Quantisation(0.25), Hum((0.1, 0.4)), BrakeRotor((0.01, 0.03), 1e4, 0.05)])
+    rig.to_json(tmp_path / "rig.json")
+    made = make_rig_recordings(2, [0, 2], rig=Rig.from_json(tmp_path / "rig.json"), duration_s=0.05)
+    again = make_rig_recordings(2, [0, 2], rig=rig, duration_s=0.05, n_jobs=2)
+    assert made == again
+    drawn = []
+    for recording in made:
+        np.testing.assert_array_equal(recording.torque * 4, np.rint(recording.torque * 4))
+        brake, hum, steps = recording.meta["effects"]  # in the order of the chain
+        assert (brake["effect"], hum["effect"]) == ("brake_rotor", "hum")
+        assert steps == {"effect": "quantisation", "lsb_nm": 0.25, "full_scale_nm": None}
+        assert 0.01 <= brake["inertia"] <= 0.03
+        assert recording.meta["brake_inertia_kg_m2"] == brake["inertia"]
+        assert 0.1 <= hum["amplitude_nm"] <= 0.4
+        drawn.append(hum["amplitude_nm"])
+    assert len(set(drawn)) == 4
+    write_recording(tmp_path / "r.npz", made[0])
+    write_recording(tmp_path / "r.csv", made[0])
+    for file in ("r.npz", "r.csv"):
+        assert read_recording(tmp_path / file).meta["effects"] == made[0].meta["effects"]
+
+
+def test_one_effect_more_leaves_the_assembly_as_it_is():
+    plain, offset = (
+        make_rig_recordings(1, [2], rig=Rig.r2().replace(effects=effects), duration_s=0.05)[0]
+        for effects in ((), (Offset(0.5),))
+    )
+    np.testing.assert_allclose(offset.torque, plain.torque + 0.5, rtol=1e-12)
+    listed = {"effects": [{"effect": "offset", "offset_nm": 0.5}]}
+    assert offset.meta == plain.meta | listed
 
 
 # One recording

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import doctest
+import inspect
 import json
 import math
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cyclofeat.simulators import (
     AssemblyTolerances,
+    BrakeRotor,
     CycloidalGearbox,
+    Gain,
+    Hum,
     LobeDefects,
+    Quantisation,
     Rig,
+    TorqueMeterLowPass,
+    effect_library,
     rig,
     settling_time,
     simulate,
@@ -230,6 +241,11 @@ def test_settling_follows_damping():
         ({"broad_drift_cutoff_hz": 1e5}, "broad_drift_cutoff_hz must lie above 0 and up to 1000 Hz"),
         ({"load_drift_order": 2.0}, "load_drift_order must be a whole number, got 2.0"),
         ({"load_drift_order": 9}, "load_drift_order must lie between 1 and 8, got 9"),
+        ({"effects": Hum()}, "effects must be a sequence of effects, got Hum"),
+        ({"effects": None}, "effects must be a sequence of effects, got None"),
+        ({"effects": ["hum"]}, "effects must hold effects like Hum.* got 'hum'"),
+        ({"effects": [Hum(amplitude_nm=-1)]}, "amplitude_nm of hum must lie between 0 and 1000 Nm, got -1"),
+        ({"effects": [BrakeRotor()]}, "effects must hold no brake_rotor where the rig has a brake, .* got 2"),
     ],
 )
 def test_bad_parameters_are_named(changes, message):
@@ -271,6 +287,77 @@ def test_round_trip_keeps_odd_values_to_the_last_bit(tmp_path):
     assert "Prüfstand" in path.read_text(encoding="utf-8")
 
 
+def test_effects_stand_in_the_file_one_to_a_line(tmp_path):
+    path = tmp_path / "rig.json"
+    effects = [Hum(amplitude_nm=(0.1, 0.4)), TorqueMeterLowPass(300), Quantisation(0.05)]
+    corrected = Rig.r1().replace(effects=effects)
+    corrected.to_json(path)
+    assert Rig.from_json(path) == corrected
+    text = path.read_text(encoding="utf-8")
+    assert '    {"effect": "torque_meter_low_pass", "cutoff_hz": 300.0, "order": 2},\n' in text
+    assert '    {"effect": "quantisation", "lsb_nm": 0.05, "full_scale_nm": null}\n' in text
+    found = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert found["effects"] == [effect.to_dict() for effect in effects]
+    assert found["format"] == "cyclofeat rig 2"
+
+
+def test_effects_of_a_file_may_leave_keys_out(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text('{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}')
+    assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
+
+
+def test_files_of_the_first_format_are_still_read(tmp_path):
+    path = tmp_path / "rig.json"
+    Rig.r2().to_json(path)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    del content["effects"]
+    content["format"] = "cyclofeat rig 1"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert Rig.from_json(path) == Rig.r2()
+
+
+@st.composite
+def any_effects(draw):
+    """Effects with any values and ranges within the bounds of their parameters."""
+    drawn = []
+    for kind in draw(st.lists(st.sampled_from(list(effect_library().values())), max_size=4, unique=True)):
+        values = {}
+        for name, parameter in kind.parameters.items():
+            ends = st.floats(parameter.low, min(parameter.high, 1e9), exclude_min=True)
+            ranges = st.tuples(ends, ends).map(sorted).map(tuple)
+            values[name] = draw(st.one_of(ends, ranges) if kind is not Quantisation else ends)
+        if kind is Quantisation:
+            values["full_scale_nm"] = draw(st.sampled_from([math.inf, 2e3]))
+        if "phase" in inspect.signature(kind).parameters:
+            values["phase"] = draw(st.none() | st.floats(-1e3, 1e3))
+        if "order" in inspect.signature(kind).parameters:
+            values["order"] = draw(st.integers(1, 8))
+        drawn.append(kind(**values))
+    return drawn
+
+
+@settings(max_examples=60, deadline=None)
+@given(effects=any_effects())
+def test_any_effects_come_back_to_the_last_bit(effects):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rig.json"
+        rig_with = Rig(effects=effects)
+        rig_with.to_json(path)
+        back = Rig.from_json(path)
+    assert back == rig_with
+    assert [effect.get_params() for effect in back.effects] == [effect.get_params() for effect in effects]
+
+
+def test_a_rig_keeps_its_own_copies_of_its_effects():
+    mine = Hum(0.2)
+    kept = Rig(effects=[mine])
+    mine.set_params(amplitude_nm=5.0)
+    assert kept.effects == (Hum(0.2),)
+    assert hash(kept) == hash(Rig(effects=[Hum(0.2)]))
+    assert kept != Rig(effects=[mine])
+
+
 def test_keys_may_be_left_out(tmp_path):
     path = tmp_path / "rig.json"
     path.write_text('\ufeff{"note": "mine", "gearbox": {"load_torque": 18}, "noise_nm": 1}', encoding="utf-8")
@@ -285,7 +372,52 @@ BAD_FILES = {
     "cut off": ('{"name": "R1", "gearbox": {', "is not valid JSON"),
     "a list": ("[1, 2]", r"the file must hold a JSON object {...}, got \[1, 2\]"),
     "deep": ("[" * 100_000, "nested too deeply"),
-    "another format": ('{"format": "cyclofeat rig 9"}', "format must be 'cyclofeat rig 1', got"),
+    "another format": (
+        '{"format": "cyclofeat rig 9"}',
+        "'cyclofeat rig 2' or 'cyclofeat rig 1', got 'cyclof",
+    ),
+    "effects too early": (
+        '{"format": "cyclofeat rig 1", "effects": []}',
+        "effects need the format 'cyclofeat",
+    ),
+    "effects no list": (
+        '{"effects": {"effect": "hum"}}',
+        "effects must be a list of objects like .* got {'e",
+    ),
+    "effect no object": ('{"effects": ["hum"]}', r"effects\[0\]: must be an object like .* got 'hum'"),
+    "effect without name": ('{"effects": [{"rms_nm": 1}]}', r"effects\[0\]: must be an object like"),
+    "effect misspelt": (
+        '{"effects": [{"effect": "hum"}, {"effect": "torque_low_pass"}]}',
+        r"effects\[1\]: unknown effect 'torque_low_pass': did you mean 'torque_meter_low_pass' \(Low-pass in",
+    ),
+    "effect unknown": (
+        '{"effects": [{"effect": "zzz"}]}',
+        "unknown effect 'zzz': known are pin_errors, run_out,",
+    ),
+    "effect key misspelt": (
+        '{"effects": [{"effect": "hum", "amplitude": 1}]}',
+        r"unknown key 'amplitude' of hum with value 1: did you mean 'amplitude_nm'\?",
+    ),
+    "effect key unknown": (
+        '{"effects": [{"effect": "gain", "zzz": 1}]}',
+        "unknown key 'zzz' of gain with value 1: known are factor",
+    ),
+    "effect key twice": (
+        '{"effects": [{"effect": "gain", "factor": 1, "factor": 2}]}',
+        "'factor' must stand",
+    ),
+    "effect value": ('{"effects": [{"effect": "gain", "factor": "1"}]}', "factor of gain must be a number"),
+    "effect null": ('{"effects": [{"effect": "gain", "factor": null}]}', "factor of gain must be a number"),
+    "effect range": ('{"effects": [{"effect": "gain", "factor": [2, 1]}]}', r"low <= high, got \(2, 1\)"),
+    "effect NaN": ('{"effects": [{"effect": "offset", "offset_nm": NaN}]}', "must lie between .* got nan"),
+    "effect order": (
+        '{"effects": [{"effect": "load_drift", "order": 2.5}]}',
+        "order of load_drift must be a whole",
+    ),
+    "two brakes": (
+        '{"effects": [{"effect": "brake_rotor"}, {"effect": "brake_rotor"}]}',
+        "got 2 brakes in all",
+    ),
     "note": ('{"note": 3}', "note must be text, got 3"),
     "misspelt": ('{"brake_inertai": [1, 2]}', r"'brake_inertai' with value \[1, 2\]: did you mean 'brake_i"),
     "unknown": ('{"zzz": 1}', "unknown key 'zzz' with value 1: known are name, gearbox"),

@@ -1,0 +1,168 @@
+"""Effects of the converter (ADC): the instants at which it samples, and the codes that it gives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cyclofeat.simulators.effects._base import (
+    Effect,
+    EffectParameter,
+    Float,
+    LogUniform,
+    Normal,
+    Place,
+    TorqueContext,
+    check_whole,
+)
+
+# Samples on either side of an instant that its value is taken from, and the window's shape (Kaiser): the
+# error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
+_HALF_WIDTH = 48
+_BETA = 10.0
+
+
+class ClockError(Effect):
+    """Error of the converter's clock: the true sampling rate is not the stated one.
+
+    With relative error r the samples lie at k / ((1 + r) f_s) while the record states f_s: a line at f
+    appears at f / (1 + r). The values in between come from a windowed sinc (Kaiser, 48 samples on either
+    side); the record's other channels, sampled by the same clock, are moved along by straight lines.
+
+    Parameters
+    ----------
+    relative : float or (low, high), default 2e-4
+        r, a pure number; 0 is neutral.
+
+    Notes
+    -----
+    Where the samples given do not reach so far (r < 0), the result is shorter; where they reach further, it
+    is longer. Separating measurement: a tachometer on its own clock; an error of the speed changes the lines
+    of shaft and lobes, but not hum.
+    """
+
+    effect_id: ClassVar[str] = "clock_error"
+    place: ClassVar[Place] = Place.ADC_CLOCK
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "relative": EffectParameter("1", -0.05, 0.05, 0.0, Normal(0.0, 1e-3)),
+    }
+    separated_by: ClassVar[str] = "a tachometer on its own clock"
+
+    def __init__(self, relative: Any = 2e-4) -> None:
+        self.relative = relative
+
+    def samples_needed(self, n_samples: int) -> int:
+        if self.relative == 0:
+            return n_samples
+        return math.ceil((n_samples - 1) / (1 + self.relative)) + 1 + _HALF_WIDTH
+
+    def _instants(self, n_given: int) -> Float:
+        """Instants of the samples, in samples of the record that is given."""
+        n_samples = math.floor((n_given - 1) * (1 + self.relative)) + 1
+        return np.minimum(np.arange(n_samples) / (1 + self.relative), n_given - 1)
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        if self.relative == 0:
+            return torque
+        instants = self._instants(torque.size)
+        nearest = np.floor(instants).astype(int)
+        total, weights = np.zeros(instants.size), np.zeros(instants.size)
+        for shift in range(1 - _HALF_WIDTH, _HALF_WIDTH + 1):
+            index = nearest + shift
+            distance = instants - index
+            inside = np.clip(1 - (distance / _HALF_WIDTH) ** 2, 0, None)
+            weight = np.sinc(distance) * np.i0(_BETA * np.sqrt(inside))
+            # Beyond the ends there are no samples; what is left of the weights still adds up to one.
+            weight[(index < 0) | (index >= torque.size)] = 0.0
+            total += weight * torque[np.clip(index, 0, torque.size - 1)]
+            weights += weight
+        return np.asarray(total / weights)
+
+    def resample(self, values: Float, sampling_rate: float) -> Float:
+        if self.relative == 0:
+            return values
+        instants = self._instants(len(values))
+        before = np.minimum(np.floor(instants).astype(int), max(len(values) - 2, 0))
+        after = np.minimum(before + 1, len(values) - 1)
+        share = (instants - before).reshape(-1, *[1] * (values.ndim - 1))
+        return np.asarray(values[before] + share * (values[after] - values[before]))
+
+
+class Quantisation(Effect):
+    """Codes of the converter: torque in whole steps (LSB), clipped at the ends of its range.
+
+    T becomes q c with the code c = T/q rounded to the nearest whole number (half to even), limited to
+    -N <= c <= N - 1 with N = floor(full scale / q).
+
+    Parameters
+    ----------
+    lsb_nm : float or (low, high), default 0.05
+        Step q in Nm; 0 for none.
+    full_scale_nm : float or (low, high), default infinity
+        Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
+        clips. Set by hand: neither fitted nor drawn from a prior.
+
+    Notes
+    -----
+    Separating measurement: the comb of the histogram, which noise does not have.
+
+    Examples
+    --------
+    >>> Quantisation.from_bits(12, full_scale_nm=51.2).lsb_nm
+    0.025
+    """
+
+    effect_id: ClassVar[str] = "quantisation"
+    place: ClassVar[Place] = Place.ADC_CODES
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(2e-3, 1.0), log=True),
+        "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True, fitted=False),
+    }
+    separated_by: ClassVar[str] = "the comb of the histogram"
+
+    def __init__(self, lsb_nm: Any = 0.05, full_scale_nm: Any = math.inf) -> None:
+        self.lsb_nm = lsb_nm
+        self.full_scale_nm = full_scale_nm
+
+    @classmethod
+    def from_bits(cls, bits: int, full_scale_nm: float) -> Quantisation:
+        """The converter of ``bits`` bits over the range from -full_scale_nm to full_scale_nm (Nm)."""
+        check_whole("bits", bits, 1, 32)
+        checked = cls(0.0, full_scale_nm).check()
+        if checked.has_ranges or math.isinf(full_scale_nm):
+            raise ValueError(f"full_scale_nm must be one finite number of Nm, got {full_scale_nm!r}")
+        return cls(full_scale_nm / 2 ** (int(bits) - 1), full_scale_nm)
+
+    def check_settings(self) -> None:
+        if self.has_ranges or self.lsb_nm <= self.full_scale_nm:
+            return
+        raise ValueError(
+            f"full_scale_nm of {self.effect_id} must be at least lsb_nm = {self.lsb_nm:g} Nm, "
+            f"got {self.full_scale_nm!r}"
+        )
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        step, full = float(self.lsb_nm), float(self.full_scale_nm)
+        if step == 0:
+            return torque if math.isinf(full) else np.clip(torque, -full, full)
+        codes = np.rint(torque / step)
+        if math.isfinite(full):
+            # A full scale of N steps may fall short of N by rounding.
+            n_codes = math.floor(full / step * (1 + 1e-12))
+            codes = np.clip(codes, -n_codes, n_codes - 1)
+        return np.asarray(step * codes)

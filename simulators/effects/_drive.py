@@ -1,0 +1,166 @@
+"""Effects on load and speed: what drives and brakes the gearbox is not constant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cyclofeat.simulators.effects import _noise
+from cyclofeat.simulators.effects._base import (
+    Effect,
+    EffectParameter,
+    Float,
+    Fluctuation,
+    LogUniform,
+    Place,
+    check_phase,
+    check_whole,
+)
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+
+class LoadDrift(Effect):
+    """Slow fluctuation of the brake's torque, to which the whole drive answers.
+
+    White noise through a Butterworth low-pass, stationary from the start: a one-sided density
+    S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)) with B = f_c (pi/2n) / sin(pi/2n).
+
+    Parameters
+    ----------
+    rms_nm : float or (low, high), default 3
+        Expected rms in Nm; 0 is neutral.
+    cutoff_hz : float or (low, high), default 1.5
+        f_c (-3 dB) in Hz, up to 1000.
+    order : int, default 2
+        n, from 1 to 8.
+
+    Notes
+    -----
+    A drift of the sensor's zero gives nearly the same torque. Separating measurement: the envelope of the
+    mesh frequency, which a load modulates and a zero drift does not; or a record with the brake off.
+    """
+
+    effect_id: ClassVar[str] = "load_drift"
+    place: ClassVar[Place] = Place.LOAD_AND_SPEED
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.1, 6.0), log=True),
+        "cutoff_hz": EffectParameter(
+            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 20.0), log=True
+        ),
+    }
+    separated_by: ClassVar[str] = "the envelope of the mesh frequency"
+
+    def __init__(self, rms_nm: Any = 3.0, cutoff_hz: Any = 1.5, order: int = 2) -> None:
+        self.rms_nm = rms_nm
+        self.cutoff_hz = cutoff_hz
+        self.order = order
+
+    def check_settings(self) -> None:
+        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+
+    def load_fluctuation(
+        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+    ) -> Fluctuation | None:
+        (stream,) = _noise.streams(random, 1)
+        if self.rms_nm == 0:
+            return None
+        end = duration + _noise.MARGIN
+        return _noise.sum_of(
+            [_noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end)], end
+        )
+
+
+class SpeedWander(Effect):
+    """Fluctuation of the input speed: a slow wander, a ripple locked to the shaft, or both.
+
+    w(t) = w_0 (1 + u(t) + ``ripple`` sin(``ripple_order`` phi(t) + ``phase``)), u as the drift of
+    :class:`LoadDrift` with rms ``rms``; phi is the angle that the mean speed and the wander turn the input
+    shaft from the start (the ripple's own share, below ripple/ripple_order rad, is left out).
+
+    Parameters
+    ----------
+    rms : float or (low, high), default 0.003
+        Expected rms of u, a pure number; 0 for no wander.
+    cutoff_hz : float or (low, high), default 1
+        Cutoff of u's low-pass in Hz, up to 1000.
+    order : int, default 2
+        Order of that low-pass, from 1 to 8.
+    ripple : float or (low, high), default 0
+        Relative amplitude of the ripple. Set by hand: neither fitted nor drawn from a prior.
+    ripple_order : float or (low, high), default 1
+        Waves of the ripple per input turn.
+    phase : float, optional
+        In rad, at the start. Default: random.
+
+    Notes
+    -----
+    Separating measurement: a tachometer on its own clock; the clock of the converter moves all
+    frequencies by one constant factor.
+    """
+
+    effect_id: ClassVar[str] = "speed_wander"
+    place: ClassVar[Place] = Place.LOAD_AND_SPEED
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms": EffectParameter("1", 0.0, 0.2, 0.0, LogUniform(5e-4, 0.02), log=True),
+        "cutoff_hz": EffectParameter(
+            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 10.0), log=True
+        ),
+        "ripple": EffectParameter("1", 0.0, 0.5, 0.0, fitted=False),
+        "ripple_order": EffectParameter("1", 1e-3, 1e3, None, fitted=False),
+    }
+    separated_by: ClassVar[str] = "a tachometer on its own clock"
+
+    def __init__(
+        self,
+        rms: Any = 0.003,
+        cutoff_hz: Any = 1.0,
+        order: int = 2,
+        ripple: Any = 0.0,
+        ripple_order: Any = 1.0,
+        phase: float | None = None,
+    ) -> None:
+        self.rms = rms
+        self.cutoff_hz = cutoff_hz
+        self.order = order
+        self.ripple = ripple
+        self.ripple_order = ripple_order
+        self.phase = phase
+
+    def check_settings(self) -> None:
+        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+        check_phase(f"phase of {self.effect_id}", self.phase)
+
+    def speed_fluctuation(
+        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+    ) -> Fluctuation | None:
+        (stream,) = _noise.streams(random, 1)
+        phase = 2 * np.pi * random.random()  # drawn in any case: a given one changes nothing else
+        if self.phase is not None:
+            phase = float(self.phase)
+        if self.rms == 0 and self.ripple == 0:
+            return None
+        end = duration + _noise.MARGIN
+        times, wander = np.array([0.0, 2 * end]), np.zeros(2)
+        if self.rms > 0:
+            times, wander = _noise.low_passed_noise(stream, self.rms, self.cutoff_hz, self.order, end)
+        steps = np.diff(times)
+        turned = np.r_[0.0, np.cumsum(0.5 * (wander[1:] + wander[:-1]) * steps)]
+        slope = np.diff(wander) / steps
+        speed, ramp = gearbox.input_speed, gearbox.ramp_time
+        ripple, ripple_order = float(self.ripple), float(self.ripple_order)
+
+        def fluctuation(time: Float) -> Float:
+            time = _noise.checked_time(time, end)
+            slow = np.interp(time, times, wander)
+            if ripple == 0:
+                return np.asarray(speed * slow)
+            k = np.clip(np.searchsorted(times, time, side="right") - 1, 0, slope.size - 1)
+            since = time - times[k]
+            extra = turned[k] + since * (wander[k] + 0.5 * slope[k] * since)
+            mean = np.where(time < ramp, 0.5 * time**2 / ramp if ramp else 0.0, time - ramp / 2)
+            angle = speed * (mean + extra)
+            return np.asarray(speed * (slow + ripple * np.sin(ripple_order * angle + phase)))
+
+        return fluctuation

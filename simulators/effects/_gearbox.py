@@ -1,0 +1,299 @@
+"""Effects in the gearbox: geometry, contact, and the brake behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cyclofeat.simulators.effects._base import Effect, EffectParameter, LogUniform, Place
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+_FORMS = ("paper", "hunt_crossley")
+
+
+class PinErrors(Effect):
+    """Position errors of the pins: every external sleeve sits a little off its place.
+
+    Pin j moves by independent normal errors (dr_j, dt_j) of standard deviation ``rms``, radially and
+    tangentially, on top of what the gearbox already has. The torque's pattern then repeats after a whole
+    output turn only, and lines appear between those of the lobes.
+
+    Parameters
+    ----------
+    rms : float or (low, high), default 10e-6
+        Standard deviation of each component, in m; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: several assemblies of one disc. The pattern stays with the housing and changes
+    with it, where lobe wear stays with the disc.
+    """
+
+    effect_id: ClassVar[str] = "pin_errors"
+    place: ClassVar[Place] = Place.GEOMETRY
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms": EffectParameter("m", 0.0, 2e-4, 0.0, LogUniform(2e-6, 5e-5), log=True),
+    }
+    separated_by: ClassVar[str] = "several assemblies of one disc"
+
+    def __init__(self, rms: Any = 10e-6) -> None:
+        self.rms = rms
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        errors = self.rms * random.normal(size=(2, gearbox.n_pins))
+        if self.rms == 0:
+            return gearbox
+        return gearbox.replace(
+            pin_radial_errors=errors[0] + (gearbox.pin_radial_errors or 0.0),
+            pin_tangential_errors=errors[1] + (gearbox.pin_tangential_errors or 0.0),
+        )
+
+
+class RunOut(Effect):
+    """Run-out of the wheels: each profile sits off its bearing by a constant offset.
+
+    The profile of wheel k is moved by ``runout`` exp(i a_k) in the wheel's frame, with a random direction
+    a_k, on top of what the gearbox already has. The offset turns with the wheel, once per output turn
+    against the housing and 16/15 times per input turn (8.889 Hz at 500 RPM, z_k = 16) against the load.
+
+    Parameters
+    ----------
+    runout : float or (low, high), default 10e-6
+        Length of each wheel's offset in m; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: the folded torque over whole output turns. Run-out is one smooth wave over the
+    15 lobes, a worn lobe a short event at one of them.
+    """
+
+    effect_id: ClassVar[str] = "run_out"
+    place: ClassVar[Place] = Place.GEOMETRY
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "runout": EffectParameter("m", 0.0, 2e-4, 0.0, LogUniform(2e-6, 1e-4), log=True),
+    }
+    separated_by: ClassVar[str] = "the folded torque over whole output turns"
+
+    def __init__(self, runout: Any = 10e-6) -> None:
+        self.runout = runout
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        directions = np.exp(2j * np.pi * random.random(2))
+        if self.runout == 0:
+            return gearbox
+        there = np.asarray(gearbox.wheel_runouts or (0j, 0j))
+        return gearbox.replace(wheel_runouts=there + self.runout * directions)
+
+
+class Clearance(Effect):
+    """Clearance (backlash) of the internal sleeves in the holes of the wheels.
+
+    The holes' radius, and with it the gap r_h - r_s - e of a centred sleeve, grows by ``clearance``.
+
+    Parameters
+    ----------
+    clearance : float or (low, high), default 20e-6
+        Radial clearance in m, added to the gearbox's own; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: the torque-deflection loop with held output, whose dead zone it is; stiffness of
+    the contacts changes its slope instead.
+    """
+
+    effect_id: ClassVar[str] = "clearance"
+    place: ClassVar[Place] = Place.GEOMETRY
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "clearance": EffectParameter("m", 0.0, 1e-3, 0.0, LogUniform(2e-6, 2e-4), log=True),
+    }
+    separated_by: ClassVar[str] = "the torque-deflection loop with held output"
+
+    def __init__(self, clearance: Any = 20e-6) -> None:
+        self.clearance = clearance
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.clearance == 0:
+            return gearbox
+        return gearbox.replace(clearance=gearbox.clearance + self.clearance)
+
+
+class ContactStiffnessScale(Effect):
+    """Stiffness of all contacts, by a factor on paper B's coefficient H.
+
+    K becomes ``factor`` K (paper B eq. 14), for external and internal sleeves alike.
+
+    Parameters
+    ----------
+    factor : float or (low, high), default 2
+        A pure number; 1 is neutral.
+
+    Notes
+    -----
+    Separating measurement: the slope of the torque-deflection loop with held output.
+    """
+
+    effect_id: ClassVar[str] = "contact_stiffness_scale"
+    place: ClassVar[Place] = Place.CONTACT
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, LogUniform(0.25, 4.0), log=True),
+    }
+    separated_by: ClassVar[str] = "the slope of the torque-deflection loop with held output"
+
+    def __init__(self, factor: Any = 2.0) -> None:
+        self.factor = factor
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.factor == 1:
+            return gearbox
+        return gearbox.replace(stiffness_scale=gearbox.stiffness_scale * self.factor)
+
+
+class ContactDampingScale(Effect):
+    """Damping of all contacts, by a factor on C.
+
+    C becomes ``factor`` C (paper B eq. 11), for external and internal sleeves alike.
+
+    Parameters
+    ----------
+    factor : float or (low, high), default 2
+        A pure number; 1 is neutral, 0 takes all damping away.
+
+    Notes
+    -----
+    Separating measurement: a tap test with the machine at rest, whose ringing it shortens; a low-pass in
+    the torque meter leaves the decay as it is.
+    """
+
+    effect_id: ClassVar[str] = "contact_damping_scale"
+    place: ClassVar[Place] = Place.CONTACT
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "factor": EffectParameter("1", 0.0, 1e3, 1.0, LogUniform(0.25, 4.0), log=True),
+    }
+    separated_by: ClassVar[str] = "a tap test with the machine at rest"
+
+    def __init__(self, factor: Any = 2.0) -> None:
+        self.factor = factor
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.factor == 1:
+            return gearbox
+        return gearbox.replace(contact_damping=gearbox.contact_damping * self.factor)
+
+
+class ContactDampingForm(Effect):
+    """Form of the contact damping: C d' as in the papers, or weighted with the elastic force.
+
+    The contact force becomes F = F_e (1 + D d') (Hunt and Crossley 1975) instead of F_e + C d'. The
+    damping is matched so that small torsional vibration about the mean load loses the same energy in the
+    ring of pins: sum C a_j^2 = sum D F_j a_j^2, hence D = C sum a_j^2 / sum F_j a_j^2 over the loaded half
+    of the pins, with the lever arms a_j = e z_s sin(pi (j + 1/2) / (z_k // 2)) and the Hertzian shares
+    F_j = (T/2) a_j^1.5 / sum a_j^2.5 of the mean load T (which do not depend on K).
+
+    Parameters
+    ----------
+    form : {"hunt_crossley", "paper"}, default "hunt_crossley"
+        Form after the effect. The gearbox's own form is neutral.
+    factor : float or (low, high), default 1
+        Factor on the matched damping, a pure number.
+
+    Notes
+    -----
+    The match holds for the pins at mean load, not for the internal sleeves, nor in impacts: there the
+    forms differ, which is the effect. Separating measurement: recordings at two loads, since the weighted
+    damping grows with the load.
+    """
+
+    effect_id: ClassVar[str] = "contact_damping_form"
+    place: ClassVar[Place] = Place.CONTACT
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, LogUniform(0.5, 2.0), log=True),
+    }
+    separated_by: ClassVar[str] = "recordings at two loads"
+
+    def __init__(self, form: str = "hunt_crossley", factor: Any = 1.0) -> None:
+        self.form = form
+        self.factor = factor
+
+    def check_settings(self) -> None:
+        if not isinstance(self.form, str) or self.form not in _FORMS:
+            raise ValueError(f"form of {self.effect_id} must be one of {_FORMS}, got {self.form!r}")
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if gearbox.contact_law not in _FORMS:
+            raise ValueError(
+                f"{self.effect_id} needs a gearbox with contact_law in {_FORMS}, got {gearbox.contact_law!r}"
+            )
+        damping = gearbox.contact_damping
+        if self.form != gearbox.contact_law:
+            if gearbox.load_torque <= 0:
+                raise ValueError(
+                    f"{self.effect_id} needs a load_torque above 0 Nm to match the damping at, "
+                    f"got {gearbox.load_torque!r}"
+                )
+            per_force = _matched_damping(gearbox)
+            damping = damping * per_force if self.form == "hunt_crossley" else damping / per_force
+        if self.factor != 1:
+            damping *= self.factor
+        return gearbox.replace(contact_law=self.form, contact_damping=damping)
+
+    def neutral(self) -> ContactDampingForm:
+        """A copy that keeps the form of the papers; on a gearbox of another form there is none."""
+        return self.with_parameters(form="paper", factor=1.0)
+
+
+def _matched_damping(gearbox: CycloidalGearbox) -> float:
+    """D/C in 1/N of the two forms of contact damping, matched in the ring of pins at mean load."""
+    loaded = max(gearbox.n_pins // 2, 1)
+    arms = gearbox.eccentricity * gearbox.n_lobes * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
+    forces = gearbox.load_torque / 2 * arms**1.5 / np.sum(arms**2.5)
+    return float(np.sum(arms**2) / np.sum(forces * arms**2))
+
+
+class BrakeRotor(Effect):
+    """Rotor of the brake behind the compliance of shaft and torque meter, which answers the gearbox.
+
+    J w' = k (psi - psi_b) + c (psi' - w) - T_load with c = 2 ``damping_ratio`` sqrt(k J); the torque is
+    that in the meter, k (psi - psi_b) + c (psi' - w)
+    (:meth:`cyclofeat.simulators.CycloidalGearbox.with_brake`).
+
+    Parameters
+    ----------
+    inertia : float or (low, high), default 0.02
+        J in kg m2; 0 is neutral, the free output.
+    stiffness : float or (low, high), default 10e3
+        Torsional stiffness k of shaft and torque meter, in Nm/rad.
+    damping_ratio : float or (low, high), default 0.02
+        Share of critical damping of the rotor on that stiffness.
+
+    Notes
+    -----
+    The gearbox must not have a brake already. Separating measurement: a tap test on the rotor, or two
+    speeds. The resonance stays at its frequency in Hz where lobe lines move with the speed, and it rings on
+    after a blow, which a low-pass in the meter does not.
+    """
+
+    effect_id: ClassVar[str] = "brake_rotor"
+    place: ClassVar[Place] = Place.SHAFT_AND_METER
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "inertia": EffectParameter("kg m2", 0.0, 10.0, 0.0, LogUniform(2e-3, 0.1), log=True),
+        "stiffness": EffectParameter("Nm/rad", 1.0, 1e7, None, LogUniform(1e3, 3e4), log=True),
+        "damping_ratio": EffectParameter("1", 0.0, 0.99, None, LogUniform(5e-3, 0.1), log=True),
+    }
+    separated_by: ClassVar[str] = "a tap test on the rotor, or two speeds"
+
+    def __init__(self, inertia: Any = 0.02, stiffness: Any = 1e4, damping_ratio: Any = 0.02) -> None:
+        self.inertia = inertia
+        self.stiffness = stiffness
+        self.damping_ratio = damping_ratio
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.inertia == 0:
+            return gearbox
+        if gearbox.brake_inertia > 0:
+            raise ValueError(
+                f"{self.effect_id} needs a gearbox or rig without a brake, got one with brake_inertia "
+                f"{gearbox.brake_inertia:g} kg m2: change that one instead"
+            )
+        return gearbox.with_brake(self.inertia, self.stiffness, self.damping_ratio)

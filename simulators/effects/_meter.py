@@ -1,0 +1,350 @@
+"""Effects of the torque meter and its signal: applied to the torque, the gearbox does not feel them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
+
+from cyclofeat.simulators.effects import _noise
+from cyclofeat.simulators.effects._base import (
+    Effect,
+    EffectParameter,
+    Float,
+    LogUniform,
+    Normal,
+    Place,
+    TorqueContext,
+    check_phase,
+    check_whole,
+    is_number,
+)
+
+# Coloured noise is white below this frequency, in Hz: its rms stays finite and free of the duration.
+LOWEST_COLOURED = 1.0
+
+
+class TorqueMeterLowPass(Effect):
+    """Low-pass in the torque meter: a Butterworth filter, causal as a real meter is.
+
+    |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)), by the bilinear transform, exact at 0 and f_c; near the Nyquist
+    frequency it falls faster than the analogue filter. A record of a running machine is continued before
+    its first sample by its mirror image, so that the mean begins without a transient (of a ripple A at f
+    above f_c, less than A f_c/f is left for some 1/f_c); a machine that starts from rest is taken to have
+    kept its first value before.
+
+    Parameters
+    ----------
+    cutoff_hz : float or (low, high), default 300
+        f_c (-3 dB) in Hz, from 0.1 to below the Nyquist frequency; infinity (``null`` in files) is neutral.
+    order : int, default 2
+        n, from 1 to 8.
+
+    Notes
+    -----
+    Separating measurement: a tap test with the filter switched off, or a step of speed: the filter's edge
+    stays where it is and does not ring.
+    """
+
+    effect_id: ClassVar[str] = "torque_meter_low_pass"
+    place: ClassVar[Place] = Place.SHAFT_AND_METER
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        # Lower, rounding in the filter's coefficients would show: it grows with (sampling rate / cutoff)^2.
+        "cutoff_hz": EffectParameter("Hz", 0.1, math.inf, math.inf, LogUniform(30.0, 3000.0), log=True),
+    }
+    separated_by: ClassVar[str] = "a tap test with the filter switched off, or a step of speed"
+
+    def __init__(self, cutoff_hz: Any = 300.0, order: int = 2) -> None:
+        self.cutoff_hz = cutoff_hz
+        self.order = order
+
+    def check_settings(self) -> None:
+        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        if math.isinf(self.cutoff_hz) or torque.size == 0:
+            return torque
+        if self.cutoff_hz >= sampling_rate / 2:
+            raise ValueError(
+                f"cutoff_hz of {self.effect_id} must lie below the Nyquist frequency "
+                f"{sampling_rate / 2:g} Hz, got {self.cutoff_hz!r}"
+            )
+        sos = butter(self.order, self.cutoff_hz, fs=sampling_rate, output="sos")
+        at_one = sosfilt_zi(sos)
+        if context is not None and context.from_rest:
+            return np.asarray(sosfilt(sos, torque, zi=at_one * torque[0])[0])
+        decay = math.ceil(_noise.decay_time(self.cutoff_hz, self.order) * sampling_rate)
+        before = torque[1 : decay + 1][::-1]
+        state = at_one * (before.mean() if before.size else torque[0])
+        if before.size:
+            _, state = sosfilt(sos, before, zi=state)
+        return np.asarray(sosfilt(sos, torque, zi=state)[0])
+
+
+class SensorDrift(Effect):
+    """Drift of the torque meter's zero: added to the torque, not to the load.
+
+    The process of :class:`LoadDrift`: white noise through a Butterworth low-pass, stationary from the
+    first sample, with a one-sided density S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)),
+    B = f_c (pi/2n) / sin(pi/2n).
+
+    Parameters
+    ----------
+    rms_nm : float or (low, high), default 3
+        Expected rms in Nm; 0 is neutral.
+    cutoff_hz : float or (low, high), default 1.5
+        f_c (-3 dB) in Hz, up to 1000.
+    order : int, default 2
+        n, from 1 to 8.
+
+    Notes
+    -----
+    Separating measurement: the envelope of the mesh frequency, which a drift of the load modulates and
+    this one does not; or a record with the brake off.
+    """
+
+    effect_id: ClassVar[str] = "sensor_drift"
+    place: ClassVar[Place] = Place.SENSOR
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.1, 6.0), log=True),
+        "cutoff_hz": EffectParameter(
+            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 20.0), log=True
+        ),
+    }
+    separated_by: ClassVar[str] = "the envelope of the mesh frequency"
+
+    def __init__(self, rms_nm: Any = 3.0, cutoff_hz: Any = 1.5, order: int = 2) -> None:
+        self.rms_nm = rms_nm
+        self.cutoff_hz = cutoff_hz
+        self.order = order
+
+    def check_settings(self) -> None:
+        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        (stream,) = _noise.streams(random, 1)
+        if self.rms_nm == 0:
+            return torque
+        time = np.arange(torque.size) / sampling_rate
+        end = torque.size / sampling_rate
+        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end)
+        return np.asarray(torque + np.interp(time, *drift))
+
+
+class Gain(Effect):
+    """Gain of the torque meter: its calibration is off by a factor.
+
+    T becomes ``factor`` T.
+
+    Parameters
+    ----------
+    factor : float or (low, high), default 1.02
+        A pure number; 1 is neutral.
+
+    Notes
+    -----
+    Separating measurement: calibration with dead weights; at one speed and direction it looks like an
+    offset or another brake set-point.
+    """
+
+    effect_id: ClassVar[str] = "gain"
+    place: ClassVar[Place] = Place.SENSOR
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, LogUniform(0.9, 1.1), log=True),
+    }
+    separated_by: ClassVar[str] = "calibration with dead weights"
+
+    def __init__(self, factor: Any = 1.02) -> None:
+        self.factor = factor
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        return torque if self.factor == 1 else np.asarray(self.factor * torque)
+
+
+class Offset(Effect):
+    """Offset of the torque meter: its zero is off by a constant.
+
+    T becomes T + ``offset``.
+
+    Parameters
+    ----------
+    offset_nm : float or (low, high), default 0.5
+        In Nm; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: the meter's reading without load, and both directions of rotation; at one
+    speed and direction it looks like friction, a gain or another brake set-point.
+    """
+
+    effect_id: ClassVar[str] = "offset"
+    place: ClassVar[Place] = Place.SENSOR
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, Normal(0.0, 0.5)),
+    }
+    separated_by: ClassVar[str] = "the meter's reading without load, and both directions of rotation"
+
+    def __init__(self, offset_nm: Any = 0.5) -> None:
+        self.offset_nm = offset_nm
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        return torque if self.offset_nm == 0 else np.asarray(torque + self.offset_nm)
+
+
+class Noise(Effect):
+    """Noise of the sensor: Gaussian, white or with a density that falls as a power of the frequency.
+
+    A density proportional to max(f, 1 Hz)^-``exponent`` up to the Nyquist frequency, with the expected rms
+    ``rms_nm`` at the record's sampling rate; exponent 0 is white.
+
+    Parameters
+    ----------
+    rms_nm : float or (low, high), default 0.2
+        Expected rms in Nm; 0 is neutral.
+    exponent : float or (low, high), default 0
+        From 0 (white) to 3. Set by hand: neither fitted nor drawn from a prior.
+
+    Notes
+    -----
+    A longer record begins like a shorter one, coloured noise to rounding. Separating measurement: a record
+    with the machine at rest.
+    """
+
+    effect_id: ClassVar[str] = "noise"
+    place: ClassVar[Place] = Place.SENSOR
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.01, 2.0), log=True),
+        "exponent": EffectParameter("1", 0.0, 3.0, None, fitted=False),
+    }
+    separated_by: ClassVar[str] = "a record with the machine at rest"
+
+    def __init__(self, rms_nm: Any = 0.2, exponent: Any = 0.0) -> None:
+        self.rms_nm = rms_nm
+        self.exponent = exponent
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        if self.rms_nm == 0:
+            return torque
+        if self.exponent == 0:
+            return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
+        # The response of the filter at multiples of a quarter of the lowest frequency: long enough for the
+        # corner there.
+        length = next_fast_len(math.ceil(4 * sampling_rate / LOWEST_COLOURED), real=True)
+        lines = np.fft.rfftfreq(length, 1 / sampling_rate)
+        density = np.maximum(lines, LOWEST_COLOURED) ** -float(self.exponent)
+        response = np.fft.fftshift(np.fft.irfft(np.sqrt(density), length))
+        response *= self.rms_nm / math.sqrt(float(response @ response))
+        white = random.normal(size=torque.size + length - 1)
+        return np.asarray(torque + fftconvolve(white, response, mode="valid"))
+
+
+class Hum(Effect):
+    """Mains hum in the torque signal, with harmonics.
+
+    Adds sum_k a h_k sin(2 pi k f t + p_k), t from the first sample; h_k is the k-th of ``harmonics``.
+
+    Parameters
+    ----------
+    amplitude_nm : float or (low, high), default 0.2
+        a in Nm; 0 is neutral.
+    frequency_hz : float or (low, high), default 50
+        f in Hz. Set by hand: neither fitted nor drawn from a prior.
+    harmonics : sequence of float, default (1,)
+        Relative amplitudes of the fundamental and its multiples; (1, 0, 0.3) has a third harmonic.
+    phase : float, optional
+        p in rad: p_k = k p, so that p moves the whole wave. Default: every p_k is random.
+
+    Notes
+    -----
+    50 Hz is the sixth order of an input at 500 RPM. Separating measurement: a record with the motor off,
+    or at another speed, where hum stays at its frequency.
+    """
+
+    effect_id: ClassVar[str] = "hum"
+    place: ClassVar[Place] = Place.SENSOR
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.01, 2.0), log=True),
+        "frequency_hz": EffectParameter("Hz", 1.0, 1e3, None, fitted=False),
+    }
+    separated_by: ClassVar[str] = "a record with the motor off, or at another speed"
+
+    def __init__(
+        self,
+        amplitude_nm: Any = 0.2,
+        frequency_hz: Any = 50.0,
+        harmonics: tuple[float, ...] = (1.0,),
+        phase: float | None = None,
+    ) -> None:
+        self.amplitude_nm = amplitude_nm
+        self.frequency_hz = frequency_hz
+        self.harmonics = harmonics
+        self.phase = phase
+
+    def check_settings(self) -> None:
+        check_phase(f"phase of {self.effect_id}", self.phase)
+        given = self.harmonics
+        if (
+            not isinstance(given, (tuple, list, np.ndarray))
+            or len(given) == 0
+            or not all(is_number(share) and math.isfinite(share) for share in given)
+        ):
+            raise ValueError(
+                f"harmonics of {self.effect_id} must be one or more finite relative amplitudes like "
+                f"(1, 0, 0.3), got {given!r}"
+            )
+
+    def change_torque(
+        self,
+        torque: Float,
+        sampling_rate: float,
+        random: np.random.Generator,
+        context: TorqueContext | None = None,
+    ) -> Float:
+        highest = len(self.harmonics) * self.frequency_hz
+        phases = 2 * np.pi * random.random(len(self.harmonics))
+        if self.amplitude_nm == 0:
+            return torque
+        if highest >= sampling_rate / 2:
+            raise ValueError(
+                f"frequency_hz of {self.effect_id} and its harmonics must lie below the Nyquist frequency "
+                f"{sampling_rate / 2:g} Hz, got {highest:g} Hz"
+            )
+        turns = 2 * np.pi * self.frequency_hz * np.arange(torque.size) / sampling_rate
+        hum = np.zeros(torque.size)
+        for k, (share, phase) in enumerate(zip(self.harmonics, phases, strict=True), start=1):
+            hum += share * np.sin(k * turns + (phase if self.phase is None else k * self.phase))
+        return np.asarray(torque + self.amplitude_nm * hum)

@@ -1,0 +1,677 @@
+"""Effects one by one, each against an oracle that knows nothing of it."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import itertools
+import math
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy import signal, stats
+from scipy.optimize import brentq
+from sklearn.base import clone
+
+from cyclofeat.simulators import CycloidalGearbox, simulate
+from cyclofeat.simulators.contact import stiffness_factor
+from cyclofeat.simulators.effects import (
+    BrakeRotor,
+    Clearance,
+    ClockError,
+    ContactDampingForm,
+    ContactDampingScale,
+    ContactStiffnessScale,
+    Effect,
+    EffectParameter,
+    Gain,
+    Hum,
+    LoadDrift,
+    LogUniform,
+    Noise,
+    Normal,
+    Offset,
+    PinErrors,
+    Place,
+    Quantisation,
+    RunOut,
+    SensorDrift,
+    SpeedWander,
+    TorqueContext,
+    TorqueMeterLowPass,
+    Uniform,
+    effect_library,
+)
+
+FS = 25_600.0
+STEEL = CycloidalGearbox.steel()
+EVERY = [kind() for kind in effect_library().values()]
+every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.effect_id)
+
+
+def torque_of(effect, torque, seed=0, sampling_rate=FS, **context):
+    random = np.random.default_rng(seed)
+    return effect.change_torque(torque, sampling_rate, random, TorqueContext(**context))
+
+
+def gearbox_of(effect, gearbox=STEEL, seed=0):
+    return effect.change_gearbox(gearbox, np.random.default_rng(seed))
+
+
+def wave(frequency, n=51_200, amplitude=1.0, phase=0.3, sampling_rate=FS):
+    return amplitude * np.sin(2 * np.pi * frequency * np.arange(n) / sampling_rate + phase)
+
+
+def phasor(values, frequency, sampling_rate=FS):
+    """Complex amplitude of the cosine at a frequency, by projection on whole periods."""
+    turns = 2j * np.pi * frequency * np.arange(len(values)) / sampling_rate
+    return 2 * np.mean(values * np.exp(-turns))
+
+
+# What all of them state
+
+
+@pytest.mark.parametrize("module", ["_base", "_converter", "_drive", "_gearbox", "_library", "_meter"])
+def test_examples_of_the_docstrings_run(module):
+    found = importlib.import_module(f"cyclofeat.simulators.effects.{module}")
+    assert doctest.testmod(found).failed == 0
+
+
+def test_the_library_is_in_chain_order_and_cannot_be_changed():
+    places = [kind.place for kind in effect_library().values()]
+    assert places == sorted(places)
+    assert len(places) == 17
+    assert [kind.effect_id for kind in effect_library().values()] == list(effect_library())
+    with pytest.raises(TypeError):
+        effect_library()["mine"] = Hum
+
+
+def test_the_chain_is_the_one_that_is_stated():
+    assert [place.name for place in sorted(Place)] == [
+        "GEOMETRY", "CONTACT", "LOAD_AND_SPEED", "JOINTS", "SHAFT_AND_METER", "SENSOR", "ADC_CLOCK",
+        "ADC_CODES",
+    ]  # fmt: skip
+
+
+@every_effect
+def test_each_says_what_it_is_and_what_tells_it_apart(effect):
+    text = " ".join(type(effect).__doc__.split())
+    assert effect.summary().endswith(".")
+    assert len(effect.summary()) <= 110
+    assert f"eparating measurement: {effect.separated_by}" in text
+    for name in effect.parameters:
+        assert f"{name} : " in text
+
+
+@every_effect
+def test_defaults_and_priors_lie_within_the_bounds(effect):
+    assert effect.check() is effect
+    for name, parameter in effect.parameters.items():
+        value = getattr(effect, name)
+        assert parameter.low <= value <= parameter.high
+        assert parameter.fitted == (parameter.prior is not None)
+        if parameter.neutral is not None:
+            assert parameter.low <= parameter.neutral <= parameter.high
+        if parameter.prior is not None:
+            assert parameter.low < parameter.prior.quantile(0.001) < parameter.prior.quantile(0.999)
+            assert parameter.prior.quantile(0.999) < parameter.high
+        if parameter.log and parameter.prior is not None:
+            assert isinstance(parameter.prior, LogUniform)
+
+
+@every_effect
+def test_neutral_changes_nothing_to_the_last_bit(effect):
+    neutral = effect.neutral()
+    torque = np.random.default_rng(3).normal(22, 3, 4000)
+    torque[7] = -0.0
+    out = torque_of(neutral, torque)
+    assert out.tobytes() == torque.tobytes()
+    assert neutral.resample(torque, FS).tobytes() == torque.tobytes()
+    assert neutral.samples_needed(4000) == 4000
+    assert gearbox_of(neutral) == STEEL
+    random = np.random.default_rng(0)
+    for hook in (neutral.load_fluctuation, neutral.speed_fluctuation):
+        assert hook(STEEL, 1.0, random) is None
+
+
+@every_effect
+def test_by_default_each_does_something_and_leaves_what_it_is_given(effect):
+    torque = np.random.default_rng(3).normal(22, 3, 4000)
+    given = torque.copy()
+    random = np.random.default_rng(0)
+    acts = {
+        "gearbox": gearbox_of(effect) != STEEL,
+        "load": effect.load_fluctuation(STEEL, 1.0, random) is not None,
+        "speed": effect.speed_fluctuation(STEEL, 1.0, random) is not None,
+        "torque": not np.array_equal(torque_of(effect, torque), torque),
+    }
+    assert sum(acts.values()) == 1, acts
+    assert effect.needs_simulation() != acts["torque"]
+    np.testing.assert_array_equal(torque, given)
+    assert effect == type(effect)()
+
+
+@every_effect
+def test_hooks_are_pure(effect):
+    torque = np.random.default_rng(3).normal(22, 3, 4000)
+    np.testing.assert_array_equal(torque_of(effect, torque, 5), torque_of(effect, torque, 5))
+    assert gearbox_of(effect, seed=5) == gearbox_of(effect, seed=5)
+
+
+@every_effect
+def test_clone_and_parameters(effect):
+    again = clone(effect)
+    assert again == effect
+    assert again is not effect
+    assert hash(again) == hash(effect)
+    assert again.get_params() == effect.get_params()
+    first = next(iter(effect.parameters))
+    low, high = effect.parameters[first].low, min(effect.parameters[first].high, 1e6)
+    middle = 0.4 * low + 0.6 * high
+    changed = effect.with_parameters(**{first: middle})
+    assert getattr(changed, first) == middle
+    assert changed != effect == again
+    assert again.set_params(**{first: middle}) == changed
+    with pytest.raises(ValueError, match="Invalid parameter 'zzz'"):
+        effect.with_parameters(zzz=1)
+
+
+# Parameters as a vector
+
+
+@every_effect
+def test_vector_comes_back_to_rounding(effect):
+    random = np.random.default_rng(1)
+    names = effect.vector_names()
+    low, high = effect.vector_bounds()
+    assert low.shape == high.shape == (len(names),)
+    for _ in range(20):
+        drawn = effect.draw_parameters(random)
+        vector = drawn.to_vector()
+        assert np.all((low <= vector) & (vector <= high))
+        back = effect.from_vector(vector)
+        for name in names:
+            assert getattr(back, name) == pytest.approx(getattr(drawn, name), rel=1e-12)
+            expected = getattr(drawn, name)
+            at = vector[names.index(name)]
+            assert at == pytest.approx(math.log(expected) if effect.parameters[name].log else expected)
+
+
+@every_effect
+def test_every_fitted_parameter_reaches_the_effect(effect):
+    """A parameter that is silently not applied is the trap of fitters."""
+    torque = np.random.default_rng(3).normal(22, 3, 4000)
+    start = effect.draw_parameters(np.random.default_rng(2))
+
+    def outcome(one):
+        load, speed = (
+            None if part is None else part(np.linspace(0.3, 1, 50))
+            for part in (
+                hook(STEEL, 1.0, np.random.default_rng(0))
+                for hook in (one.load_fluctuation, one.speed_fluctuation)
+            )
+        )
+        return (
+            gearbox_of(one),
+            torque_of(one, torque).tolist(),
+            np.asarray(load).tolist(),
+            np.asarray(speed).tolist(),
+        )
+
+    for index, _ in enumerate(effect.vector_names()):
+        step = np.zeros(start.to_vector().size)
+        step[index] = 1e-3
+        assert outcome(start.from_vector(start.to_vector() + step)) != outcome(start)
+
+
+def test_bounds_come_back_exactly_and_beyond_them_nothing_is_clipped():
+    brake = BrakeRotor()
+    low, high = brake.vector_bounds()
+    vector = brake.to_vector()
+    for index, name in enumerate(brake.vector_names()):
+        for ends, bound in ((high, brake.parameters[name].high), (low, brake.parameters[name].low)):
+            if not math.isfinite(ends[index]):
+                continue
+            at = vector.copy()
+            at[index] = ends[index]
+            assert getattr(brake.from_vector(at), name) == bound
+            at[index] += 1e-6 if ends is high else -1e-6
+            with pytest.raises(ValueError, match=f"{name} of brake_rotor must lie between"):
+                brake.from_vector(at)
+    with pytest.raises(ValueError, match=r"vector of brake_rotor must have shape \(3,\).* got \(2,\)"):
+        brake.from_vector([0.0, 1.0])
+    with pytest.raises(ValueError, match="inertia of brake_rotor must be above 0 and finite"):
+        brake.neutral().to_vector()
+    with pytest.raises(ValueError, match="inertia of brake_rotor must be a number to be fitted"):
+        brake.with_parameters(inertia=(0.01, 0.02)).to_vector()
+    with pytest.raises(ValueError, match="must lie between"):
+        brake.from_vector([1e6, 9.0, -3.0])
+    with pytest.raises(ValueError, match="must lie between"):
+        Offset().from_vector([math.nan])
+
+
+@pytest.mark.parametrize(
+    ("prior", "oracle"),
+    [
+        (Uniform(-1.0, 3.0), stats.uniform(-1, 4)),
+        (LogUniform(0.2, 30.0), stats.loguniform(0.2, 30)),
+        (Normal(1.0, 0.5), stats.norm(1, 0.5)),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_priors_are_those_of_scipy(prior, oracle):
+    for share in (0.001, 0.2, 0.5, 0.97):
+        assert prior.quantile(share) == pytest.approx(oracle.ppf(share), rel=1e-9)
+    for value in (0.3, 1.0, 2.9, 50.0):
+        assert prior.log_density(value) == pytest.approx(oracle.logpdf(value), rel=1e-9)
+    assert math.isfinite(prior.quantile(0.0))
+
+
+def test_draws_follow_the_prior():
+    random = np.random.default_rng(8)
+    drawn = [BrakeRotor().draw_parameters(random) for _ in range(400)]
+    for name, parameter in BrakeRotor.parameters.items():
+        values = np.array([getattr(one, name) for one in drawn])
+        found = stats.kstest(values, stats.loguniform(parameter.prior.low, parameter.prior.high).cdf)
+        assert found.pvalue > 1e-3
+    offsets = [Offset().draw_parameters(random).offset_nm for _ in range(400)]
+    assert stats.kstest(offsets, stats.norm(0, 0.5).cdf).pvalue > 1e-3
+
+
+# Ranges
+
+
+def test_ranges_are_drawn_log_uniformly_or_uniformly():
+    random = np.random.default_rng(4)
+    both = TorqueMeterLowPass((100, 1600)), Offset((-0.5, 1.5))
+    drawn = [[effect.for_assembly(random) for effect in both] for _ in range(400)]
+    cutoffs = [one.cutoff_hz for one, _ in drawn]
+    offsets = [other.offset_nm for _, other in drawn]
+    assert stats.kstest(cutoffs, stats.loguniform(100, 1600).cdf).pvalue > 1e-3
+    assert stats.kstest(offsets, stats.uniform(-0.5, 2).cdf).pvalue > 1e-3
+    assert both[0].has_ranges
+    assert not drawn[0][0].has_ranges
+    assert TorqueMeterLowPass((250, 250)).for_assembly(random).cutoff_hz == 250.0
+    assert PinErrors((0, 0)).for_assembly(random).rms == 0
+
+
+def test_a_range_changes_nothing_else_of_an_assembly():
+    fixed = BrakeRotor(0.01, (1e3, 1e4)).for_assembly(np.random.default_rng(6))
+    drawn = BrakeRotor((0.01, 0.03), (1e3, 1e4)).for_assembly(np.random.default_rng(6))
+    assert fixed.stiffness == drawn.stiffness
+    assert fixed.inertia == 0.01 < drawn.inertia < 0.03
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        (Hum(amplitude_nm="0.2"), r"amplitude_nm of hum must be a number of Nm, or a range .* got '0.2'"),
+        (Hum(amplitude_nm=True), "amplitude_nm of hum must be a number of Nm.* got True"),
+        (Hum(amplitude_nm=None), "amplitude_nm of hum must be a number of Nm.* got None"),
+        (Hum(amplitude_nm=-0.1), "amplitude_nm of hum must lie between 0 and 1000 Nm, got -0.1"),
+        (Hum(amplitude_nm=math.nan), "amplitude_nm of hum must lie between .* got nan"),
+        (Hum(amplitude_nm=(0.3, 0.1)), r"with low <= high, got \(0.3, 0.1\)"),
+        (Hum(amplitude_nm=(0, 0.1)), "as a range, must begin above 0"),
+        (Hum(amplitude_nm=(0.1, 0.2, 0.3)), r"a range \(low, high\), got \(0.1, 0.2, 0.3\)"),
+        (Hum(amplitude_nm=(0.1, "b")), "must be a number of Nm"),
+        (Hum(harmonics=()), "harmonics of hum must be one or more"),
+        (Hum(harmonics=(1, math.inf)), "harmonics of hum must be one or more finite"),
+        (Hum(harmonics="1"), "harmonics of hum must be"),
+        (Hum(phase="random"), "phase of hum must be a number of rad, or None for a random one, got 'random'"),
+        (Gain(0), "factor of gain must lie between 0.001 and 1000, got 0"),
+        (TorqueMeterLowPass((100, math.inf)), "torque_meter_low_pass, as a range, must begin .* end finite"),
+        (TorqueMeterLowPass(order=2.0), "order of torque_meter_low_pass must be a whole number, got 2.0"),
+        (LoadDrift(order=0), "order of load_drift must lie between 1 and 8, got 0"),
+        (SpeedWander(phase=math.nan), "phase of speed_wander must be"),
+        (BrakeRotor(damping_ratio=1.0), "damping_ratio of brake_rotor must lie between 0 and 0.99, got 1.0"),
+        (ClockError(0.1), "relative of clock_error must lie between -0.05 and 0.05, got 0.1"),
+        (ContactDampingForm("hertz"), "form of contact_damping_form must be one of .* got 'hertz'"),
+        (Quantisation(1.0, 0.5), "full_scale_nm of quantisation must be at least lsb_nm = 1 Nm, got 0.5"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_bad_parameters_are_named(effect, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        effect.check()
+
+
+def test_what_cannot_be_at_this_sampling_rate_is_refused():
+    torque = np.zeros(100)
+    with pytest.raises(ValueError, match="cutoff_hz .* below the Nyquist frequency 500 Hz, got 500.0"):
+        torque_of(TorqueMeterLowPass(500.0), torque, sampling_rate=1000.0)
+    with pytest.raises(ValueError, match="harmonics must lie below the Nyquist frequency 75 Hz, got 100 Hz"):
+        torque_of(Hum(harmonics=(1, 0.5)), torque, sampling_rate=150.0)
+
+
+def test_the_base_class_and_nameless_subclasses_are_abstract():
+    class Nameless(Effect):
+        parameters: ClassVar = {"x": EffectParameter("1", 0, 1, 0, None, fitted=False)}
+
+    for kind in (Effect, Nameless):
+        with pytest.raises(TypeError, match=f"{kind.__name__} is abstract"):
+            kind()
+
+
+# Geometry and contact
+
+
+def test_pin_errors_have_their_rms_and_add_to_those_there():
+    many = [gearbox_of(PinErrors(10e-6), seed=seed) for seed in range(60)]
+    errors = np.array([[g.pin_radial_errors, g.pin_tangential_errors] for g in many])
+    assert errors.std() == pytest.approx(10e-6, rel=4 / math.sqrt(2 * errors.size))
+    assert abs(errors.mean()) < 4 * 10e-6 / math.sqrt(errors.size)
+    assert abs(np.corrcoef(errors[:, 0].ravel(), errors[:, 1].ravel())[0, 1]) < 4 / math.sqrt(errors.size / 2)
+    twice = gearbox_of(PinErrors(10e-6), many[0], seed=1)
+    np.testing.assert_allclose(
+        np.array(twice.pin_radial_errors), errors[0, 0] + errors[1, 0], rtol=1e-12, atol=1e-20
+    )
+    assert twice.replace(pin_radial_errors=(), pin_tangential_errors=()) == STEEL
+
+
+def test_run_out_is_a_random_direction_of_given_length():
+    found = np.array([gearbox_of(RunOut(7e-6), seed=seed).wheel_runouts for seed in range(300)])
+    np.testing.assert_allclose(np.abs(found), 7e-6, rtol=1e-12)
+    angles = np.angle(found) / (2 * np.pi) % 1
+    for wheel in (0, 1):
+        assert stats.kstest(angles[:, wheel], "uniform").pvalue > 1e-3
+    assert stats.kstest(np.diff(angles)[:, 0] % 1, "uniform").pvalue > 1e-3
+    there = STEEL.replace(wheel_runouts=(1e-6 + 0j, 2e-6j))
+    np.testing.assert_allclose(gearbox_of(RunOut(7e-6), there).wheel_runouts, found[0] + [1e-6, 2e-6j])
+
+
+def test_run_out_shows_at_16_15_of_the_input_speed():
+    """As its documentation says: against the load the wheel turns so, and not at the input's own speed."""
+    gearbox = gearbox_of(RunOut(20e-6), STEEL.replace(wheel_runouts=()), seed=1)
+    turns = 15
+    torque = [
+        simulate(g, duration=0.5 + turns * 0.12, sampling_rate=12_800).torque_in[
+            -round(turns * 0.12 * 12_800) :
+        ]
+        for g in (gearbox, STEEL)
+    ]
+    line, plain = (2 * np.abs(np.fft.rfft(t)) / t.size for t in torque)
+    assert line[16] > 20 * max(plain[16], line[15], 1e-5)
+
+
+def test_clearance_and_factors_are_exact():
+    loose = STEEL.replace(clearance=5e-6)
+    assert gearbox_of(Clearance(20e-6), loose) == STEEL.replace(clearance=5e-6 + 20e-6)
+    assert gearbox_of(ContactStiffnessScale(1.5)) == STEEL.replace(stiffness_scale=0.01 * 1.5)
+    assert gearbox_of(ContactDampingScale(0.5)) == STEEL.replace(contact_damping=75.0)
+    assert gearbox_of(ContactDampingScale(0)) == STEEL.replace(contact_damping=0.0)
+
+
+@pytest.mark.parametrize("load", [5.0, 22.0])
+@pytest.mark.parametrize("n_pins", [14, 16])
+def test_damping_of_the_other_form_is_matched_at_the_mean_load(load, n_pins):
+    """Static balance of the pins solved for the twist; then equal power lost in a small vibration."""
+    gearbox = STEEL.replace(load_torque=load, n_pins=n_pins)
+    changed = gearbox_of(ContactDampingForm(factor=1.3), gearbox)
+    arms = 2.8e-3 * (n_pins - 1) * np.sin(np.pi * (np.arange(n_pins // 2) + 0.5) / (n_pins // 2))
+    contact = stiffness_factor(gearbox) * math.sqrt(6e-3)
+
+    def forces(twist):
+        return contact * (arms * twist) ** 1.5
+
+    twist = brentq(lambda x: float(forces(x) @ arms) - load / 2, 0, 1e-2, xtol=1e-16)
+    lost_before = gearbox.contact_damping * np.sum(arms**2)
+    lost_after = changed.contact_damping * np.sum(forces(twist) * arms**2)
+    assert lost_after == pytest.approx(1.3 * lost_before, rel=1e-9)
+    assert changed.contact_law == "hunt_crossley"
+    assert changed.replace(contact_law="paper", contact_damping=gearbox.contact_damping) == gearbox
+    back = gearbox_of(ContactDampingForm("paper"), gearbox_of(ContactDampingForm(), gearbox))
+    assert back.contact_law == "paper"
+    assert back.contact_damping == pytest.approx(150, rel=1e-14)
+
+
+def test_forms_that_cannot_be_matched_are_refused():
+    with pytest.raises(ValueError, match="needs a load_torque above 0 Nm .* got 0"):
+        gearbox_of(ContactDampingForm(), STEEL.replace(load_torque=0.0))
+    with pytest.raises(ValueError, match="contact_law in .* got 'conservative'"):
+        gearbox_of(ContactDampingForm(), STEEL.replace(contact_law="conservative"))
+    hunt = STEEL.replace(contact_law="hunt_crossley", contact_damping=0.5)
+    assert gearbox_of(ContactDampingForm("hunt_crossley"), hunt) == hunt
+
+
+def test_brake_rotor_is_with_brake():
+    assert gearbox_of(BrakeRotor(0.03, 5e3, 0.04)) == STEEL.with_brake(0.03, 5e3, 0.04)
+    with pytest.raises(ValueError, match="without a brake, got one with brake_inertia 0.02"):
+        gearbox_of(BrakeRotor(), STEEL.with_brake(0.02, 1e4, 0.1))
+
+
+# Load
+
+
+def drift_values(effect, duration, rate, seed=5):
+    """Realisation of a drift, whichever way it acts."""
+    n = round(duration * rate)
+    if isinstance(effect, LoadDrift):
+        return effect.load_fluctuation(STEEL, duration, np.random.default_rng(seed))(np.arange(n) / rate)
+    return torque_of(effect, np.full(n, 22.0), seed, rate) - 22.0
+
+
+drifts = pytest.mark.parametrize("kind", [LoadDrift, SensorDrift])
+
+
+@drifts
+@pytest.mark.parametrize("order", [1, 3])
+def test_rms_of_a_drift_is_that_of_theory(kind, order):
+    cutoff, duration = 2.0, 1500.0
+    values = drift_values(kind(1.7, cutoff, order), duration, 997.0)
+    # Mean square of Gaussian noise: relative std sqrt(2 * integral of rho^2 / T), below 1/cutoff here.
+    assert np.mean(values**2) == pytest.approx(1.7**2, rel=4 * math.sqrt(2 / (cutoff * duration)))
+    assert abs(values.mean()) < 4 * 1.7 / math.sqrt(cutoff * duration)
+
+
+@drifts
+def test_spectrum_of_a_drift_is_that_of_its_low_pass(kind):
+    cutoff, rate, order = 3.0, 256.0, 2
+    values = drift_values(kind(1.7, cutoff, order), 400 * 16.0, rate)
+    f, psd = signal.welch(values, rate, nperseg=4096, detrend=False)
+    noise_bandwidth = cutoff * (np.pi / (2 * order)) / math.sin(np.pi / (2 * order))
+    theory = 1.7**2 / noise_bandwidth / (1 + (f / cutoff) ** (2 * order))
+    for low, high in ((0.3, 2), (2, 4), (6, 12), (16, 32)):
+        band = (f >= low) & (f < high)
+        assert psd[band].sum() == pytest.approx(theory[band].sum(), rel=0.1)
+
+
+@drifts
+def test_a_longer_drift_begins_like_a_shorter_one(kind):
+    np.testing.assert_array_equal(drift_values(kind(), 2.0, 500.0), drift_values(kind(), 20.0, 500.0)[:1000])
+    assert not np.array_equal(drift_values(kind(), 2.0, 500.0), drift_values(kind(), 2.0, 500.0, seed=6))
+
+
+# The torque meter
+
+
+@pytest.mark.parametrize(("cutoff", "order"), [(300.0, 2), (1200.0, 4), (50.0, 1)])
+def test_low_pass_has_the_response_of_a_butterworth(cutoff, order):
+    """Waves of whole periods, measured after one second, against the analogue filter's closed form."""
+    effect = TorqueMeterLowPass(cutoff, order)
+    for frequency in (10.0, 40.0, cutoff, 800.0):
+        given = wave(frequency)
+        late = slice(round(FS), None)
+        found = phasor(torque_of(effect, given)[late], frequency) / phasor(given[late], frequency)
+        _, expected = signal.freqs(
+            *signal.butter(order, 2 * np.pi * cutoff, analog=True), 2 * np.pi * frequency
+        )
+        # The bilinear transform moves frequencies by (pi f/fs)^2/3: below 2 % of the attenuation here.
+        assert abs(found) == pytest.approx(abs(expected[0]), rel=0.02)
+        exact = signal.sosfreqz(signal.butter(order, cutoff, fs=FS, output="sos"), [frequency], fs=FS)[1][0]
+        assert found == pytest.approx(exact, abs=1e-9)
+    at_cutoff = torque_of(effect, wave(cutoff))[round(FS) :]
+    assert abs(phasor(at_cutoff, cutoff)) == pytest.approx(math.sqrt(0.5), rel=1e-6)
+
+
+def test_low_pass_is_causal():
+    step = np.where(np.arange(4000) < 2000, 0.0, 1.0)
+    out = torque_of(TorqueMeterLowPass(300.0), step)
+    np.testing.assert_allclose(out[:2000], 0, atol=1e-12)
+    assert out[2000:2100].max() > 0.9
+
+
+@pytest.mark.parametrize("cutoff", [3.0, 20.0, 300.0])
+def test_low_pass_of_a_running_machine_begins_without_a_transient_of_the_mean(cutoff):
+    """Against the same record that began long before: what is left of a ripple A at f is below A f_c/f."""
+    n, before, amplitude, ripple = 25_600, 40_000, 3.0, 133.3
+    phase = np.pi / 3 - 2 * np.pi * ripple * before / FS
+    long = 22 + wave(ripple, n + before, amplitude, phase=phase)
+    assert long[before] > 24  # where a start at the first value would show
+    effect = TorqueMeterLowPass(cutoff)
+    left = np.abs(torque_of(effect, long[before:]) - torque_of(effect, long)[before:])
+    assert left.max() < amplitude * min(1.0, cutoff / ripple)
+    assert left[round(2.5 / cutoff * FS) :].max() < 1e-3 * amplitude
+
+
+def test_low_pass_of_short_and_constant_records():
+    for n in (1, 2, 500):
+        for cutoff in (0.1, 5.0):
+            found = torque_of(TorqueMeterLowPass(cutoff), np.full(n, 22.0))
+            # rounding of the coefficients: (fs / (2 pi f_c))^2 times that of a number
+            rounding = 4 * np.finfo(float).eps * (FS / (2 * np.pi * cutoff)) ** 2
+            np.testing.assert_allclose(found, np.full(n, 22.0), rtol=rounding)
+    assert torque_of(TorqueMeterLowPass(5.0), np.zeros(0)).size == 0
+
+
+def test_low_pass_from_rest_knows_of_nothing_before():
+    ramp = np.minimum(np.arange(8000) / 5120, 1) * 22
+    effect = TorqueMeterLowPass(5.0)
+    padded = torque_of(effect, np.r_[np.zeros(50_000), ramp], from_rest=True)[50_000:]
+    np.testing.assert_allclose(torque_of(effect, ramp, from_rest=True), padded, atol=1e-9)
+
+
+def test_gain_and_offset_are_exact():
+    torque = np.random.default_rng(0).normal(22, 3, 100)
+    np.testing.assert_array_equal(torque_of(Gain(1.03), torque), 1.03 * torque)
+    np.testing.assert_array_equal(torque_of(Offset(-0.4), torque), torque - 0.4)
+
+
+# Noise and hum
+
+
+def test_white_noise_has_its_rms_and_no_colour():
+    n = 200_000
+    noise = torque_of(Noise(0.3), np.full(n, 22.0)) - 22
+    assert noise.std() == pytest.approx(0.3, rel=4 / math.sqrt(2 * n))
+    assert abs(noise.mean()) < 4 * 0.3 / math.sqrt(n)
+    for lag in (1, 2, 7):
+        assert abs(np.corrcoef(noise[lag:], noise[:-lag])[0, 1]) < 4 / math.sqrt(n)
+    assert stats.kstest(noise[::20] / 0.3, "norm").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
+def test_coloured_noise_falls_as_its_power(exponent):
+    rate = 2000.0
+    noise = torque_of(Noise(0.3, exponent), np.zeros(2**20), 3, rate)
+    f, psd = signal.welch(noise, rate, nperseg=16_384)
+    bands = np.geomspace(2, 900, 8)
+    levels = [np.log(psd[(f >= a) & (f < b)].mean()) for a, b in itertools.pairwise(bands)]
+    expected = [
+        np.log((np.maximum(f, 1.0) ** -exponent)[(f >= a) & (f < b)].mean())
+        for a, b in itertools.pairwise(bands)
+    ]
+    np.testing.assert_allclose(np.diff(levels), np.diff(expected), atol=0.1)
+    # the whole density, flat below 1 Hz, holds the rms
+    lines = np.maximum(np.linspace(0, rate / 2, 400_001), 1.0) ** -exponent
+    share = np.mean(lines[200:]) * 399_801 / 400_001 / np.mean(lines)  # above 0.5 Hz
+    above = psd[f >= 0.5].sum() * f[1]
+    assert above == pytest.approx(0.3**2 * share, rel=0.1)
+
+
+def test_rms_of_coloured_noise_is_free_of_the_duration():
+    runs = np.array([torque_of(Noise(0.3, 1.5), np.zeros(500), seed, 2000.0) for seed in range(300)])
+    # 300 independent records of nearly one value each: relative std sqrt(2/300); 4 sigma
+    assert np.mean(runs**2) == pytest.approx(0.09, rel=4 * math.sqrt(2 / 300))
+    long = torque_of(Noise(0.3, 1.5), np.zeros(900), 7, 2000.0)
+    np.testing.assert_allclose(long[:500], runs[7], atol=1e-12)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.7])
+def test_hum_has_the_amplitude_and_phase_given(phase):
+    hum = torque_of(Hum(0.25, 50.0, (1, 0, 0.4), phase), np.full(51_200, 22.0)) - 22
+    for k, share in ((1, 1.0), (2, 0.0), (3, 0.4)):
+        # sin(x + p) is the cosine with phase p - pi/2
+        expected = 0.25 * share * np.exp(1j * (k * phase - np.pi / 2))
+        assert phasor(hum, 50.0 * k) == pytest.approx(expected, abs=1e-12)
+    assert np.mean(hum**2) == pytest.approx(0.25**2 * (1 + 0.16) / 2, rel=1e-9)
+
+
+def test_random_phases_of_hum_are_uniform_and_independent():
+    runs = [torque_of(Hum(0.25, 50.0, (1, 0.5)), np.zeros(5120), seed) for seed in range(300)]
+    shares = np.array([[np.angle(phasor(run, f)) / (2 * np.pi) % 1 for f in (50.0, 100.0)] for run in runs])
+    assert stats.kstest(shares[:, 0], "uniform").pvalue > 1e-3
+    assert stats.kstest((shares[:, 1] - 2 * shares[:, 0]) % 1, "uniform").pvalue > 1e-3
+    np.testing.assert_allclose([abs(phasor(run, 50.0)) for run in runs], 0.25, rtol=1e-9)
+
+
+# The converter
+
+
+@pytest.mark.parametrize("relative", [3e-4, -3e-4, 0.02])
+def test_clock_error_moves_a_line_by_exactly_its_factor(relative):
+    for frequency in (133.3, 5000.0, 11_000.0):
+        given = 22 + wave(frequency, 40_000)
+        found = torque_of(ClockError(relative), given)
+        instants = np.arange(found.size) / (1 + relative)
+        exact = 22 + np.sin(2 * np.pi * frequency * instants / FS + 0.3)
+        inner = slice(60, -60)
+        assert np.abs(found - exact)[inner].max() < 2e-5
+    assert torque_of(ClockError(relative), np.full(500, 22.0)) == pytest.approx(22.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("relative", [3e-4, -3e-4, 0.05, -0.05, 1e-9])
+def test_clock_error_asks_for_the_samples_that_it_needs(relative):
+    effect = ClockError(relative)
+    for n in (2, 100, 46_080):
+        needed = effect.samples_needed(n)
+        out = torque_of(effect, np.zeros(needed))
+        assert len(out) >= n
+        # and no more than the width of its window beyond the last instant
+        assert (needed - 1) - (n - 1) / (1 + relative) < 50
+        assert effect.resample(np.zeros((needed, 3)), FS).shape == (len(out), 3)
+
+
+def test_other_channels_follow_the_clock():
+    angle = 4.0 + 0.002 * np.arange(1000)
+    effect = ClockError(0.01)
+    found = effect.resample(angle, FS)
+    np.testing.assert_allclose(found, 4.0 + 0.002 * np.arange(found.size) / 1.01, rtol=1e-12)
+    forces = np.abs(np.random.default_rng(0).normal(size=(1000, 2, 3)))
+    assert effect.resample(forces, FS).min() >= 0
+
+
+def test_quantisation_rounds_exactly():
+    torque = np.random.default_rng(1).normal(22, 3, 20_000)
+    found = torque_of(Quantisation(0.25), torque)  # a power of two: multiples are exact
+    assert np.all(found * 4 == np.round(found * 4))
+    assert np.abs(found - torque).max() <= 0.125
+    halves = np.array([0.125, 0.375, 0.624, -0.125])
+    np.testing.assert_array_equal(torque_of(Quantisation(0.25), halves), [0.0, 0.5, 0.5, -0.0])
+    # what rounding adds: uniform over one step
+    assert (found - torque).var() == pytest.approx(0.25**2 / 12, rel=0.03)
+
+
+def test_quantisation_leaves_a_comb_in_the_histogram():
+    """The characteristic function at one wave per step is 1 for codes and 0 for a smooth distribution."""
+    torque = np.random.default_rng(1).normal(22, 3, 20_000)
+    comb = [
+        abs(np.mean(np.exp(2j * np.pi * t / 0.05))) for t in (torque, torque_of(Quantisation(0.05), torque))
+    ]
+    assert comb[0] < 4 / math.sqrt(20_000)
+    assert comb[1] == pytest.approx(1, abs=1e-9)
+
+
+def test_quantisation_clips_at_its_range():
+    bits = Quantisation.from_bits(4, full_scale_nm=8.0)
+    assert (bits.lsb_nm, bits.full_scale_nm) == (1.0, 8.0)
+    ramp = np.linspace(-12, 12, 2401)
+    assert np.unique(torque_of(bits, ramp)).tolist() == list(range(-8, 8))
+    np.testing.assert_array_equal(torque_of(Quantisation(0.0, 3.0), ramp), np.clip(ramp, -3, 3))
+    assert torque_of(Quantisation(0.1, 0.3), ramp).max() == pytest.approx(0.2)
+    for arguments in ((0, 8.0), (4.0, 8.0), (4, math.inf), (4, -1.0), (4, (1.0, 2.0))):
+        with pytest.raises((TypeError, ValueError), match="must"):
+            Quantisation.from_bits(*arguments)
