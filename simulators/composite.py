@@ -80,9 +80,9 @@ class CompositeSimulator(BaseEstimator):
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters by the names of :meth:`get_params`."""
-        own = {key: params.pop(key) for key in ("base", "effects") if key in params}
-        for key, value in own.items():
-            setattr(self, key, value)
+        for own in ("base", "effects"):
+            if own in params:
+                setattr(self, own, params.pop(own))
         known = self.get_params()
         for key, value in params.items():
             name, _, parameter = key.partition("__")
@@ -218,12 +218,11 @@ class CompositeSimulator(BaseEstimator):
         noise_of = _random(library.child(sequence, _NOISE))
         measured = _measured(channels, gearbox, sampling_rate, steps, 0.0 if rig is None else rig.noise_nm,
                              noise_of, from_rest=not settled)  # fmt: skip
-        stated = seed if isinstance(seed, (int, np.integer)) else None
-        return dataclasses.replace(
-            run,
-            seed=None if stated is None else int(stated),
-            **{name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()},
-        )
+        changes: dict[str, Any] = {
+            name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()
+        }
+        stated = None if isinstance(seed, np.random.SeedSequence) else int(seed)
+        return dataclasses.replace(run, seed=stated, **changes)
 
     def to_rig(self) -> Rig:
         """The same as a rig with effects; a bare gearbox is a rig without spread, drift and noise.

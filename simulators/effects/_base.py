@@ -65,7 +65,7 @@ class LogUniform:
 
     def quantile(self, share: float) -> float:
         """Value below which a ``share`` (0 to 1) of the probability lies."""
-        return min(self.low * (self.high / self.low) ** share, self.high)
+        return min(self.low * float((self.high / self.low) ** share), self.high)
 
     def log_density(self, value: float) -> float:
         """Natural logarithm of the density at a value; -inf where it is 0."""
@@ -179,7 +179,8 @@ class Effect(BaseEstimator):
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         if not cls.effect_id:
             raise TypeError(f"{cls.__name__} is abstract: take one of effect_library(), or a subclass of it")
-        return super().__new__(cls)
+        made: Self = super().__new__(cls)
+        return made
 
     # Hooks.
 

@@ -57,12 +57,13 @@ class ClockError(Effect):
     def samples_needed(self, n_samples: int) -> int:
         if self.relative == 0:
             return n_samples
-        return math.ceil((n_samples - 1) / (1 + self.relative)) + 1 + _HALF_WIDTH
+        return math.ceil((n_samples - 1) / (1 + float(self.relative))) + 1 + _HALF_WIDTH
 
     def _instants(self, n_given: int) -> Float:
         """Instants of the samples, in samples of the record that is given."""
-        n_samples = math.floor((n_given - 1) * (1 + self.relative)) + 1
-        return np.minimum(np.arange(n_samples) / (1 + self.relative), n_given - 1)
+        rate = 1 + float(self.relative)
+        n_samples = math.floor((n_given - 1) * rate) + 1
+        return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
 
     def change_torque(
         self,

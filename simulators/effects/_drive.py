@@ -145,10 +145,12 @@ class SpeedWander(Effect):
         times, wander = np.array([0.0, 2 * end]), np.zeros(2)
         if self.rms > 0:
             times, wander = _noise.low_passed_noise(stream, self.rms, self.cutoff_hz, self.order, end)
-        steps = np.diff(times)
-        turned = np.r_[0.0, np.cumsum(0.5 * (wander[1:] + wander[:-1]) * steps)]
-        slope = np.diff(wander) / steps
         speed, ramp = gearbox.input_speed, gearbox.ramp_time
+        # Fluctuations rise over the ramp like the speed itself, and so does the angle that they turn.
+        reached = wander * np.clip(times / ramp, 0, 1) if ramp else wander
+        steps = np.diff(times)
+        turned = np.r_[0.0, np.cumsum(0.5 * (reached[1:] + reached[:-1]) * steps)]
+        slope = np.diff(reached) / steps
         ripple, ripple_order = float(self.ripple), float(self.ripple_order)
 
         def fluctuation(time: Float) -> Float:
@@ -158,7 +160,7 @@ class SpeedWander(Effect):
                 return np.asarray(speed * slow)
             k = np.clip(np.searchsorted(times, time, side="right") - 1, 0, slope.size - 1)
             since = time - times[k]
-            extra = turned[k] + since * (wander[k] + 0.5 * slope[k] * since)
+            extra = turned[k] + since * (reached[k] + 0.5 * slope[k] * since)
             mean = np.where(time < ramp, 0.5 * time**2 / ramp if ramp else 0.0, time - ramp / 2)
             angle = speed * (mean + extra)
             return np.asarray(speed * (slow + ripple * np.sin(ripple_order * angle + phase)))
