@@ -147,16 +147,20 @@ def _cut(n_coefficients: int, level: int, n_samples: int) -> int:
     return ((n_coefficients << level) - n_samples) // 2
 
 
-def _shades(shown: Float, colours: int) -> tuple[Float, NDArray[np.bool_]]:
-    """Position of each coefficient's size in its row, from 0 to ``colours``; rows of one size only."""
+def _sizes(shown: Float) -> Float:
+    """Absolute values, and zero for what is below sqrt(eps)."""
     size = np.abs(shown)
-    size[size < SMALLEST] = 0.0
+    size *= size >= SMALLEST
+    return size
+
+
+def _shades(size: Float, colours: int) -> Float:
+    """Position of each size in its row, from 0 to ``colours``; 0 in rows of one size. Overwrites them."""
     size -= size.min(axis=-1, keepdims=True)
     span = size.max(axis=-1, keepdims=True)
-    flat = span < np.finfo(np.float64).eps
-    size /= np.where(flat, np.inf, span)
+    size /= np.where(span < np.finfo(np.float64).eps, np.inf, span)
     size *= colours
-    return size, flat
+    return size
 
 
 def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
@@ -181,8 +185,7 @@ def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
     >>> lowest_colour(np.array([1.0, -1.01, 9.0, 0.0]), colours=8)
     array([ True,  True, False,  True])
     """
-    shade, _ = _shades(shown, colours)
-    return np.asarray(shade < 1)
+    return np.asarray(_shades(_sizes(shown), colours) < 1)
 
 
 def scalogram(
@@ -240,8 +243,8 @@ def scalogram(
     rows = []
     for level, detail in enumerate(dwt(X, wavelet, levels)[:-1], 1):
         shown, cells = visible(detail, level, n_samples)
-        shade, _ = _shades(shown, colours)
-        colour = np.minimum(1 + shade.astype(np.int64), colours)
+        shade = _shades(_sizes(shown), colours).astype(np.int64)
+        colour = np.minimum(1 + shade, colours)
         rows.append(np.repeat(colour, cells, axis=-1))
     return np.stack(rows, axis=-2)
 
@@ -347,11 +350,11 @@ def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int
 
 def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, Float, Float]:
     """Mean square, kurtosis and share of the lowest colour of rows, their coefficients weighted."""
-    c = shown.copy()
-    c[np.abs(c) < SMALLEST] = 0.0
-    peak = np.abs(c).max(axis=1)
+    size = _sizes(shown)
+    peak = size.max(axis=1)
     # In units of the peak: fourth powers would leave the range of floats.
-    c *= np.divide(1.0, peak, out=np.zeros_like(peak), where=peak > 0)[:, np.newaxis]
+    scale = np.divide(1.0, peak, out=np.zeros_like(peak), where=peak > 0)
+    c = np.copysign(size, shown) * scale[:, np.newaxis]
     square = c * c
     mean_square = square @ weight * peak**2
     c -= (c @ weight)[:, np.newaxis]
@@ -360,7 +363,7 @@ def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, F
     square *= square
     # Coefficients of one size and sign differ by rounding only.
     kurtosis = ratio(square @ weight, np.where(second > np.finfo(np.float64).eps, second, 0.0) ** 2)
-    return mean_square, kurtosis, lowest_colour(shown, colours) @ weight
+    return mean_square, kurtosis, (_shades(size, colours) < 1) @ weight
 
 
 def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: int) -> tuple[Float, int]:

@@ -227,7 +227,10 @@ class WaveletMinimaOverlap(WaveletTransformer):
         shared = np.empty((len(X), len(self._digests), self.levels))
         of_level = zip(self._minima(X, coefficients, found), self.reference_minima_, strict=True)
         for level, ((minima, cells), reference) in enumerate(of_level):
-            shared[:, :, level] = (minima * cells) @ reference.T.astype(np.float64) / cells.sum()
+            # Whole numbers in single precision: exact in windows of up to 2^24 samples.
+            weighted = (reference * cells).astype(np.float32)
+            shared[:, :, level] = minima.astype(np.float32) @ weighted.T
+            shared[:, :, level] /= cells.sum()
         return shared
 
     def _minima(
