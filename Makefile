@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator bench-features clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -79,6 +79,10 @@ test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and s
 bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python benchmarks/simulator.py --out benchmarks/simulator.md
+
+bench-features: $(INSTALLED)  ## the features' speed and memory; writes benchmarks/features.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
+	$(BIN)/python benchmarks/features.py --out benchmarks/features.md
 
 clean:  ## remove what the commands made (.venv stays)
 	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

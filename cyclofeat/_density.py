@@ -354,7 +354,7 @@ def checked_bands(
     """Bands that fit the frequencies; ``None`` stands for :func:`octave_bands`."""
     if bands is None:
         return octave_bands(2 * frequencies[-1])
-    if isinstance(bands, str) or len(bands) == 0 or not all(np.iterable(band) for band in bands):
+    if len(bands) == 0 or not all(np.iterable(band) for band in bands):
         raise ValueError(f"bands must be a sequence of (low, high) in Hz, got {bands!r}")
     for band in bands:
         band_mask(frequencies, band)  # raises where a band does not fit
@@ -399,7 +399,8 @@ def band_power(
     frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
     distance = frequencies[-1] / max(frequencies.size - 1, 1)
     bands = checked_bands(frequencies, bands)
-    return distance * np.stack([psd[..., _lines(frequencies, band)].sum(axis=-1) for band in bands], axis=-1)
+    sums = [psd[..., _lines(frequencies, band)].sum(axis=-1) for band in bands]
+    return np.asarray(distance * np.stack(sums, axis=-1))
 
 
 def narrowband_mask(

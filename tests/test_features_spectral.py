@@ -285,7 +285,7 @@ def test_processes_change_nothing(monkeypatch):
         ({"wavelet": "db99"}, "got 'db99'"),
         (
             {"sampling_rate": 600.0, "features": ["LobeMap"]},
-            "n_lines=44 lobe lines at input_speed_hz=8.33333 reach 397",
+            "n_lines=44 lobe lines at input_speed_hz=8.33333 reach 396.978",
         ),
     ],
 )

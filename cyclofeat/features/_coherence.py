@@ -143,7 +143,7 @@ class CoherenceToReference(WindowTransformer):
                 f"reference={self.reference!r} is a label, so y must hold the labels of the windows, got None"
             )
         spread = np.linspace(0, rows.size - 1, min(rows.size, _MOST_REFERENCES))
-        return rows[np.rint(spread).astype(int)]
+        return np.asarray(rows[np.rint(spread).astype(int)])
 
     def _bands(self) -> tuple[tuple[float, float], ...]:
         if self.bands is None:

@@ -159,6 +159,12 @@ class TorqueFeatures(WindowTransformer):
     340
     """
 
+    preset: str
+    wavelet: AnyWavelet
+    input_speed_hz: float
+    n_lobes: int
+    speed_tolerance: float
+
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **WindowTransformer._parameter_constraints,
         "features": [StrOptions({"all"}), list, tuple],
@@ -248,8 +254,8 @@ class TorqueFeatures(WindowTransformer):
     def _lobe_lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
         """LobeMap's lobe lines, which place windows and tell their speed; None if every part finds its own.
 
-        Other parts would find the very same lines: LobeMap's ``fit`` made sure that all of them lie below half
-        of the sampling rate. Windows of less than two lobe periods have none.
+        Other parts would find the very same lines: LobeMap's ``fit`` made sure that all of them lie below
+        half of the sampling rate. Windows of less than two lobe periods have none.
         """
         part = self.parts_.get("LobeMap")
         period = self.sampling_rate / lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)

@@ -1,0 +1,302 @@
+"""Speed and memory of the features. ``make bench-features`` writes the table next to it.
+
+All on the same windows, 1.8 s at 25.6 kHz (46,080 samples) of made-up torque, on one core with one BLAS
+thread but for the row on two. Each figure is the median of several repeats, what is compared taken in turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import antropy
+import librosa
+import numpy as np
+import pycatch22
+import tsfel
+from scipy import signal
+from threadpoolctl import threadpool_limits
+
+from cyclofeat.features import TorqueFeatures
+from cyclofeat.spectral import (
+    band_power,
+    narrowband_ratio,
+    normalized_entropy,
+    shannon_entropy,
+    spectral_centroid,
+    spectral_flatness,
+    spectral_rolloff,
+    welch_psd,
+)
+
+SAMPLING_RATE = 25_600
+N_SAMPLES = 46_080
+SEGMENT, N_FFT = 10_240, 16_384  # MATLAB's for windows of this length
+REPEATS = 9
+MANY = 10_000
+
+
+def torque(n_windows: int) -> np.ndarray:
+    """Windows of mesh and lobe lines, drift and noise on 22 Nm."""
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * 500 / 60 * np.arange(N_SAMPLES) / SAMPLING_RATE
+    lines = sum(np.outer(rng.normal(size=n_windows), np.cos(16 / 15 * k * phase)) for k in (1, 7, 15, 22, 30))
+    drift = np.outer(rng.normal(size=n_windows), np.sin(phase / 20))
+    return np.asarray(22 + lines + drift + rng.normal(size=(n_windows, N_SAMPLES)))
+
+
+def processor_seconds(work: Callable[[], object]) -> float:
+    """Processor time of one call: the machine may be shared."""
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def in_turn(
+    one: Callable[[], object],
+    other: Callable[[], object],
+    repeats: int = REPEATS,
+    clock: Callable[[Callable[[], object]], float] = processor_seconds,
+) -> tuple[float, float, float]:
+    """Medians of both in seconds, and the median of their ratio."""
+    one(), other()
+    pairs = [(clock(one), clock(other)) for _ in range(repeats)]
+    times = [statistics.median(side) for side in zip(*pairs, strict=True)]
+    return times[0], times[1], statistics.median(a / b for a, b in pairs)
+
+
+def spectral_set(X: np.ndarray) -> None:
+    """Entropy both ways, flatness, centroid, roll-off, narrowband ratio and band powers from one density."""
+    frequencies, psd = welch_psd(X, SAMPLING_RATE)
+    shannon_entropy(psd)
+    normalized_entropy(psd)
+    spectral_flatness(psd)
+    spectral_centroid(psd, frequencies)
+    spectral_rolloff(psd, frequencies)
+    narrowband_ratio(psd, frequencies)
+    band_power(psd, frequencies)
+
+
+def four_features(X: np.ndarray, sampling_rate: float = SAMPLING_RATE) -> list[np.ndarray]:
+    """The features that antropy and librosa have, too."""
+    frequencies, psd = welch_psd(X, sampling_rate, "ripple")
+    return [
+        shannon_entropy(psd),
+        spectral_flatness(psd),
+        spectral_centroid(psd, frequencies),
+        spectral_rolloff(psd, frequencies),
+    ]
+
+
+def four_by_peers(X: np.ndarray, segment: int = SEGMENT, n_fft: int = N_FFT) -> list[np.ndarray]:
+    """Entropy by antropy, the others by librosa from one density; our segments, the "ripple" preset."""
+    frequencies, psd = signal.welch(X, SAMPLING_RATE, nperseg=segment, nfft=n_fft)
+    spectrum = psd[..., np.newaxis]
+    return [
+        antropy.spectral_entropy(X, SAMPLING_RATE, method="welch", nperseg=segment),
+        librosa.feature.spectral_flatness(S=spectrum, power=1.0, amin=1e-300)[..., 0, 0],
+        librosa.feature.spectral_centroid(S=spectrum, freq=frequencies)[..., 0, 0],
+        librosa.feature.spectral_rolloff(S=spectrum, freq=frequencies, roll_percent=0.95)[..., 0, 0],
+    ]
+
+
+def four_by_peers_defaults(X: np.ndarray) -> None:
+    """The same with the defaults of their own: short frames, a spectrum for each feature."""
+    antropy.spectral_entropy(X, SAMPLING_RATE, method="welch")
+    librosa.feature.spectral_flatness(y=X)
+    librosa.feature.spectral_centroid(y=X, sr=SAMPLING_RATE)
+    librosa.feature.spectral_rolloff(y=X, sr=SAMPLING_RATE, roll_percent=0.95)
+
+
+def check_that_peers_agree() -> None:
+    """Where definitions are the same (segments of 8192 samples, not padded), so are the values."""
+    X = torque(3)[:, :36_864]
+    for ours, theirs in zip(four_features(X), four_by_peers(X, 8192, 8192), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8)
+
+
+def cold_import_seconds() -> float:
+    """Wall time of ``import cyclofeat`` in a new interpreter, less that of an empty one."""
+    times = []
+    for code in ("import cyclofeat", "pass"):
+        runs = []
+        for _ in range(5):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, "-c", code], check=True)
+            runs.append(time.perf_counter() - began)
+        times.append(statistics.median(runs))
+    return times[0] - times[1]
+
+
+def resident_kib(kind: str) -> int:
+    """Resident memory of this process in KiB: ``RssAnon`` its own, ``RssFile`` pages of mapped files."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{kind}:"):
+            return int(line.split()[1])
+    raise RuntimeError(f"no {kind} in /proc/self/status")
+
+
+def transform_memory_map(path: str) -> None:
+    """Fit and transform a memory map of MANY windows; print the peak of this process's own memory in KiB."""
+    peak, done = [0], threading.Event()
+
+    def watch() -> None:
+        while not done.wait(0.005):
+            peak[0] = max(peak[0], resident_kib("RssAnon"))
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    X = np.memmap(path, np.float32, "r", shape=(MANY, N_SAMPLES))
+    rows = TorqueFeatures(SAMPLING_RATE).fit_transform(X, np.arange(MANY) % 8)
+    done.set()
+    watcher.join()
+    if rows.shape[0] != MANY or not np.isfinite(rows).all():
+        raise RuntimeError(f"{MANY} finite rows expected, got {rows.shape}")
+    print(peak[0])
+
+
+def memory_map_gib() -> float:
+    """Peak of the memory that is the process's own, in GiB, over MANY windows (1.7 GiB of file)."""
+    some = torque(100).astype(np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "windows.f32"
+        with path.open("wb") as file:
+            for _ in range(MANY // len(some)):
+                file.write(some.tobytes())
+        run = subprocess.run(
+            [sys.executable, __file__, "--memory-map", str(path)],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+    return int(run.stdout) / 2**20
+
+
+def on_two_processes() -> float:
+    """How many times faster ``n_jobs=2`` is than one process, in wall time, once the processes are there."""
+    X = torque(176)  # 8 chunks
+    one = TorqueFeatures(SAMPLING_RATE).fit(X)
+    two = TorqueFeatures(SAMPLING_RATE, n_jobs=2).fit(X)
+
+    def wall(work: Callable[[], object]) -> float:
+        began = time.perf_counter()
+        work()
+        return time.perf_counter() - began
+
+    return in_turn(lambda: one.transform(X), lambda: two.transform(X), 7, wall)[2]
+
+
+def table() -> str:
+    """The results as a Markdown table."""
+    check_that_peers_agree()
+    X = torque(44)
+    n = len(X)
+    rows: list[tuple[str, str, str]] = []
+
+    ours, bare, ratio = in_turn(lambda: spectral_set(X), lambda: signal.welch(X, SAMPLING_RATE))
+    rows.append(
+        (
+            "full spectral set, one bare `scipy.signal.welch` (its defaults)",
+            f"{ours / n * 1e3:.2f} ms, {bare / n * 1e3:.2f} ms: {ratio:.2f} x",
+            "<= 1.5 x",
+        )
+    )
+    same = {"window": "hamming", "nperseg": SEGMENT, "nfft": N_FFT, "detrend": False}
+    ours, bare, ratio = in_turn(lambda: spectral_set(X), lambda: signal.welch(X, SAMPLING_RATE, **same))
+    rows.append(
+        (
+            "the same, `scipy.signal.welch` with our segments",
+            f"{ours / n * 1e3:.2f} ms, {bare / n * 1e3:.2f} ms: {ratio:.2f} x",
+            "",
+        )
+    )
+    theirs, ours, ratio = in_turn(lambda: four_by_peers(X), lambda: four_features(X))
+    rows.append(
+        (
+            "entropy, flatness, centroid, roll-off by antropy and librosa, our segments, one density",
+            f"{theirs / n * 1e3:.2f} ms, ours {ours / n * 1e3:.2f} ms: {ratio:.1f} x faster",
+            ">= 2 x",
+        )
+    )
+    theirs, ours, ratio = in_turn(lambda: four_by_peers_defaults(X), lambda: four_features(X), 5)
+    rows.append(
+        (
+            "the same by their own defaults",
+            f"{theirs / n * 1e3:.2f} ms, ours {ours / n * 1e3:.2f} ms: {ratio:.1f} x faster",
+            ">= 2 x",
+        )
+    )
+
+    features = TorqueFeatures(SAMPLING_RATE).fit(X, np.arange(n) % 8)
+    n_columns = features.get_feature_names_out().size
+    taken = statistics.median(processor_seconds(lambda: features.transform(X)) for _ in range(REPEATS)) / n
+    rows.append((f'`TorqueFeatures("all")`, {n_columns} features', f"{taken * 1e3:.1f} ms", "<= 10 ms"))
+
+    few = X[:2]
+    window = list(X[0])
+    theirs, ours, _ = in_turn(lambda: pycatch22.catch22_all(window), lambda: features.transform(X), 5)
+    rows.append(
+        (
+            "pycatch22, 22 features",
+            f"{theirs * 1e3:.0f} ms, ours {ours / n * 1e3:.1f} ms: {theirs / (ours / n):.0f} x faster",
+            ">= 10 x",
+        )
+    )
+    config = tsfel.get_features_by_domain()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        began = time.process_time()
+        extracted = tsfel.time_series_features_extractor(config, few[0], fs=SAMPLING_RATE, verbose=0)
+        seconds = time.process_time() - began
+        theirs, ours, _ = in_turn(
+            lambda: tsfel.time_series_features_extractor(config, few[0], fs=SAMPLING_RATE, verbose=0),
+            lambda: features.transform(X),
+            3 if seconds < 20 else 1,
+        )
+    rows.append(
+        (
+            f"tsfel's full extractor, {extracted.shape[1]} features",
+            f"{theirs * 1e3:.0f} ms, ours {ours / n * 1e3:.1f} ms: {theirs / (ours / n):.0f} x faster",
+            ">= 10 x",
+        )
+    )
+    rows.append(("two processes (`n_jobs=2`), wall time", f"{on_two_processes():.2f} x faster", ">= 1.7 x"))
+    rows.append(
+        (
+            f"peak memory of its own, {MANY:,} windows as a float32 memory map",
+            f"{memory_map_gib():.2f} GiB",
+            "< 1 GiB",
+        )
+    )
+    rows.append(("cold `import cyclofeat`", f"{cold_import_seconds():.2f} s", "< 1.5 s"))
+    lines = ["| per window of 1.8 s at 25.6 kHz, one core | result | goal |", "|---|---|---|"]
+    return "\n".join(lines + [f"| {name} | {value} | {goal} |" for name, value, goal in rows]) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="also write the table to this file")
+    parser.add_argument("--memory-map", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        if arguments.memory_map is not None:
+            transform_memory_map(arguments.memory_map)
+            return
+        result = table()
+    print(result, end="")
+    if arguments.out is not None:
+        arguments.out.write_text(f"Made by `make bench-features`.\n\n{result}")
+
+
+if __name__ == "__main__":
+    main()
