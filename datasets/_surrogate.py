@@ -39,7 +39,8 @@ def make_rig_recordings(
     """Make surrogate rig recordings: simulated assemblies on an assumed rig, with drift and noise.
 
     Each recording comes from an assembly of its own, with its own pins, contacts, speed, load and brake, a
-    random first worn lobe and a random angle at the start. Nothing here was recorded on a machine.
+    random first worn lobe and a random angle at the start; the rig's effects
+    (:mod:`cyclofeat.simulators.effects`) are applied to each. Nothing here was recorded on a machine.
 
     Parameters
     ----------
