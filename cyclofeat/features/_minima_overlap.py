@@ -104,8 +104,9 @@ class WaveletMinimaOverlap(WaveletTransformer):
     A constant window is of the lowest colour throughout. Overlaps do not depend on the scale or the mean of
     the torque, as long as coefficients stay above sqrt(eps) = 1.5e-8 Nm.
 
-    Paper A found no gradual relation in measured torque, and by this definition a peaked level has many cells
-    of the lowest colour in any case: read it beside :class:`WaveletLevelStatistics`.
+    Paper A found no gradual relation in measured torque. A peaked level has many cells of the lowest colour
+    and shares many with anything, so that the worst class need not have the largest overlap: on surrogate
+    recordings whose assemblies differ, it often has not. Read it beside :class:`WaveletLevelStatistics`.
 
     Examples
     --------
