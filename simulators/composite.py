@@ -20,6 +20,9 @@ from cyclofeat.simulators.simulation import SimulationRun, simulate
 
 Float = NDArray[np.float64]
 
+# An effect and the seed of its random numbers.
+Step = tuple[Effect, np.random.SeedSequence]
+
 # Children of a seed, as they are counted.
 _ASSEMBLY, _DEFECTS, _START, _DRIFT, _NOISE = range(5)
 
@@ -175,38 +178,20 @@ class CompositeSimulator(BaseEstimator):
             if name in options:
                 raise TypeError(f"{name} is not taken here: gearbox, rig and effects state it")
         n_samples = round(duration * sampling_rate)
+        if n_samples < 1:
+            raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
         sequence = _sequence(seed)
         gearbox, steps = self._assembled(sequence)
-        n_settling = 0
-        if settled:
-            settling = settling_time(gearbox)
-            if settling > LONGEST_SETTLING:
-                raise ValueError(
-                    f"the gearbox must have more damping: it settles in {settling:.3g} s, more than "
-                    f"{LONGEST_SETTLING:g} s; raise the damping of brake or contacts"
-                )
-            n_settling = math.ceil(settling * sampling_rate)
+        n_settling = _settling_samples(gearbox, sampling_rate) if settled else 0
         n_needed = n_samples
         for effect, _ in reversed(steps):
             n_needed = effect.samples_needed(n_needed)
         total = (n_settling + n_needed) / sampling_rate
-        # The simulation runs on for some samples, for its anti-alias filter.
-        needed = total + 64 / sampling_rate
-        rig = self.base if isinstance(self.base, Rig) else None
-        loads = [] if rig is None else [rig.drift(library.child(sequence, _DRIFT), needed)]
-        speeds = []
-        for effect, key in steps:
-            load = effect.load_fluctuation(gearbox, needed, _random(key, library.LOAD))
-            speed = effect.speed_fluctuation(gearbox, needed, _random(key, library.SPEED))
-            loads += [] if load is None else [load]
-            speeds += [] if speed is None else [speed]
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
             start_angle = _random(library.child(sequence, _START)).uniform(0, output_turn)
-        if loads:
-            options["load_fluctuation"] = _total(loads)
-        if speeds:
-            options["speed_fluctuation"] = _total(speeds)
+        # The simulation runs on for some samples, for its anti-alias filter.
+        options |= self._fluctuations(sequence, gearbox, steps, total + 64 / sampling_rate)
         run = simulate(
             gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options
         )
@@ -215,9 +200,11 @@ class CompositeSimulator(BaseEstimator):
             for item in dataclasses.fields(run)
             if isinstance(getattr(run, item.name), np.ndarray)
         }
+        noise_nm = self.base.noise_nm if isinstance(self.base, Rig) else 0.0
         noise_of = _random(library.child(sequence, _NOISE))
-        measured = _measured(channels, gearbox, sampling_rate, steps, 0.0 if rig is None else rig.noise_nm,
-                             noise_of, from_rest=not settled)  # fmt: skip
+        measured = _measured(
+            channels, gearbox, sampling_rate, steps, noise_nm, noise_of, from_rest=not settled
+        )
         changes: dict[str, Any] = {
             name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()
         }
@@ -284,9 +271,27 @@ class CompositeSimulator(BaseEstimator):
         own = self.base.effects if isinstance(self.base, Rig) else ()
         return (*own, *library.checked_effects(self.effects))
 
-    def _assembled(
-        self, seed: np.random.SeedSequence
-    ) -> tuple[CycloidalGearbox, list[tuple[Effect, np.random.SeedSequence]]]:
+    def _fluctuations(
+        self,
+        seed: np.random.SeedSequence,
+        gearbox: CycloidalGearbox,
+        steps: Iterable[Step],
+        duration: float,
+    ) -> dict[str, Fluctuation]:
+        """What rig and effects add to load and speed, as ``simulate`` takes it."""
+        loads = []
+        if isinstance(self.base, Rig):
+            loads.append(self.base.drift(library.child(seed, _DRIFT), duration))
+        speeds = []
+        for effect, key in steps:
+            load = effect.load_fluctuation(gearbox, duration, _random(key, library.LOAD))
+            speed = effect.speed_fluctuation(gearbox, duration, _random(key, library.SPEED))
+            loads += [] if load is None else [load]
+            speeds += [] if speed is None else [speed]
+        found = {"load_fluctuation": loads, "speed_fluctuation": speeds}
+        return {name: _total(parts) for name, parts in found.items() if parts}
+
+    def _assembled(self, seed: np.random.SeedSequence) -> tuple[CycloidalGearbox, list[Step]]:
         """Gearbox, and effects in the order of the chain with the seeds of their random numbers."""
         given = self._given()
         if isinstance(self.base, Rig):
@@ -303,11 +308,21 @@ class CompositeSimulator(BaseEstimator):
         return gearbox, steps
 
 
+def _settling_samples(gearbox: CycloidalGearbox, sampling_rate: float) -> int:
+    settling = settling_time(gearbox)
+    if settling > LONGEST_SETTLING:
+        raise ValueError(
+            f"the gearbox must have more damping: it settles in {settling:.3g} s, more than "
+            f"{LONGEST_SETTLING:g} s; raise the damping of brake or contacts"
+        )
+    return math.ceil(settling * sampling_rate)
+
+
 def _measured(
     channels: dict[str, Float],
     gearbox: CycloidalGearbox,
     sampling_rate: float,
-    steps: Iterable[tuple[Effect, np.random.SeedSequence]],
+    steps: Iterable[Step],
     noise_nm: float,
     noise_of: np.random.Generator,
     *,

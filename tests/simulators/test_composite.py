@@ -384,6 +384,7 @@ def test_errors_of_single_pins_cannot_be_written(tmp_path):
         (STEEL, [BrakeRotor(), BrakeRotor()], {}, "without a brake, got one with brake_inertia 0.02"),
         (Rig.r1(), [BrakeRotor()], {}, "without a brake, got one with brake_inertia 0.02"),
         (STEEL, (), {"duration": -1.0}, "duration must be positive and finite, got -1.0"),
+        (STEEL, (), {"duration": 1e-6}, "duration 1e-06 s is shorter than one sample at 12800 Hz"),
         (STEEL, (), {"sampling_rate": math.inf}, "sampling_rate must be positive and finite, got inf"),
         (STEEL, (), {"seed": None}, "seed must be a whole number or a SeedSequence, got None"),
         (STEEL, (), {"seed": -1}, "seed must not be negative, got -1"),
