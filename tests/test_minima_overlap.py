@@ -261,9 +261,9 @@ def simulated():
 def test_the_worst_class_overlaps_most_with_itself(simulated):
     """A later window of the reference's recording shares more minima than windows of other recordings do.
 
-    At every level from 1 to 6 and, 2.7 lobe periods later, because of the alignment. It is one case that works:
-    both wheels worn, no noise. With wear in one wheel the reference has few minima, and a recording with
-    more of them shares more, whatever its count.
+    At every level from 1 to 6 and, 2.7 lobe periods later, because of the alignment. It is one case that
+    works: both wheels worn, no noise. With wear in one wheel the reference has few minima, and a recording
+    with more of them shares more, whatever its count.
     """
     early, late, counts = simulated
     for worst in np.flatnonzero(counts == 7):
