@@ -12,6 +12,7 @@ module           responsibility
 ``composite``    gearbox or rig with effects: the simulator of a record as a real rig would give it
 ``simulation``   from parameters to a run
 ``_kernels``     the reduced model in numba: floats and arrays only
+``_outline``     where pins meet wheels, described for a while at a time: likewise
 ``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product
 ===============  ================================================================================
 """
@@ -42,7 +43,12 @@ from cyclofeat.simulators.effects import (
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.rig import Rig, settling_time
-from cyclofeat.simulators.simulation import SimulationDiverged, SimulationRun, simulate
+from cyclofeat.simulators.simulation import (
+    GearboxLocked,
+    SimulationDiverged,
+    SimulationRun,
+    simulate,
+)
 from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 __all__ = [
@@ -58,6 +64,7 @@ __all__ = [
     "CycloidalProfile",
     "Effect",
     "Gain",
+    "GearboxLocked",
     "Hum",
     "LoadDrift",
     "LobeDefects",

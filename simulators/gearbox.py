@@ -19,11 +19,13 @@ CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 _POSITIVE = (
     "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
     "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
-    "stiffness_scale",
+    "stiffness_scale", "sleeve_inertia", "stribeck_speed", "friction_transition_speed",
 )  # fmt: skip
 _NOT_NEGATIVE = (
     "internal_sleeve_mass", "input_shaft_inertia", "clearance", "contact_damping", "load_torque",
-    "ramp_time", "brake_inertia", "meter_stiffness", "meter_damping",
+    "ramp_time", "brake_inertia", "meter_stiffness", "meter_damping", "pin_clearance", "sleeve_friction",
+    "sleeve_static_friction", "sleeve_viscous_friction", "journal_friction", "input_bearing_torque",
+    "input_bearing_viscosity", "output_bearing_torque", "output_bearing_viscosity",
 )  # fmt: skip
 
 
@@ -50,8 +52,11 @@ class CycloidalGearbox:
         Circle of the internal sleeves and their radius, in m. *Assumptions.*
     clearance : float
         Radial clearance of the internal sleeves in their holes, in m. *Assumption* (0).
-    wheel_mass, wheel_inertia, internal_sleeve_mass : float
-        In kg and kg m2 (paper B table 2).
+    pin_clearance : float
+        Clearance between wheels and external sleeves, in m: the wheels' outline lies so much deeper.
+        *Assumption* (0).
+    wheel_mass, wheel_inertia, internal_sleeve_mass, sleeve_inertia : float
+        In kg and kg m2 (paper B table 2). A sleeve's own inertia matters only where friction spins it.
     input_shaft_inertia, output_shaft_inertia : float
         In kg m2 (paper B table 2).
     wheel_youngs_modulus, wheel_poisson_ratio, sleeve_youngs_modulus, sleeve_poisson_ratio : float
@@ -81,8 +86,35 @@ class CycloidalGearbox:
         and brake. Used only with a brake. *Assumptions.*
     pin_radial_errors, pin_tangential_errors : tuple of float
         Position errors of the pins in m, one per pin; empty for none.
+    lobe_pitch_errors : tuple of float
+        Displacement of each lobe along the pitch circle (the circle of the pins), in m: lobes of wheel 0,
+        then of wheel 1; empty for none. Half of a lobe, from tip to pit, is displaced as a whole; the other
+        half leads over to the next lobe.
     wheel_runouts : tuple of complex
         Offset of each wheel's profile from its bearing, in the wheel's frame, in m; empty for none.
+    profile_points : int
+        Corners of a closed polyline that takes the place of the smooth profile, as in the papers'
+        discretisation (they do not state the number); 0 for the smooth profile. Much slower, and coarse
+        polylines make high-frequency noise of their own.
+    sleeve_friction : float
+        Coefficient of Coulomb friction between sleeves and wheels; the sleeves, external and internal, then
+        spin on their axles. *Assumption* (0, as in the papers).
+    sleeve_static_friction : float
+        Coefficient at rest, from which friction falls to ``sleeve_friction`` over ``stribeck_speed``; 0 for
+        the same.
+    stribeck_speed : float
+        Sliding speed in m/s at which that fall has come to 1/e. *Assumption.*
+    sleeve_viscous_friction : float
+        In Ns/m, while a contact is closed.
+    journal_friction : float
+        Friction of each sleeve on its axle: coefficient times the ratio of axle to sleeve radius.
+    friction_transition_speed : float
+        Sliding speed in m/s below which friction is proportional to the speed (tanh). Must be coarse enough
+        for the time step: friction coefficient times force over it acts as a damper. *Assumption.*
+    input_bearing_torque, output_bearing_torque : float
+        Coulomb friction of the shafts' bearings, in Nm. *Assumption* (0, as in the papers).
+    input_bearing_viscosity, output_bearing_viscosity : float
+        Viscous friction of the shafts' bearings, in Nms/rad.
 
     Raises
     ------
@@ -104,9 +136,11 @@ class CycloidalGearbox:
     internal_pitch_radius: float = 36e-3
     internal_sleeve_radius: float = 6e-3
     clearance: float = 0.0
+    pin_clearance: float = 0.0
     wheel_mass: float = 0.5998
     wheel_inertia: float = 1.57538e-4
     internal_sleeve_mass: float = 0.048
+    sleeve_inertia: float = 1.1013e-5
     input_shaft_inertia: float = 1.846e-6
     output_shaft_inertia: float = 1.373e-4
     wheel_youngs_modulus: float = 200e9
@@ -125,7 +159,19 @@ class CycloidalGearbox:
     meter_damping: float = 0.0
     pin_radial_errors: tuple[float, ...] = ()
     pin_tangential_errors: tuple[float, ...] = ()
+    lobe_pitch_errors: tuple[float, ...] = ()
     wheel_runouts: tuple[complex, ...] = ()
+    profile_points: int = 0
+    sleeve_friction: float = 0.0
+    sleeve_static_friction: float = 0.0
+    stribeck_speed: float = 0.05
+    sleeve_viscous_friction: float = 0.0
+    journal_friction: float = 0.0
+    friction_transition_speed: float = 0.02
+    input_bearing_torque: float = 0.0
+    input_bearing_viscosity: float = 0.0
+    output_bearing_torque: float = 0.0
+    output_bearing_viscosity: float = 0.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -153,14 +199,27 @@ class CycloidalGearbox:
                     f"{name} must be a whole number from {least} to {MAX_SLEEVES}, got {value!r}"
                 )
             object.__setattr__(self, name, int(value))
+        points = self.profile_points
+        if int(points) != points or not (points == 0 or points >= 4 * self.n_lobes):
+            raise ValueError(
+                "profile_points must be 0 (smooth) or a whole number of corners, at least 4 per lobe "
+                f"({4 * self.n_lobes}), got {points!r}"
+            )
+        object.__setattr__(self, "profile_points", int(points))
+        if 0 < self.sleeve_static_friction < self.sleeve_friction:
+            raise ValueError(
+                "sleeve_static_friction must be 0 (the same) or at least sleeve_friction "
+                f"({self.sleeve_friction!r}), got {self.sleeve_static_friction!r}"
+            )
         for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
             if not 0 <= getattr(self, name) <= 0.5:
                 raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
         smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
-        if self.pin_radius >= smallest:
+        if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(
-                f"pin_radius must be below {smallest:.6g} m, the least radius of curvature of the pins' path "
-                f"(else the profile is undercut), got {self.pin_radius!r}"
+                f"pin_radius must be below {smallest - self.pin_clearance:.6g} m, the least radius of "
+                "curvature of the pins' path less pin_clearance (else the profile is undercut), got "
+                f"{self.pin_radius!r}"
             )
         if self.contact_law not in CONTACT_LAWS:
             raise ValueError(f"contact_law must be one of {CONTACT_LAWS}, got {self.contact_law!r}")
@@ -171,6 +230,7 @@ class CycloidalGearbox:
         for name, length in (
             ("pin_radial_errors", self.n_pins),
             ("pin_tangential_errors", self.n_pins),
+            ("lobe_pitch_errors", 2 * self.n_lobes),
             ("wheel_runouts", 2),
         ):
             values = getattr(self, name)
@@ -214,6 +274,12 @@ class CycloidalGearbox:
         return CycloidalProfile(self.eccentricity, self.n_pins, self.shortening, self.pin_radius)
 
     @property
+    def outline_profile(self) -> CycloidalProfile:
+        """Profile whose points are the wheels' outline, ``pin_clearance`` deeper; the same trochoid."""
+        depth = self.pin_radius + self.pin_clearance
+        return CycloidalProfile(self.eccentricity, self.n_pins, self.shortening, depth)
+
+    @property
     def pin_circle_radius(self) -> float:
         """Radius e z_k / m of the circle of the external sleeves, in m."""
         return self.profile.pin_circle_radius
@@ -226,6 +292,18 @@ class CycloidalGearbox:
         """
         sleeves = self.n_internal_sleeves * self.internal_sleeve_mass * self.internal_pitch_radius**2
         return self.output_shaft_inertia + sleeves
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether sleeves or shafts' bearings rub; the sleeves then spin."""
+        return any(
+            getattr(self, name) > 0
+            for name in (
+                "sleeve_friction", "sleeve_static_friction", "sleeve_viscous_friction", "journal_friction",
+                "input_bearing_torque", "input_bearing_viscosity", "output_bearing_torque",
+                "output_bearing_viscosity",
+            )
+        )  # fmt: skip
 
     @property
     def input_speed_hz(self) -> float:

@@ -6,22 +6,29 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import resample_poly
 
-from cyclofeat.simulators import _kernels
+from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 Float = NDArray[np.float64]
-Load = float | ArrayLike | Callable[[Float], ArrayLike]
+Complex = NDArray[np.complex128]
+TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 
 # Beyond any torque that the papers' machine could bear; a healthy run stays below 30 Nm.
 ABSURD_TORQUE = 1e4
+# The machine counts as wedged where the drive has to overcome so much force (N) on a cam for so long (s): an
+# impact on a stiff contact is shorter, a diverging integration grows beyond all bounds sooner.
+LOCKING_FORCE = 2e4
+LOCKING_TIME = 1e-3
+_RELAXATION_ROUNDS = 3000
 _FILTER_MARGIN = 40  # samples of the result
 # A step takes about 100 bytes of memory while it is simulated: 100 million are 1000 s and 10 GB.
 LARGEST_N_STEPS = 100_000_000
@@ -52,6 +59,33 @@ class SimulationDiverged(RuntimeError):
         return type(self), self._given
 
 
+class GearboxLocked(RuntimeError):
+    """The gearbox wedged: the drive had to overcome more than 20 kN on a cam for a millisecond.
+
+    Attributes
+    ----------
+    time : float
+        Time of the locking in s.
+    contact : str
+        Contact with the largest force at that time.
+    force : float
+        That force in N.
+    """
+
+    def __init__(self, time: float, contact: str, force: float) -> None:
+        self.time = time
+        self.contact = contact
+        self.force = force
+        super().__init__(
+            f"the gearbox locks at t = {time:.6f} s: {contact} carries {force:.3g} N and the drive has had "
+            f"to overcome more than {LOCKING_FORCE / 1e3:g} kN for {LOCKING_TIME * 1e3:g} ms; this is a "
+            "result, not a numerical failure"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.time, self.contact, self.force)
+
+
 @dataclass(frozen=True)
 class SimulationRun:
     """Result of :func:`simulate`.
@@ -69,12 +103,17 @@ class SimulationRun:
         Moment of the cams' reactions about the input shaft, in Nm (paper B fig. 5).
     input_angle : ndarray, shape (n,)
         Angle phi of the input shaft in rad; 0 is cam 0 at pin 0.
-    output_angle : ndarray, shape (n,)
-        Angle psi of the output shaft in rad; it turns against the input.
+    output_angle, output_speed : ndarray, shape (n,), or None
+        Angle psi of the output shaft in rad and its rate in rad/s (the tachometer of paper A); it turns
+        against the input. None where not asked for.
     external_forces : ndarray, shape (n, 2, n_pins) or None
         Normal force between each wheel and each external sleeve, in N. None where not asked for.
     internal_forces : ndarray, shape (n, 2, n_internal_sleeves) or None
         Normal force between each wheel and each internal sleeve, in N. None where not asked for.
+    external_points, internal_points : complex ndarray of the forces' shapes, or None
+        Place x + iy in m, in the fixed frame, where each sleeve touches each wheel; NaN where it does not. A
+        sleeve that touches twice (at a worn lobe's pit) has one point, in the direction of the resulting
+        force. None where not asked for.
     dt : float
         Integration step in s.
     seed : int or None
@@ -87,9 +126,12 @@ class SimulationRun:
     torque_out: Float = field(repr=False)
     torque_in: Float = field(repr=False)
     input_angle: Float = field(repr=False)
-    output_angle: Float = field(repr=False)
+    output_angle: Float | None = field(repr=False, default=None)
+    output_speed: Float | None = field(repr=False, default=None)
     external_forces: Float | None = field(repr=False, default=None)
     internal_forces: Float | None = field(repr=False, default=None)
+    external_points: Complex | None = field(repr=False, default=None)
+    internal_points: Complex | None = field(repr=False, default=None)
     dt: float = 1e-5
     seed: int | None = None
 
@@ -103,11 +145,12 @@ class SimulationRun:
 class KernelInput:
     """Constants and tables of one gearbox with its defects, as the kernel takes them."""
 
-    wheel: _kernels.WheelConstants
+    wheel: _outline.WheelConstants
     joint: _kernels.JointConstants
     contact: _kernels.ContactConstants
     joint_contact: _kernels.ContactConstants
     body: _kernels.BodyConstants
+    friction: _kernels.FrictionConstants | None
     pins: Float
     mounts: Float
     lobes: Float
@@ -120,28 +163,33 @@ class KernelInput:
 
 def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput:
     """Translate parameters into the kernel's constants and tables."""
-    profile = gearbox.profile
+    profile = gearbox.outline_profile
     n_pins, n_lobes = gearbox.n_pins, gearbox.n_lobes
     tip, pit = profile.chord()
     pit_angle = math.pi / n_lobes
     pit_normal = complex(profile.normal(pit_angle))
     pin_errors = np.hypot(gearbox.pin_radial_errors or [0.0], gearbox.pin_tangential_errors or [0.0])
-    wheel = _kernels.WheelConstants(
+    wheel = _outline.WheelConstants(
         eccentricity=float(gearbox.eccentricity),
         shortening=float(gearbox.shortening),
         n_lobes=int(n_lobes),
         pin_radius=float(gearbox.pin_radius),
         pin_circle_radius=float(gearbox.pin_circle_radius),
+        clearance=float(gearbox.pin_clearance),
         tip_x=tip.real,
         pit_x=pit.real,
         pit_y=pit.imag,
         pit_nx=pit_normal.real,
         pit_ny=pit_normal.imag,
-        tip_radius=float(profile.effective_radius(0.0)),
-        pit_radius=float(profile.effective_radius(pit_angle)),
-        near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0) ** 2,
+        tip_radius=_effective_radius(gearbox, 0.0),
+        pit_radius=_effective_radius(gearbox, pit_angle),
+        near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0),
+        has_pitch_errors=any(gearbox.lobe_pitch_errors),
+        profile_points=gearbox.profile_points,
     )
     joint = _kernels.JointConstants(
+        n_sleeves=gearbox.n_internal_sleeves,
+        sleeve_radius=float(gearbox.internal_sleeve_radius),
         pitch_radius=float(gearbox.internal_pitch_radius),
         gap_at_centre=float(gearbox.eccentricity + gearbox.clearance),
     )
@@ -154,13 +202,13 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         meter_damping=float(gearbox.meter_damping),
     )
     pin_angles = 2 * np.pi * np.arange(n_pins) / n_pins
-    pins = np.zeros(_kernels.PIN_TABLE_SIZE)
+    pins = np.zeros(_outline.PIN_TABLE_SIZE)
     for row, values in (
-        (_kernels.PIN_COS, np.cos(pin_angles)),
-        (_kernels.PIN_SIN, np.sin(pin_angles)),
-        (_kernels.PIN_RADIAL_ERROR, gearbox.pin_radial_errors or 0.0),
-        (_kernels.PIN_TANGENTIAL_ERROR, gearbox.pin_tangential_errors or 0.0),
-        (_kernels.PIN_ANGLE, pin_angles),
+        (_outline.PIN_COS, np.cos(pin_angles)),
+        (_outline.PIN_SIN, np.sin(pin_angles)),
+        (_outline.PIN_RADIAL_ERROR, gearbox.pin_radial_errors or 0.0),
+        (_outline.PIN_TANGENTIAL_ERROR, gearbox.pin_tangential_errors or 0.0),
+        (_outline.PIN_ANGLE, pin_angles),
     ):
         pins[int(row) : int(row) + n_pins] = values
     sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
@@ -168,14 +216,19 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
     wear = np.zeros((2, n_lobes))
     for w in defects.wheels:
         wear[w, list(defects.worn_lobes)] = defects.depth
-        wear[w, list(defects.removed_lobes)] = _kernels.REMOVED
+        wear[w, list(defects.removed_lobes)] = _outline.REMOVED
     # The wheels are mounted 180 deg apart as closely as their lobes allow (exactly, where z_s is odd).
     rest = np.array([-math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes])
     runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
-    worn = ((wear > 0) & (wear <= 1)).any(axis=1)
-    removed = (wear == _kernels.REMOVED).any(axis=1)
-    kind = worn * _kernels.HAS_WORN + removed * _kernels.HAS_REMOVED
-    mounts = np.column_stack([rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, kind])
+    faults = (wear > 0).any(axis=1)
+    mounts = np.column_stack([rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, faults])
+    pitch_errors = np.reshape(gearbox.lobe_pitch_errors or np.zeros(2 * n_lobes), (2, n_lobes))
+    sleeves = np.zeros(_kernels.SLEEVE_TABLE_SIZE)
+    for row, values in (
+        (_kernels.SLEEVE_COS, np.cos(sleeve_angles)),
+        (_kernels.SLEEVE_SIN, np.sin(sleeve_angles)),
+    ):
+        sleeves[int(row) : int(row) + gearbox.n_internal_sleeves] = values
     return KernelInput(
         wheel=wheel,
         joint=joint,
@@ -183,45 +236,133 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         contact=contact_constants(gearbox, gearbox.pin_radius),
         joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
         body=body,
+        friction=_friction(gearbox),
         pins=pins,
         mounts=mounts,
-        lobes=np.array([np.cos(lobe_angles), np.sin(lobe_angles)]),
+        lobes=np.vstack([np.cos(lobe_angles), np.sin(lobe_angles), pitch_errors / gearbox.pin_circle_radius]),
         wear=wear,
-        sleeves=np.array([np.cos(sleeve_angles), np.sin(sleeve_angles)]),
+        sleeves=sleeves,
     )
 
 
-def _driver(gearbox: CycloidalGearbox, time: Float, start_angle: float) -> tuple[Float, Float, Float]:
+def _effective_radius(gearbox: CycloidalGearbox, t: float) -> float:
+    """1 / (1/q + 1/R_c) of a pin on the outline, in m (paper B eq. 14)."""
+    kappa, q, clearance = float(gearbox.profile.curvature(t)), gearbox.pin_radius, gearbox.pin_clearance
+    return q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance)
+
+
+def _friction(gearbox: CycloidalGearbox) -> _kernels.FrictionConstants | None:
+    if not gearbox.has_friction:
+        return None
+    return _kernels.FrictionConstants(
+        coulomb=float(gearbox.sleeve_friction),
+        static=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
+        stribeck_speed=float(gearbox.stribeck_speed),
+        viscous=float(gearbox.sleeve_viscous_friction),
+        journal=float(gearbox.journal_friction),
+        transition_speed=float(gearbox.friction_transition_speed),
+        input_coulomb=float(gearbox.input_bearing_torque),
+        input_viscous=float(gearbox.input_bearing_viscosity),
+        output_coulomb=float(gearbox.output_bearing_torque),
+        output_viscous=float(gearbox.output_bearing_viscosity),
+        bearing_transition=float(gearbox.friction_transition_speed / gearbox.pin_radius),
+        sleeve_inertia=float(gearbox.sleeve_inertia),
+    )
+
+
+def rest_state(gearbox: CycloidalGearbox) -> Float:
+    """The kernel's state at the rest position, nothing moving."""
+    n_spins = gearbox.n_pins + gearbox.n_internal_sleeves if gearbox.has_friction else 0
+    return np.zeros(_kernels.N_STATE + n_spins)
+
+
+def _as_function(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
+    """A number, an array at the sampling rate (joined by straight lines) or a function, at ``time``."""
+    if callable(values):
+        found = np.asarray(values(time), dtype=float)
+        if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
+            raise ValueError(
+                f"{name} must be a number, an array or a function of time that returns one value per time; "
+                f"it gave shape {found.shape} for {time.shape[0]} times"
+            )
+    else:
+        found = np.asarray(values, dtype=float)
+        if found.ndim > 1:
+            raise ValueError(f"{name} as an array must have one dimension, got shape {found.shape}")
+        if found.ndim == 1:
+            found = _interpolated(name, found, sampling_rate, time)
+    if not np.all(np.isfinite(found)):
+        raise ValueError(f"{name} must be finite, it gave NaN or infinity")
+    return np.broadcast_to(found, time.shape)
+
+
+def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
+    # The simulation runs on a little for its anti-alias filter; the last value is kept for that.
+    needed = math.floor(time[-1] * sampling_rate) - _FILTER_MARGIN
+    if values.size < max(needed, 1):
+        raise ValueError(
+            f"{name} as an array must hold one value per sample of the result, at least {needed} at "
+            f"{sampling_rate:g} Hz, got {values.size}"
+        )
+    return np.interp(time, np.arange(values.size) / sampling_rate, values)
+
+
+def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
+    """Share of speed and load that has risen at each time."""
+    return np.clip(time / gearbox.ramp_time, 0, 1) if gearbox.ramp_time > 0 else np.ones_like(time)
+
+
+def _driver(
+    gearbox: CycloidalGearbox,
+    time: Float,
+    start_angle: float,
+    sampling_rate: float,
+    speed: TimeCourse | None = None,
+    fluctuation: TimeCourse | None = None,
+) -> tuple[Float, Float, Float]:
     """Angle, speed and acceleration of the input: a linear rise of the speed, then constant.
 
     Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
     """
-    ramp, speed = gearbox.ramp_time, gearbox.input_speed
-    if ramp == 0:
-        return start_angle + speed * time, np.full_like(time, speed), np.zeros_like(time)
-    rising = time < ramp
-    angle = np.where(rising, 0.5 * speed / ramp * time**2, speed * (time - ramp / 2))
-    omega = np.where(rising, speed / ramp * time, speed)
-    return start_angle + angle, omega, np.where(rising, speed / ramp, 0.0)
-
-
-def _load(gearbox: CycloidalGearbox, time: Float, fluctuation: Load | None) -> Float:
-    """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
-    load = np.full_like(time, gearbox.load_torque)
+    course = speed is not None and np.ndim(speed) + callable(speed) > 0
+    if course:
+        assert speed is not None
+        omega = np.array(_as_function("speed", speed, sampling_rate, time))
+        angle, alpha = np.zeros_like(time), np.zeros_like(time)
+    else:
+        ramp, steady = gearbox.ramp_time, gearbox.input_speed if speed is None else float(speed)  # type: ignore[arg-type]
+        if ramp == 0:
+            angle, omega, alpha = steady * time, np.full_like(time, steady), np.zeros_like(time)
+        else:
+            rising = time < ramp
+            angle = np.where(rising, 0.5 * steady / ramp * time**2, steady * (time - ramp / 2))
+            omega = np.where(rising, steady / ramp * time, steady)
+            alpha = np.where(rising, steady / ramp, 0.0)
+    extra = np.zeros_like(time)
     if fluctuation is not None:
-        extra = fluctuation(time) if callable(fluctuation) else fluctuation
-        values = np.asarray(extra, dtype=float)
-        if values.ndim > 1 or (values.ndim == 1 and values.shape != time.shape):
-            raise ValueError(
-                "load_fluctuation must be a number or a function of time that returns one value per time; "
-                f"it gave shape {values.shape} for {time.shape[0]} times"
-            )
-        if not np.all(np.isfinite(values)):
-            raise ValueError("load_fluctuation must be finite, it gave NaN or infinity")
-        load = load + values
-    if gearbox.ramp_time > 0:
-        load = load * np.clip(time / gearbox.ramp_time, 0, 1)
-    return load
+        extra = _ramp(gearbox, time) * _as_function("speed_fluctuation", fluctuation, sampling_rate, time)
+    if course or fluctuation is not None:
+        step = time[1] - time[0]
+        numeric = omega + extra if course else extra
+        angle = angle + cumulative_trapezoid(numeric, dx=step, initial=0)
+        alpha = alpha + np.gradient(numeric, step)
+        omega = omega + extra
+    return start_angle + angle, omega, alpha
+
+
+def _load(
+    gearbox: CycloidalGearbox,
+    time: Float,
+    sampling_rate: float,
+    load: TimeCourse | None = None,
+    fluctuation: TimeCourse | None = None,
+) -> Float:
+    """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
+    extra = 0.0 if fluctuation is None else _as_function("load_fluctuation", fluctuation, sampling_rate, time)
+    if load is not None and np.ndim(load) + callable(load) > 0:
+        return _as_function("load", load, sampling_rate, time) + _ramp(gearbox, time) * extra
+    steady = gearbox.load_torque if load is None else float(load)  # type: ignore[arg-type]
+    return (steady + extra) * _ramp(gearbox, time)
 
 
 def simulate(
@@ -234,9 +375,15 @@ def simulate(
     seed: int | None = None,
     tolerances: AssemblyTolerances | None = None,
     start_angle: float = 0.0,
-    load_fluctuation: Load | None = None,
+    start: str = "rest",
+    speed: TimeCourse | None = None,
+    load: TimeCourse | None = None,
+    speed_fluctuation: TimeCourse | None = None,
+    load_fluctuation: TimeCourse | None = None,
     decimation: str = "antialias",
+    motion: bool = True,
     forces: bool = False,
+    points: bool = False,
 ) -> SimulationRun:
     """Simulate the gearbox from rest.
 
@@ -260,14 +407,21 @@ def simulate(
         Tolerances from which this assembly's errors are drawn with ``seed``.
     start_angle : float
         Input angle at t = 0 in rad.
-    load_fluctuation : float or function of time, optional
-        Added to the load torque, in Nm: a number, or a function that takes times of shape (n,) in s and
-        returns Nm of the same shape.
+    start : {"rest", "relaxed"}
+        Where wheels and output begin: at the ideal rest position, where displaced pins or a worn lobe may be
+        pressed in, or relaxed until the contacts balance the load at the start.
+    speed, load : float, array or function of time, optional
+        Input speed in rad/s and load torque in Nm in place of the gearbox's. A number is reached over the
+        ramp, like the gearbox's own; an array (one value per sample of the result, joined by straight lines)
+        or a function (takes times of shape (n,) in s, returns as many values) is taken as it is.
+    speed_fluctuation, load_fluctuation : float, array or function of time, optional
+        Added to input speed (rad/s) and load torque (Nm), under the ramp; as above.
     decimation : {"antialias", "pick"}
         How the integration's samples become the result's: through an anti-alias filter, or by picking every
         k-th as the papers do (``1 / (dt sampling_rate)`` must then be a whole number).
-    forces : bool
-        Whether to keep the force of every sleeve (these are always picked, never filtered).
+    motion, forces, points : bool
+        Whether to keep angle and speed of the output, the force of every sleeve, and where it touches. These
+        are always picked, never filtered.
 
     Returns
     -------
@@ -277,6 +431,8 @@ def simulate(
     ------
     SimulationDiverged
         Where the integration diverges; says when, which contact, and what helps.
+    GearboxLocked
+        Where the gearbox wedges: the drive has to overcome more than 20 kN on a cam for a millisecond.
     ValueError
         For arguments outside their range.
 
@@ -298,6 +454,8 @@ def simulate(
         raise ValueError(f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz")
     if decimation not in ("antialias", "pick"):
         raise ValueError(f"decimation must be 'antialias' or 'pick', got {decimation!r}")
+    if start not in ("rest", "relaxed"):
+        raise ValueError(f"start must be 'rest' or 'relaxed', got {start!r}")
     if tolerances is not None:
         if seed is None:
             raise ValueError("seed must be given with tolerances, so that the assembly can be made again")
@@ -319,32 +477,35 @@ def simulate(
             f"{LARGEST_N_STEPS:g}: simulate shorter runs"
         )
     half_steps: Float = np.arange(2 * n_steps + 1, dtype=float) * (dt / 2)
-    phi, omega, alpha = _driver(gearbox, half_steps, start_angle)
-    load = _load(gearbox, half_steps, load_fluctuation)
-    torques = np.empty((n_steps, _kernels.N_RESULT))
-    angles = np.empty((n_steps, 4))
-    last_external = _zeros_apart(2, gearbox.n_pins)
-    last_internal = _zeros_apart(2, gearbox.n_internal_sleeves)
-    n_force_rows = n_steps if forces else 0
-    external = np.empty((n_force_rows, *last_external.shape))
-    internal = np.empty((n_force_rows, *last_internal.shape))
-    finished = _kernels.integrate(
-        n_steps, dt, phi, omega, alpha, load, np.zeros(_kernels.N_STATE), *kernel_input(gearbox, defects),
-        ABSURD_TORQUE, torques, angles, last_external, last_internal, external, internal,
-    )  # fmt: skip
-    if finished < n_steps:
-        contact, force = _largest_contact(last_external, last_internal)
-        raise SimulationDiverged(finished * dt, contact, force, dt)
-
+    phi, omega, alpha = _driver(gearbox, half_steps, start_angle, sampling_rate, speed, speed_fluctuation)
+    torque_load = _load(gearbox, half_steps, sampling_rate, load, load_fluctuation)
     time = np.arange(n_samples) / sampling_rate
     steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
+    state = rest_state(gearbox)
+    course = (phi, omega, alpha, torque_load)
+    constants = kernel_input(gearbox, defects)
+    if start == "relaxed":
+        state = _relaxed(gearbox, constants, course, dt, state)
+    kept = steps if motion or forces or points else steps[:0]
+    done = _integrated(gearbox, constants, course, dt, state, n_steps, kept, forces or points)
+    finished = done.finished
+    if finished < n_steps:
+        contact, force = _largest_contact(done.last_external, done.last_internal)
+        if np.all(np.abs(done.torques[: finished + 1]) < ABSURD_TORQUE):
+            raise GearboxLocked(finished * dt, contact, force)
+        raise SimulationDiverged(finished * dt, contact, force, dt)
+
     if decimation == "pick" or ratio == 1:
-        torque_out, torque_in = torques[steps].T
+        torque_out, torque_in = done.torques[steps].T
     else:
-        torque_out, torque_in = resample_poly(torques.T, ratio.numerator, ratio.denominator, axis=1)[
+        torque_out, torque_in = resample_poly(done.torques.T, ratio.numerator, ratio.denominator, axis=1)[
             :, :n_samples
         ]
-    input_angle = _driver(gearbox, time, start_angle)[0]
+    # Every sample falls on a half step or between two: the driver is smooth there.
+    input_angle = np.interp(time, half_steps, phi)
+    z = gearbox.n_lobes
+    kept_phi, kept_omega = phi[2 * kept], omega[2 * kept]
+    external, internal = done.external, done.internal
     return SimulationRun(
         gearbox=gearbox,
         defects=defects,
@@ -352,22 +513,105 @@ def simulate(
         torque_out=np.ascontiguousarray(torque_out),
         torque_in=np.ascontiguousarray(torque_in),
         input_angle=input_angle,
-        output_angle=angles[steps, 2] - input_angle / gearbox.n_lobes,
-        external_forces=external[steps] if forces else None,
-        internal_forces=internal[steps] if forces else None,
+        output_angle=done.motion[:, 2] - input_angle / z if motion else None,
+        output_speed=done.motion[:, 6] - kept_omega / z if motion else None,
+        external_forces=np.ascontiguousarray(external[..., 0]) if forces else None,
+        internal_forces=np.ascontiguousarray(internal[..., 0]) if forces else None,
+        external_points=_external_points(gearbox, external) if points else None,
+        internal_points=(
+            _internal_points(gearbox, internal, done.motion[:, 2] - kept_phi / z) if points else None
+        ),
         dt=dt,
         seed=seed,
     )
 
 
-def _zeros_apart(n_rows: int, n_columns: int) -> Float:
-    """Array of zeros that begins well behind whatever lies before it in memory.
+class _Integrated(NamedTuple):
+    """What the kernel leaves behind."""
 
-    Compiled loops that write to it check whether it begins within a few vectors of what they read, and if so
-    add in another order: the last bits of a run would depend on where the memory happened to be free.
+    finished: int
+    state: Float
+    torques: Float
+    motion: Float
+    external: Float
+    internal: Float
+    last_external: Float
+    last_internal: Float
+
+
+def _integrated(
+    gearbox: CycloidalGearbox,
+    constants: KernelInput,
+    course: tuple[Float, Float, Float, Float],
+    dt: float,
+    state: Float,
+    n_steps: int,
+    kept: NDArray[np.int64],
+    forces: bool,
+) -> _Integrated:
+    """Run the kernel from ``state``, which stays as it is."""
+    torques = np.empty((n_steps, _kernels.N_RESULT))
+    motion = np.empty((kept.size, _kernels.N_STATE))
+    last_external = np.zeros((2, gearbox.n_pins, 3))
+    last_internal = np.zeros((2, gearbox.n_internal_sleeves, 3))
+    n_rows = kept.size if forces else 0
+    external = np.empty((n_rows, *last_external.shape))
+    internal = np.empty((n_rows, *last_internal.shape))
+    state = state.copy()
+    finished = _kernels.integrate(
+        n_steps, dt, *course, state, *constants, ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE,
+        LOCKING_TIME / dt, torques, kept, motion, external, internal, last_external, last_internal,
+    )  # fmt: skip
+    return _Integrated(
+        finished, state, torques, motion, external, internal, last_external[..., 0], last_internal[..., 0]
+    )
+
+
+def _relaxed(
+    gearbox: CycloidalGearbox,
+    constants: KernelInput,
+    course: tuple[Float, Float, Float, Float],
+    dt: float,
+    state: Float,
+) -> Float:
+    """State in which the contacts balance the load at the start, the drive held still.
+
+    Motion is stopped again and again (kinetic damping) until the forces of rest are left.
     """
-    apart = 64
-    return np.zeros(apart + n_rows * n_columns)[apart:].reshape(n_rows, n_columns)
+    n_steps = 10
+    held = tuple(np.full(2 * n_steps + 1, value) for value in (course[0][0], 0.0, 0.0, course[3][0]))
+    none: NDArray[np.int64] = np.zeros(0, dtype=int)
+    for _ in range(_RELAXATION_ROUNDS):
+        before = state
+        done = _integrated(gearbox, constants, held, dt, state, n_steps, none, False)  # type: ignore[arg-type]
+        state = done.state
+        state[4:] = 0.0
+        if np.abs(state - before).max() < 1e-12:
+            break
+    return state
+
+
+def _external_points(gearbox: CycloidalGearbox, external: Float) -> Complex:
+    """Where each pin touches each wheel: a pin's radius from its centre, against the force on the wheel."""
+    angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
+    errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
+        gearbox.pin_tangential_errors or 0.0
+    )
+    centres = (gearbox.pin_circle_radius + errors) * np.exp(1j * angles)
+    return _points(centres, gearbox.pin_radius, external)
+
+
+def _internal_points(gearbox: CycloidalGearbox, internal: Float, output_angle: Float) -> Complex:
+    angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    centres = gearbox.internal_pitch_radius * np.exp(1j * (angles + output_angle[:, None, None]))
+    return _points(centres, gearbox.internal_sleeve_radius, internal)
+
+
+def _points(centres: Complex, radius: float, forces: Float) -> Complex:
+    vector = forces[..., 1] + 1j * forces[..., 2]
+    size = np.abs(vector)
+    with np.errstate(invalid="ignore"):  # no force, no point
+        return np.where(size > 0, centres + radius * vector / size, np.nan)
 
 
 def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, _kernels
 from cyclofeat.simulators.gearbox import RPM
 from cyclofeat.simulators.reference import ReferenceGearbox
-from cyclofeat.simulators.simulation import kernel_input
+from cyclofeat.simulators.simulation import kernel_input, rest_state
 
 SPEED = 500 * RPM
 PIT = math.pi / 15
@@ -91,31 +91,42 @@ def kernel_state(reference: ReferenceGearbox, state: State) -> np.ndarray:
 
 
 class Kernel:
-    """The kernel's right-hand side for one gearbox, called like a function."""
+    """The kernel's right-hand side for one gearbox, called like a function.
 
-    def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects) -> None:
+    Every call describes the contacts anew; with ``remember`` only where the kernel itself would.
+    """
+
+    def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, remember: bool = False) -> None:
         self.gearbox = gearbox
+        n_spins = rest_state(gearbox).size - _kernels.N_STATE
+        self.memory = _kernels.new_memory(n_spins) if remember else None
         self.constants = tuple(kernel_input(gearbox, defects))
-        self.work = np.zeros(_kernels.WORK_SIZE)
 
     def __call__(
         self, state: np.ndarray, phi: float, omega: float = 0.0, alpha: float = 0.0, load: float = 0.0
     ) -> dict[str, Any]:
         """Accelerations, torques and forces in SI units, named as in ``Solution``."""
         z = self.gearbox.n_lobes
-        external = np.zeros((2, self.gearbox.n_pins))
-        internal = np.zeros((2, self.gearbox.n_internal_sleeves))
-        rates, torques = np.zeros(_kernels.N_STATE), np.zeros(_kernels.N_RESULT)
+        start = rest_state(self.gearbox)
+        start[: state.size] = state
+        rates, torques = np.zeros(start.size), np.zeros(_kernels.N_RESULT)
+        external = np.zeros((2, self.gearbox.n_pins, 3))
+        internal = np.zeros((2, self.gearbox.n_internal_sleeves, 3))
+        memory = _kernels.new_memory(start.size - _kernels.N_STATE) if self.memory is None else self.memory
         _kernels.derivatives(
             phi, math.cos(phi), math.sin(phi), math.cos(phi / z), -math.sin(phi / z), omega, alpha, load,
-            state, *self.constants, self.work, external, internal, rates, torques,
+            start, *self.constants, memory, rates, torques,
         )  # fmt: skip
+        wheel, joint = self.constants[:2]
+        _kernels.gather(wheel, joint, memory, phi, start, external, internal)
         return {
             "theta_acceleration": rates[4:6] - alpha / z,
             "psi_acceleration": rates[6] - alpha / z,
             "brake_acceleration": rates[7] - alpha / z,
             "output_torque": torques[0],
             "input_torque": torques[1],
-            "external_force": external,
-            "internal_force": internal,
+            "external_force": external[..., 0],
+            "internal_force": internal[..., 0],
+            "external_vector": external[..., 1:],
+            "internal_vector": internal[..., 1:],
         }

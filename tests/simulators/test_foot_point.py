@@ -40,11 +40,9 @@ def displacements(rng: np.random.Generator, largest: float) -> np.ndarray:
     return largest * np.sqrt(rng.random(16)) * np.exp(2j * np.pi * rng.random(16))
 
 
-@pytest.mark.parametrize(
-    ("largest", "error"), [(0.1e-3, 1e-10), (0.2e-3, 2e-9), (0.29e-3, 2e-8), (0.39e-3, 1.5e-7)]
-)
-def test_gap_of_displaced_pins(largest: float, error: float) -> None:
-    """Displaced in any direction; operation stays below 0.15 mm. Beyond 0.4 mm the kernel iterates."""
+@pytest.mark.parametrize("largest", [0.1e-3, 0.2e-3, 0.29e-3, 0.39e-3])
+def test_gap_of_displaced_pins(largest: float) -> None:
+    """Displaced in any direction; operation stays below 0.15 mm. Beyond 0.4 mm the kernel searches first."""
     rng = np.random.default_rng(11)
     open_pins = 0
     for _ in range(60):
@@ -52,7 +50,7 @@ def test_gap_of_displaced_pins(largest: float, error: float) -> None:
         assert np.all(fast[truth > 0] == 0)  # nothing pressed that does not touch
         assert np.all(fast[truth < -1e-7] < 0)  # nothing missed
         touching = truth < -1e-7
-        assert np.abs(fast - truth)[touching].max() < error
+        assert np.abs(fast - truth)[touching].max() < 1e-10
         open_pins += np.sum(truth > 0)
     assert 300 < open_pins < 660
 
@@ -65,10 +63,10 @@ def test_gap_of_pins_far_out() -> None:
         truth, fast = gaps(away, rng.uniform(-20, 20))
         assert np.all(fast[truth > 0] == 0)
         touching = truth < -1e-7
-        assert np.abs(fast - truth)[touching].max() < 1e-9
+        assert np.abs(fast - truth)[touching].max() < 1e-10
 
 
-def test_gap_does_not_jump_where_the_kernel_begins_to_iterate() -> None:
+def test_gap_does_not_jump_where_the_kernel_begins_to_search() -> None:
     """Just below and just above the displacement of 0.7 times the trochoid's radius at the pit."""
     limit = 0.7 / abs(float(PROBE.profile.curvature(np.pi / 15)))
     rng = np.random.default_rng(13)
@@ -76,4 +74,4 @@ def test_gap_does_not_jump_where_the_kernel_begins_to_iterate() -> None:
         direction = np.exp(2j * np.pi * rng.random(16))
         phi = rng.uniform(-20, 20)
         (_, below), (_, above) = (gaps(limit * (1 + sign * 1e-9) * direction, phi) for sign in (-1, 1))
-        assert np.abs(below - above).max() < 2e-7
+        assert np.abs(below - above).max() < 1e-11

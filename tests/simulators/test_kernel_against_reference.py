@@ -1,11 +1,9 @@
 """The reduced kernel against the papers' 28-body system: accelerations, torques, every force, a trajectory.
 
-The two share nothing but the equations. They differ by the kernel's foot points: one Newton step and the
-osculating circle with its change of curvature instead of an iteration to rounding. What is left of a foot
-vanishes with a high power of the wheel's displacement from its rest position (15 eccentricities times the
-angle), so the tolerance follows from the displacement: 4 um, 0.07 mm (operation at 22 Nm), 0.2 mm; farther
-out the kernel iterates as well. Errors are shares of the largest contact force, with the lever arm of the
-pins where they are torques.
+The two share nothing but the equations. Where the kernel describes its contacts anew both compute the feet of
+the pins to rounding, and all must agree to 1e-9; along a trajectory the kernel's descriptions are up to 0.5
+degrees of the input old, which costs 1e-5 of the largest force. Errors are shares of the largest contact
+force, with the lever arm of the pins where they are torques.
 """
 
 from __future__ import annotations
@@ -90,18 +88,18 @@ def errors(gearbox: CycloidalGearbox, defects: LobeDefects, state: State) -> dic
 
 
 @pytest.mark.parametrize(
-    ("state_of", "gearbox", "with_pins", "with_wear", "largest", "typical"),
+    ("state_of", "gearbox", "with_pins", "with_wear"),
     [
-        (lambda g, r: random_state(g, r, 1e-4), STEEL, False, False, 1e-7, 1e-10),
-        (lambda g, r: random_state(g, r, 1e-4), STEEL, False, True, 1e-8, 1e-11),
-        (lambda g, r: random_state(g, r, 1e-4), OTHER, False, True, 1e-8, 1e-11),
-        (in_operation, STEEL, False, False, 2e-4, 2e-5),
-        (in_operation, STEEL, False, True, 2e-4, 1e-5),
-        (in_operation, STEEL, True, False, 2e-3, 5e-5),
-        (in_operation, STEEL, True, True, 1e-3, 2e-5),
-        (lambda g, r: random_state(g, r, 1e-3), OTHER, False, True, 5e-5, 1e-7),
-        (lambda g, r: random_state(g, r, 2e-3), STEEL, True, True, 1e-2, 5e-5),
-        (far_out, STEEL, True, False, 2e-6, 1e-9),
+        (lambda g, r: random_state(g, r, 1e-4), STEEL, False, False),
+        (lambda g, r: random_state(g, r, 1e-4), STEEL, False, True),
+        (lambda g, r: random_state(g, r, 1e-4), OTHER, False, True),
+        (in_operation, STEEL, False, False),
+        (in_operation, STEEL, False, True),
+        (in_operation, STEEL, True, False),
+        (in_operation, STEEL, True, True),
+        (lambda g, r: random_state(g, r, 1e-3), OTHER, False, True),
+        (lambda g, r: random_state(g, r, 2e-3), STEEL, True, True),
+        (far_out, STEEL, True, False),
     ],
     ids=[
         "small-healthy",
@@ -121,22 +119,17 @@ def test_kernel_agrees_with_the_papers_system(
     gearbox: CycloidalGearbox,
     with_pins: bool,
     with_wear: bool,
-    largest: float,
-    typical: float,
 ) -> None:
     rng = np.random.default_rng(2)
-    found = []
+    loaded = 0
     for _ in range(60):
         drawn = displaced(gearbox, rng) if with_pins else gearbox
         defects = worn(gearbox, rng) if with_wear else HEALTHY
-        found.append(errors(drawn, defects, state_of(reference_of(drawn, defects), rng)))
-    # No foot points in these: both compute them to rounding.
-    for name in ("psi_acceleration", "output_torque", "internal_force"):
-        assert max(error[name] for error in found) < 1e-10, name
-    for name in ("theta_acceleration", "input_torque", "external_force"):
-        values = [error[name] for error in found]
-        assert max(values) < largest, name
-        assert np.median(values) < typical, name
+        state = state_of(reference_of(drawn, defects), rng)
+        for name, error in errors(drawn, defects, state).items():
+            assert error < 1e-9, name
+        loaded += reference_of(drawn, defects).accelerations(*state).external_force.max() > 1
+    assert loaded > 20
 
 
 @pytest.mark.parametrize("depth", [1.0, 0.5])
@@ -152,7 +145,7 @@ def test_kernel_agrees_all_along_a_worn_lobe(push: float, depth: float) -> None:
         angles = reference.rest_angles(phi) + np.array([0.0, push, 0.0])
         state = State(phi, SPEED, 0.0, angles, -SPEED / 15 + np.array([0.1, -0.2, 0.3]), 22.0)
         touched += reference.accelerations(*state).external_force[1, 8] > 1
-        assert max(errors(STEEL, defects, state).values()) < 1e-8, degrees
+        assert max(errors(STEEL, defects, state).values()) < 1e-9, degrees
     assert touched > 30
 
 
@@ -165,12 +158,12 @@ def run_both(
     steady = np.full_like(times, SPEED)
     state = np.zeros(_kernels.N_STATE)
     state[:3] = offset
-    torques, angles = np.empty((n_steps, 2)), np.empty((n_steps, 4))
-    external, internal = np.empty((n_steps, 2, 16)), np.empty((n_steps, 2, 8))
+    torques, motion = np.empty((n_steps, 2)), np.empty((n_steps, 8))
+    external, internal = np.empty((n_steps, 2, 16, 3)), np.empty((n_steps, 2, 8, 3))
     finished = _kernels.integrate(
         n_steps, dt, phi + SPEED * times, steady, 0 * times, np.full_like(times, 22.0), state,
-        *kernel_input(gearbox, defects), 1e4, torques, angles, np.zeros((2, 16)), np.zeros((2, 8)),
-        external, internal,
+        *kernel_input(gearbox, defects), 1e4, 1e4, 1e4, torques, np.arange(n_steps), motion, external,
+        internal, np.zeros((2, 16, 3)), np.zeros((2, 8, 3)),
     )  # fmt: skip
     assert finished == n_steps
     reference = reference_of(gearbox, defects)
@@ -180,11 +173,11 @@ def run_both(
     )
     rest = np.array([reference.rest_angles(angle) for angle in path.phi])
     fast = {
-        "angles": angles[:, :3] + rest[:n_steps],
+        "angles": motion[:, :3] + rest[:n_steps],
         "output_torque": torques[:, 0],
         "input_torque": torques[:, 1],
-        "external_force": external,
-        "internal_force": internal,
+        "external_force": external[..., 0],
+        "internal_force": internal[..., 0],
     }
     return fast, path
 
@@ -198,11 +191,11 @@ def test_same_trajectory_through_an_impact(with_pins: bool) -> None:
     assert force > 600  # the impact is in
     assert path.external_force[-1].max() < 0.5 * force  # and over
     for name, tolerance in {
-        "angles": 1e-7,
-        "output_torque": 1e-3,
-        "input_torque": 1e-4,
-        "external_force": 1e-4 * force,
-        "internal_force": 1e-5 * force,
+        "angles": 3e-8,
+        "output_torque": 2e-4,
+        "input_torque": 5e-5,
+        "external_force": 2e-5 * force,
+        "internal_force": 2e-6 * force,
     }.items():
         error = np.abs(fast[name] - getattr(path, name)[:2000]).max()
         assert error < tolerance, (name, error)
