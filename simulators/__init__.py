@@ -11,6 +11,7 @@ module           responsibility
 ``effects``      what a real rig does besides: parameters, bounds, priors, place in the chain
 ``composite``    gearbox or rig with effects: the simulator of a record as a real rig would give it
 ``simulation``   from parameters to a run
+``many``         many runs at once, on several cores
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     where pins meet wheels, described for a while at a time: likewise
 ``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product
@@ -42,6 +43,7 @@ from cyclofeat.simulators.effects import (
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.geometry import CycloidalProfile
+from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.rig import Rig, settling_time
 from cyclofeat.simulators.simulation import (
     GearboxLocked,
@@ -83,4 +85,5 @@ __all__ = [
     "effect_library",
     "settling_time",
     "simulate",
+    "simulate_many",
 ]

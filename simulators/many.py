@@ -1,0 +1,168 @@
+"""Many runs at once, on several cores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Literal, overload
+
+import joblib
+import numpy as np
+
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.simulation import GearboxLocked, SimulationDiverged, SimulationRun, simulate
+from cyclofeat.simulators.tolerances import AssemblyTolerances
+
+Failure = SimulationDiverged | GearboxLocked
+
+
+@overload
+def simulate_many(
+    gearboxes: CycloidalGearbox | Iterable[CycloidalGearbox] | None = ...,
+    defects: LobeDefects | Iterable[LobeDefects] | None = ...,
+    *,
+    n_runs: int | None = ...,
+    tolerances: AssemblyTolerances | None = ...,
+    random_state: int | None = ...,
+    start_angles: Sequence[float] | None = ...,
+    on_failure: Literal["raise"] = ...,
+    n_jobs: int = ...,
+    prefer: str = ...,
+    progress: Callable[[int, int], None] | None = ...,
+    **options: Any,
+) -> list[SimulationRun]: ...
+
+
+@overload
+def simulate_many(
+    gearboxes: CycloidalGearbox | Iterable[CycloidalGearbox] | None = ...,
+    defects: LobeDefects | Iterable[LobeDefects] | None = ...,
+    *,
+    n_runs: int | None = ...,
+    tolerances: AssemblyTolerances | None = ...,
+    random_state: int | None = ...,
+    start_angles: Sequence[float] | None = ...,
+    on_failure: Literal["return"],
+    n_jobs: int = ...,
+    prefer: str = ...,
+    progress: Callable[[int, int], None] | None = ...,
+    **options: Any,
+) -> list[SimulationRun | Failure]: ...
+
+
+def simulate_many(
+    gearboxes: CycloidalGearbox | Iterable[CycloidalGearbox] | None = None,
+    defects: LobeDefects | Iterable[LobeDefects] | None = None,
+    *,
+    n_runs: int | None = None,
+    tolerances: AssemblyTolerances | None = None,
+    random_state: int | None = None,
+    start_angles: Sequence[float] | None = None,
+    on_failure: str = "raise",
+    n_jobs: int = 1,
+    prefer: str = "threads",
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> list[SimulationRun] | list[SimulationRun | Failure]:
+    """Simulate many gearboxes, each as :func:`simulate` would.
+
+    Parameters
+    ----------
+    gearboxes : CycloidalGearbox or iterable of CycloidalGearbox, default ``CycloidalGearbox.steel()``
+    defects : LobeDefects or iterable of LobeDefects, default healthy
+        One for all runs, or one for each.
+    n_runs : int, optional
+        Number of runs where neither gearboxes nor defects nor start angles are given one by one.
+    tolerances : AssemblyTolerances, optional
+        Tolerances from which the errors of every run's assembly are drawn, independently.
+    random_state : int, optional
+        Seed of those draws; must be given with ``tolerances``. The seed of a run follows from it and from the
+        run's place in the list alone, so that neither the number of workers nor more runs change it.
+    start_angles : sequence of float, optional
+        Input angle at t = 0 of each run, in rad.
+    on_failure : {"raise", "return"}
+        Whether the first run that diverges or locks ends everything, or its exception takes the run's place
+        in the list.
+    n_jobs : int
+        Number of workers; -1 for all processors.
+    prefer : {"threads", "processes"}
+        Kind of the workers. Threads share memory and the compiled kernel, which runs without Python's lock;
+        processes pay for a start and for copying every result.
+    progress : callable, optional
+        Called after each run with the number done and their total.
+    **options
+        Further arguments of :func:`simulate`, the same for all runs.
+
+    Returns
+    -------
+    list of SimulationRun
+        In the order of the arguments; with ``on_failure="return"`` a SimulationDiverged or GearboxLocked in
+        the place of a run that failed.
+
+    Raises
+    ------
+    SimulationDiverged, GearboxLocked
+        With ``on_failure="raise"``; a note tells which run.
+    ValueError
+        If the arguments do not fit together.
+
+    Examples
+    --------
+    >>> runs = simulate_many(defects=[LobeDefects.worn(n) for n in range(3)], duration=0.05, n_jobs=2)
+    >>> [run.defects.defect_count for run in runs]
+    [0, 1, 2]
+    """
+    if on_failure not in ("raise", "return"):
+        raise ValueError(f"on_failure must be 'raise' or 'return', got {on_failure!r}")
+    if prefer not in ("threads", "processes"):
+        raise ValueError(f"prefer must be 'threads' or 'processes', got {prefer!r}")
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, (int, np.integer)) or n_jobs == 0:
+        raise ValueError(f"n_jobs must be a whole number of workers, or -1 for all, got {n_jobs!r}")
+    if tolerances is not None and random_state is None:
+        raise ValueError(
+            "random_state must be given with tolerances, so that the assemblies can be made again"
+        )
+    for name in ("seed", "start_angle"):
+        if name in options:
+            other = "random_state" if name == "seed" else "start_angles"
+            raise ValueError(f"{name} is one run's; give {other} for many")
+    each: dict[str, list[Any]] = {}
+    for name, values in (("gearboxes", gearboxes), ("defects", defects), ("start_angles", start_angles)):
+        if values is not None and not isinstance(values, (CycloidalGearbox, LobeDefects)):
+            each[name] = list(values)
+    lengths = {name: len(values) for name, values in each.items()}
+    if n_runs is not None:
+        lengths["n_runs"] = n_runs
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise ValueError(f"gearboxes, defects, start_angles and n_runs must agree in number, got {told}")
+    total = next(iter(lengths.values()), 1)
+
+    def arguments(index: int) -> dict[str, Any]:
+        seed = None
+        if random_state is not None:
+            seed = int(np.random.SeedSequence(random_state, spawn_key=(index,)).generate_state(1)[0])
+        return {
+            "gearbox": each["gearboxes"][index] if "gearboxes" in each else gearboxes,
+            "defects": each["defects"][index] if "defects" in each else defects,
+            "start_angle": float(each["start_angles"][index]) if "start_angles" in each else 0.0,
+            "tolerances": tolerances,
+            "seed": seed,
+        }
+
+    workers = joblib.Parallel(n_jobs=n_jobs, prefer=prefer, return_as="generator")
+    results: list[Any] = []
+    for found in workers(joblib.delayed(_attempt)(arguments(index), options) for index in range(total)):
+        if isinstance(found, Exception) and on_failure == "raise":
+            found.add_note(f"in run {len(results)} of {total} (counted from 0)")
+            raise found
+        results.append(found)
+        if progress is not None:
+            progress(len(results), total)
+    return results
+
+
+def _attempt(arguments: dict[str, Any], options: dict[str, Any]) -> SimulationRun | Failure:
+    try:
+        return simulate(**arguments, **options)
+    except (SimulationDiverged, GearboxLocked) as failure:
+        return failure
