@@ -265,7 +265,7 @@ def test_parameters_reach_the_parts():
     assert seen == expected.keys()
 
 
-def test_processes_change_nothing(monkeypatch):
+def test_threads_change_nothing(monkeypatch):
     X = torque(5, 3000)
     monkeypatch.setattr(_base, "_CHUNK_SAMPLES", 6000)
     one = TorqueFeatures(SAMPLING_RATE).fit(X)

@@ -125,7 +125,8 @@ class TorqueFeatures(WindowTransformer):
     speed_tolerance : float, default=0.015
         Largest relative deviation from the nominal speed that is searched; 0 takes the nominal speed.
     n_jobs : int, default=None
-        Number of processes that work on chunks of windows, as in joblib: ``None`` is one, -1 all processors.
+        Number of threads that work on chunks of windows, as in joblib: ``None`` is one, -1 all processors.
+        ``joblib.parallel_config`` chooses processes or a cluster instead.
 
     Attributes
     ----------
@@ -223,7 +224,9 @@ class TorqueFeatures(WindowTransformer):
     def _of_chunks(self, chunks: Iterable[NDArray[Any]]) -> list[NDArray[np.float64]]:
         if self.n_jobs in (None, 1):
             return super()._of_chunks(chunks)
-        parallel = joblib.Parallel(n_jobs=self.n_jobs, pre_dispatch="2*n_jobs")
+        # Threads: most of the time goes into transforms and filters, which leave the interpreter to others,
+        # and windows need not be copied to another process.
+        parallel = joblib.Parallel(n_jobs=self.n_jobs, prefer="threads", pre_dispatch="2*n_jobs")
         return list(parallel(joblib.delayed(self._compute)(chunk) for chunk in chunks))
 
     def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
