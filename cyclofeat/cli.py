@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     # Imported late: --help and --version answer at once.
-    from cyclofeat.simulators import SimulationDiverged
+    from cyclofeat.simulators import SimulationFailed
 
     try:
         command: Callable[[argparse.Namespace], int] = arguments.command
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader (head, less) has seen enough; nothing more may be written, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except (ValueError, TypeError, OSError, ImportError, SimulationDiverged) as error:
+    except (ValueError, TypeError, OSError, ImportError, SimulationFailed) as error:
         return _fail(str(error))
     except MemoryError as error:
         return _fail(f"not enough memory: {error}")

@@ -14,7 +14,7 @@ import numpy as np
 from cyclofeat.recording import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
-    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
+    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, SimulationFailed
 
 _PRESETS = ("R0", "R1", "R2")
 _PATTERNS = ("consecutive", "random")
@@ -92,8 +92,9 @@ def make_rig_recordings(
     TypeError, ValueError
         If an argument is of the wrong type or outside its range; the message names it. Also if the rig has
         too little damping to settle within a minute.
-    SimulationDiverged
-        If a simulation diverges; the message names assembly, parameters, time and contact.
+    SimulationFailed
+        If a simulation diverges or the gearbox locks; the message names assembly, parameters, time and
+        contact.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def make_rig_recordings(
     recordings: list[Recording] = []
     try:
         for result in made:
-            recordings.append(_unless_diverged(result))
+            recordings.append(_unless_failed(result))
             if progress is not None:
                 progress(len(recordings), total)
     finally:
@@ -166,7 +167,7 @@ def make_rig_recording(
 
     Raises
     ------
-    TypeError, ValueError, SimulationDiverged
+    TypeError, ValueError, SimulationFailed
         As in :func:`make_rig_recordings`.
 
     Examples
@@ -183,27 +184,24 @@ def make_rig_recording(
         raise TypeError(f"defects must be LobeDefects, got {defects!r}")
     chosen, n_samples, sampling_rate = _checked(_rig(rig), duration_s, sampling_rate, noise_nm)
     random_state = _whole("random_state", random_state, least=0)
-    return _unless_diverged(
-        _recording(chosen, defects, n_samples, sampling_rate, random_state, 0, with_angle)
-    )
+    return _unless_failed(_recording(chosen, defects, n_samples, sampling_rate, random_state, 0, with_angle))
 
 
 @dataclass(frozen=True)
-class _Divergence:
-    """What became of a diverged run, in a form that comes back from another process."""
+class _Failure:
+    """What became of a failed run, in a form that comes back from another process."""
 
+    kind: type[SimulationFailed]
     message: str
     time: float
     contact: str
 
 
-def _unless_diverged(result: Recording | _Divergence) -> Recording:
+def _unless_failed(result: Recording | _Failure) -> Recording:
     if isinstance(result, Recording):
         return result
-    from cyclofeat.simulators import SimulationDiverged
-
     # Not through its __init__, which words the message for a run whose parameters the caller has chosen.
-    error = SimulationDiverged.__new__(SimulationDiverged, result.message)
+    error = result.kind.__new__(result.kind, result.message)
     error.time, error.contact = result.time, result.contact
     raise error
 
@@ -224,7 +222,7 @@ def _drawn_recording(
     random_state: int,
     index: int,
     with_angle: bool,
-) -> Recording | _Divergence:
+) -> Recording | _Failure:
     """One recording with randomly placed defects."""
     from cyclofeat.simulators import LobeDefects
 
@@ -249,9 +247,9 @@ def _recording(
     random_state: int,
     index: int,
     with_angle: bool,
-) -> Recording | _Divergence:
+) -> Recording | _Failure:
     """One recording. All that is random in it follows from the rig's name, seed and index."""
-    from cyclofeat.simulators import CompositeSimulator, SimulationDiverged, settling_time
+    from cyclofeat.simulators import CompositeSimulator, SimulationFailed, settling_time
     from cyclofeat.simulators.rig import LONGEST_SETTLING
 
     seed = _seed(rig, random_state, index)
@@ -270,9 +268,9 @@ def _recording(
         run = simulator.simulate(
             defects, duration=n_samples / sampling_rate, sampling_rate=sampling_rate, seed=seed
         )
-    except SimulationDiverged as error:
+    except SimulationFailed as error:
         message = f"{_parameters(assembly, gearbox, defects)}: {error}"
-        return _Divergence(message, error.time, error.contact)
+        return _Failure(type(error), message, error.time, error.contact)
     angle = run.input_angle
     removed = defects.removed_lobes
     meta = {

@@ -20,7 +20,9 @@ module           responsibility
 
 from cyclofeat.simulators.composite import CompositeSimulator
 from cyclofeat.simulators.effects import (
+    BearingFriction,
     BrakeRotor,
+    CamRunOut,
     Clearance,
     ClockError,
     ContactDampingForm,
@@ -30,6 +32,7 @@ from cyclofeat.simulators.effects import (
     Gain,
     Hum,
     LoadDrift,
+    LobePitchErrors,
     Noise,
     Offset,
     PinErrors,
@@ -37,6 +40,7 @@ from cyclofeat.simulators.effects import (
     Quantisation,
     RunOut,
     SensorDrift,
+    SleeveFriction,
     SpeedWander,
     TorqueMeterLowPass,
     effect_library,
@@ -48,6 +52,7 @@ from cyclofeat.simulators.rig import Rig, settling_time
 from cyclofeat.simulators.simulation import (
     GearboxLocked,
     SimulationDiverged,
+    SimulationFailed,
     SimulationRun,
     simulate,
 )
@@ -55,7 +60,9 @@ from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 __all__ = [
     "AssemblyTolerances",
+    "BearingFriction",
     "BrakeRotor",
+    "CamRunOut",
     "Clearance",
     "ClockError",
     "CompositeSimulator",
@@ -70,6 +77,7 @@ __all__ = [
     "Hum",
     "LoadDrift",
     "LobeDefects",
+    "LobePitchErrors",
     "Noise",
     "Offset",
     "PinErrors",
@@ -79,7 +87,9 @@ __all__ = [
     "RunOut",
     "SensorDrift",
     "SimulationDiverged",
+    "SimulationFailed",
     "SimulationRun",
+    "SleeveFriction",
     "SpeedWander",
     "TorqueMeterLowPass",
     "effect_library",

@@ -24,6 +24,8 @@ import numpy as np
 
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators._outline import (
+    CAM_X,
+    CAM_Y,
     COLUMNS,
     E_ALONG_N,
     E_ALONG_T,
@@ -87,7 +89,7 @@ from cyclofeat.simulators._outline import (
 )
 
 # Of _outline.py: numba's cache on disk notices a change of this file only, and would go on with the old one.
-OUTLINE_CHECKSUM = 0xd7b8d6d0
+OUTLINE_CHECKSUM = 0xb6754a26
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -456,7 +458,6 @@ def derivatives(
     """
     seen, counts, feet, flanks, edges, on_sleeves, on_pins, torques = memory
     z = float(wheel.n_lobes)
-    e = wheel.eccentricity
     mean_rate = -omega / z
     mean_acceleration = -alpha / z
     out_sin, out_cos = small_sincos(state[2])
@@ -470,8 +471,8 @@ def derivatives(
     for w in range(2):
         side = 1.0 - 2.0 * w
         eps = state[w]
-        cx = side * e * cos_phi
-        cy = side * e * sin_phi
+        cx = mounts[w, CAM_X] * cos_phi - mounts[w, CAM_Y] * sin_phi
+        cy = mounts[w, CAM_X] * sin_phi + mounts[w, CAM_Y] * cos_phi
         cvx = -omega * cy
         cvy = omega * cx
         rate = mean_rate + state[4 + w]

@@ -67,8 +67,9 @@ PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
     np.uintp(row * COLUMNS) for row in range(5)
 )
 PIN_TABLE_SIZE = 5 * COLUMNS
-# Columns of the table of mounts, shape (2 wheels, 6), and rows of the lobes' table, shape (4, n_lobes).
-REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, HAS_FAULTS = range(6)
+# Columns of the table of mounts, shape (2 wheels, 8), and rows of the lobes' table, shape (4, n_lobes). The
+# cam is stated in the frame of the input shaft.
+REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_X, CAM_Y, HAS_FAULTS = range(8)
 LOBE_COS, LOBE_SIN, PITCH_ERROR_0, PITCH_ERROR_1 = range(4)
 
 # Rows of working memory: the foot's parameter, the pin's displacement, the lobe's pitch error and its slope.

@@ -20,6 +20,7 @@ _POSITIVE = (
     "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
     "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
     "stiffness_scale", "sleeve_inertia", "stribeck_speed", "friction_transition_speed",
+    "bearing_transition_speed",
 )  # fmt: skip
 _NOT_NEGATIVE = (
     "internal_sleeve_mass", "input_shaft_inertia", "clearance", "contact_damping", "load_torque",
@@ -92,6 +93,9 @@ class CycloidalGearbox:
         half leads over to the next lobe.
     wheel_runouts : tuple of complex
         Offset of each wheel's profile from its bearing, in the wheel's frame, in m; empty for none.
+    cam_errors : tuple of complex
+        Offset of each cam's centre from its ideal place, in the frame of the input shaft, in m (it turns with
+        the shaft: a disturbance once per input turn); empty for none.
     profile_points : int
         Corners of a closed polyline that takes the place of the smooth profile, as in the papers'
         discretisation (they do not state the number); 0 for the smooth profile. Much slower, and coarse
@@ -115,6 +119,9 @@ class CycloidalGearbox:
         Coulomb friction of the shafts' bearings, in Nm. *Assumption* (0, as in the papers).
     input_bearing_viscosity, output_bearing_viscosity : float
         Viscous friction of the shafts' bearings, in Nms/rad.
+    bearing_transition_speed : float
+        Speed in rad/s below which the bearings' Coulomb friction is proportional to the speed (tanh).
+        *Assumption.*
 
     Raises
     ------
@@ -161,6 +168,7 @@ class CycloidalGearbox:
     pin_tangential_errors: tuple[float, ...] = ()
     lobe_pitch_errors: tuple[float, ...] = ()
     wheel_runouts: tuple[complex, ...] = ()
+    cam_errors: tuple[complex, ...] = ()
     profile_points: int = 0
     sleeve_friction: float = 0.0
     sleeve_static_friction: float = 0.0
@@ -172,6 +180,7 @@ class CycloidalGearbox:
     input_bearing_viscosity: float = 0.0
     output_bearing_torque: float = 0.0
     output_bearing_viscosity: float = 0.0
+    bearing_transition_speed: float = 0.05
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -232,6 +241,7 @@ class CycloidalGearbox:
             ("pin_tangential_errors", self.n_pins),
             ("lobe_pitch_errors", 2 * self.n_lobes),
             ("wheel_runouts", 2),
+            ("cam_errors", 2),
         ):
             values = getattr(self, name)
             if len(values) not in (0, length):

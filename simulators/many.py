@@ -9,10 +9,8 @@ import joblib
 import numpy as np
 
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.simulation import GearboxLocked, SimulationDiverged, SimulationRun, simulate
+from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 from cyclofeat.simulators.tolerances import AssemblyTolerances
-
-Failure = SimulationDiverged | GearboxLocked
 
 
 @overload
@@ -46,7 +44,7 @@ def simulate_many(
     prefer: str = ...,
     progress: Callable[[int, int], None] | None = ...,
     **options: Any,
-) -> list[SimulationRun | Failure]: ...
+) -> list[SimulationRun | SimulationFailed]: ...
 
 
 def simulate_many(
@@ -62,7 +60,7 @@ def simulate_many(
     prefer: str = "threads",
     progress: Callable[[int, int], None] | None = None,
     **options: Any,
-) -> list[SimulationRun] | list[SimulationRun | Failure]:
+) -> list[SimulationRun] | list[SimulationRun | SimulationFailed]:
     """Simulate many gearboxes, each as :func:`simulate` would.
 
     Parameters
@@ -95,12 +93,12 @@ def simulate_many(
     Returns
     -------
     list of SimulationRun
-        In the order of the arguments; with ``on_failure="return"`` a SimulationDiverged or GearboxLocked in
-        the place of a run that failed.
+        In the order of the arguments; with ``on_failure="return"`` a SimulationFailed (SimulationDiverged or
+        GearboxLocked) in the place of a run that failed.
 
     Raises
     ------
-    SimulationDiverged, GearboxLocked
+    SimulationFailed
         With ``on_failure="raise"``; a note tells which run.
     ValueError
         If the arguments do not fit together.
@@ -161,8 +159,8 @@ def simulate_many(
     return results
 
 
-def _attempt(arguments: dict[str, Any], options: dict[str, Any]) -> SimulationRun | Failure:
+def _attempt(arguments: dict[str, Any], options: dict[str, Any]) -> SimulationRun | SimulationFailed:
     try:
         return simulate(**arguments, **options)
-    except (SimulationDiverged, GearboxLocked) as failure:
+    except SimulationFailed as failure:
         return failure

@@ -36,6 +36,7 @@ _DRAWN = {
     "pin_radial_errors": "tolerances.pin_position",
     "pin_tangential_errors": "tolerances.pin_position",
     "wheel_runouts": "tolerances.runout",
+    "cam_errors": "tolerances.cam_position",
     "lobe_pitch_errors": "tolerances.lobe_pitch",
 }
 

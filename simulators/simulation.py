@@ -34,7 +34,22 @@ _FILTER_MARGIN = 40  # samples of the result
 LARGEST_N_STEPS = 100_000_000
 
 
-class SimulationDiverged(RuntimeError):
+class SimulationFailed(RuntimeError):
+    """A run that did not reach its end.
+
+    Attributes
+    ----------
+    time : float
+        Time in s at which it ended.
+    contact : str
+        Contact with the largest force at that time.
+    """
+
+    time: float
+    contact: str
+
+
+class SimulationDiverged(SimulationFailed):
     """The integration left the range of finite, sensible values.
 
     Attributes
@@ -59,7 +74,7 @@ class SimulationDiverged(RuntimeError):
         return type(self), self._given
 
 
-class GearboxLocked(RuntimeError):
+class GearboxLocked(SimulationFailed):
     """The gearbox wedged: the drive had to overcome more than 20 kN on a cam for a millisecond.
 
     Attributes
@@ -221,7 +236,10 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
     rest = np.array([-math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes])
     runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
     faults = (wear > 0).any(axis=1)
-    mounts = np.column_stack([rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, faults])
+    cams = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
+    mounts = np.column_stack(
+        [rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, cams.real, cams.imag, faults]
+    )
     pitch_errors = np.reshape(gearbox.lobe_pitch_errors or np.zeros(2 * n_lobes), (2, n_lobes))
     sleeves = np.zeros(_kernels.SLEEVE_TABLE_SIZE)
     for row, values in (
@@ -265,7 +283,7 @@ def _friction(gearbox: CycloidalGearbox) -> _kernels.FrictionConstants | None:
         input_viscous=float(gearbox.input_bearing_viscosity),
         output_coulomb=float(gearbox.output_bearing_torque),
         output_viscous=float(gearbox.output_bearing_viscosity),
-        bearing_transition=float(gearbox.friction_transition_speed / gearbox.pin_radius),
+        bearing_transition=float(gearbox.bearing_transition_speed),
         sleeve_inertia=float(gearbox.sleeve_inertia),
     )
 
@@ -276,8 +294,8 @@ def rest_state(gearbox: CycloidalGearbox) -> Float:
     return np.zeros(_kernels.N_STATE + n_spins)
 
 
-def _as_function(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """A number, an array at the sampling rate (joined by straight lines) or a function, at ``time``."""
+def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
+    """A number as it is; an array at the sampling rate (joined by straight lines) or a function at ``time``."""
     if callable(values):
         found = np.asarray(values(time), dtype=float)
         if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
@@ -285,6 +303,7 @@ def _as_function(name: str, values: TimeCourse, sampling_rate: float, time: Floa
                 f"{name} must be a number, an array or a function of time that returns one value per time; "
                 f"it gave shape {found.shape} for {time.shape[0]} times"
             )
+        found = np.broadcast_to(found, time.shape)
     else:
         found = np.asarray(values, dtype=float)
         if found.ndim > 1:
@@ -293,7 +312,7 @@ def _as_function(name: str, values: TimeCourse, sampling_rate: float, time: Floa
             found = _interpolated(name, found, sampling_rate, time)
     if not np.all(np.isfinite(found)):
         raise ValueError(f"{name} must be finite, it gave NaN or infinity")
-    return np.broadcast_to(found, time.shape)
+    return found
 
 
 def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
@@ -324,13 +343,13 @@ def _driver(
 
     Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
     """
-    course = speed is not None and np.ndim(speed) + callable(speed) > 0
-    if course:
-        assert speed is not None
-        omega = np.array(_as_function("speed", speed, sampling_rate, time))
-        angle, alpha = np.zeros_like(time), np.zeros_like(time)
+    angle, alpha = np.zeros_like(time), np.zeros_like(time)
+    given = None if speed is None else _course("speed", speed, sampling_rate, time)
+    course = given is not None and given.ndim > 0
+    if given is not None and course:
+        omega = given
     else:
-        ramp, steady = gearbox.ramp_time, gearbox.input_speed if speed is None else float(speed)  # type: ignore[arg-type]
+        ramp, steady = gearbox.ramp_time, gearbox.input_speed if given is None else float(given)
         if ramp == 0:
             angle, omega, alpha = steady * time, np.full_like(time, steady), np.zeros_like(time)
         else:
@@ -340,7 +359,7 @@ def _driver(
             alpha = np.where(rising, steady / ramp, 0.0)
     extra = np.zeros_like(time)
     if fluctuation is not None:
-        extra = _ramp(gearbox, time) * _as_function("speed_fluctuation", fluctuation, sampling_rate, time)
+        extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
     if course or fluctuation is not None:
         step = time[1] - time[0]
         numeric = omega + extra if course else extra
@@ -358,11 +377,11 @@ def _load(
     fluctuation: TimeCourse | None = None,
 ) -> Float:
     """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
-    extra = 0.0 if fluctuation is None else _as_function("load_fluctuation", fluctuation, sampling_rate, time)
-    if load is not None and np.ndim(load) + callable(load) > 0:
-        return _as_function("load", load, sampling_rate, time) + _ramp(gearbox, time) * extra
-    steady = gearbox.load_torque if load is None else float(load)  # type: ignore[arg-type]
-    return (steady + extra) * _ramp(gearbox, time)
+    steady = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
+    extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
+    ramp = _ramp(gearbox, time)
+    total: Float = (steady + extra) * ramp if steady.ndim == 0 else steady + extra * ramp
+    return total
 
 
 def simulate(

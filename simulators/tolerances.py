@@ -26,6 +26,10 @@ class AssemblyTolerances:
         Half width of the uniform relative spread of load torque and input speed.
     clearance : tuple of float
         Lower and upper end of the uniform radial clearance of the internal sleeves, in m.
+    lobe_pitch : float
+        Standard deviation of each lobe's displacement along the pitch circle, in m.
+    cam_position : float
+        Standard deviation, by component, of each cam's offset on the input shaft, in m.
 
     Examples
     --------
@@ -41,6 +45,8 @@ class AssemblyTolerances:
     load: float = 0.03
     speed: float = 0.01
     clearance: tuple[float, float] = (0.0, 30e-6)
+    lobe_pitch: float = 0.0
+    cam_position: float = 0.0
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -61,7 +67,7 @@ class AssemblyTolerances:
         Parameters
         ----------
         gearbox : CycloidalGearbox
-            Nominal gearbox; its own pin errors, runouts and clearance are replaced.
+            Nominal gearbox; its own errors of pins, lobes, wheels and cams and its clearance are replaced.
         seed : int or numpy.random.Generator
         """
         random = np.random.default_rng(seed)
@@ -71,6 +77,9 @@ class AssemblyTolerances:
         clearance = random.uniform(*self.clearance)
         radial, tangential = random.normal(0, self.pin_position, (2, gearbox.n_pins))
         runouts = random.normal(0, self.runout, (2, 2)) @ np.array([1, 1j])
+        # Drawn last: a tolerance more does not change what is drawn from the others.
+        pitch = random.normal(0, self.lobe_pitch, 2 * gearbox.n_lobes) if self.lobe_pitch else ()
+        cams = random.normal(0, self.cam_position, (2, 2)) @ [1, 1j] if self.cam_position else ()
         return gearbox.replace(
             stiffness_scale=gearbox.stiffness_scale * stiffness,
             contact_damping=gearbox.contact_damping * damping,
@@ -79,5 +88,7 @@ class AssemblyTolerances:
             clearance=clearance,
             pin_radial_errors=radial,
             pin_tangential_errors=tangential,
+            lobe_pitch_errors=pitch,
             wheel_runouts=runouts,
+            cam_errors=cams,
         )

@@ -4,13 +4,16 @@
 effect                         what it is
 =============================  =======================================================================
 ``PinErrors``                  position errors of the pins
-``RunOut``                     run-out of the wheels
+``LobePitchErrors``            pitch errors of the lobes
+``RunOut``, ``CamRunOut``      run-out of the wheels, and of the cams (1x)
 ``Clearance``                  clearance of the internal sleeves
 ``ContactStiffnessScale``      stiffness of all contacts by a factor
 ``ContactDampingScale``        damping of all contacts by a factor
 ``ContactDampingForm``         contact damping weighted with the elastic force
 ``LoadDrift``                  slow fluctuation of the brake's torque
 ``SpeedWander``                fluctuation of the input speed
+``SleeveFriction``             friction of the sleeves on wheels and axles
+``BearingFriction``            friction of the output shaft's bearings
 ``BrakeRotor``                 the brake's rotor behind shaft and torque meter
 ``TorqueMeterLowPass``         low-pass in the torque meter
 ``SensorDrift``                drift of the torque meter's zero
@@ -36,19 +39,25 @@ from cyclofeat.simulators.effects._base import (
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
 from cyclofeat.simulators.effects._drive import LoadDrift, SpeedWander
 from cyclofeat.simulators.effects._gearbox import (
+    BearingFriction,
     BrakeRotor,
+    CamRunOut,
     Clearance,
     ContactDampingForm,
     ContactDampingScale,
     ContactStiffnessScale,
+    LobePitchErrors,
     PinErrors,
     RunOut,
+    SleeveFriction,
 )
 from cyclofeat.simulators.effects._library import effect_library
 from cyclofeat.simulators.effects._meter import Gain, Hum, Noise, Offset, SensorDrift, TorqueMeterLowPass
 
 __all__ = [
+    "BearingFriction",
     "BrakeRotor",
+    "CamRunOut",
     "Clearance",
     "ClockError",
     "ContactDampingForm",
@@ -59,6 +68,7 @@ __all__ = [
     "Gain",
     "Hum",
     "LoadDrift",
+    "LobePitchErrors",
     "LogUniform",
     "Noise",
     "Normal",
@@ -68,6 +78,7 @@ __all__ = [
     "Quantisation",
     "RunOut",
     "SensorDrift",
+    "SleeveFriction",
     "SpeedWander",
     "TorqueContext",
     "TorqueMeterLowPass",

@@ -87,6 +87,76 @@ class RunOut(Effect):
         return gearbox.replace(wheel_runouts=there + self.runout * directions)
 
 
+class CamRunOut(Effect):
+    """Run-out of the cams: each cam's centre sits off its ideal place on the input shaft.
+
+    The centre of cam k is moved by ``runout`` exp(i a_k) in the frame of the input shaft, with a random
+    direction a_k, on top of what the gearbox already has. With unequal pins this shows once per input turn
+    (1x, 8.333 Hz at 500 RPM), beside the worn lobes' 16/15; equal pins look alike from every angle, and it
+    changes the mesh lines alone.
+
+    Parameters
+    ----------
+    runout : float or (low, high), default 10e-6
+        Length of each cam's offset in m; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: at least one whole output turn, in which 1x and the lobes' 16/15 come apart.
+    """
+
+    effect_id: ClassVar[str] = "cam_run_out"
+    place: ClassVar[Place] = Place.GEOMETRY
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "runout": EffectParameter("m", 0.0, 2e-4, 0.0, LogUniform(2e-6, 1e-4), log=True),
+    }
+    separated_by: ClassVar[str] = "at least one whole output turn"
+
+    def __init__(self, runout: Any = 10e-6) -> None:
+        self.runout = runout
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        directions = np.exp(2j * np.pi * random.random(2))
+        if self.runout == 0:
+            return gearbox
+        there = np.asarray(gearbox.cam_errors or (0j, 0j))
+        return gearbox.replace(cam_errors=there + self.runout * directions)
+
+
+class LobePitchErrors(Effect):
+    """Pitch errors of the lobes: each sits a little off its place along the pitch circle.
+
+    Lobe l of either wheel moves by an independent normal error of standard deviation ``rms``, on top of what
+    the gearbox already has.
+
+    Parameters
+    ----------
+    rms : float or (low, high), default 5e-6
+        Standard deviation in m at the circle of the pins; 0 is neutral.
+
+    Notes
+    -----
+    Separating measurement: several discs in one housing. The pattern stays with the disc, like wear, but is
+    spread over all lobes.
+    """
+
+    effect_id: ClassVar[str] = "lobe_pitch_errors"
+    place: ClassVar[Place] = Place.GEOMETRY
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "rms": EffectParameter("m", 0.0, 2e-4, 0.0, LogUniform(1e-6, 5e-5), log=True),
+    }
+    separated_by: ClassVar[str] = "several discs in one housing"
+
+    def __init__(self, rms: Any = 5e-6) -> None:
+        self.rms = rms
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        errors = self.rms * random.normal(size=2 * gearbox.n_lobes)
+        if self.rms == 0:
+            return gearbox
+        return gearbox.replace(lobe_pitch_errors=errors + (gearbox.lobe_pitch_errors or 0.0))
+
+
 class Clearance(Effect):
     """Clearance (backlash) of the internal sleeves in the holes of the wheels.
 
@@ -249,6 +319,99 @@ def _matched_damping(gearbox: CycloidalGearbox) -> float:
     arms = gearbox.eccentricity * gearbox.n_lobes * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
     forces = gearbox.load_torque / 2 * arms**1.5 / np.sum(arms**2.5)
     return float(np.sum(arms**2) / np.sum(forces * arms**2))
+
+
+class SleeveFriction(Effect):
+    """Friction of the sleeves on the wheels and on their axles: Coulomb, Stribeck and viscous.
+
+    A sleeve pressed with N that slides at s rubs with N (mu + (mu_0 - mu) exp(-(s/s_0)^2)) tanh(s/s_t) + c s;
+    its axle holds it back with ``journal`` N. The sleeves then spin on their axles.
+
+    Parameters
+    ----------
+    coulomb : float or (low, high), default 0.05
+        Coefficient mu; 0 with the others at 0 is neutral.
+    stribeck : float or (low, high), default 0
+        Rise mu_0 - mu of the coefficient at rest.
+    viscous : float or (low, high), default 0
+        c in Ns/m.
+    journal : float or (low, high), default 0
+        Coefficient on the axle times the ratio of axle to sleeve radius.
+
+    Notes
+    -----
+    Added to the gearbox's own. Separating measurement: two speeds and both directions. Coulomb friction
+    keeps its size and turns with the direction, viscous friction grows with the speed, an offset does
+    neither.
+    """
+
+    effect_id: ClassVar[str] = "sleeve_friction"
+    place: ClassVar[Place] = Place.JOINTS
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "coulomb": EffectParameter("1", 0.0, 1.0, 0.0, LogUniform(0.005, 0.2), log=True),
+        "stribeck": EffectParameter("1", 0.0, 1.0, 0.0, fitted=False),
+        "viscous": EffectParameter("Ns/m", 0.0, 1e3, 0.0, fitted=False),
+        "journal": EffectParameter("1", 0.0, 1.0, 0.0, fitted=False),
+    }
+    separated_by: ClassVar[str] = "two speeds and both directions"
+
+    def __init__(
+        self, coulomb: Any = 0.05, stribeck: Any = 0.0, viscous: Any = 0.0, journal: Any = 0.0
+    ) -> None:
+        self.coulomb = coulomb
+        self.stribeck = stribeck
+        self.viscous = viscous
+        self.journal = journal
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.coulomb == self.stribeck == self.viscous == self.journal == 0:
+            return gearbox
+        at_rest = gearbox.sleeve_static_friction or gearbox.sleeve_friction
+        return gearbox.replace(
+            sleeve_friction=gearbox.sleeve_friction + self.coulomb,
+            sleeve_static_friction=at_rest + self.coulomb + self.stribeck,
+            sleeve_viscous_friction=gearbox.sleeve_viscous_friction + self.viscous,
+            journal_friction=gearbox.journal_friction + self.journal,
+        )
+
+
+class BearingFriction(Effect):
+    """Friction of the output shaft's bearings, between the gearbox and the torque meter.
+
+    The bearings oppose the output with ``coulomb`` tanh(w/w_t) + ``viscous`` w.
+
+    Parameters
+    ----------
+    coulomb : float or (low, high), default 0.2
+        In Nm; 0 with ``viscous`` 0 is neutral.
+    viscous : float or (low, high), default 0
+        In Nms/rad.
+
+    Notes
+    -----
+    Added to the gearbox's own. With the load given behind it, it is the gearbox that carries more, not the
+    meter. Separating measurement: two speeds and both directions.
+    """
+
+    effect_id: ClassVar[str] = "bearing_friction"
+    place: ClassVar[Place] = Place.JOINTS
+    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+        "coulomb": EffectParameter("Nm", 0.0, 100.0, 0.0, LogUniform(0.02, 2.0), log=True),
+        "viscous": EffectParameter("Nms/rad", 0.0, 100.0, 0.0, fitted=False),
+    }
+    separated_by: ClassVar[str] = "two speeds and both directions"
+
+    def __init__(self, coulomb: Any = 0.2, viscous: Any = 0.0) -> None:
+        self.coulomb = coulomb
+        self.viscous = viscous
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
+        if self.coulomb == self.viscous == 0:
+            return gearbox
+        return gearbox.replace(
+            output_bearing_torque=gearbox.output_bearing_torque + self.coulomb,
+            output_bearing_viscosity=gearbox.output_bearing_viscosity + self.viscous,
+        )
 
 
 class BrakeRotor(Effect):

@@ -16,20 +16,25 @@ from cyclofeat.simulators.effects._base import Effect
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
 from cyclofeat.simulators.effects._drive import LoadDrift, SpeedWander
 from cyclofeat.simulators.effects._gearbox import (
+    BearingFriction,
     BrakeRotor,
+    CamRunOut,
     Clearance,
     ContactDampingForm,
     ContactDampingScale,
     ContactStiffnessScale,
+    LobePitchErrors,
     PinErrors,
     RunOut,
+    SleeveFriction,
 )
 from cyclofeat.simulators.effects._meter import Gain, Hum, Noise, Offset, SensorDrift, TorqueMeterLowPass
 
 _CLASSES: tuple[type[Effect], ...] = (
-    PinErrors, RunOut, Clearance,
+    PinErrors, LobePitchErrors, RunOut, CamRunOut, Clearance,
     ContactStiffnessScale, ContactDampingScale, ContactDampingForm,
     LoadDrift, SpeedWander,
+    SleeveFriction, BearingFriction,
     BrakeRotor, TorqueMeterLowPass,
     SensorDrift, Gain, Offset, Noise, Hum,
     ClockError, Quantisation,
@@ -55,7 +60,7 @@ def effect_library() -> Mapping[str, type[Effect]]:
     >>> for name, effect in list(effect_library().items())[:2]:
     ...     print(f"{name}: {effect.summary()}")
     pin_errors: Position errors of the pins: every external sleeve sits a little off its place.
-    run_out: Run-out of the wheels: each profile sits off its bearing by a constant offset.
+    lobe_pitch_errors: Pitch errors of the lobes: each sits a little off its place along the pitch circle.
     """
     return _LIBRARY
 

@@ -17,7 +17,9 @@ from sklearn.base import clone
 from cyclofeat.simulators import CycloidalGearbox, simulate
 from cyclofeat.simulators.contact import stiffness_factor
 from cyclofeat.simulators.effects import (
+    BearingFriction,
     BrakeRotor,
+    CamRunOut,
     Clearance,
     ClockError,
     ContactDampingForm,
@@ -28,6 +30,7 @@ from cyclofeat.simulators.effects import (
     Gain,
     Hum,
     LoadDrift,
+    LobePitchErrors,
     LogUniform,
     Noise,
     Normal,
@@ -37,6 +40,7 @@ from cyclofeat.simulators.effects import (
     Quantisation,
     RunOut,
     SensorDrift,
+    SleeveFriction,
     SpeedWander,
     TorqueContext,
     TorqueMeterLowPass,
@@ -81,7 +85,7 @@ def test_examples_of_the_docstrings_run(module):
 def test_the_library_is_in_chain_order_and_cannot_be_changed():
     places = [kind.place for kind in effect_library().values()]
     assert places == sorted(places)
-    assert len(places) == 17
+    assert len(places) == 21
     assert [kind.effect_id for kind in effect_library().values()] == list(effect_library())
     with pytest.raises(TypeError):
         effect_library()["mine"] = Hum
@@ -675,3 +679,33 @@ def test_quantisation_clips_at_its_range():
     for arguments in ((0, 8.0), (4.0, 8.0), (4, math.inf), (4, -1.0), (4, (1.0, 2.0))):
         with pytest.raises((TypeError, ValueError), match="must"):
             Quantisation.from_bits(*arguments)
+
+
+def test_cam_run_out_shows_once_per_input_turn():
+    """With unequal pins; equal ones look alike from every angle."""
+    turns, rng = 15, np.random.default_rng(4)
+    unequal = STEEL.replace(wheel_runouts=(), pin_radial_errors=rng.normal(0, 1e-5, 16))
+    for plain, shows in ((unequal, True), (STEEL.replace(wheel_runouts=()), False)):
+        gearbox = gearbox_of(CamRunOut(20e-6), plain, seed=1)
+        np.testing.assert_allclose(np.abs(gearbox.cam_errors), 20e-6, rtol=1e-12)
+        torque = simulate(gearbox, duration=0.5 + turns * 0.12, sampling_rate=12_800).torque_in
+        line = 2 * np.abs(np.fft.rfft(torque[-round(turns * 0.12 * 12_800) :])) / (turns * 0.12 * 12_800)
+        assert (line[15] > 1e-4) == shows
+        assert max(line[14], line[16]) < 1e-5
+
+
+def test_friction_and_pitch_errors_add_to_the_gearbox():
+    rubbing = STEEL.replace(sleeve_friction=0.01, sleeve_static_friction=0.03, output_bearing_torque=0.1)
+    found = gearbox_of(SleeveFriction(0.05, stribeck=0.02, viscous=3.0, journal=0.01), rubbing)
+    assert found == rubbing.replace(
+        sleeve_friction=0.01 + 0.05,
+        sleeve_static_friction=0.03 + 0.05 + 0.02,
+        sleeve_viscous_friction=3.0,
+        journal_friction=0.01,
+    )
+    found = gearbox_of(BearingFriction(0.2, viscous=0.05), rubbing)
+    assert found == rubbing.replace(output_bearing_torque=0.1 + 0.2, output_bearing_viscosity=0.05)
+    errors = np.array([gearbox_of(LobePitchErrors(5e-6), seed=seed).lobe_pitch_errors for seed in range(50)])
+    assert errors.shape == (50, 30)
+    assert errors.std() == pytest.approx(5e-6, rel=0.1)
+    assert gearbox_of(LobePitchErrors(0.0)).lobe_pitch_errors == ()

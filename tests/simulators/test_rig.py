@@ -394,7 +394,7 @@ BAD_FILES = {
     ),
     "effect unknown": (
         '{"effects": [{"effect": "zzz"}]}',
-        "unknown effect 'zzz': known are pin_errors, run_out,",
+        "unknown effect 'zzz': known are pin_errors, lobe_pitch_errors,",
     ),
     "effect key misspelt": (
         '{"effects": [{"effect": "hum", "amplitude": 1}]}',
