@@ -247,7 +247,15 @@ def test_pipelines_search_and_name():
 
 @pytest.mark.parametrize(
     "module",
-    ["spectral", "features._registry", "features._base", "features._statistics", "features._spectral"],
+    [
+        "_welch",
+        "_density",
+        "_statistics",
+        "features._registry",
+        "features._base",
+        "features._statistics",
+        "features._spectral",
+    ],
 )
 def test_examples_run(module):
     result = doctest.testmod(importlib.import_module(f"cyclofeat.{module}"))
