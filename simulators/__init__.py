@@ -11,6 +11,7 @@ module           responsibility
 ``effects``      what a real rig does besides: parameters, bounds, priors, place in the chain
 ``composite``    gearbox or rig with effects: the simulator of a record as a real rig would give it
 ``simulation``   from parameters to a run
+``held_output``  the rig's other mode: torque against deflection with the output held
 ``many``         many runs at once, on several cores
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     where pins meet wheels, described for a while at a time: likewise
@@ -47,6 +48,7 @@ from cyclofeat.simulators.effects import (
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.geometry import CycloidalProfile
+from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
 from cyclofeat.simulators.many import simulate_many
 from cyclofeat.simulators.rig import Rig, settling_time
 from cyclofeat.simulators.simulation import (
@@ -91,9 +93,11 @@ __all__ = [
     "SimulationRun",
     "SleeveFriction",
     "SpeedWander",
+    "TorqueDeflection",
     "TorqueMeterLowPass",
     "effect_library",
     "settling_time",
     "simulate",
     "simulate_many",
+    "torque_deflection",
 ]

@@ -269,6 +269,39 @@ class CycloidalGearbox:
         }
         return cls(**{**preset, **changes})
 
+    @classmethod
+    def printed_14_pin(cls, **changes: Any) -> CycloidalGearbox:
+        """The printed drive of 14 pins and 13 lobes whose torque-deflection loops were measured.
+
+        Dimensions as its makers state them (repository JelmerV/Anti-Backlash-Cycloidal-Actuator, CC BY-SA
+        4.0): pins of 3.5 mm on a circle of 34 mm, eccentricity 1.5 mm, 8 output rollers on a circle of 20 mm,
+        clearance 0.05 mm (here at pins and rollers alike). *Assumptions*: the rollers' stated 9 mm is their
+        diameter (as a radius they would overlap), a modulus of 2.5 GPa, two wheels of 0.08 kg, shafts'
+        inertias, and H as for :meth:`abs`.
+        """
+        preset: dict[str, Any] = {
+            "n_pins": 14,
+            "eccentricity": 1.5e-3,
+            "shortening": 1.5e-3 * 14 / 34e-3,
+            "pin_radius": 3.5e-3,
+            "pin_clearance": 5e-5,
+            "internal_pitch_radius": 20e-3,
+            "internal_sleeve_radius": 4.5e-3,
+            "clearance": 5e-5,
+            "wheel_mass": 0.08,
+            "wheel_inertia": 4e-5,
+            "internal_sleeve_mass": 0.005,
+            "input_shaft_inertia": 5e-6,
+            "output_shaft_inertia": 5e-5,
+            "wheel_youngs_modulus": 2.5e9,
+            "wheel_poisson_ratio": 0.37,
+            "sleeve_youngs_modulus": 2.5e9,
+            "sleeve_poisson_ratio": 0.37,
+            "contact_damping": 20.0,
+            "stiffness_scale": 0.2,
+        }
+        return cls(**{**preset, **changes})
+
     def replace(self, **changes: Any) -> CycloidalGearbox:
         """A copy with single fields changed."""
         return dataclasses.replace(self, **changes)

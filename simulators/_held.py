@@ -1,0 +1,81 @@
+"""The reduced model with the output held and a torque at the input, in numba: floats and arrays only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cyclofeat.simulators._jit import njit
+from cyclofeat.simulators._kernels import N_RESULT, N_STATE, derivatives, new_memory
+from cyclofeat.simulators._outline import CAM_X, CAM_Y, FASTMATH
+
+
+@njit(fastmath=FASTMATH, forceinline=True)
+def _accelerations(
+    phi, omega, torque, damping, inertia, through_meter, state, wheel, joint, contact, joint_contact, body,
+    friction, pins, mounts, lobes, wear, sleeves, memory, rates, result,
+):  # fmt: skip
+    """Writes the derivative of ``state`` and the torques; returns the input's acceleration.
+
+    The kernel takes the input's motion as given; with alpha = 0 its input torque is what the contacts and
+    the bearing oppose to the drive, and the cams carry the wheels' masses around.
+    """
+    z = float(wheel.n_lobes)
+    derivatives(
+        phi, np.cos(phi), np.sin(phi), np.cos(phi / z), -np.sin(phi / z), omega, 0.0, 0.0, state, wheel,
+        joint, contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, rates,
+        result,
+    )  # fmt: skip
+    alpha = (torque - damping * omega - result[1]) / inertia
+    # Deviations count from the rest position that follows the input; what is held has none of its own.
+    if through_meter:
+        rates[7] = 0.0
+    else:
+        rates[6] = 0.0
+    for k in range(4):
+        rates[4 + k] += alpha / z
+    return alpha
+
+
+@njit(fastmath=FASTMATH, nogil=True)
+def integrate_held(
+    n_steps, dt, torque, phi, damping, input_inertia, through_meter, state, wheel, joint, contact,
+    joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, limit, every, angle, held,
+):  # fmt: skip
+    """Midpoint rule over ``n_steps`` steps with the input free.
+
+    ``torque`` holds the input torque at every half step, (2 n_steps + 1,); every ``every``-th step the input
+    angle goes into ``angle`` and the torque on the output into ``held``. Returns the number of finished
+    steps.
+    """
+    n_state = state.size
+    memory = new_memory(n_state - N_STATE)
+    rates = np.zeros(n_state)
+    middle = np.zeros(n_state)
+    result = np.zeros(N_RESULT)
+    inertia = input_inertia
+    for w in range(2):
+        inertia += body.wheel_mass * (mounts[w, CAM_X] ** 2 + mounts[w, CAM_Y] ** 2)
+    omega = 0.0
+    for step in range(n_steps):
+        alpha = _accelerations(
+            phi, omega, torque[2 * step], damping, inertia, through_meter, state, wheel, joint, contact,
+            joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, rates, result,
+        )  # fmt: skip
+        if step % every == 0:
+            angle[step // every] = phi
+            held[step // every] = result[0]
+        if not (abs(result[0]) < limit and abs(result[1]) < limit):
+            return step
+        for k in range(n_state):
+            middle[k] = state[k] + 0.5 * dt * rates[k]
+        middle_omega = omega + 0.5 * dt * alpha
+        alpha = _accelerations(
+            phi + 0.5 * dt * omega, middle_omega, torque[2 * step + 1], damping, inertia, through_meter,
+            middle, wheel, joint, contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves,
+            memory, rates, result,
+        )  # fmt: skip
+        for k in range(n_state):
+            state[k] += dt * rates[k]
+        phi += dt * middle_omega
+        omega += dt * alpha
+    return n_steps

@@ -1,0 +1,195 @@
+"""The rig with its output held: torque against deflection, with play, stiffness and hysteresis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.simulators import _held
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.simulation import (
+    ABSURD_TORQUE,
+    LARGEST_N_STEPS,
+    SimulationDiverged,
+    kernel_input,
+    rest_state,
+)
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TorqueDeflection:
+    """A torque-deflection loop, as :func:`torque_deflection` makes it.
+
+    Attributes
+    ----------
+    gearbox : CycloidalGearbox
+    torque : ndarray, shape (n,)
+        Torque at the input times the reduction, in Nm: what a motor's current tells, referred to the output.
+    deflection : ndarray, shape (n,)
+        Angle of the input over the reduction, in rad, counted from the start: what a motor's encoder tells,
+        referred to the output.
+    held_torque : ndarray, shape (n,)
+        Torque in Nm that reaches the held output; less than ``torque`` by what friction keeps.
+    cycle : ndarray of int, shape (n,)
+        Cycle of each point, counted from 0; the first begins at rest and is not closed.
+    """
+
+    gearbox: CycloidalGearbox
+    torque: Float = field(repr=False)
+    deflection: Float = field(repr=False)
+    held_torque: Float = field(repr=False)
+    cycle: NDArray[np.int64] = field(repr=False)
+
+    def last_cycle(self) -> tuple[Float, Float]:
+        """Torque (Nm) and deflection (rad) of the last cycle, a closed loop."""
+        last = self.cycle == self.cycle[-1]
+        return self.torque[last], self.deflection[last]
+
+    def lost_motion(self, torque: float = 0.0) -> float:
+        """Width of the last loop in rad, between the two crossings of a torque in Nm (0: the play)."""
+        loop, deflection = self._closed()
+        above = loop - torque
+        at = np.flatnonzero((above[1:] >= 0) != (above[:-1] >= 0))
+        if at.size != 2:
+            raise ValueError(
+                f"torque must lie within the last loop, {loop.min():g} to {loop.max():g} Nm, got {torque!r}"
+            )
+        share = above[at] / (above[at] - above[at + 1])
+        crossings = deflection[at] + share * (deflection[at + 1] - deflection[at])
+        return float(abs(crossings[1] - crossings[0]))
+
+    def stiffness(self, share: float = 0.5) -> float:
+        """Slope in Nm/rad of the unloading branches beyond a ``share`` of the peak torque, mean of both."""
+        torque, deflection = self.last_cycle()
+        peak = np.abs(torque).max()
+        falling = np.gradient(np.abs(torque)) < 0
+        slopes = []
+        for side in (torque > share * peak, torque < -share * peak):
+            chosen = side & falling
+            if chosen.sum() < 3:
+                raise ValueError(f"share {share!r} leaves fewer than 3 points: take a lower one")
+            slopes.append(np.polyfit(deflection[chosen], torque[chosen], 1)[0])
+        return float(np.mean(slopes))
+
+    def hysteresis(self) -> float:
+        """Area of the last loop in J: what is lost in one cycle."""
+        return float(abs(np.trapezoid(*self._closed())))
+
+    def _closed(self) -> tuple[Float, Float]:
+        torque, deflection = self.last_cycle()
+        return np.append(torque, torque[0]), np.append(deflection, deflection[0])
+
+
+def torque_deflection(
+    gearbox: CycloidalGearbox | None = None,
+    defects: LobeDefects | None = None,
+    *,
+    peak_torque: float = 22.0,
+    period: float = 1.0,
+    n_cycles: int = 2,
+    n_points: int = 1000,
+    input_angle: float = 0.0,
+    numerical_damping: float = 1e-3,
+    dt: float = 1e-5,
+) -> TorqueDeflection:
+    """Hold the output and swing the torque at the input: the second mode of the rig.
+
+    The output shaft is held, rigidly or, where the gearbox has a ``meter_stiffness``, through shaft and
+    torque meter (a printed housing's compliance fits there too). The input is free and driven by a torque
+    that swings as a triangle between plus and minus ``peak_torque`` over the reduction.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox, default ``CycloidalGearbox.steel()``
+        Its speed, load and brake's inertia play no part.
+    defects : LobeDefects, default healthy
+    peak_torque : float
+        Largest torque in Nm, referred to the output.
+    period : float
+        Time of one cycle in s; slow against the drive's own vibration, or the loop shows inertia.
+    n_cycles : int
+        Number of cycles. The first begins at rest; only from the second on the loop is closed.
+    n_points : int
+        Points kept of each cycle.
+    input_angle : float
+        Angle of the input at the start, in rad: backlash and stiffness depend on it.
+    numerical_damping : float
+        Viscous damping of the input in Nms/rad that quiets the free vibration; referred to the output its
+        torque is this times the input's speed times the reduction. *Assumption.*
+    dt : float
+        Integration step in s.
+
+    Returns
+    -------
+    TorqueDeflection
+
+    Raises
+    ------
+    SimulationDiverged
+        Where the integration diverges.
+    ValueError
+        For arguments outside their range.
+
+    Notes
+    -----
+    The input's equation is (J_in + sum m_w |c_k|^2) phi'' = T - sum c_k x R_k, the wheels' masses riding on
+    the cams; this is the papers' system (paper B eq. 2) without the driver's constraint.
+
+    Examples
+    --------
+    >>> loose = CycloidalGearbox.steel(clearance=5e-5, sleeve_friction=0.05)
+    >>> loop = torque_deflection(loose, peak_torque=10.0, period=0.2)
+    >>> loop.lost_motion() > 1e-3, loop.hysteresis() > 0
+    (True, True)
+    """
+    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
+    defects = LobeDefects.healthy() if defects is None else defects
+    defects.check_against(gearbox.n_lobes)
+    for name, value in (("peak_torque", peak_torque), ("period", period), ("dt", dt)):
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    if not (math.isfinite(numerical_damping) and numerical_damping >= 0):
+        raise ValueError(f"numerical_damping must be finite and not negative, got {numerical_damping!r}")
+    if not math.isfinite(input_angle):
+        raise ValueError(f"input_angle must be finite (rad), got {input_angle!r}")
+    if n_cycles < 1 or n_points < 8:
+        raise ValueError(
+            f"n_cycles must be at least 1 and n_points at least 8, got {n_cycles!r} and {n_points!r}"
+        )
+    every = max(round(period / (n_points * dt)), 1)
+    n_steps = round(n_cycles * period / dt)
+    if n_steps > LARGEST_N_STEPS:
+        raise ValueError(
+            f"period {period:g} s and n_cycles {n_cycles} take {n_steps:.3g} steps of dt = {dt:g} s, more "
+            f"than {LARGEST_N_STEPS:g}"
+        )
+    z = gearbox.n_lobes
+    half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
+    phase = half_steps / period
+    # a triangle that begins at 0 and rises
+    swing = 2 * np.abs(2 * ((phase + 0.75) % 1) - 1) - 1
+    through_meter = gearbox.meter_stiffness > 0
+    # Behind the meter stands something whose inertia does not count: it is held.
+    held_by = gearbox.replace(brake_inertia=1.0 if through_meter else 0.0)
+    n_kept = -(-n_steps // every)
+    angle, held = np.empty(n_kept), np.empty(n_kept)
+    finished = _held.integrate_held(
+        n_steps, dt, swing * peak_torque / z, float(input_angle), float(numerical_damping),
+        float(gearbox.input_shaft_inertia), through_meter, rest_state(gearbox),
+        *kernel_input(held_by, defects), ABSURD_TORQUE, every, angle, held,
+    )  # fmt: skip
+    if finished < n_steps:
+        raise SimulationDiverged(finished * dt, "a contact with the output held", math.nan, dt)
+    kept = np.arange(n_kept) * every
+    return TorqueDeflection(
+        gearbox=gearbox,
+        torque=swing[2 * kept] * peak_torque,
+        deflection=(angle - input_angle) / z,
+        held_torque=-held,
+        cycle=(kept * dt / period).astype(np.int64),
+    )
