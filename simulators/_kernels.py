@@ -89,7 +89,7 @@ from cyclofeat.simulators._outline import (
 )
 
 # Of _outline.py: numba's cache on disk notices a change of this file only, and would go on with the old one.
-OUTLINE_CHECKSUM = 0xb6754a26
+OUTLINE_CHECKSUM = 0xB6754A26
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -150,9 +150,10 @@ FrictionConstants = namedtuple(
 # Tables of the internal sleeves: rows of one length, as in the outline's.
 SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * COLUMNS) for row in range(2))
 SLEEVE_TABLE_SIZE = 2 * COLUMNS
-# What each of the two wheels' sleeves carry: force, and its vector on the wheel in the fixed frame.
-S_FORCE, S_X, S_Y = (np.uintp(row * COLUMNS) for row in range(3))
-JOINT_SIZE = 3 * COLUMNS
+# What each of the two wheels' sleeves carry: force, and its vector on the wheel in the fixed frame; then the
+# vector with friction, which presses the sleeve on its axle.
+S_FORCE, S_X, S_Y, S_LOAD_X, S_LOAD_Y = (np.uintp(row * COLUMNS) for row in range(5))
+JOINT_SIZE = 5 * COLUMNS
 # The same for the pins, gathered from flanks and edges where it is asked for; rows for each wheel.
 P_FORCE, P_X, P_Y = (np.uintp(row * COLUMNS) for row in range(3))
 PIN_FORCE_SIZE = 3 * COLUMNS
@@ -424,6 +425,8 @@ def _joint_friction(
         fx = carried[first + S_X + k]
         fy = carried[first + S_Y + k]
         force = np.sqrt(fx * fx + fy * fy)
+        carried[first + S_LOAD_X + k] = 0.0
+        carried[first + S_LOAD_Y + k] = 0.0
         if force == 0.0:
             continue
         nx = fx / force
@@ -442,6 +445,8 @@ def _joint_friction(
         moment -= rub * lever
         torques[np.uintp(n_pins) + k] += q * rub
         moment_out += rub * (sx * nx + sy * ny)
+        carried[first + S_LOAD_X + k] = fx + rub * ny
+        carried[first + S_LOAD_Y + k] = fy - rub * nx
     return total_x, total_y, moment, moment_out
 
 
@@ -590,8 +595,8 @@ def _sleeve_rates(wheel, joint, friction, state, rate_out, on_pins, on_sleeves, 
         rates[np.uintp(N_STATE) + j] = (torques[j] - drag) / friction.sleeve_inertia
     moment_out = 0.0
     for k in range(np.uintp(joint.n_sleeves)):
-        fx = on_sleeves[S_X + k] + on_sleeves[second_sleeves + S_X + k]
-        fy = on_sleeves[S_Y + k] + on_sleeves[second_sleeves + S_Y + k]
+        fx = on_sleeves[S_LOAD_X + k] + on_sleeves[second_sleeves + S_LOAD_X + k]
+        fy = on_sleeves[S_LOAD_Y + k] + on_sleeves[second_sleeves + S_LOAD_Y + k]
         q = joint.sleeve_radius
         at = np.uintp(N_STATE) + n_pins + k
         grip = friction.journal * q * np.sqrt(fx * fx + fy * fy)
@@ -655,10 +660,10 @@ def integrate(
 
     ``phi``, ``omega``, ``alpha``, ``load`` hold the driver and load at every half step: (2 n_steps + 1,).
     ``result`` is (n_steps, 2). ``kept`` (n_kept,) lists the steps, rising, whose state goes into ``motion``
-    (n_kept, 8) and whose forces into ``external`` (n_kept or 0, 2, n_pins, 3) and ``internal`` (n_kept or 0,
-    2, n_internal, 3). Returns the number of finished steps: fewer than ``n_steps`` where a torque exceeded
-    ``limit`` or was not a number, or the input torque ``locked_torque`` for more than ``locked_steps`` steps;
-    ``last_external`` and ``last_internal`` then hold the last forces.
+    (n_kept, 8 or more) and whose forces into ``external`` (n_kept or 0, 2, n_pins, 3) and ``internal``
+    (n_kept or 0, 2, n_internal, 3). Returns the number of finished steps: fewer than ``n_steps`` where a
+    torque exceeded ``limit`` or was not a number, or the input torque ``locked_torque`` for more than
+    ``locked_steps`` steps; ``last_external`` and ``last_internal`` then hold the last forces.
     """
     z = float(wheel.n_lobes)
     n_state = state.size
@@ -691,7 +696,7 @@ def integrate(
         result[step, 0] = now[0]
         result[step, 1] = now[1]
         if row < kept.size and step == kept[row]:
-            for k in range(N_STATE):
+            for k in range(motion.shape[1]):
                 motion[row, k] = state[k]
             if row < external.shape[0]:
                 gather(wheel, joint, memory, phi[i], state, external[row], internal[row])
