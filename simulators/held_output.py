@@ -190,6 +190,6 @@ def torque_deflection(
         gearbox=gearbox,
         torque=swing[2 * kept] * peak_torque,
         deflection=(angle - input_angle) / z,
-        held_torque=-held,
+        held_torque=held,
         cycle=(kept * dt / period).astype(np.int64),
     )
