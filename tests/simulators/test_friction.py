@@ -1,0 +1,369 @@
+"""Friction of sleeves, axles and shafts' bearings: against 28 rubbing bodies, and against what it must do.
+
+Errors are shares of the largest contact force, with the lever arm of the pins where they are torques.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pytest
+from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of
+
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, _kernels, simulate
+from cyclofeat.simulators.reference_friction import RubbingGearbox
+
+STEEL = CycloidalGearbox.steel()
+CONSERVATIVE = STEEL.replace(contact_law="conservative")
+HEALTHY = LobeDefects.healthy()
+TURN = 12_000  # steps of an input turn at 500 RPM
+LOADED = np.array([1.7e-3, 1.7e-3, 4.1e-3])
+N_SLEEVES = 24
+
+
+def rubbing(rng: np.random.Generator) -> CycloidalGearbox:
+    """All kinds of friction at once, and displaced pins."""
+    coulomb = rng.uniform(0.02, 0.3)
+    return STEEL.replace(
+        pin_radial_errors=rng.normal(0, 2e-5, 16),
+        pin_tangential_errors=rng.normal(0, 2e-5, 16),
+        clearance=1e-5,
+        sleeve_friction=coulomb,
+        sleeve_static_friction=coulomb + rng.uniform(0, 0.2),
+        stribeck_speed=rng.uniform(0.02, 0.2),
+        sleeve_viscous_friction=rng.uniform(0, 20),
+        journal_friction=rng.uniform(0, 0.05),
+        friction_transition_speed=rng.uniform(0.005, 0.05),
+        bearing_transition_speed=rng.uniform(0.05, 5),
+        input_bearing_torque=rng.uniform(0, 0.3),
+        input_bearing_viscosity=rng.uniform(0, 1e-3),
+        output_bearing_torque=rng.uniform(0, 2),
+        output_bearing_viscosity=rng.uniform(0, 0.1),
+    )
+
+
+def oracle_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> RubbingGearbox:
+    frictionless = reference_of(gearbox, defects)
+    fields = {name: getattr(frictionless, name) for name in type(frictionless).__dataclass_fields__}
+    return RubbingGearbox(
+        **fields,
+        sleeve_friction=gearbox.sleeve_friction,
+        static_friction=gearbox.sleeve_static_friction or gearbox.sleeve_friction,
+        stribeck_speed=gearbox.stribeck_speed,
+        viscous_friction=gearbox.sleeve_viscous_friction,
+        journal_friction=gearbox.journal_friction,
+        transition_speed=gearbox.friction_transition_speed,
+        bearing_transition=gearbox.bearing_transition_speed,
+        input_coulomb=gearbox.input_bearing_torque,
+        input_viscous=gearbox.input_bearing_viscosity,
+        output_coulomb=gearbox.output_bearing_torque,
+        output_viscous=gearbox.output_bearing_viscosity,
+    )
+
+
+def random_operation(rng: np.random.Generator) -> tuple[State, np.ndarray]:
+    """Near the deflections under 22 Nm, either way round, with sleeves that spin at random."""
+    phi, omega = rng.uniform(-50, 50), rng.choice([-1, 1]) * SPEED
+    angles = reference_of(STEEL, HEALTHY).rest_angles(phi) + LOADED + rng.normal(0, 3e-4, 3)
+    rates = -omega / 15 + rng.normal(0, 1, 3)
+    state = State(phi, omega, rng.normal(0, 260), angles, rates, rng.normal(0, 22))
+    return state, rng.normal(0, 60, N_SLEEVES)
+
+
+def full_state(oracle: RubbingGearbox, state: State, spins: np.ndarray) -> np.ndarray:
+    return np.append(kernel_state(oracle, state), spins)
+
+
+class Spinning(Kernel):
+    """The kernel with the sleeves' accelerations among its results."""
+
+    def rates(self, state: np.ndarray, at: State) -> tuple[np.ndarray, dict[str, Any]]:
+        rates = np.zeros(state.size)
+        torques = np.zeros(2)
+        memory = _kernels.new_memory(N_SLEEVES)
+        z = self.gearbox.n_lobes
+        _kernels.derivatives(
+            at.phi, np.cos(at.phi), np.sin(at.phi), np.cos(at.phi / z), -np.sin(at.phi / z), at.omega,
+            at.alpha, at.load, state, *self.constants, memory, rates, torques,
+        )  # fmt: skip
+        return rates, self(state, at.phi, at.omega, at.alpha, at.load)
+
+
+def drawn(rng: np.random.Generator) -> tuple[CycloidalGearbox, LobeDefects, State, np.ndarray]:
+    defects = LobeDefects.worn(random_lobes(rng), depth=float(rng.choice([1.0, 0.5])))
+    return rubbing(rng), defects, *random_operation(rng)
+
+
+# Against the rubbing bodies ---------------------------------------------------------------------------------
+
+
+def test_kernel_agrees_with_rubbing_bodies() -> None:
+    rng = np.random.default_rng(20)
+    loaded = 0
+    for _ in range(100):
+        gearbox, defects, state, spins = drawn(rng)
+        oracle = oracle_of(gearbox, defects)
+        expected = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        rates, got = Spinning(gearbox, defects).rates(full_state(oracle, state, spins), state)
+        force = max(got["external_force"].max(), got["internal_force"].max(), 1.0)
+        torque = force * gearbox.pin_circle_radius
+        for name, found, unit in (
+            ("theta_acceleration", got["theta_acceleration"], torque / gearbox.wheel_inertia),
+            ("psi_acceleration", got["psi_acceleration"], torque / gearbox.output_inertia),
+            ("spin_acceleration", rates[8:], force * gearbox.pin_radius / gearbox.sleeve_inertia),
+            ("input_torque", got["input_torque"], torque),
+            ("output_torque", got["output_torque"], torque),
+        ):
+            assert np.abs(found - getattr(expected, name)).max() < 1e-9 * unit, name
+        loaded += got["external_force"].max() > 20
+    assert loaded > 80
+
+
+def test_bodies_without_friction_are_the_papers() -> None:
+    rng = np.random.default_rng(21)
+    for _ in range(10):
+        state, spins = random_operation(rng)
+        oracle = oracle_of(STEEL, LobeDefects.worn(3))
+        plain = oracle.accelerations(*state)
+        rubbed = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        assert rubbed.theta_acceleration == pytest.approx(plain.theta_acceleration, rel=1e-9, abs=1e-6)
+        assert rubbed.output_torque == pytest.approx(plain.output_torque, rel=1e-9, abs=1e-8)
+        assert rubbed.input_torque == pytest.approx(plain.input_torque, rel=1e-9, abs=1e-9)
+        assert np.abs(rubbed.spin_acceleration).max() < 1e-7
+        assert rubbed.sleeve_power == rubbed.journal_power == rubbed.bearing_power == 0
+
+
+def normal_power(gearbox: CycloidalGearbox, state: State, got: dict[str, Any]) -> float:
+    """Power in W of the normal forces, which act along lines through the sleeves' centres."""
+    cams = gearbox.eccentricity * np.exp(1j * state.phi) * np.array([[1], [-1]])
+    pins = np.exp(2j * np.pi * np.arange(16) / 16)
+    errors = np.asarray(gearbox.pin_radial_errors) + 1j * np.asarray(gearbox.pin_tangential_errors)
+    outside = (gearbox.pin_circle_radius + errors) * pins
+    inside = gearbox.internal_pitch_radius * np.exp(1j * (state.angles[2] + np.pi / 4 * np.arange(8)))
+    total = 0.0
+    for kind, centres, moving in (
+        ("external_vector", outside, 0 * outside),
+        ("internal_vector", inside, 1j * state.rates[2] * inside),
+    ):
+        vectors = got[kind] @ np.array([1.0, 1j])
+        of_wheel = 1j * state.omega * cams + 1j * state.rates[:2, None] * (centres - cams)
+        total += float((vectors * np.conj(of_wheel - moving)).real.sum())
+    return total
+
+
+def test_power_balances_and_friction_always_dissipates() -> None:
+    """Drive, load, contacts and friction together change the kinetic energy, at any instant.
+
+    What the kernel's accelerations leave for friction is what slip times force gives in the bodies' model.
+    """
+    rng = np.random.default_rng(22)
+    shares = []
+    for _ in range(100):
+        gearbox, defects, state, spins = drawn(rng)
+        oracle = oracle_of(gearbox, defects)
+        rates, got = Spinning(gearbox, defects).rates(full_state(oracle, state, spins), state)
+        kinetic = (
+            2 * gearbox.wheel_mass * gearbox.eccentricity**2 * state.omega * state.alpha
+            + gearbox.wheel_inertia * state.rates[:2] @ got["theta_acceleration"]
+            + gearbox.output_inertia * state.rates[2] * got["psi_acceleration"]
+            + gearbox.sleeve_inertia * spins @ rates[8:]
+        )
+        others = [got["input_torque"] * state.omega, state.load * state.rates[2]]
+        others.append(normal_power(gearbox, state, got))
+        friction = kinetic - sum(others)
+        expected = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        powers = np.array([expected.sleeve_power, expected.journal_power, expected.bearing_power])
+        assert np.all(powers < 0)
+        size = max(map(abs, [kinetic, *others, *powers]))
+        assert friction == pytest.approx(powers.sum(), abs=1e-9 * size)
+        shares.append(-friction / size)
+    assert np.median(shares) > 0.05  # friction is no small part of it
+
+
+def test_friction_points_against_the_slip_at_every_contact() -> None:
+    """On the sleeve along the slip of the wheel against it, so on the wheel against its own slip."""
+    rng = np.random.default_rng(23)
+    rubbing_contacts = 0
+    for _ in range(20):
+        gearbox, defects, state, spins = drawn(rng)
+        found = oracle_of(gearbox, defects).rubbing_accelerations(*state[:5], spins, state.load)
+        for slip, force in zip(found.slip, found.friction, strict=True):
+            assert np.all(slip * force >= 0)
+            rubbing_contacts += np.count_nonzero(slip * force)
+    assert rubbing_contacts > 100
+
+
+# In motion --------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def run(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, duration: float = 0.5) -> SimulationRun:
+    return simulate(gearbox, defects, duration=duration, sampling_rate=1e5, decimation="pick", forces=True)
+
+
+def mean_of_turns(values: np.ndarray, n_turns: int = 2) -> float:
+    return float(values[-n_turns * TURN :].mean())
+
+
+def test_no_friction_means_no_trace_of_it() -> None:
+    """Fields of friction that have no effect leave every bit in its place."""
+    idle = STEEL.replace(stribeck_speed=0.3, friction_transition_speed=0.5, sleeve_inertia=1.0)
+    assert not idle.has_friction
+    plain, other = run(STEEL, LobeDefects.worn(2)), run(idle, LobeDefects.worn(2))
+    for name in ("torque_out", "torque_in", "output_angle", "external_forces", "internal_forces"):
+        assert np.array_equal(getattr(plain, name), getattr(other, name))
+
+
+def test_vanishing_friction_is_no_friction() -> None:
+    """The sleeves then have spins of their own, and the rest goes on as without."""
+    tiny = run(STEEL.replace(sleeve_friction=1e-12))
+    assert tiny.torque_in == pytest.approx(run(STEEL).torque_in, abs=1e-7)
+    assert tiny.torque_out == pytest.approx(run(STEEL).torque_out, abs=1e-7)
+
+
+def rolled(gearbox: CycloidalGearbox, at: State) -> tuple[np.ndarray, dict[str, Any]]:
+    """Spins that the sleeves settle at while the machine's pose and speeds are held, and its forces."""
+    state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
+    kernel = Spinning(gearbox, HEALTHY)
+    for _ in range(8000):
+        rates, got = kernel.rates(state, at)
+        state[8:] += 1e-4 * rates[8:]
+    return state[8:], got
+
+
+def test_free_sleeves_roll_and_braked_ones_slide() -> None:
+    """Without friction on its axle a sleeve takes up the speed at which the wheel's surface passes it."""
+    phi = 1.0
+    # Wheel 1 leads, so that many sleeves have one wheel alone on them.
+    angles = reference_of(STEEL, HEALTHY).rest_angles(phi) + LOADED * [1.0, 0.4, 0.9]
+    at = State(phi, SPEED, 0.0, angles, np.full(3, -SPEED / 15), 22.0)
+    free = STEEL.replace(sleeve_friction=0.1)
+    oracle = oracle_of(free, HEALTHY)
+    spins, got = rolled(free, at)
+    still, rolling = (oracle.rubbing_accelerations(*at[:5], s, 22.0) for s in (np.zeros(N_SLEEVES), spins))
+    found = 0
+    for kind, before, after, spin in zip(
+        ("external_force", "internal_force"), still.slip, rolling.slip, np.split(spins, [16]), strict=True
+    ):
+        alone = (got[kind] > 5) & ((got[kind] > 0).sum(axis=0) == 1)
+        assert np.all(np.abs(before[alone]) > 0.05)  # a sleeve that did not spin would slide
+        assert np.abs(after[alone]).max() < 1e-6
+        # So its surface moves with the wheel's: both sleeves have a radius of 6 mm.
+        expected = before[alone] / 6e-3
+        assert spin[np.nonzero(alone)[1]] == pytest.approx(expected, abs=1e-3)
+        found += alone.sum()
+    assert found > 10
+    braked, _ = rolled(free.replace(journal_friction=1.0), at)
+    assert np.abs(braked[:16]).max() < 0.2 * np.abs(spins[:16]).max()
+
+
+def sliding_power(gearbox: CycloidalGearbox) -> float:
+    """Mean power in W that Coulomb friction would take from the frictionless run if no sleeve spun.
+
+    Virtual work: forces of the frictionless gearbox times sliding speeds, from the record alone.
+    """
+    frictionless = gearbox.replace(sleeve_friction=0.0)
+    record = simulate(
+        frictionless, duration=0.5, sampling_rate=5e3, decimation="pick", forces=True, points=True
+    )
+    assert record.output_angle is not None
+    turns = slice(-2 * TURN // 20, None)
+    phi = record.input_angle[turns, None, None]
+    cams = gearbox.eccentricity * np.exp(1j * phi) * np.array([[1], [-1]])
+    sleeves = np.pi / 4 * np.arange(8) + record.output_angle[turns, None, None]
+    centres = gearbox.internal_pitch_radius * np.exp(1j * sleeves)
+    total = 0.0
+    for kind, moving in (("external", 0.0), ("internal", -1j * SPEED / 15 * centres)):
+        where, force = (getattr(record, f"{kind}_{what}")[turns] for what in ("points", "forces"))
+        of_wheel = 1j * SPEED * cams - 1j * SPEED / 15 * (where - cams)
+        total += float(np.nansum(force * np.abs(of_wheel - moving)) / len(where))
+    return gearbox.sleeve_friction * total
+
+
+def test_input_torque_rises_by_the_work_of_sliding() -> None:
+    """Sleeves too heavy to be spun: coefficient times force times sliding speed, over the input's speed.
+
+    To first order in the coefficient: half the coefficient, half the rest.
+    """
+    base = mean_of_turns(run(CONSERVATIVE).torque_in)
+    rests = []
+    for coefficient in (0.004, 0.002):
+        held = CONSERVATIVE.replace(
+            sleeve_friction=coefficient, sleeve_inertia=1e6, friction_transition_speed=1e-3
+        )
+        rise = mean_of_turns(run(held).torque_in) - base
+        rests.append(rise * SPEED / sliding_power(held) - 1)
+    assert abs(rests[1]) < 0.003
+    assert abs(rests[1]) < 0.7 * abs(rests[0])
+    free = CONSERVATIVE.replace(sleeve_friction=0.1)
+    rolling = mean_of_turns(run(free).torque_in) - base
+    assert 0.01 * sliding_power(free) < rolling * SPEED < 0.15 * sliding_power(free)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_bearings_oppose_the_rotation(direction: int) -> None:
+    """Input: its torque adds to torque_in. Output: sleeves carry load and bearing, divided by the ratio.
+
+    Behind the output's bearing only the load is left, which is what torque_out shows.
+    """
+    loads = {"duration": 0.5, "sampling_rate": 1e5, "decimation": "pick", "load": direction * 22.0}
+
+    def turn(gearbox: CycloidalGearbox, **change: Any) -> SimulationRun:
+        speed = lambda t: direction * SPEED * np.clip(t / 0.2, 0, 1)  # noqa: E731
+        return simulate(gearbox, speed=speed, **loads | change)
+
+    plain = turn(STEEL)
+    base = mean_of_turns(plain.torque_in)
+    assert base * direction > 1
+    at_input = turn(STEEL.replace(input_bearing_torque=0.3, input_bearing_viscosity=1e-3))
+    rise = mean_of_turns(at_input.torque_in) - base
+    assert rise == pytest.approx(direction * (0.3 + 1e-3 * SPEED), rel=1e-4)
+    assert at_input.torque_out == pytest.approx(plain.torque_out, abs=1e-8)
+    at_output = turn(STEEL.replace(output_bearing_torque=1.5, output_bearing_viscosity=0.1))
+    more = 1.5 + 0.1 * SPEED / 15
+    heavier = turn(STEEL, load=direction * (22.0 + more))
+    assert mean_of_turns(at_output.torque_in) == pytest.approx(mean_of_turns(heavier.torque_in), rel=2e-3)
+    assert abs(mean_of_turns(at_output.torque_in)) > abs(base) + 0.9 * more / 15
+    assert mean_of_turns(at_output.torque_out) == pytest.approx(direction * 22, abs=5e-3)
+
+
+def test_brake_sees_no_friction_of_the_output_bearing() -> None:
+    """It lies between gearbox and meter, so the meter shows the load."""
+    braked = STEEL.with_brake(0.02, 1e4, 0.05).replace(output_bearing_torque=1.5)
+    found = simulate(braked, duration=0.8, sampling_rate=1e5, decimation="pick")
+    assert mean_of_turns(found.torque_out, 4) == pytest.approx(22, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "friction",
+    [
+        {"sleeve_friction": 0.1},
+        {"sleeve_friction": 0.25, "sleeve_static_friction": 0.3, "journal_friction": 0.05},
+        {"sleeve_friction": 0.1, "sleeve_viscous_friction": 20.0, "journal_friction": 0.02},
+    ],
+    ids=["dry", "strong", "viscous"],
+)
+def test_stable_for_seven_worn_lobes_at_the_default_transition_speed(friction: dict[str, float]) -> None:
+    """Half the step gives the same: the friction does not chatter."""
+    gearbox = STEEL.replace(**friction)
+    coarse, fine = (
+        simulate(
+            gearbox,
+            LobeDefects.worn(7),
+            duration=0.45,
+            dt=dt,
+            sampling_rate=1e4,
+            decimation="pick",
+            forces=True,
+        )
+        for dt in (1e-5, 5e-6)
+    )
+    settled = slice(3000, None)
+    assert coarse.torque_out[settled].mean() == pytest.approx(22, abs=0.05)
+    for name in ("torque_out", "torque_in"):
+        difference = getattr(coarse, name)[settled] - getattr(fine, name)[settled]
+        assert difference.std() < 0.05 * getattr(fine, name)[settled].std(), name
+    assert coarse.external_forces is not None
+    assert coarse.external_forces.max() < 720
