@@ -13,12 +13,15 @@ module           responsibility
 ``simulation``   from parameters to a run
 ``held_output``  the rig's other mode: torque against deflection with the output held
 ``many``         many runs at once, on several cores
+``audit``        where the energy of a run goes
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     where pins meet wheels, described for a while at a time: likewise
-``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product
+``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product;
+                 ``reference_friction`` lets its sleeves rub
 ===============  ================================================================================
 """
 
+from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.composite import CompositeSimulator
 from cyclofeat.simulators.effects import (
     BearingFriction,
@@ -74,6 +77,7 @@ __all__ = [
     "CycloidalGearbox",
     "CycloidalProfile",
     "Effect",
+    "EnergyAudit",
     "Gain",
     "GearboxLocked",
     "Hum",
@@ -96,6 +100,7 @@ __all__ = [
     "TorqueDeflection",
     "TorqueMeterLowPass",
     "effect_library",
+    "energy_audit",
     "settling_time",
     "simulate",
     "simulate_many",

@@ -295,7 +295,7 @@ def rest_state(gearbox: CycloidalGearbox) -> Float:
 
 
 def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """A number as it is; an array at the sampling rate (joined by straight lines) or a function at ``time``."""
+    """A number as it is, an array at the sampling rate (joined by straight lines), a function at ``time``."""
     if callable(values):
         found = np.asarray(values(time), dtype=float)
         if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
@@ -570,7 +570,7 @@ def _integrated(
 ) -> _Integrated:
     """Run the kernel from ``state``, which stays as it is."""
     torques = np.empty((n_steps, _kernels.N_RESULT))
-    motion = np.empty((kept.size, _kernels.N_STATE))
+    motion = np.empty((kept.size, state.size))
     last_external = np.zeros((2, gearbox.n_pins, 3))
     last_internal = np.zeros((2, gearbox.n_internal_sleeves, 3))
     n_rows = kept.size if forces else 0
