@@ -1,0 +1,223 @@
+"""What the simulator alone would have recorded: the prior of what may differ, and the bank of records."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._files import write_whole
+from cyclofeat.simulators import (
+    AssemblyTolerances,
+    CompositeSimulator,
+    CycloidalGearbox,
+    LobeDefects,
+    Rig,
+    _kernels,
+)
+
+Float = NDArray[np.float64]
+_LAYOUT = 1  # raise it when the bank's content changes for other reasons than the simulator's code
+
+
+@dataclass(frozen=True)
+class NuisancePrior:
+    """What may differ between a measured recording and a simulated one without being a missing effect.
+
+    Start angle and first worn lobe are always random. All values are *assumptions*.
+
+    Parameters
+    ----------
+    tolerances : AssemblyTolerances
+        Spread between assemblies; by default 5 um rms pin errors, speed +-0.3 %, load +-0.5 %, no clearance,
+        no run-out, contact stiffness and damping fixed.
+    defect_counts : sequence of int
+        Counts of worn lobes from which a recording's is drawn, where it is not known.
+    wheels : tuple of tuple of int
+        Wheels that may carry the wear, with equal chances.
+
+    Examples
+    --------
+    >>> NuisancePrior().tolerances.pin_position
+    5e-06
+    """
+
+    tolerances: AssemblyTolerances = field(
+        default_factory=lambda: AssemblyTolerances(
+            pin_position=5e-6, runout=0.0, stiffness=0.0, damping=0.0, load=0.005, speed=0.003,
+            clearance=(0.0, 0.0),
+        )
+    )  # fmt: skip
+    defect_counts: Sequence[int] = tuple(range(8))
+    wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
+
+    def __post_init__(self) -> None:
+        counts = tuple(int(count) for count in self.defect_counts)
+        if not counts or min(counts) < 0:
+            raise ValueError(f"defect_counts must hold whole numbers from 0, got {self.defect_counts!r}")
+        object.__setattr__(self, "defect_counts", counts)
+        for wheels in self.wheels:
+            LobeDefects.worn(0, wheels=wheels)
+
+    def simulator(self, simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CompositeSimulator:
+        """The simulator with this prior as the spread between its assemblies.
+
+        Parameters
+        ----------
+        simulator : CompositeSimulator, Rig, CycloidalGearbox or None
+            A rig keeps its brake, drift and noise; its tolerances are replaced. None: paper B's gearbox.
+        """
+        composite = simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
+        rig = composite.to_rig()
+        return CompositeSimulator(rig.replace(effects=(), tolerances=self.tolerances), rig.effects)
+
+    def draw_defects(self, count: int, n_lobes: int, random: np.random.Generator) -> LobeDefects:
+        """Consecutive worn lobes with a random first one, on random wheels."""
+        first = int(random.integers(n_lobes))
+        wheels = self.wheels[int(random.integers(len(self.wheels)))]
+        return LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels)
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Simulated recordings under the prior.
+
+    Attributes
+    ----------
+    X : ndarray, shape (n, n_samples)
+        Torque in Nm, float32.
+    counts : ndarray of int, shape (n,)
+        Worn lobes of each.
+    input_angle : ndarray, shape (n, 2)
+        Input angle in rad at the first and the last sample.
+    """
+
+    X: NDArray[np.float32] = field(repr=False)
+    counts: NDArray[np.int64] = field(repr=False)
+    input_angle: Float = field(repr=False)
+
+
+def make_bank(
+    simulator: CompositeSimulator | Rig | CycloidalGearbox | None,
+    nuisance: NuisancePrior,
+    counts: Sequence[int] | None = None,
+    *,
+    n: int = 200,
+    n_samples: int = 46_080,
+    sampling_rate: float = 25_600.0,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    cache: str | os.PathLike[str] | None = None,
+) -> Bank:
+    """Simulate recordings under the prior, or take them from the cache.
+
+    Parameters
+    ----------
+    simulator, nuisance
+        What is simulated, and what differs between recordings.
+    counts : sequence of int, optional
+        Counts of worn lobes, gone through in turn; default those of the prior.
+    n : int
+        Number of recordings.
+    n_samples, sampling_rate : int, float
+        Length of each, and its rate in Hz.
+    random_state : int
+        Seed. Recording i depends on it and on i alone.
+    n_jobs : int
+        Number of worker processes.
+    cache : path, optional
+        Folder for banks; the file's name is made of everything above and of the code's version.
+
+    Returns
+    -------
+    Bank
+    """
+    composite = nuisance.simulator(simulator)
+    classes = tuple(int(count) for count in (nuisance.defect_counts if counts is None else counts))
+    file = None
+    if cache is not None:
+        key = _key(composite, nuisance, classes, n_samples, sampling_rate, random_state)
+        file = Path(cache) / f"bank-{key}-{n}.npz"
+        if file.exists():
+            with np.load(file) as stored:
+                return Bank(stored["X"], stored["counts"], stored["input_angle"])
+    work = joblib.Parallel(n_jobs=n_jobs)(
+        joblib.delayed(_record)(
+            composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, random_state, i
+        )
+        for i in range(n)
+    )
+    bank = Bank(
+        X=np.array([torque for torque, _ in work], dtype=np.float32),
+        counts=np.array([classes[i % len(classes)] for i in range(n)]),
+        input_angle=np.array([ends for _, ends in work]),
+    )
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(
+            file, lambda stream: np.savez(stream, X=bank.X, counts=bank.counts, input_angle=bank.input_angle)
+        )
+    return bank
+
+
+def _record(
+    composite: CompositeSimulator,
+    nuisance: NuisancePrior,
+    count: int,
+    n_samples: int,
+    sampling_rate: float,
+    random_state: int,
+    index: int,
+) -> tuple[NDArray[np.float32], tuple[float, float]]:
+    for_defects, for_run = np.random.SeedSequence(random_state, spawn_key=(index,)).spawn(2)
+    rig = composite.base
+    assert isinstance(rig, Rig)
+    defects = nuisance.draw_defects(count, rig.gearbox.n_lobes, np.random.default_rng(for_defects))
+    run = composite.simulate(
+        defects, duration=n_samples / sampling_rate, sampling_rate=sampling_rate, seed=for_run, motion=False
+    )
+    ends = float(run.input_angle[0]), float(run.input_angle[-1])
+    return run.torque_out.astype(np.float32), ends
+
+
+def _key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        description = Path(folder) / "rig.json"
+        composite.to_json(description)
+        text = description.read_text("utf-8")
+    stated = [text, dataclasses.asdict(nuisance), *others, code_version(), _LAYOUT]
+    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def code_version() -> str:
+    """Version of the package and of the compiled kernel's source."""
+    try:
+        stated = version("cyclofeat")
+    except PackageNotFoundError:
+        stated = "source"
+    source = hashlib.sha256(Path(str(_kernels.__file__)).read_bytes()).hexdigest()[:12]
+    return f"{stated}+{source}"
+
+
+def registered(X: NDArray[Any], sampling_rate: float, input_speed_hz: float, n_lobes: int) -> NDArray[Any]:
+    """Windows cut to whole output turns at the nominal speed, the first ones."""
+    turn = n_lobes / input_speed_hz * sampling_rate
+    whole = math.floor(X.shape[1] / turn + 0.01)
+    if whole < 1:
+        raise ValueError(
+            f"X must hold windows of at least one output turn ({turn / sampling_rate:.3g} s), got "
+            f"{X.shape[1] / sampling_rate:.3g} s"
+        )
+    return X[:, : min(round(whole * turn), X.shape[1])]
