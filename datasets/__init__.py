@@ -1,5 +1,6 @@
 """Recordings and published results: file readers, tables of the literature, measured gearbox vibration."""
 
+from cyclofeat.datasets._jelmerv import load_jelmerv_cycloidal
 from cyclofeat.datasets._oedi import load_oedi_gearbox
 from cyclofeat.datasets._published import load_published_tables
 from cyclofeat.datasets._readers import describe_recording, one_line, read_recording, write_recording
@@ -7,6 +8,7 @@ from cyclofeat.datasets._surrogate import make_rig_recording, make_rig_recording
 
 __all__ = [
     "describe_recording",
+    "load_jelmerv_cycloidal",
     "load_oedi_gearbox",
     "load_published_tables",
     "make_rig_recording",

@@ -10,18 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import Bunch
 
+from cyclofeat.datasets._descr import descr
 from cyclofeat.datasets._readers import load_arrays
 
 _FOLDER = Path(__file__).parent / "oedi_gearbox"
 _MINI = "oedi_gearbox_mini_8192.npz"
 _URL = "https://data.openei.org/submissions/623"
 _LABELS = ("recording", "broken_tooth", "load_percent", "channels", "fs_inferred_hz")
-_DESCR = f"""Vibration of a two-stage gearbox, healthy and with a broken tooth, at ten load levels.
-
-Y. Pandya and A. Parey, "Gearbox Fault Diagnosis Data", Open Energy Data Initiative, submission 623, {_URL}.
-Measured; no torque channel, not a cycloidal gearbox. The unit of the acceleration is not documented, and the
-sampling rate is inferred from the mesh line, not stated at the source.
-"""
 
 
 def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
@@ -56,7 +51,7 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
         shaft_hz : float
             Nominal speed of the input shaft, 30 Hz; the motor's slip makes it 29.6 to 29.8 Hz.
         DESCR : str
-            Origin, licence and caveats.
+            Origin, licence, units and what is inferred.
 
     Raises
     ------
@@ -87,13 +82,13 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
                 "datasets/oedi_gearbox of its source tree, give load_oedi_gearbox(path=...); the original "
                 f"recordings are at {_URL}"
             )
-        description = "\n".join(
+        beside = "\n".join(
             (_FOLDER / name).read_text(encoding="utf-8") for name in ("README.md", "LICENSE.md")
         )
     else:
         if not isinstance(path, (str, os.PathLike)):
             raise TypeError(f"path must be a file name, got {path!r}")
-        file, description = Path(path), _DESCR
+        file, beside = Path(path), ""
         if file.is_dir():
             raise ValueError(f"{file} is a directory; give an NPZ file such as {_MINI}")
         if not file.exists():
@@ -111,7 +106,19 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
         sampling_rate=float(arrays["fs_inferred_hz"]),
         sampling_rate_inferred=True,
         shaft_hz=30.0,
-        DESCR=description,
+        DESCR=descr(
+            "Measured vibration of a two-stage gearbox, healthy and with a broken tooth, at ten load levels.",
+            origin=(
+                'Y. Pandya and A. Parey, "Gearbox Fault Diagnosis Data", Open Energy Data Initiative, '
+                f"submission 623, {_URL}. There is no torque channel, and the gearbox is no cycloidal one."
+            ),
+            licence=(
+                "CC BY 4.0 as a catalogue reports it, not confirmed at the publisher; attribution as above."
+            ),
+            units="acceleration in a unit that the source does not document; rates in Hz.",
+            inferred="the sampling rate, from the mesh line; the source does not state it.",
+            more=beside,
+        ),
     )
 
 
