@@ -79,11 +79,12 @@ def summarise(
 
     Notes
     -----
-    Families: the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std, skewness, excess
-    kurtosis, standardised quantiles, share of distinct values, which steps of a converter lower);
+    Families: the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std, skewness,
+    excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter lower);
     third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over the
     floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
-    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by. Levels are in dB of Nm^2.
+    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by.
+    Levels are in dB of Nm^2.
     """
     X = np.asarray(X, dtype=float)
     n = X.shape[1]

@@ -41,7 +41,7 @@ def measured(effects: list[Effect], n: int, seed: int, cache: Path) -> Bank:
 
 @pytest.fixture(scope="module")
 def locator(cache: Path) -> GapLocator:
-    return GapLocator(FS, BASE, n_bank=60, n_permutations=299, cache=cache)
+    return GapLocator(FS, BASE, n_bank=40, n_permutations=199, cache=cache)
 
 
 # Statistics
@@ -174,8 +174,8 @@ def test_no_effect_is_not_flagged(locator: GapLocator, cache: Path) -> None:
     assert min(locator.p_global_.values()) > 0.01
     assert all(row.low <= row.effect <= row.high for row in locator.table_)
     assert all(row.detectable > 0 for row in locator.table_ if row.spread > 0)
-    rate = locator.calibrate_null(60)
-    assert stats.binomtest(round(rate * 60), 60, 0.05, alternative="greater").pvalue > 1e-3
+    rate = locator.calibrate_null(40)
+    assert stats.binomtest(round(rate * 40), 40, 0.05, alternative="greater").pvalue > 1e-3
 
 
 @pytest.mark.parametrize(
