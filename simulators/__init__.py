@@ -13,6 +13,7 @@ module           responsibility
 ``simulation``   from parameters to a run
 ``held_output``  the rig's other mode: torque against deflection with the output held
 ``many``         many runs at once, on several cores
+``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``audit``        where the energy of a run goes
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     where pins meet wheels, described for a while at a time: likewise
@@ -22,6 +23,7 @@ module           responsibility
 """
 
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
+from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign
 from cyclofeat.simulators.composite import CompositeSimulator
 from cyclofeat.simulators.effects import (
     BearingFriction,
@@ -68,6 +70,8 @@ __all__ = [
     "BearingFriction",
     "BrakeRotor",
     "CamRunOut",
+    "Campaign",
+    "CampaignData",
     "Clearance",
     "ClockError",
     "CompositeSimulator",
@@ -99,8 +103,10 @@ __all__ = [
     "SpeedWander",
     "TorqueDeflection",
     "TorqueMeterLowPass",
+    "WorkerLost",
     "effect_library",
     "energy_audit",
+    "load_campaign",
     "settling_time",
     "simulate",
     "simulate_many",

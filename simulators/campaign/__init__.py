@@ -1,0 +1,18 @@
+"""Campaigns: thousands of simulated assemblies, from a declared design to recordings on disk.
+
+============  ==================================================================================
+module        responsibility
+============  ==================================================================================
+``_design``   the design: rig, classes, repeats, explored parameters; which run draws what
+``_run``      one run: torque and a row of labels and true values
+``_workers``  runs on the cores of one machine (joblib) or of many (dask.distributed)
+``_store``    files that appear whole or not at all; shards, their rows, the manifest
+``_load``     a finished campaign, memory-mapped
+============  ==================================================================================
+"""
+
+from cyclofeat.simulators.campaign._design import Campaign, RunPlan
+from cyclofeat.simulators.campaign._load import CampaignData, Shards, load_campaign
+from cyclofeat.simulators.campaign._workers import WorkerLost
+
+__all__ = ["Campaign", "CampaignData", "RunPlan", "Shards", "WorkerLost", "load_campaign"]

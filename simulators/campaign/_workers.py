@@ -1,0 +1,148 @@
+"""Runs on the cores of one machine, or on a Dask cluster; the results in order."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import warnings
+from collections import deque
+from collections.abc import Generator, Iterable
+from typing import Any
+
+import joblib
+
+from cyclofeat.simulators.campaign._design import Campaign, RunPlan
+from cyclofeat.simulators.campaign._run import RunResult, WrongVersion, made_with, simulate_run
+
+# Runs under way or waiting at the workers, per thread of theirs: enough that none waits for another.
+_AHEAD = 4
+_CONNECT_S = 10.0
+# How long a cluster may be without any worker before it counts as lost.
+_NO_WORKER_S = 60.0
+_LOOK_S = 5.0
+_KEPT = "all finished shards are kept: run the same campaign again to go on"
+
+
+class WorkerLost(ConnectionError):
+    """Workers, or the scheduler, died or cannot be reached; what was finished is on disk."""
+
+
+def results(
+    campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: Any = None
+) -> Generator[RunResult, None, None]:
+    """Results of runs in the order of their plans; only a few more are under way than are taken.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    plans : iterable of RunPlan
+    n_jobs : int
+        Number of processes; -1 for all processors.
+    scheduler : str or distributed.Client, optional
+        Dask scheduler whose workers are used instead.
+
+    Raises
+    ------
+    WorkerLost
+        If workers or the scheduler are lost.
+    """
+    if scheduler is None:
+        return _on_this_machine(campaign, plans, n_jobs)
+    return _on_cluster(campaign, plans, scheduler)
+
+
+def _on_this_machine(
+    campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int
+) -> Generator[RunResult, None, None]:
+    workers = joblib.Parallel(n_jobs=n_jobs, prefer="processes", return_as="generator")
+    expected = made_with()
+    made = workers(joblib.delayed(simulate_run)(campaign, plan, expected) for plan in plans)
+    try:
+        yield from made
+    except concurrent.futures.BrokenExecutor as error:
+        raise WorkerLost(
+            f"a worker process died ({type(error).__name__}; killed, or out of memory?); {_KEPT}"
+        ) from error
+    except WrongVersion as error:
+        raise ValueError(str(error)) from None
+    finally:
+        with warnings.catch_warnings():
+            # After an error joblib would warn that the runs still under way are given up.
+            warnings.simplefilter("ignore", UserWarning)
+            made.close()
+
+
+def _on_cluster(
+    campaign: Campaign, plans: Iterable[RunPlan], scheduler: Any
+) -> Generator[RunResult, None, None]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ImportError(
+            "a scheduler needs dask.distributed: pip install 'cyclofeat[cluster]', there and here"
+        ) from None
+    if isinstance(scheduler, Client):
+        yield from _from_client(campaign, plans, scheduler)
+        return
+    if not isinstance(scheduler, str):
+        raise TypeError(f"scheduler must be an address like 'tcp://host:8786' or a Client, got {scheduler!r}")
+    try:
+        client: Any = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise WorkerLost(
+            f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the address "
+            "that 'dask scheduler' prints, like tcp://host:8786"
+        ) from None
+    with client:
+        yield from _from_client(campaign, plans, client)
+
+
+def _from_client(
+    campaign: Campaign, plans: Iterable[RunPlan], client: Any
+) -> Generator[RunResult, None, None]:
+    from distributed import CancelledError, KilledWorker
+    from distributed.comm.core import CommClosedError
+
+    expected = made_with()
+    waiting: deque[Any] = deque()
+    queue = iter(plans)
+    try:
+        ahead = _AHEAD * _n_threads(client)
+        while True:
+            while len(waiting) < ahead and (plan := next(queue, None)) is not None:
+                # Not pure: else a result of an earlier campaign could be taken for this one's.
+                waiting.append(client.submit(simulate_run, campaign, plan, expected, pure=False))
+            if not waiting:
+                return
+            yield _result(client, waiting[0])
+            waiting.popleft()
+    except WrongVersion as error:
+        raise ValueError(str(error)) from None
+    except (KilledWorker, CancelledError, CommClosedError) as error:
+        raise WorkerLost(
+            f"the cluster lost workers or scheduler ({type(error).__name__}); {_KEPT}"
+        ) from error
+    finally:
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            client.cancel(list(waiting), force=True)
+
+
+def _result(client: Any, future: Any) -> RunResult:
+    """Result of one run; a run whose worker died is repeated by the scheduler on another."""
+    while True:
+        try:
+            found: RunResult = future.result(timeout=_LOOK_S)
+            return found
+        except TimeoutError:
+            _n_threads(client)
+
+
+def _n_threads(client: Any, patience_s: float | None = None) -> int:
+    """Threads of all workers; waits some time for the first of them."""
+    patience_s = _NO_WORKER_S if patience_s is None else patience_s
+    if not client.nthreads():
+        try:
+            client.wait_for_workers(1, timeout=patience_s)
+        except TimeoutError:
+            raise WorkerLost(f"the cluster has had no worker for {patience_s:g} s; {_KEPT}") from None
+    return sum(client.nthreads().values()) or 1
