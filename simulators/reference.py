@@ -30,6 +30,7 @@ N_INTERNAL = 8
 HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is no body and comes last
 WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
 RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
+CORRECTIONS = 30  # Newton steps of an initial condition; a handful do
 ABSURD_FORCE = 1e5  # N, assumption: five times what a locked gearbox shows, so the integration has diverged
 
 
@@ -377,6 +378,50 @@ class ReferenceGearbox:
         parents, points = self._mounts
         misfit = at[:HOUSING] - at[parents] - np.exp(1j * angle[parents]) * points
         return np.append(_xy(misfit), angle[INPUT] - phi)
+
+    def corrected(
+        self, coordinates: ArrayLike, velocities: ArrayLike, phi: float, omega: float
+    ) -> tuple[Real, Real]:
+        """Initial conditions that fulfil every joint and the driver, nearest to those given.
+
+        The papers correct the initial conditions of the constraints; coordinates that follow from the three
+        angles (:meth:`coordinates`) need none, values from elsewhere do.
+
+        Parameters
+        ----------
+        coordinates, velocities : array-like of shape (n_coordinates,)
+            u in m and rad, and u' in m/s and rad/s.
+        phi, omega : float
+            Prescribed angle (rad) and speed (rad/s) of the input shaft.
+
+        Returns
+        -------
+        coordinates, velocities : ndarray of shape (n_coordinates,)
+            With Phi(u, t) = 0 and D u' = (0, ..., 0, omega) to rounding, and the smallest change as measured
+            by the mass matrix.
+
+        Raises
+        ------
+        ValueError
+            If the coordinates are not finite or too far from any that fulfil the joints.
+        """
+        u, v = np.array(coordinates, dtype=float), np.array(velocities, dtype=float)
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+            raise ValueError("coordinates and velocities must be finite, got NaN or infinity")
+        inverse_mass = 1 / np.diag(self.mass_matrix)
+        speeds = np.append(np.zeros(2 * self.n_bodies), omega)
+        for _ in range(CORRECTIONS):
+            d = self.jacobian(u)
+            weighted = inverse_mass[:, None] * d.T
+            misfit = self.constraints(u, phi)
+            u -= weighted @ np.linalg.solve(d @ weighted, misfit)
+            if np.abs(misfit).max() < 1e-13:
+                v -= weighted @ np.linalg.solve(d @ weighted, d @ v - speeds)
+                return u, v
+        raise ValueError(
+            f"coordinates must lie near some that fulfil the joints; after {CORRECTIONS} corrections they "
+            f"still miss by {np.abs(misfit).max():.3g}"
+        )
 
     def jacobian(self, coordinates: Real) -> Real:
         """D = dPhi/du of paper B eq. 2, shape (n_constraints, n_coordinates)."""
