@@ -89,7 +89,7 @@ from cyclofeat.simulators._outline import (
 )
 
 # Of _outline.py: numba's cache on disk notices a change of this file only, and would go on with the old one.
-OUTLINE_CHECKSUM = 0xB6754A26
+OUTLINE_CHECKSUM = 0xC8C04BD4
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1

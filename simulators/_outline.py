@@ -522,7 +522,8 @@ def describe(
         second += (
             (curve_1 + 3.0 * cubic) * (ig * ig) * (ig * ig) * steepness * z * cosine_lobe * inverse_ez * ig
         )
-        if not gap < reach:
+        # A coarse polyline stands proud of concave flanks by more than the reach.
+        if not gap < reach and wheel.profile_points == 0:
             continue
         before = 1.0
         beyond = 1.0

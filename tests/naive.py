@@ -5,7 +5,7 @@ Nothing here shares code with the package, and nothing here is fast.
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 
 def hamming_symmetric(n: int) -> list[float]:
@@ -289,3 +289,50 @@ def order_lines(x: Sequence[float], step: float, n_lines: int) -> list[complex]:
         2 / length * sum((x[n] - mean) * cmath.exp(-1j * k * step * n) for n in range(length))
         for k in range(1, n_lines + 1)
     ]
+
+
+def profile_point(t: float, eccentricity: float, n_pins: int, shortening: float, depth: float) -> complex:
+    """Point of a cycloidal wheel at profile parameter ``t``, ``depth`` below the path of pins' centres."""
+    path = eccentricity * n_pins / shortening * cmath.exp(1j * t) + eccentricity * cmath.exp(1j * n_pins * t)
+    tangent = 1j * eccentricity * n_pins / shortening * cmath.exp(1j * t)
+    tangent += 1j * n_pins * eccentricity * cmath.exp(1j * n_pins * t)
+    return path + 1j * depth * tangent / abs(tangent)
+
+
+def pitch_error(t: float, errors: Sequence[float]) -> float:
+    """Angle by which the profile is displaced at ``t``; ``errors`` in rad, one per lobe.
+
+    From tip to pit that of the lobe, from pit to tip on to that of the next one.
+    """
+    n = len(errors)
+    place = t / (2 * math.pi / n)
+    lobe = math.floor(place)
+    share = place - lobe
+    here, following = errors[lobe % n], errors[(lobe + 1) % n]
+    if share < 0.5:
+        return here
+    x = 2 * share - 1
+    return here + (following - here) * (3 * x**2 - 2 * x**3)
+
+
+def distance_to_curve(p: complex, curve: Callable[[float], complex], low: float, high: float) -> float:
+    """Distance from ``p`` to the nearest point of a curve: of 400 points, and of 400 around the best."""
+    nearest = math.inf
+    for _ in range(5):
+        step = (high - low) / 400
+        places = [low + k * step for k in range(401)]
+        distances = [abs(p - curve(place)) for place in places]
+        nearest = min(distances)
+        best = places[distances.index(nearest)]
+        low, high = max(low, best - 2 * step), min(high, best + 2 * step)
+    return nearest
+
+
+def distance_to_polyline(p: complex, corners: Sequence[complex]) -> float:
+    """Distance from ``p`` to the nearest point of a closed polyline, edge by edge."""
+    nearest = math.inf
+    for start, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        along = end - start
+        share = ((p - start) * along.conjugate()).real / abs(along) ** 2
+        nearest = min(nearest, abs(p - start - min(max(share, 0.0), 1.0) * along))
+    return nearest
