@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -595,9 +595,11 @@ def _relaxed(
 ) -> Float:
     """State in which the contacts balance the load at the start, the drive held still.
 
-    Motion is stopped again and again (kinetic damping) until the forces of rest are left.
+    Motion is stopped again and again (kinetic damping) until the forces of rest are left. A brake's heavy
+    rotor would take far too long: the load acts on the output shaft until then, and the meter bears it after.
     """
     n_steps = 10
+    constants = replace(constants, body=constants.body._replace(brake_inertia=0.0))
     held = tuple(np.full(2 * n_steps + 1, value) for value in (course[0][0], 0.0, 0.0, course[3][0]))
     none: NDArray[np.int64] = np.zeros(0, dtype=int)
     for _ in range(_RELAXATION_ROUNDS):
@@ -607,6 +609,8 @@ def _relaxed(
         state[4:] = 0.0
         if np.abs(state - before).max() < 1e-12:
             break
+    if gearbox.brake_inertia > 0:
+        state[3] = state[2] + course[3][0] / gearbox.meter_stiffness
     return state
 
 

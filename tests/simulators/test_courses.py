@@ -1,0 +1,334 @@
+"""Speed and load over time, relaxed starts, the tachometer, and where the sleeves touch."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import naive
+import numpy as np
+import pytest
+from reference_tools import SPEED, Kernel
+
+from cyclofeat.simulators import (
+    CycloidalGearbox,
+    LobeDefects,
+    SimulationRun,
+    simulate,
+)
+from cyclofeat.simulators.simulation import (
+    _driver,
+    _external_points,
+    _relaxed,
+    kernel_input,
+    rest_state,
+)
+
+STEEL = CycloidalGearbox.steel()
+HEALTHY = LobeDefects.healthy()
+RATE = 100_000
+RNG = np.random.default_rng(4)
+DISPLACED = STEEL.replace(
+    pin_radial_errors=RNG.normal(0, 1e-5, 16), pin_tangential_errors=RNG.normal(0, 1e-5, 16)
+)
+
+
+def raw(gearbox: CycloidalGearbox = STEEL, defects: LobeDefects = HEALTHY, **options: Any) -> SimulationRun:
+    return simulate(
+        gearbox, defects, **{"duration": 0.3, "sampling_rate": RATE, "decimation": "pick"} | options
+    )
+
+
+def ramp_of_speed(t: np.ndarray) -> np.ndarray:
+    return SPEED * np.clip(t / 0.2, 0, 1)
+
+
+def ramp_of_load(t: np.ndarray) -> np.ndarray:
+    return 22.0 * np.clip(t / 0.2, 0, 1)
+
+
+# Speed and load ---------------------------------------------------------------------------------------------
+
+
+def test_the_built_in_ramp_as_functions_gives_the_default_run() -> None:
+    """But for the trapezoid rule at the end of the ramp, where the acceleration jumps."""
+    default, given = raw(), raw(speed=ramp_of_speed, load=ramp_of_load)
+    assert given.input_angle == pytest.approx(default.input_angle, abs=1e-8)
+    assert np.all(np.abs(given.torque_out - default.torque_out) < 1e-5)
+    # At the one step where the ramp ends the acceleration is the mean of both sides.
+    assert np.sort(np.abs(given.torque_in - default.torque_in))[-4] < 1e-5
+
+
+def test_numbers_are_reached_over_the_ramp() -> None:
+    """As the gearbox's own values are."""
+    given = raw(speed=40.0, load=10.0)
+    own = raw(STEEL.replace(input_speed=40.0, load_torque=10.0))
+    for name in ("input_angle", "torque_out", "torque_in", "output_speed"):
+        assert np.array_equal(getattr(given, name), getattr(own, name))
+
+
+def test_arrays_are_functions_joined_by_straight_lines() -> None:
+    """One value per sample; a straight course is met exactly, a bent one to the bend between two samples."""
+    rate = 1000.0
+    time = np.arange(301) / rate
+    given = raw(speed=ramp_of_speed, load=ramp_of_load, sampling_rate=rate)
+    arrays = raw(speed=ramp_of_speed(time), load=ramp_of_load(time), sampling_rate=rate)
+    assert arrays.input_angle == pytest.approx(given.input_angle, abs=1e-12)
+    assert arrays.torque_out == pytest.approx(given.torque_out, abs=1e-9)
+
+    def sine(t: np.ndarray) -> np.ndarray:
+        return 2.0 * np.sin(2 * np.pi * 10 * t)
+
+    function, array = (raw(load_fluctuation=f, sampling_rate=rate) for f in (sine, sine(time)))
+    bend = 2.0 * (2 * np.pi * 10 / rate) ** 2 / 8
+    assert np.abs(function.torque_out - array.torque_out).max() < 4 * bend
+    assert np.abs(function.torque_out - raw(sampling_rate=rate).torque_out).max() > 1
+
+
+def test_arrays_without_an_end_are_refused() -> None:
+    with pytest.raises(ValueError, match="load as an array must hold one value per sample of the result"):
+        raw(load=np.full(100, 22.0), sampling_rate=1000.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (
+            lambda t: np.zeros(3),
+            "speed must be a number, an array or a function of time that returns one value",
+        ),
+        (np.zeros((2, 2)), r"speed as an array must have one dimension, got shape (2, 2)"),
+        (lambda t: np.full_like(t, np.nan), "speed must be finite, it gave NaN or infinity"),
+        (math.inf, "speed must be finite"),
+    ],
+)
+def test_impossible_courses_are_refused(value: Any, message: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        raw(speed=value)
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.2])
+def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> None:
+    """phi = integral of ramp(t) (omega + a sin(w t))."""
+    a, w = 3.0, 2 * np.pi * 7
+    gearbox = STEEL.replace(ramp_time=ramp)
+    time = np.arange(60_001) * 5e-6
+    phi, omega, alpha = _driver(
+        gearbox,
+        time,
+        0.25,
+        RATE,
+        None,
+        lambda t: a * np.sin(w * t),  # type: ignore[arg-type]
+    )
+    if ramp == 0:
+        expected = 0.25 + SPEED * time + a / w * (1 - np.cos(w * time))
+        speed, acceleration = SPEED + a * np.sin(w * time), a * w * np.cos(w * time)
+    else:
+        rising = np.minimum(time, ramp)
+        # integral of t sin(w t) = sin(w t)/w^2 - t cos(w t)/w
+        swing = (np.sin(w * rising) / w**2 - rising * np.cos(w * rising) / w) / ramp
+        swing += np.where(time > ramp, (np.cos(w * ramp) - np.cos(w * np.maximum(time, ramp))) / w, 0)
+        steady = np.where(time < ramp, time**2 / (2 * ramp), time - ramp / 2)
+        expected = 0.25 + SPEED * steady + a * swing
+        share = np.clip(time / ramp, 0, 1)
+        speed = share * (SPEED + a * np.sin(w * time))
+        acceleration = np.where(
+            time < ramp,
+            (SPEED + a * np.sin(w * time)) / ramp + share * a * w * np.cos(w * time),
+            a * w * np.cos(w * time),
+        )
+    assert phi == pytest.approx(expected, abs=1e-9)
+    assert omega == pytest.approx(speed, abs=1e-9)
+    smooth = (time > 1e-4) & (np.abs(time - ramp) > 1e-4) & (time < 0.2999)
+    assert alpha[smooth] == pytest.approx(acceleration[smooth], abs=1e-4)
+
+
+def test_fluctuating_speed_reaches_the_machine() -> None:
+    """The input torque holds the wheels' inertia at the cams, 2 m e^2 alpha, and output's divided by z^2."""
+    a, w = 5.0, 2 * np.pi * 7
+    free = STEEL.replace(load_torque=0.0, ramp_time=0.0)
+    swinging = raw(
+        free,
+        speed_fluctuation=lambda t: a * (1 - np.cos(w * t)),
+        load=lambda t: 0.0 * t + 5.0,
+        start="relaxed",
+    )
+    steady = raw(free, load=lambda t: 0.0 * t + 5.0, start="relaxed")
+    settled = slice(8_000, 28_000)
+    time = swinging.time[settled]
+    basis = np.column_stack([np.sin(w * time), np.cos(w * time), np.ones_like(time), time])
+    (found, *_), *_ = np.linalg.lstsq(basis, swinging.torque_in[settled], rcond=None)
+    (own, *_), *_ = np.linalg.lstsq(basis, steady.torque_in[settled], rcond=None)
+    inertia = 2 * STEEL.wheel_mass * STEEL.eccentricity**2
+    inertia += (2 * STEEL.wheel_inertia + STEEL.output_inertia) / 15**2
+    assert found - own == pytest.approx(inertia * a * w, rel=0.03)
+
+
+# Tachometer -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("defects", [HEALTHY, LobeDefects.worn(3)], ids=["healthy", "worn"])
+def test_tachometer_shows_the_derivative_of_the_angle(defects: LobeDefects) -> None:
+    run = raw(defects=defects)
+    assert run.output_angle is not None
+    assert run.output_speed is not None
+    central = (run.output_angle[2:] - run.output_angle[:-2]) * RATE / 2
+    # The third derivative of what the contacts do, and what a step of the midpoint rule is off.
+    away = np.abs(central - run.output_speed[1:-1])[25_000:]
+    assert away.max() < 2e-4
+    assert np.ptp(run.output_speed[25_000:]) > 50 * away.max()
+    assert run.output_speed[25_000:].mean() == pytest.approx(-SPEED / 15, rel=5e-3)
+
+
+def test_motion_is_kept_only_where_asked_for() -> None:
+    run = raw(motion=False, duration=0.01)
+    assert run.output_angle is run.output_speed is run.external_points is run.internal_points is None
+
+
+# Contact points ---------------------------------------------------------------------------------------------
+
+
+def point(t: float) -> complex:
+    return naive.profile_point(t, STEEL.eccentricity, 16, STEEL.shortening, STEEL.pin_radius)
+
+
+def test_contact_points_lie_on_sleeves_and_wheels() -> None:
+    """On the sleeve's circle exactly, and inside the wheel's outline by the penetration that the force tells.
+
+    Wheels are turned by their own deflection, which the record does not hold: read off the kernel's state.
+    """
+    gearbox = DISPLACED.replace(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
+    kernel = Kernel(gearbox, HEALTHY)
+    stiffness = kernel.constants[2].stiffness_factor * gearbox.pin_radius**0.5
+    phi, deflection = 1.1, np.array([1.7e-3, 1.6e-3, 4.1e-3])
+    got = kernel(np.append(deflection, np.zeros(5)), phi)
+    forces = np.concatenate([got["external_force"][..., None], got["external_vector"]], axis=2)
+    places = _external_points(gearbox, forces)
+    pins = np.exp(2j * np.pi * np.arange(16) / 16)
+    centres = pins * (
+        64e-3 + np.array(gearbox.pin_radial_errors) + 1j * np.array(gearbox.pin_tangential_errors)
+    )
+    touching = got["external_force"] > 0
+    assert np.array_equal(touching, np.isfinite(places))
+    assert 8 < touching.sum() < 30
+    assert np.abs(places - centres)[touching] == pytest.approx(6e-3, abs=1e-15)
+    depth = (got["external_force"] / stiffness) ** (2 / 3)
+    for w, j in zip(*np.nonzero(touching), strict=True):
+        theta = -(phi + math.pi) / 15 + w * math.pi + deflection[w]
+        cam = (-1) ** w * STEEL.eccentricity * np.exp(1j * phi)
+        inside = complex((places[w, j] - cam) * np.exp(-1j * theta))
+        t = 2 * math.pi * j / 16 - theta
+        distance = naive.distance_to_curve(inside, point, t - 0.1, t + 0.1)
+        assert distance == pytest.approx(depth[w, j], abs=1e-10)
+
+
+def test_recorded_points_belong_to_the_recorded_forces() -> None:
+    """External: on fixed circles. Internal: on circles that turn with the output; both wheels beside them."""
+    run = raw(points=True, forces=True, duration=0.25, sampling_rate=1e4, defects=LobeDefects.worn(2))
+    assert run.external_points is not None
+    assert run.internal_points is not None
+    assert run.external_forces is not None
+    assert run.internal_forces is not None
+    assert run.output_angle is not None
+    assert np.array_equal(np.isfinite(run.external_points), run.external_forces > 0)
+    assert np.array_equal(np.isfinite(run.internal_points), run.internal_forces > 0)
+    outside = 64e-3 * np.exp(2j * np.pi * np.arange(16) / 16)
+    inside = 36e-3 * np.exp(1j * (np.pi / 4 * np.arange(8) + run.output_angle[:, None, None]))
+    for places, centres in ((run.external_points, outside), (run.internal_points, inside)):
+        away = np.abs(places - centres)
+        assert away[np.isfinite(away)] == pytest.approx(6e-3, abs=2e-9)
+    # An internal sleeve touches its hole about where the cam's direction points from the hole's centre.
+    cams = 2.8e-3 * np.exp(1j * run.input_angle)[:, None] * [1, -1]
+    toward = (run.internal_points - inside) / 6e-3
+    aligned = (toward * np.conj(cams[..., None] / 2.8e-3)).real
+    assert np.nanmax(np.abs(np.abs(aligned) - 1)) < 0.01
+
+
+# Relaxed start ----------------------------------------------------------------------------------------------
+
+
+def relaxed_state(
+    gearbox: CycloidalGearbox, defects: LobeDefects, load: float, phi: float = 0.0
+) -> np.ndarray:
+    course = np.full(3, phi), np.zeros(3), np.zeros(3), np.full(3, load)
+    return _relaxed(gearbox, kernel_input(gearbox, defects), course, 1e-5, rest_state(gearbox))
+
+
+@pytest.mark.parametrize("load", [0.0, 22.0])
+@pytest.mark.parametrize(
+    ("gearbox", "defects"),
+    [
+        (STEEL, HEALTHY),
+        (STEEL, LobeDefects.worn(1)),
+        (DISPLACED, LobeDefects.worn(7)),
+        (DISPLACED.with_brake(0.02, 1e4, 0.05), HEALTHY),
+        (CycloidalGearbox.abs(), LobeDefects.worn(1)),
+    ],
+    ids=["healthy", "lobe 0 pressed in", "pins and worn", "brake", "abs"],
+)
+def test_relaxed_state_is_in_balance(gearbox: CycloidalGearbox, defects: LobeDefects, load: float) -> None:
+    """What accelerations are left would take moments of less than a thousandth of what the contacts bear."""
+    before = Kernel(gearbox, defects)(rest_state(gearbox), 0.0, load=load)
+    state = relaxed_state(gearbox, defects, load)
+    assert np.all(state[4:] == 0)
+    after = Kernel(gearbox, defects)(state, 0.0, load=load)
+    scale = max(before["external_force"].max(), after["external_force"].max(), 1.0) * 64e-3
+    moments = [
+        *after["theta_acceleration"] * gearbox.wheel_inertia,
+        after["psi_acceleration"] * gearbox.output_inertia,
+    ]
+    if gearbox.brake_inertia > 0:
+        moments.append(after["brake_acceleration"] * gearbox.brake_inertia)
+    assert np.abs(moments).max() < 1e-3 * scale
+    assert after["output_torque"] == pytest.approx(load, abs=1e-3 * scale)
+
+
+def held(start: str, worn: int, gearbox: CycloidalGearbox) -> SimulationRun:
+    """The drive stands still under the load: whatever moves comes from the start."""
+    return raw(
+        gearbox,
+        LobeDefects.worn(worn),
+        start=start,
+        duration=0.03,
+        speed=lambda t: 0 * t,
+        load=lambda t: 0 * t + 22,
+    )
+
+
+@pytest.mark.parametrize(("worn", "gearbox"), [(0, STEEL), (1, STEEL), (7, DISPLACED)])
+def test_relaxed_start_does_not_ring(worn: int, gearbox: CycloidalGearbox) -> None:
+    """At angle 0 lobe 0 of either wheel is pressed in by 637 N, which from rest shakes the machine."""
+    assert np.abs(held("relaxed", worn, gearbox).torque_out - 22).max() < 0.05
+    assert np.abs(held("rest", worn, gearbox).torque_out - 22).max() > 15
+
+
+@functools.cache
+def ringing(start: str, worn: int, gearbox: CycloidalGearbox = STEEL) -> float:
+    """Largest change of the output torque from sample to sample in the first 30 ms, in Nm."""
+    run = raw(gearbox, LobeDefects.worn(worn), start=start, duration=0.03)
+    return float(np.abs(np.diff(run.torque_out)).max())
+
+
+@pytest.mark.parametrize(("worn", "gearbox"), [(1, STEEL), (7, DISPLACED)])
+def test_relaxed_start_of_a_run_rings_less(worn: int, gearbox: CycloidalGearbox) -> None:
+    assert ringing("relaxed", worn, gearbox) < 0.25 * ringing("rest", worn, gearbox)
+
+
+def test_relaxed_start_of_an_ideal_gearbox_changes_nothing() -> None:
+    """Nothing is pressed in and no load acts yet."""
+    assert raw(start="relaxed").torque_out == pytest.approx(raw().torque_out, abs=1e-6)
+
+
+def test_both_starts_end_alike() -> None:
+    rest, relaxed = (
+        raw(DISPLACED, LobeDefects.worn(1), start=start, duration=0.5) for start in ("rest", "relaxed")
+    )
+    assert np.abs(rest.torque_out - relaxed.torque_out)[40_000:].max() < 0.01
+
+
+def test_start_must_be_one_that_exists() -> None:
+    with pytest.raises(ValueError, match="start must be 'rest' or 'relaxed', got 'loaded'"):
+        raw(start="loaded")
