@@ -350,26 +350,32 @@ class _Typical:
     """
 
     def __init__(self, features: Float, labels: NDArray[np.intp], folds: StratifiedKFold) -> None:
-        self.components = PCA(min(_COMPONENTS, features.shape[1])).fit(features)
-        points = self.components.transform(features)
-        # Per class: the Gaussian of each fold, and how far the cases lie that it has not seen.
-        self.folds: list[list[tuple[LedoitWolf, Float]]] = [[] for _ in np.unique(labels)]
-        for train, test in folds.split(points, labels):
-            for k, of_class in enumerate(self.folds):
-                fitted = LedoitWolf().fit(points[train][labels[train] == k])
-                of_class.append((fitted, fitted.mahalanobis(points[test][labels[test] == k])))
+        # Per fold: components and Gaussians, and how far the cases of each class lie that they have not seen.
+        # Components too are made without them: those that a sample spreads along most flatter it.
+        self.folds: list[tuple[PCA, list[tuple[LedoitWolf, Float]]]] = []
+        for train, test in folds.split(features, labels):
+            components = PCA(min(_COMPONENTS, features.shape[1])).fit(features[train])
+            known, left_out = (components.transform(features[part]) for part in (train, test))
+            of_class = []
+            for k in np.unique(labels):
+                gaussian = LedoitWolf().fit(known[labels[train] == k])
+                of_class.append((gaussian, gaussian.mahalanobis(left_out[labels[test] == k])))
+            self.folds.append((components, of_class))
 
     def conformal_p(self, features: Float) -> Float:
         """p of each class, shape (n, n_classes)."""
-        points = self.components.transform(features)
-        found = np.empty((len(points), len(self.folds)))
-        for k, of_class in enumerate(self.folds):
-            farther, total = np.zeros(len(points)), 0
-            for gaussian, own in of_class:
-                farther += np.sum(own[None] >= gaussian.mahalanobis(points)[:, None], axis=1)
-                total += own.size
-            found[:, k] = (farther + 1) / (total + 1)
-        return found
+        farther: Float | float = 0.0
+        total = np.zeros(len(self.folds[0][1]))
+        for components, of_class in self.folds:
+            points = components.transform(features)
+            farther = farther + np.column_stack(
+                [
+                    np.sum(own[None] >= gaussian.mahalanobis(points)[:, None], axis=1)
+                    for gaussian, own in of_class
+                ]
+            )
+            total += [own.size for _, own in of_class]
+        return np.asarray((farther + 1) / (total + 1))
 
 
 def _scaled(deviations: Float) -> Float:
