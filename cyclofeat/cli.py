@@ -1,4 +1,4 @@
-"""The ``cyclofeat`` command: simulate, train, count, evaluate, demo."""
+"""The ``cyclofeat`` command: simulate, train, count, evaluate, campaign, demo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__
+from cyclofeat import __version__, _campaign_command
 from cyclofeat._progress import Progress
 
 if TYPE_CHECKING:
@@ -339,6 +339,10 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--data", help="file of the data set, outside a checkout")
     evaluate.add_argument("--folds", type=int, default=5)
     evaluate.add_argument("--seed", type=int, default=0)
+
+    _campaign_command.add_arguments(
+        _command(commands, "campaign", _campaign_command.run, _campaign_command.TEXT)
+    )
 
     demo = _command(commands, "demo", _demo, "train, write surrogate recordings, count them, report")
     demo.add_argument("--out", default="demo", help="folder to write (default: demo)")

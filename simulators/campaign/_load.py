@@ -18,10 +18,10 @@ from cyclofeat.simulators.campaign._store import (
     MANIFEST,
     PARAMETERS,
     digest,
+    digests_name,
     parquet,
     read_design,
     read_manifest,
-    rows_name,
     shard_name,
 )
 
@@ -199,7 +199,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     except (TypeError, ValueError) as error:
         raise ValueError(f"{folder / DESIGN}: {error}") from None
     if not (folder / MANIFEST).is_file():
-        there = sum((folder / rows_name(shard)).is_file() for shard in range(campaign.n_shards))
+        there = sum((folder / digests_name(shard)).is_file() for shard in range(campaign.n_shards))
         raise ValueError(
             f"{folder}: the campaign is not finished, {there} of {campaign.n_shards} shards are there: run "
             "it again to go on"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -13,7 +14,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan, json_bytes
 from cyclofeat.simulators.campaign._run import (
@@ -29,8 +29,6 @@ from cyclofeat.simulators.campaign._run import (
 
 DESIGN, MANIFEST, PARAMETERS = "campaign.json", "manifest.json", "parameters.parquet"
 MANIFEST_FORMAT = "cyclofeat campaign manifest 1"
-# Where a shard's rows state the shard's own digest.
-_DIGEST = b"shard_sha256"
 # Shards whose rows are in memory at once when the table is written.
 _SHARDS_PER_GROUP = 64
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -44,6 +42,11 @@ def shard_name(shard: int) -> str:
 def rows_name(shard: int) -> str:
     """File of a shard's rows."""
     return f"shard-{shard:05d}.parquet"
+
+
+def digests_name(shard: int) -> str:
+    """File that comes last and makes a shard finished: digests of the other two, as sha256sum takes them."""
+    return f"shard-{shard:05d}.sha256"
 
 
 def parquet() -> tuple[Any, Any]:
@@ -89,11 +92,11 @@ def complete(
         for left in folder.glob(".*.part"):
             left.unlink()
         if not (folder / DESIGN).exists():
-            content = {"format": FORMAT, "made_with": made_with(), **campaign.to_dict()}
+            content = {"format": FORMAT, "made_with": _versions(), **campaign.to_dict()}
             write_whole(folder / DESIGN, lambda file: file.write(json_bytes(content)))
+        digests = {shard: _digests_if_whole(folder, shard) for shard in range(campaign.n_shards)}
+        missing = [shard for shard, found in digests.items() if not found]
         stated = _stated(folder)
-        digests = {shard: _digest_if_whole(folder, shard, stated) for shard in range(campaign.n_shards)}
-        missing = [shard for shard, found in digests.items() if found is None]
         if (
             stated
             and not missing
@@ -196,11 +199,17 @@ def _check_folder(campaign: Campaign, folder: Path) -> None:
             f"{folder}: holds a campaign of another design: {difference}; take another folder, or the design "
             f"in {DESIGN}"
         )
-    for difference in differences(versions, made_with()):
+    for difference in differences(versions, _versions()):
         raise ValueError(
             f"{folder}: was begun with other versions: {difference}; finish it with those, or take another "
             "folder"
         )
+
+
+def _versions() -> dict[str, str]:
+    """Versions of all that decides about the bytes of the files; pyarrow writes the tables."""
+    pyarrow, _ = parquet()
+    return {**made_with(), "pyarrow": pyarrow.__version__}
 
 
 def _check_space(campaign: Campaign, folder: Path, missing: list[int]) -> None:
@@ -215,14 +224,14 @@ def _check_space(campaign: Campaign, folder: Path, missing: list[int]) -> None:
 
 
 @contextlib.contextmanager
-def _explained(folder: Path, n_shards: int, digests: Mapping[int, str | None]) -> Iterator[None]:
+def _explained(folder: Path, n_shards: int, digests: Mapping[int, Mapping[str, str]]) -> Iterator[None]:
     """A full disk said in words; other errors as they are."""
     try:
         yield
     except OSError as error:
         if error.errno not in _FULL:
             raise
-        finished = sum(found is not None for found in digests.values())
+        finished = sum(map(bool, digests.values()))
         raise OSError(
             error.errno,
             f"{folder}: the disk is full; {finished} of {n_shards} shards are finished and kept: make room "
@@ -270,8 +279,8 @@ def _counted(
         yield result
 
 
-def _make_shard(campaign: Campaign, folder: Path, shard: int, results: Iterator[RunResult]) -> str:
-    """Torque first, then its rows with its digest: with these the shard counts as finished."""
+def _make_shard(campaign: Campaign, folder: Path, shard: int, results: Iterator[RunResult]) -> dict[str, str]:
+    """Torque, rows, and last their digests, with which the shard counts as finished."""
     size = campaign.shard_size(shard)
     block = np.full((size, campaign.n_samples), np.nan, dtype=np.float32)
     rows = []
@@ -280,43 +289,58 @@ def _make_shard(campaign: Campaign, folder: Path, shard: int, results: Iterator[
         if torque is not None:
             block[position] = torque
         rows.append(row)
-    sha256 = _write_array(folder / shard_name(shard), block)
     pyarrow, tables = parquet()
-    schema = _schema(campaign, {_DIGEST: sha256.encode()})
-    table = pyarrow.Table.from_pylist(rows, schema=schema)
-    write_whole(
-        folder / rows_name(shard), lambda file: tables.write_table(table, file, write_page_checksum=True)
+    table = pyarrow.Table.from_pylist(rows, schema=_schema(campaign))
+    made = {
+        # numpy, given a real file, tells of a full disk without its error number.
+        shard_name(shard): _write_digested(
+            folder / shard_name(shard),
+            lambda file: np.lib.format.write_array(file, block, version=(1, 0), allow_pickle=False),
+        ),
+        rows_name(shard): _write_digested(
+            folder / rows_name(shard), lambda file: tables.write_table(table, file)
+        ),
+    }
+    made[digests_name(shard)] = _write_digested(
+        folder / digests_name(shard), lambda file: file.write(_digest_lines(made))
     )
-    return sha256
+    return made
 
 
-class _Digesting:
-    """A file that knows the SHA-256 of what was written to it."""
+def _digest_lines(digests: Mapping[str, str]) -> bytes:
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in digests.items()).encode()
+
+
+class _Digesting(io.RawIOBase):
+    """A file to write to that knows the SHA-256 of what was written."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self.sha256 = hashlib.sha256()
+
+    def writable(self) -> bool:
+        return True
 
     def write(self, data: Any) -> int:
         self.sha256.update(data)
         return self._file.write(data)
 
 
-def _write_array(path: Path, array: NDArray[np.float32]) -> str:
+def _write_digested(path: Path, write: Callable[[Any], object]) -> str:
+    """As :func:`write_whole`; returns the SHA-256 of what was written."""
     sha256 = ""
 
-    def write(file: IO[bytes]) -> None:
+    def write_to(file: IO[bytes]) -> None:
         nonlocal sha256
-        # Also because numpy, given a real file, tells of a full disk without its error number.
         target = _Digesting(file)
-        np.lib.format.write_array(target, array, version=(1, 0), allow_pickle=False)
+        write(target)
         sha256 = target.sha256.hexdigest()
 
-    write_whole(path, write)
+    write_whole(path, write_to)
     return sha256
 
 
-def _schema(campaign: Campaign, metadata: dict[bytes, bytes] | None = None) -> Any:
+def _schema(campaign: Campaign) -> Any:
     pyarrow, _ = parquet()
     kinds = {
         INTEGER: pyarrow.int64(),
@@ -324,9 +348,7 @@ def _schema(campaign: Campaign, metadata: dict[bytes, bytes] | None = None) -> A
         TEXT: pyarrow.string(),
         INTEGERS: pyarrow.list_(pyarrow.int64()),
     }
-    return pyarrow.schema(
-        [(name, kinds[kind]) for name, kind in columns(campaign).items()], metadata=metadata
-    )
+    return pyarrow.schema([(name, kinds[kind]) for name, kind in columns(campaign).items()])
 
 
 def _stated(folder: Path) -> dict[str, Any]:
@@ -342,43 +364,36 @@ def _is_as_stated(folder: Path, name: str, stated: dict[str, Any]) -> bool:
     return file.is_file() and digest(file) == stated.get(name, {}).get("sha256")
 
 
-def _digest_if_whole(folder: Path, shard: int, stated: dict[str, Any]) -> str | None:
-    """SHA-256 of a shard that is finished and, with its rows, unchanged; None for any other."""
-    pyarrow, tables = parquet()
-    torque, rows = folder / shard_name(shard), folder / rows_name(shard)
-    if not (torque.is_file() and rows.is_file()):
-        return None
-    if stated and not _is_as_stated(folder, rows.name, stated):
-        return None
-    try:
-        table = tables.read_table(rows, page_checksum_verification=True)
-        sha256: str = table.schema.metadata[_DIGEST].decode()
-    except (pyarrow.ArrowException, OSError, KeyError, TypeError):  # damaged
-        return None
-    return sha256 if digest(torque) == sha256 else None
+def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
+    """Digests of a shard's files if they are all there and unchanged; else nothing."""
+    names = [shard_name(shard), rows_name(shard), digests_name(shard)]
+    if not all((folder / name).is_file() for name in names):
+        return {}
+    found = {name: digest(folder / name) for name in names}
+    lines = _digest_lines({name: found[name] for name in names[:2]})
+    return found if (folder / names[2]).read_bytes() == lines else {}
 
 
-def _finish(campaign: Campaign, folder: Path, digests: Mapping[int, str | None]) -> None:
+def _finish(campaign: Campaign, folder: Path, digests: Mapping[int, Mapping[str, str]]) -> None:
     """Table of all rows, and the manifest, which comes last: with it the campaign is whole."""
-    _, tables = parquet()
+    pyarrow, tables = parquet()
 
     def write(file: IO[bytes]) -> None:
         with tables.ParquetWriter(file, _schema(campaign)) as writer:
             for first in range(0, campaign.n_shards, _SHARDS_PER_GROUP):
                 group = range(first, min(first + _SHARDS_PER_GROUP, campaign.n_shards))
-                writer.write_table(_joined([tables.read_table(folder / rows_name(shard)) for shard in group]))
+                parts = [tables.read_table(folder / rows_name(shard)) for shard in group]
+                writer.write_table(pyarrow.concat_tables(parts).combine_chunks())
 
     write_whole(folder / PARAMETERS, write)
     status = tables.read_table(folder / PARAMETERS, columns=["status"]).column("status")
     counts = {item["values"]: item["counts"] for item in status.value_counts().to_pylist()}
     files = {name: digest(folder / name) for name in (DESIGN, PARAMETERS)}
     for shard in range(campaign.n_shards):
-        torque = digests[shard]
-        assert torque is not None
-        files |= {shard_name(shard): torque, rows_name(shard): digest(folder / rows_name(shard))}
+        files |= digests[shard]
     manifest = {
         "format": MANIFEST_FORMAT,
-        "made_with": made_with(),
+        "made_with": _versions(),
         "source": "surrogate",
         "n_runs": campaign.n_runs,
         "n_samples": campaign.n_samples,
@@ -391,11 +406,6 @@ def _finish(campaign: Campaign, folder: Path, digests: Mapping[int, str | None])
         },
     }
     write_whole(folder / MANIFEST, lambda file: file.write(json_bytes(manifest)))
-
-
-def _joined(tables: list[Any]) -> Any:
-    pyarrow, _ = parquet()
-    return pyarrow.concat_tables([table.replace_schema_metadata(None) for table in tables]).combine_chunks()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,0 +1,867 @@
+"""Campaigns: the design drawn as declared, the same bytes for any workers, and nothing lost whatever dies."""
+
+from __future__ import annotations
+
+import contextlib
+import doctest
+import errno
+import fcntl
+import itertools
+import json
+import math
+import os
+import pickle
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+
+from cyclofeat.simulators import (
+    Campaign,
+    CompositeSimulator,
+    CycloidalGearbox,
+    Hum,
+    LobeDefects,
+    Quantisation,
+    Rig,
+    WorkerLost,
+    load_campaign,
+)
+from cyclofeat.simulators.campaign import Shards, _design, _load, _run, _store, _workers
+from cyclofeat.simulators.campaign._parameters import parameter_names, with_values
+from cyclofeat.simulators.campaign._run import RunResult, simulate_run
+
+# Starts fast, hence settles fast: a run takes a hundredth of a second.
+QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
+SMALL = Campaign(
+    name="small",
+    rig=QUICK,
+    defect_counts=(0, 2, 5),
+    repeats=5,
+    duration_s=0.02,
+    depth=(0.3, 1.0),
+    parameters={"load_torque": (15.0, 25.0)},
+    runs_per_shard=4,
+)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder, hidden ones too."""
+    return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """SMALL, made in one go in this process; not to be changed."""
+    folder = tmp_path_factory.mktemp("campaign") / "whole"
+    SMALL.run(folder)
+    return folder
+
+
+@pytest.fixture
+def copied(whole: Path, tmp_path: Path) -> Path:
+    """A copy of SMALL that a test may damage."""
+    return Path(shutil.copytree(whole, tmp_path / "copy"))
+
+
+# The design.
+
+
+def test_classes_come_in_turn_and_more_repeats_append() -> None:
+    plans = list(SMALL.plans())
+    assert [plan.run for plan in plans] == list(range(15))
+    assert [plan.defect_count for plan in plans] == [0, 2, 5] * 5
+    assert list(SMALL.replace(repeats=9).plans())[:15] == plans
+    assert len({plan.values["load_torque"] for plan in plans}) == 15
+
+
+@pytest.mark.parametrize("design", ["sobol", "random"])
+@pytest.mark.parametrize(("first", "n_runs"), [(0, 1), (1, 3), (4, 4), (13, 2), (14, 9)])
+def test_a_plan_is_the_same_wherever_one_begins(design: str, first: int, n_runs: int) -> None:
+    campaign = SMALL.replace(design=design)
+    assert list(campaign.plans(first, n_runs)) == list(campaign.plans())[first : first + n_runs]
+
+
+def strata(values: list[float], low: float, high: float) -> list[int]:
+    """Which of as many equal parts of the range each value lies in, sorted."""
+    return sorted(int((value - low) / (high - low) * len(values)) for value in values)
+
+
+def test_each_class_fills_every_range_evenly() -> None:
+    # Sobol': of 2^k points exactly one lies in each 2^k-th of every range. Were one sequence shared by the
+    # eight classes, those of a class would all lie in one eighth of the first.
+    campaign = Campaign(
+        repeats=32, depth=(0.2, 1.0), parameters={"load_torque": (10, 30), "noise_nm": (0.01, 10, "log")}
+    )
+    for count in campaign.defect_counts:
+        values = [plan.values for plan in campaign.plans() if plan.defect_count == count]
+        assert strata([v["load_torque"] for v in values], 10, 30) == list(range(32))
+        assert strata([math.log10(v["noise_nm"]) for v in values], -2, 1) == list(range(32))
+        assert strata([v["depth"] for v in values], 0.2, 1.0) == list(range(32))
+
+
+def test_a_random_design_is_uniform_and_classes_are_independent() -> None:
+    campaign = Campaign(
+        defect_counts=(0, 1), repeats=500, design="random", parameters={"load_torque": (0, 1)}
+    )
+    healthy, worn = (
+        np.array([plan.values["load_torque"] for plan in campaign.plans() if plan.defect_count == count])
+        for count in (0, 1)
+    )
+    for values in (healthy, worn):
+        # Largest distance of the distribution from the straight line: above 1.95/sqrt(n) once in 1000.
+        distance = np.abs(np.sort(values) - (np.arange(500) + 0.5) / 500).max()
+        assert distance < 1.95 / math.sqrt(500)
+    assert abs(np.corrcoef(healthy, worn)[0, 1]) < 0.15
+
+
+def test_name_and_seed_make_other_assemblies() -> None:
+    first = [plan.values for plan in SMALL.plans()]
+    for other in (SMALL.replace(seed=1), SMALL.replace(name="other")):
+        assert [plan.values for plan in other.plans()] != first
+        assert other.seed_of(3).generate_state(2).tolist() != SMALL.seed_of(3).generate_state(2).tolist()
+
+
+def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
+    # The way by hand: the rig edited field by field, the seed from its definition.
+    rig = Rig.r1().replace(
+        gearbox=CycloidalGearbox.steel(ramp_time=0.02),
+        effects=[Quantisation(0.05), Hum((0.1, 0.2)), Hum(0.0)],
+    )
+    ranges = {
+        "load_torque": (15, 25),
+        "clearance": (1e-6, 2e-5),
+        "brake_inertia": (1e-4, 2e-4),
+        "noise_nm": (0.0, 0.1),
+        "tolerances.pin_position": (1e-6, 1e-5),
+        "effects.hum_2.amplitude_nm": (0.5, 1.0),
+    }
+    campaign = Campaign(
+        name="c", rig=rig, defect_counts=(3,), repeats=2, lobes="random", wheels=(1,), depth=(0.3, 0.9),
+        duration_s=0.02, parameters=ranges, seed=7,
+    )  # fmt: skip
+    plan = list(campaign.plans())[1]
+    torque, row = simulate_run(campaign, plan)
+    values = plan.values
+    clearance, inertia = values["clearance"], values["brake_inertia"]
+    edited = rig.replace(
+        gearbox=CycloidalGearbox.steel(ramp_time=0.02, load_torque=values["load_torque"]),
+        tolerances=rig.tolerances.__class__(
+            clearance=(clearance, clearance), pin_position=values["tolerances.pin_position"]
+        ),
+        brake_inertia=(inertia, inertia),
+        noise_nm=values["noise_nm"],
+        effects=[Quantisation(0.05), Hum((0.1, 0.2)), Hum(values["effects.hum_2.amplitude_nm"])],
+    )
+    seed = np.random.SeedSequence([7, ord("c")], spawn_key=(1,))
+    defects = LobeDefects.worn(row["worn_lobes"], wheels=(1,), depth=values["depth"])
+    run = CompositeSimulator(edited).simulate(defects, duration=0.02, seed=seed)
+    assert torque is not None
+    assert torque.dtype == np.float32
+    np.testing.assert_array_equal(torque, run.torque_out.astype(np.float32))
+    assert row["true_load_nm"] == run.gearbox.load_torque
+    assert row["true_speed_rpm"] == pytest.approx(run.gearbox.input_speed * 30 / math.pi, abs=1e-6)
+    assert row["brake_inertia_kg_m2"] == inertia
+    assert row["clearance_m"] == clearance
+    assert row["start_angle_rad"] == pytest.approx(run.input_angle[0] % (30 * math.pi))
+    assert row["depth"] == values["depth"]
+    assert row["wheels"] == [1]
+    assert len(set(row["worn_lobes"])) == 3
+    _, (hum, other, _) = CompositeSimulator(edited).assemble(seed)
+    assert 0.1 <= row["effects.hum.amplitude_nm"] == hum.amplitude_nm <= 0.2
+    assert row["effects.hum_2.amplitude_nm"] == other.amplitude_nm == values["effects.hum_2.amplitude_nm"]
+    assert row["design.effects.hum_2.amplitude_nm"] == values["effects.hum_2.amplitude_nm"]
+
+
+def test_patterns_of_wear() -> None:
+    def worn(**changes: object) -> list[tuple[list[int], list[int]]]:
+        campaign = SMALL.replace(defect_counts=(3,), repeats=150, depth=1.0, **changes)
+        found = (_run._defects(campaign, plan) for plan in campaign.plans())
+        return [(list(defects.worn_lobes), list(defects.wheels)) for defects in found]
+
+    neighbours = {tuple(sorted((first + k) % 15 for k in range(3))) for first in range(15)}
+    consecutive = worn()
+    assert {tuple(lobes) for lobes, _ in consecutive} == neighbours
+    assert {tuple(wheels) for _, wheels in consecutive} == {(0,), (0, 1)}
+    scattered = worn(lobes="random", wheels=(0, 1))
+    assert not {tuple(lobes) for lobes, _ in scattered} <= neighbours
+    assert all(len(set(lobes)) == 3 and wheels == [0, 1] for lobes, wheels in scattered)
+
+
+def test_every_parameter_that_is_offered_changes_the_rig() -> None:
+    rig = Rig.r1().replace(effects=[Hum(0.1), Hum(0.2)])
+    names = parameter_names(rig)
+    assert len(set(names)) == len(names) > 40
+    for name in names:
+        *_, own = name.split(".")
+        of = rig.tolerances if name.startswith("tolerances.") else rig.gearbox
+        nominal = getattr(of, own, 0.0) if not name.startswith("effects.") else getattr(Hum(0.1), own)
+        value = 0.99 * nominal if isinstance(nominal, float) and nominal else 0.0123
+        if name in ("pin_clearance", "clearance"):
+            value = 1e-5
+        here = with_values(rig, {name: value})
+        assert here != rig, name
+        assert with_values(here, {name: value}) == here
+    assert with_values(rig, {}) == rig
+
+
+# The description.
+
+
+def test_json_gives_the_design_back(tmp_path: Path) -> None:
+    rig = Rig.r2().replace(name="mine", effects=[Hum((0.1, 0.3)), Quantisation(0.05)])
+    campaign = Campaign(
+        name="Lauf Ä", rig=rig, defect_counts=(5, 0), wheels=(1, 0), depth=(0.1, 0.5), seed=2**40,
+        parameters={"load_torque": (15, 25), "effects.hum.amplitude_nm": (0.1, 1, "log")}, design="random",
+    )  # fmt: skip
+    campaign.to_json(tmp_path / "design.json")
+    again = Campaign.from_json(tmp_path / "design.json")
+    assert again == campaign
+    assert again.wheels == (0, 1)
+    assert pickle.loads(pickle.dumps(campaign)) == campaign
+    assert Campaign.from_dict({"rig": "r2"}).rig == Rig.r2()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[1]", "must hold a JSON object"),
+        ('{"repeat": 3}', "unknown key 'repeat' with value 3: did you mean 'repeats'?"),
+        ('{"repeats": 3, "repeats": 4}', "key 'repeats' must stand only once"),
+        ('{"format": "cyclofeat campaign 9"}', "format must be 'cyclofeat campaign 1', got"),
+        ('{"rig": {"noise": 1}}', "rig: unknown key 'noise' with value 1: did you mean 'noise_nm'?"),
+        ('{"rig": "R9"}', r"rig must be one of \('R0', 'R1', 'R2'\) or a Rig, got 'R9'"),
+        ('{"repeats": 0}', "repeats must be at least 1, got 0"),
+        ('{"repeats": 2.5}', "repeats must be a whole number, got 2.5"),
+        ('{"seed": -1}', "seed must be at least 0, got -1"),
+        ('{"name": ""}', "name must be a line of printable text, got ''"),
+        ('{"defect_counts": [1, 1]}', "defect_counts must be distinct"),
+        ('{"defect_counts": [16]}', "defect_counts must be at most 15, got 16"),
+        ('{"defect_counts": 3}', "defect_counts must be several whole numbers"),
+        ('{"lobes": "all"}', "lobes must be one of"),
+        ('{"design": "grid"}', r"design must be one of \('sobol', 'random'\), got 'grid'"),
+        ('{"wheels": [2]}', "wheels must be 'random'"),
+        ('{"depth": 0}', "depth must lie above 0 and up to 1"),
+        ('{"depth": [0.5, 0.2]}', "depth must lie above 0 and up to 1"),
+        ('{"depth": NaN}', "depth must be a number or a pair"),
+        ('{"duration_s": -1}', "duration_s must be positive"),
+        ('{"duration_s": 1e-6}', "duration_s must hold at least 2 samples at 25600 Hz, got 1e-06"),
+        ('{"parameters": [1]}', "parameters must be a mapping"),
+        ('{"parameters": {"load_torqe": [1, 2]}}', "unknown parameter 'load_torqe' .* 'load_torque'"),
+        ('{"parameters": {"load_torque": [2, 1]}}', "with low <= high"),
+        ('{"parameters": {"load_torque": [0, 1, "log"]}}', 'above 0 for "log"'),
+        ('{"parameters": {"load_torque": [1, 2, "lin"]}}', r"must be \(low, high\) or"),
+        ('{"parameters": {"load_torque": 3}}', r"must be \(low, high\) or"),
+        ('{"parameters": {"load_torque": [-1, 2]}}', "load_torque must not be negative, got -1.0"),
+        ('{"parameters": {"shortening": [0.5, 2]}}', "shortening must lie between 0 and 1, got 2.0"),
+        ('{"parameters": {"depth": [0.1, 1]}}', "parameters must not hold 'depth'"),
+        ('{"parameters": {"pin_radial_errors": [0, 1]}}', "explore tolerances.pin_position instead"),
+        ('{"rig": "R0", "parameters": {"brake_inertia": [1, 2]}}', "needs a rig with a brake"),
+        ('{"parameters": {"effects.hum.amplitude_nm": [0, 1]}}', "unknown parameter 'effects.hum.ampl"),
+        ('{"parameters": {"n_pins": [10, 20]}}', "unknown parameter 'n_pins'"),
+        ('{"repeats": 3', "is not valid JSON"),
+        ("[" * 100_000, "nested too deeply"),
+    ],
+)  # fmt: skip
+def test_a_wrong_description_is_named(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "design.json"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=f"design.json: .*{message}"):
+        Campaign.from_json(path)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.json: no such file"):
+        Campaign.from_json(tmp_path / "none.json")
+    (tmp_path / "latin.json").write_bytes(b'{"name": "\xe4"}')
+    with pytest.raises(ValueError, match=r"latin\.json: is not text in UTF-8"):
+        Campaign.from_json(tmp_path / "latin.json")
+
+
+# On disk.
+
+
+@pytest.mark.parametrize("backend", ["loky", "threading"])
+def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: str) -> None:
+    calls: list[tuple[int, int]] = []
+    with joblib.parallel_config(backend=backend):
+        SMALL.run(tmp_path / "two", n_jobs=2, progress=lambda done, total: calls.append((done, total)))
+    assert contents(tmp_path / "two") == contents(whole)
+    assert calls == [(done, 15) for done in range(1, 16)]
+
+
+def test_what_lies_on_disk(whole: Path) -> None:
+    assert sorted(contents(whole)) == sorted(
+        ["campaign.json", "manifest.json", "parameters.parquet"]
+        + [f"shard-{shard:05d}.{kind}" for shard in range(4) for kind in ("npy", "parquet", "sha256")]
+    )
+    blocks = [np.load(whole / f"shard-{shard:05d}.npy") for shard in range(4)]
+    assert [block.shape for block in blocks] == [(4, 512)] * 3 + [(3, 512)]
+    expected = np.array([simulate_run(SMALL, plan).torque for plan in SMALL.plans()])
+    np.testing.assert_array_equal(np.concatenate(blocks), expected)
+    table = parquet.read_table(whole / "parameters.parquet")
+    rows = [row for s in range(4) for row in parquet.read_table(whole / f"shard-{s:05d}.parquet").to_pylist()]
+    assert table.to_pylist() == rows
+    assert rows == [simulate_run(SMALL, plan).row for plan in SMALL.plans()]
+    assert Campaign.from_json(whole / "campaign.json") == SMALL
+    manifest = json.loads((whole / "manifest.json").read_text())
+    assert manifest["status"] == {"ok": 15}
+    assert manifest["source"] == "surrogate"
+    assert {"cyclofeat", "numpy", "numba"} <= set(manifest["made_with"])
+    digests = subprocess.run(
+        ["sha256sum", *manifest["files"]], cwd=whole, capture_output=True, text=True, check=True
+    ).stdout
+    subprocess.run(["sha256sum", "--check", *sorted(whole.glob("*.sha256"))], cwd=whole, check=True)
+    stated = "".join(f"{file['sha256']}  {name}\n" for name, file in manifest["files"].items())
+    assert digests == stated
+
+
+def test_load_gives_windows_labels_groups_and_parameters(whole: Path) -> None:
+    data = load_campaign(whole, verify=True)
+    assert data.X.shape == (15, 512)
+    assert data.y.tolist() == [0, 2, 5] * 5
+    assert len(set(data.groups)) == 15
+    assert data.ok.all()
+    assert data.campaign == SMALL
+    frame = data.parameters
+    assert frame["defect_count"].tolist() == data.y.tolist()
+    assert [len(lobes) for lobes in frame["worn_lobes"]] == data.y.tolist()
+    assert (frame["depth"][data.y == 0] == 0).all()
+    assert frame["depth"][data.y > 0].between(0.3, 1.0).all()
+    # The load is that explored, within the assembly's 3 %, and the torque's mean is near it.
+    assert (abs(frame["true_load_nm"] / frame["design.load_torque"] - 1) <= 0.03).all()
+    quiet = load_campaign(whole)
+    np.testing.assert_array_equal(np.asarray(quiet.X), np.asarray(data.X))
+
+
+def test_without_pandas_parameters_are_arrays(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = load_campaign(whole).parameters
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    arrays = load_campaign(whole).parameters
+    assert isinstance(arrays, dict)
+    assert list(arrays) == list(frame.columns)
+    np.testing.assert_array_equal(arrays["true_load_nm"], frame["true_load_nm"])
+
+
+def test_one_shard_is_a_memmap(tmp_path: Path) -> None:
+    data = SMALL.replace(repeats=1, runs_per_shard=3).run(tmp_path / "one")
+    assert isinstance(data.X, np.memmap)
+    assert data.X.shape == (3, 512)
+
+
+KEYS = [
+    0, -1, 14, np.int64(7), slice(None), slice(2, 9), slice(None, None, -3), slice(20, 30), [3, 3, 14, 0],
+    np.array([11, 2]), np.arange(15) % 4 == 1, (slice(3, 8), 5), (2, slice(0, 512, 100)), (4, 9),
+    ([8, 1], slice(5, 9)), (slice(1, 3), [0, 5, 7]), np.array([], dtype=int), (slice(None), -1),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("key", KEYS, ids=str)
+def test_shards_index_as_one_array(whole: Path, key: object) -> None:
+    shards = load_campaign(whole).X
+    assert isinstance(shards, Shards)
+    array = np.concatenate([np.load(path) for path in shards.paths])
+    np.testing.assert_array_equal(shards[key], array[key])
+    assert np.shape(shards[key]) == array[key].shape
+
+
+def test_shards_are_read_on_demand(whole: Path) -> None:
+    shards = load_campaign(whole).X
+    array = np.asarray(shards)
+    assert (len(shards), shards.ndim, shards.dtype, shards.nbytes) == (15, 2, np.float32, array.nbytes)
+    assert isinstance(shards[5], np.memmap)
+    np.testing.assert_array_equal(list(shards), array)
+    assert np.asarray(shards, dtype=np.float64).dtype == np.float64
+    for wrong in (15, -16):
+        with pytest.raises(IndexError, match=f"row {wrong} is out of bounds for 15 rows"):
+            shards[wrong]
+    for wrong_key in ((0, 1, 2), None, Ellipsis, np.zeros((2, 2), dtype=int)):
+        with pytest.raises(IndexError, match="Shards take"):
+            shards[wrong_key]
+    with pytest.raises(ValueError, match="always a copy"):
+        np.asarray(shards, copy=False)
+
+
+def test_shards_serve_a_grouped_cross_validation(whole: Path) -> None:
+    from sklearn.model_selection import StratifiedGroupKFold, cross_val_score
+    from sklearn.tree import DecisionTreeClassifier
+
+    data = load_campaign(whole)
+    folds = StratifiedGroupKFold(3, shuffle=True, random_state=0)
+    splits = list(folds.split(np.zeros(15), data.y, data.groups))
+    tree = DecisionTreeClassifier(random_state=0)
+    scores = cross_val_score(tree, np.asarray(data.X), data.y, cv=splits)
+    by_shards = [tree.fit(data.X[a], data.y[a]).score(data.X[b], data.y[b]) for a, b in splits]
+    assert by_shards == scores.tolist()
+
+
+def test_a_failed_run_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    stiff = Rig.r0().replace(name="stiff", gearbox=CycloidalGearbox.steel(ramp_time=0.0))
+    campaign = SMALL.replace(
+        rig=stiff,
+        defect_counts=(0, 1),
+        repeats=4,
+        depth=1.0,
+        parameters={"stiffness_scale": (0.01, 1000, "log")},
+    )
+    data = campaign.run(tmp_path / "stiff")
+    frame = data.parameters
+    status = frame["status"].to_numpy()
+    assert 0 < data.ok.sum() < 8
+    assert set(status) <= {"ok", "diverged", "locked"}
+    assert data.manifest["status"] == {name: int((status == name).sum()) for name in sorted(set(status))}
+    torque = np.asarray(data.X)
+    assert np.isfinite(torque[data.ok]).all()
+    assert np.isnan(torque[~data.ok]).all()
+    assert all("t = " in reason and "sleeve" in reason for reason in frame["reason"][~data.ok])
+    assert (frame["reason"][data.ok] == "").all()
+    # What is known of an assembly is there although the run failed, its start angle apart.
+    assert frame["true_load_nm"].between(21, 23).all()
+    assert frame["start_angle_rad"].isna().tolist() == (~data.ok).tolist()
+    assert data.y.tolist() == [0, 1] * 4
+
+
+def test_values_that_contradict_each_other_are_a_row_too(tmp_path: Path) -> None:
+    # The smallest damping would take longer than a minute to settle; the middle does not.
+    rig = Rig.r1().replace(gearbox=CycloidalGearbox.steel(ramp_time=0.02, contact_damping=0.0))
+    campaign = SMALL.replace(
+        rig=rig, defect_counts=(0,), repeats=4, depth=1.0,
+        parameters={"meter_damping_ratio": (1e-8, 0.2, "log")},
+    )  # fmt: skip
+    data = campaign.run(tmp_path / "damping")
+    invalid = (data.parameters["status"] == "invalid").to_numpy()
+    np.testing.assert_array_equal(invalid, data.parameters["settling_s"] > 60)
+    assert 0 < invalid.sum() < 4
+    assert data.parameters["reason"][invalid].str.contains("must have more damping").all()
+
+
+def test_a_design_of_which_nothing_can_be_simulated_is_refused(tmp_path: Path) -> None:
+    campaign = SMALL.replace(sampling_rate=200_000.0)
+    with pytest.raises(
+        ValueError, match=r"not even in the middle of its ranges: sampling_rate must not exceed"
+    ):
+        campaign.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+# Resuming.
+
+
+def quick_results(plans):  # type: ignore[no-untyped-def]
+    """In place of the simulator: for tests of what happens to the files."""
+    for plan in plans:
+        torque = np.random.default_rng(plan.run).normal(size=SMALL.n_samples).astype(np.float32)
+        row = {"run": plan.run, "assembly": SMALL.assembly_of(plan.run), "defect_count": plan.defect_count}
+        yield RunResult(torque, {**row, "status": "ok", "reason": "", "worn_lobes": [], "wheels": []})
+
+
+class Crash(BaseException):
+    """As if the process ended here."""
+
+
+def test_a_crash_at_any_write_loses_at_most_one_shard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _store.complete(SMALL, tmp_path / "whole", quick_results)
+    expected = contents(tmp_path / "whole")
+    write_whole = _store.write_whole
+    n_writes = 1 + 3 * SMALL.n_shards + 2  # design, shards with their rows, table, manifest
+    # Before the file is written, with half of it written beside, and with its name already given.
+    for crash_at, moment in itertools.product(range(n_writes), ("before", "within", "after")):
+        folder, seen = tmp_path / f"{crash_at}-{moment}", itertools.count()
+
+        def dying(path: Path, write, crash_at=crash_at, moment=moment, seen=seen):  # type: ignore[no-untyped-def]
+            if next(seen) != crash_at:
+                return write_whole(path, write)
+            if moment == "within":
+                path.with_name(f".{path.name}.part").write_bytes(b"half of it")
+            elif moment == "after":
+                write_whole(path, write)
+            raise Crash
+
+        monkeypatch.setattr(_store, "write_whole", dying)
+        with pytest.raises(Crash):
+            _store.complete(SMALL, folder, quick_results)
+        monkeypatch.setattr(_store, "write_whole", write_whole)
+        made: list[int] = []
+
+        def counted(plans, made=made):  # type: ignore[no-untyped-def]
+            for plan in plans:
+                made.append(plan.run)
+                yield from quick_results([plan])
+
+        if (folder / "campaign.json").exists() and not (folder / "manifest.json").exists():
+            with pytest.raises(ValueError, match=r"not finished, \d of 4 shards are there"):
+                load_campaign(folder)
+        _store.complete(SMALL, folder, counted)
+        assert contents(folder) == expected, (crash_at, moment)
+        finished = (crash_at - 1 + (moment == "after")) // 3 if crash_at else 0
+        assert made == list(range(4 * min(finished, 4), 15)), (crash_at, moment)
+
+
+def test_a_finished_campaign_is_left_alone(copied: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in copied.iterdir()}
+    calls: list[tuple[int, int]] = []
+    data = SMALL.run(copied, progress=lambda done, total: calls.append((done, total)))
+    assert len(data.y) == 15
+    assert calls == [(15, 15)]
+    assert {path: path.stat().st_mtime_ns for path in copied.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "name", ["shard-00002.npy", "shard-00001.parquet", "shard-00003.sha256", "parameters.parquet"]
+)  # fmt: skip
+def test_a_changed_or_missing_file_is_named_and_mended(whole: Path, copied: Path, name: str) -> None:
+    file = copied / name
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1  # one bit
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=f"{name} was changed: its SHA-256"):
+        load_campaign(copied, verify=True)
+    SMALL.run(copied)
+    assert contents(copied) == contents(whole)
+    file.write_bytes(content[:-1])
+    with pytest.raises(ValueError, match=f"{name} was changed: {len(content) - 1} bytes instead of"):
+        load_campaign(copied)
+    file.unlink()
+    with pytest.raises(FileNotFoundError, match=f"{name} is missing; run the campaign again to mend it"):
+        load_campaign(copied)
+    SMALL.run(copied)
+    assert contents(copied) == contents(whole)
+
+
+@pytest.mark.parametrize("kind", ["npy", "parquet", "sha256"])
+@pytest.mark.parametrize("share", [0.02, 0.33, 0.98])
+def test_a_flipped_bit_is_found_in_an_unfinished_campaign_too(
+    whole: Path, copied: Path, kind: str, share: float
+) -> None:
+    (copied / "manifest.json").unlink()
+    name = f"shard-00001.{kind}"
+    content = bytearray((copied / name).read_bytes())
+    content[int(share * len(content))] ^= 16
+    (copied / name).write_bytes(content)
+    SMALL.run(copied)
+    assert contents(copied) == contents(whole)
+
+
+def test_several_changed_files_are_counted(copied: Path) -> None:
+    for shard in (0, 3):
+        (copied / f"shard-{shard:05d}.npy").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"shard-00000.npy was changed: 0 bytes .* \(and 1 more\)"):
+        load_campaign(copied)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"repeats": 6}, "repeats is 5 there and 6 here"),
+        ({"seed": 1}, "seed is 0 there and 1 here"),
+        ({"parameters": {"load_torque": (15.0, 26.0)}}, r"parameters.load_torque is \[15.0, 25.0\] there"),
+        ({"parameters": {}}, "parameters.load_torque is .* there and None here"),
+        ({"rig": QUICK.replace(noise_nm=0.3)}, "rig.noise_nm is 0.2 there and 0.3 here"),
+        ({"runs_per_shard": 5}, "runs_per_shard is 4 there and 5 here"),
+    ],
+)
+def test_a_folder_of_another_design_is_refused(whole: Path, changes: dict, message: str) -> None:
+    before = contents(whole)
+    with pytest.raises(ValueError, match=f"holds a campaign of another design: {message}"):
+        SMALL.replace(**changes).run(whole)
+    assert contents(whole) == before
+
+
+def test_a_folder_made_with_other_versions_is_refused(copied: Path) -> None:
+    design = json.loads((copied / "campaign.json").read_text())
+    design["made_with"]["numba"] = "0.1"
+    (copied / "campaign.json").write_text(json.dumps(design))
+    with pytest.raises(ValueError, match="begun with other versions: numba is '0.1' there and"):
+        SMALL.run(copied)
+
+
+def test_what_is_no_campaigns_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.doc").write_text("years of work")
+    with pytest.raises(ValueError, match=r"must be empty or hold a campaign, got 'thesis.doc'"):
+        SMALL.run(tmp_path)
+    with pytest.raises(NotADirectoryError, match="is not a folder"):
+        SMALL.run(tmp_path / "thesis.doc")
+    with pytest.raises(FileNotFoundError, match=r"holds no campaign \(no campaign.json\)"):
+        load_campaign(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.doc"]
+
+
+def test_damaged_descriptions_are_named(copied: Path) -> None:
+    manifest = copied / "manifest.json"
+    manifest.write_text('{"format": "another"}')
+    with pytest.raises(ValueError, match="manifest.json: is not a campaign's manifest"):
+        load_campaign(copied)
+    manifest.write_text("{")
+    with pytest.raises(ValueError, match="manifest.json: is not valid JSON"):
+        load_campaign(copied)
+    (copied / "campaign.json").write_text("[]")
+    with pytest.raises(ValueError, match="campaign.json: must hold a JSON object"):
+        load_campaign(copied)
+
+
+def test_two_processes_do_not_write_to_one_folder(copied: Path) -> None:
+    held = os.open(copied, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(OSError, match="another process is at work on this campaign"):
+            SMALL.run(copied)
+    finally:
+        os.close(held)
+    SMALL.run(copied)
+
+
+def test_without_pyarrow_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ImportError, match=r"pip install 'cyclofeat\[io\]'"):
+        SMALL.run(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+# A full disk.
+
+
+@pytest.mark.parametrize("call", ["write", "fsync"])
+def test_a_full_disk_keeps_what_is_finished(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    folder = tmp_path / "out"
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def fill_at(done: int, _: int) -> None:
+        if done == 11:
+            if call == "write":
+                monkeypatch.setattr(_store._Digesting, "write", full)
+            else:
+                monkeypatch.setattr(_store.os, "fsync", full)
+
+    with pytest.raises(OSError, match=r"the disk is full; 2 of 4 shards are finished and kept") as error:
+        SMALL.run(folder, progress=fill_at)
+    assert error.value.errno == errno.ENOSPC
+    kept = contents(folder)
+    assert sorted(name for name in kept if not name.endswith("sha256")) == [
+        "campaign.json", "shard-00000.npy", "shard-00000.parquet", "shard-00001.npy", "shard-00001.parquet",
+    ]  # fmt: skip
+    monkeypatch.undo()
+    SMALL.run(folder)
+    assert contents(folder) == contents(whole)
+
+
+def test_a_disk_too_small_is_found_out_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)._replace(free=15 * 512 * 4 - 1)
+    monkeypatch.setattr(_store.shutil, "disk_usage", lambda _: usage)
+    with pytest.raises(OSError, match=r"4 shards to be made take 30.7 kB, the disk has 30.7 kB left"):
+        SMALL.run(tmp_path / "out")
+
+
+# Workers that die.
+
+
+def children() -> set[int]:
+    """Processes that this one started, loky's among them."""
+    import psutil
+
+    return {
+        child.pid
+        for child in psutil.Process().children(recursive=True)
+        if "loky" in " ".join(child.cmdline())
+    }
+
+
+def test_a_killed_worker_process_is_an_error_and_nothing_finished_is_lost(
+    whole: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    killed: list[int] = []
+
+    def kill_one(done: int, _: int) -> None:
+        if done == 6:
+            killed.append(max(children()))
+            os.kill(killed[0], signal.SIGKILL)
+
+    # Long enough that the others are not done before the loss is noticed.
+    campaign = SMALL.replace(repeats=200)
+    with pytest.raises(WorkerLost, match="a worker process died .* all finished shards are kept"):
+        campaign.run(folder, n_jobs=2, progress=kill_one)
+    kept = contents(folder)
+    assert "shard-00000.parquet" in kept
+    assert "manifest.json" not in kept
+    for name, content in kept.items():
+        if name in ("shard-00000.npy", "shard-00000.parquet"):
+            assert content == (whole / name).read_bytes()
+
+
+def test_a_worker_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    other = {**_run.made_with(), "numpy": "1.0"}
+    monkeypatch.setattr(_workers, "made_with", lambda: other)
+    with pytest.raises(ValueError, match="a worker has numpy .*, the campaign 1.0: install the same"):
+        SMALL.run(tmp_path / "out")
+
+
+@pytest.mark.parametrize("n_jobs", [0, 1.5, True, "2"])
+def test_wrong_numbers_of_jobs(tmp_path: Path, n_jobs: object) -> None:
+    with pytest.raises((ValueError, TypeError), match="n_jobs must be a whole number"):
+        SMALL.run(tmp_path / "out", n_jobs=n_jobs)  # type: ignore[arg-type]
+
+
+# A Dask cluster over loopback.
+
+
+@contextlib.contextmanager
+def cluster(n_workers: int = 2):  # type: ignore[no-untyped-def]
+    import dask
+    from distributed import LocalCluster
+
+    with (
+        dask.config.set({"distributed.worker.multiprocessing-method": "spawn"}),
+        LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            host="127.0.0.1",
+        ) as made,
+    ):
+        yield made
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    monkeypatch.setattr(_workers, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(_workers, "_NO_WORKER_S", 0.5)
+    with pytest.raises(
+        WorkerLost, match=r"no Dask scheduler answers at 'tcp://127.0.0.1:9' .* like tcp://host:8786"
+    ):
+        SMALL.run(tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(WorkerLost, match="no Dask scheduler answers at 'magic://'"):
+        SMALL.run(tmp_path / "out", scheduler="magic://")
+    with pytest.raises(TypeError, match="scheduler must be an address like"):
+        SMALL.run(tmp_path / "out", scheduler=8786)
+    with (
+        LocalCluster(
+            n_workers=0, processes=False, dashboard_address=None, protocol="tcp", host="127.0.0.1"
+        ) as made,
+        pytest.raises(WorkerLost, match="has had no worker for 0.5 s; all finished shards are kept"),
+    ):
+        SMALL.run(tmp_path / "out", scheduler=made.scheduler_address)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ImportError, match=r"pip install 'cyclofeat\[cluster\]'"):
+        SMALL.run(tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_cluster_makes_the_same_bytes_although_one_worker_is_killed(tmp_path: Path) -> None:
+    campaign = SMALL.replace(repeats=40)
+    campaign.run(tmp_path / "alone")
+    killed: list[int] = []
+    with cluster() as made:
+
+        def kill_one(done: int, _: int) -> None:
+            if done == 50:
+                killed.append(next(iter(made.workers.values())).pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        campaign.run(tmp_path / "cluster", scheduler=made.scheduler_address, progress=kill_one)
+    assert len(killed) == 1
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "alone")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_cluster_without_workers_is_an_error_and_the_campaign_goes_on_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_workers, "_NO_WORKER_S", 2.0)
+    monkeypatch.setattr(_workers, "_LOOK_S", 0.5)
+    campaign = SMALL.replace(repeats=40)
+    campaign.run(tmp_path / "alone")
+    folder = tmp_path / "cluster"
+    with cluster(1) as made:
+
+        def end_all(done: int, _: int) -> None:
+            if done == 20:
+                made.scale(0)
+
+        with pytest.raises(WorkerLost, match="no worker for 2 s; all finished shards are kept"):
+            campaign.run(folder, scheduler=made.scheduler_address, progress=end_all)
+    assert 4 <= len(list(folder.glob("shard-*.npy"))) < campaign.n_shards
+    assert not list(folder.glob(".*"))
+    campaign.run(folder)
+    assert contents(folder) == contents(tmp_path / "alone")
+
+
+# kill -9.
+
+CHILD = textwrap.dedent(
+    """
+    import os, sys
+    from cyclofeat.simulators import Campaign
+    if __name__ == "__main__":  # worker processes import this file too
+        campaign = Campaign.from_json(sys.argv[1])
+        campaign.run(sys.argv[2], n_jobs=int(sys.argv[3]), progress=lambda *_: os.write(1, b"."))
+    """
+)
+
+
+@pytest.mark.slow
+def test_killed_ten_times_and_resumed_equals_one_that_ran_through(tmp_path: Path) -> None:
+    campaign = SMALL.replace(repeats=48)
+    campaign.run(tmp_path / "alone")
+    (tmp_path / "child.py").write_text(CHILD)
+    campaign.to_json(tmp_path / "design.json")
+    folder = tmp_path / "killed"
+    chance = random.Random(20)
+    finished = []
+    for kill in range(10):
+        # After some runs and then some milliseconds: within runs, and within the writing of shards.
+        n_runs, delay, n_jobs = chance.randrange(14), chance.uniform(0, 0.02), 1 + kill % 2
+        child = subprocess.Popen(
+            [sys.executable, tmp_path / "child.py", tmp_path / "design.json", folder, str(n_jobs)],
+            stdout=subprocess.PIPE, start_new_session=True,
+        )  # fmt: skip
+        assert child.stdout is not None
+        if n_runs:
+            seen = 0
+            while seen < n_runs:
+                dot = os.read(child.stdout.fileno(), 1)
+                assert dot, "the child ended by itself"
+                seen += 1
+        else:  # while it starts
+            time.sleep(chance.uniform(0, 3))
+        time.sleep(delay)
+        child.kill()
+        assert child.wait() == -signal.SIGKILL
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGKILL)  # its worker processes, which write nothing
+        child.stdout.close()
+        finished.append(len(list(folder.glob("shard-*.parquet"))))
+        assert not (folder / "manifest.json").exists()
+    assert finished[0] + finished[-1] > 0
+    assert len(set(finished)) > 4, "the kills fell into the same shard"
+    done = subprocess.run(
+        [sys.executable, tmp_path / "child.py", tmp_path / "design.json", folder, "2"],
+        capture_output=True, check=True,
+    )  # fmt: skip
+    # It made only what was missing: one call for all that was found, then one for each run.
+    assert len(done.stdout) == 1 + campaign.n_runs - 4 * finished[-1]
+    assert contents(folder) == contents(tmp_path / "alone")
+
+
+@pytest.mark.parametrize("module", [_design, _load, _run, _store, _workers], ids=lambda m: m.__name__)
+def test_examples(module) -> None:  # type: ignore[no-untyped-def]
+    assert doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE).failed == 0
