@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, _kernels, simulate
+from cyclofeat.simulators import (
+    CycloidalGearbox,
+    GearboxLocked,
+    LobeDefects,
+    SimulationRun,
+    _kernels,
+    simulate,
+)
 from cyclofeat.simulators.reference_friction import RubbingGearbox
 
 STEEL = CycloidalGearbox.steel()
@@ -367,3 +374,52 @@ def test_stable_for_seven_worn_lobes_at_the_default_transition_speed(friction: d
         assert difference.std() < 0.05 * getattr(fine, name)[settled].std(), name
     assert coarse.external_forces is not None
     assert coarse.external_forces.max() < 720
+
+
+# Wedging ----------------------------------------------------------------------------------------------------
+
+
+def with_removed_lobes(lobes: int | tuple[int, ...], **friction: float) -> SimulationRun:
+    return simulate(
+        STEEL.replace(**friction),
+        LobeDefects.removed(lobes),
+        duration=0.35,
+        sampling_rate=1e4,
+        decimation="pick",
+        forces=True,
+        start_angle=-np.pi,
+    )
+
+
+@pytest.mark.parametrize("dt", [1e-5, 2.5e-6])
+def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: float) -> None:
+    """Sleeve 15 stays on the tip of the first lobe that is left instead of sliding down its flank."""
+    rubbing = STEEL.replace(sleeve_friction=0.2, journal_friction=0.2)
+    with pytest.raises(GearboxLocked) as caught:
+        simulate(rubbing, LobeDefects.removed(7), duration=0.35, dt=dt, start_angle=-np.pi)
+    assert caught.value.time == pytest.approx(0.178, abs=0.005)
+    assert caught.value.contact in (
+        "the contact of wheel 0 with external sleeve 7 (counted from 0)",
+        "the contact of wheel 1 with external sleeve 15 (counted from 0)",
+    )
+    assert caught.value.force > 7000
+
+
+def test_it_slips_where_friction_is_low_or_sleeves_spin() -> None:
+    """Frictionless as in the papers, at 0.1, and at 0.3 on free axles."""
+    for friction in (
+        {},
+        {"sleeve_friction": 0.1, "journal_friction": 0.1},
+        {"sleeve_friction": 0.3},
+    ):
+        run = with_removed_lobes(7, **friction)
+        assert run.output_angle is not None
+        behind = run.output_angle + run.input_angle / 15
+        assert np.rad2deg(behind.max()) > 2
+
+
+def test_every_second_lobe_removed_runs_with_any_friction() -> None:
+    run = with_removed_lobes((1, 3, 5, 7), sleeve_friction=0.3, journal_friction=0.3)
+    assert run.external_forces is not None
+    assert run.external_forces.max() < 300
+    assert run.torque_out[2500:].mean() == pytest.approx(22, abs=0.1)
