@@ -3,10 +3,18 @@
 from cyclofeat.datasets._jelmerv import load_jelmerv_cycloidal
 from cyclofeat.datasets._oedi import load_oedi_gearbox
 from cyclofeat.datasets._published import load_published_tables
-from cyclofeat.datasets._readers import describe_recording, one_line, read_recording, write_recording
 from cyclofeat.datasets._surrogate import make_rig_recording, make_rig_recordings
+from cyclofeat.datasets.readers import (
+    describe,
+    describe_recording,
+    one_line,
+    read_folder,
+    read_recording,
+    write_recording,
+)
 
 __all__ = [
+    "describe",
     "describe_recording",
     "load_jelmerv_cycloidal",
     "load_oedi_gearbox",
@@ -14,6 +22,7 @@ __all__ = [
     "make_rig_recording",
     "make_rig_recordings",
     "one_line",
+    "read_folder",
     "read_recording",
     "write_recording",
 ]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.utils import Bunch
 
 from cyclofeat.datasets._descr import descr
-from cyclofeat.datasets._readers import load_arrays
+from cyclofeat.datasets.readers import load_arrays
 
 _FOLDER = Path(__file__).parent / "oedi_gearbox"
 _MINI = "oedi_gearbox_mini_8192.npz"

@@ -1,0 +1,30 @@
+"""Torque records from and to files.
+
+| module | job |
+|---|---|
+| `_read` | one record from a file of any kind, and back to a file |
+| `_columns` | names, units and numbers that all kinds of files share |
+| `_times` | sampling rate from a column of times, with its jitter and gaps |
+| `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav` | one kind of file each |
+| `_labels` | labels as files hold them |
+| `_folder` | a folder with its manifest |
+| `_describe`, `_quality` | what a record holds, and what would spoil a count |
+"""
+
+from cyclofeat.datasets.readers._describe import describe, describe_recording, one_line
+from cyclofeat.datasets.readers._folder import Entry, folder_entries, read_folder
+from cyclofeat.datasets.readers._npz import load_arrays
+from cyclofeat.datasets.readers._read import SOURCES, read_recording, write_recording
+
+__all__ = [
+    "SOURCES",
+    "Entry",
+    "describe",
+    "describe_recording",
+    "folder_entries",
+    "load_arrays",
+    "one_line",
+    "read_folder",
+    "read_recording",
+    "write_recording",
+]

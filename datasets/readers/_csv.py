@@ -1,0 +1,219 @@
+"""Columns of a CSV file, and the CSV file that a recording becomes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import UNITS, Float, Source, check_rate, clean_unit
+from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
+from cyclofeat.recording import Recording
+
+# No torque record has more; a file that has is something else, and splitting it would take long.
+_MOST_COLUMNS, _LONGEST_LINE = 4096, 2**20
+
+
+class CsvSource(Source):
+    """Columns of a CSV file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    delimiter : str or None
+        None: the first of tab, semicolon, comma in the first row.
+    """
+
+    noun, plural = "column", "columns"
+
+    def __init__(self, path: Path, delimiter: str | None) -> None:
+        self.file = path.name
+        lines = _decoded(path).split("\n")
+        while lines and not lines[-1].strip():
+            lines.pop()
+        head = 0
+        while head < len(lines) and (lines[head].startswith("#") or not lines[head].strip()):
+            head += 1
+        if head == len(lines):
+            raise ValueError(f"{self.file} holds no row of data")
+        self.labels = labels_from_comments(self.file, lines[:head])
+        # Comma last: with the others it is a decimal comma.
+        self.delimiter = delimiter or next((d for d in "\t;," if d in lines[head]), ",")
+        self.decimal_comma = self.delimiter != "," and any("," in line for line in lines[head:])
+        n_columns = lines[head].count(self.delimiter) + 1
+        if n_columns > _MOST_COLUMNS:
+            raise ValueError(
+                f"{self.file}: line {head + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can be read; "
+                "one row per sample and one column per channel are right"
+            )
+        first = self._cells(lines[head])
+        self.named = all(self._number(cell) is None for cell in first)
+        units: list[str | None] | None = None
+        if self.named:
+            head += 1
+            units = self._unit_row(lines[head], len(first)) if head < len(lines) else None
+            head += units is not None
+            if head == len(lines):
+                raise ValueError(f"{self.file} holds column names, but no row of data")
+        self.first_line = head + 1  # as editors count
+        names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
+        super().__init__(path, names, units)
+        self.rows = lines[head:]
+        self._check_width()
+
+    def _cells(self, line: str) -> list[str]:
+        try:
+            return next(csv.reader([line], delimiter=self.delimiter), [])
+        except csv.Error as error:
+            raise ValueError(f"{self.file} cannot be read as CSV ({error})") from None
+
+    def _number(self, cell: str) -> float | None:
+        try:
+            return float(cell.replace(",", ".") if self.decimal_comma else cell)
+        except ValueError:
+            return None
+
+    def _unit_row(self, line: str, width: int) -> list[str | None] | None:
+        """Units in a row of their own below the names; None where the row is no such one."""
+        cells = self._cells(line)
+        if len(cells) != width or any(self._number(cell) is not None for cell in cells):
+            return None
+        units = [clean_unit(cell) for cell in cells]
+        return units if any(unit in UNITS for unit in units) else None
+
+    def _check_width(self) -> None:
+        width = len(self.names)
+        for index, row in enumerate(self.rows):
+            cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._cells(row))
+            if cells != width or not row.strip():
+                came = "1 column" if cells == 1 else f"{cells} columns"
+                doubled = self.delimiter == "," and cells == 2 * width
+                raise ValueError(
+                    f"{self.file}: line {self.first_line + index} must have {width} columns as the first row "
+                    f"has, got {came if row.strip() else 'an empty line'}"
+                    + ("; are these decimal commas? give delimiter=';'" if doubled else "")
+                )
+
+    def where(self, sample: int) -> str:
+        """The line of a sample."""
+        return f"line {self.first_line + sample}"
+
+    def meta(self, torque: int) -> dict[str, Any]:
+        """Whether commas were read as decimal commas."""
+        return {"decimal_comma": True} if self.decimal_comma else {}
+
+    def raw(self, index: int) -> NDArray[Any]:
+        """Numbers of one column."""
+        rows = [row.replace(",", ".") for row in self.rows] if self.decimal_comma else self.rows
+        try:
+            return np.loadtxt(
+                rows, delimiter=self.delimiter, usecols=index, comments=None, quotechar='"', ndmin=1
+            )
+        except ValueError as error:
+            raise self._not_numbers(index, error) from None
+
+    def column(self, index: int) -> Float:
+        """Numbers of one column, checked: finite, at least two."""
+        values = self.raw(index)
+        if not np.all(np.isfinite(values)):
+            where = int(np.argmax(~np.isfinite(values)))
+            raise ValueError(
+                f"{self.file}: {self.where(where)}, column {self.names[index]!r} holds {values[where]}; "
+                "every sample must be a finite number"
+            )
+        if values.size < 2:
+            raise ValueError(f"{self.file} holds one sample; a record needs at least 2")
+        return np.asarray(values, dtype=np.float64)
+
+    def times(self, index: int) -> NDArray[Any]:
+        """Numbers of a column of times, or its dates (ISO 8601)."""
+        try:
+            return self.column(index)
+        except ValueError:
+            if self._number(self._cells(self.rows[0])[index]) is not None:
+                raise
+            cells = [self._cells(row)[index].strip() for row in self.rows]
+            if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
+                raise
+            bare = [re.sub(r"(Z|[+-]\d\d:?\d\d)$", "", cell[10:]).replace(",", ".") for cell in cells]
+            try:
+                return np.array(
+                    [f"{cell[:10]}{clock}" for cell, clock in zip(cells, bare, strict=True)],
+                    dtype="datetime64[ns]",
+                )
+            except ValueError:
+                pass
+            raise
+
+    def _not_numbers(self, index: int, error: ValueError) -> ValueError:
+        """What to say of a column that did not convert: its first cell that is not a number."""
+        column = f"column {self.names[index]!r}"
+        for row, line in enumerate(self.rows):
+            cell = self._cells(line)[index]
+            if self._number(cell) is None:
+                shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
+                came = (
+                    f"{shown!r}, which is not a number" if cell.strip() else "nothing; it must hold a number"
+                )
+                return ValueError(f"{self.file}: {self.where(row)}, {column} holds {came}")
+        return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
+
+
+def _decoded(path: Path) -> str:
+    with path.open("rb") as file:
+        start = file.read(_LONGEST_LINE + 1)
+    if b"\0" in start:
+        raise ValueError(f"{path.name} holds binary data, not CSV text")
+    if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
+        raise ValueError(
+            f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
+            "characters; one row per sample is right"
+        )
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # read_text turns all line ends into \n
+    except UnicodeDecodeError as error:
+        raise ValueError(
+            f"{path.name} is not UTF-8 text (byte {error.start}); save it as CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        raise ValueError(f"{path.name} holds binary data, not CSV text")
+    return text
+
+
+def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
+    """Write a recording as columns, with its labels as comments at the head."""
+    head = [f"# {FORMAT}: {VERSION}"]
+    head += [f"# {key}: {json.dumps(value)}" for key, value in labels.items()]
+    columns, names = [recording.torque], ["torque [Nm]"]
+    if recording.angle is not None:
+        columns.append(recording.angle)
+        names.append("angle [rad]")
+    file.write("\n".join([*head, ",".join(names), ""]).encode("ascii"))
+    np.savetxt(file, np.column_stack(columns), fmt="%.17g", delimiter=",")  # 17 digits give back every bit
+
+
+def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] | None:
+    """Labels at the head of a file that :func:`write_csv` wrote; None for any other file."""
+    pairs = [comment[1:].strip().partition(": ") for comment in comments if comment.startswith("#")]
+    if not pairs or pairs[0][0] != FORMAT:
+        return None
+    labels = {}
+    for key, _, value in pairs:
+        try:
+            labels[key] = json.loads(value)
+        except ValueError:
+            raise ValueError(f"{file}: label {key!r} in its header is not JSON, got {value!r}") from None
+    check_version(file, labels.pop(FORMAT))
+    unknown = labels.keys() - {*LABELS, "sampling_rate"}
+    if unknown:
+        raise ValueError(
+            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(LABELS)}"
+        )
+    check_rate(f"{file}: sampling_rate in its header", labels.get("sampling_rate"))
+    return labels

@@ -1,0 +1,257 @@
+"""What a recording holds, and what in it would spoil a count."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cyclofeat.datasets.readers._quality import clipped, dropped, speed_by_lines
+from cyclofeat.recording import Recording
+
+# Shares and deviations from which on a count suffers.
+_MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
+# Lobe lines up to the 44th enter a count: 391 Hz at 500 RPM.
+_LINES = 44
+
+
+def describe(recording: Recording, *, reduction: int = 15) -> dict[str, Any]:
+    """What a recording holds, how whole it is, and what in it would spoil a count.
+
+    Parameters
+    ----------
+    recording : Recording
+    reduction : int, default 15
+        Input turns per output turn: the number of lobes.
+
+    Returns
+    -------
+    dict
+        All of :func:`describe_recording`, and
+
+        ``clipped_share`` : share of samples that stand at the record's largest or smallest value where
+        samples pile up there (runs of three and more, four times as many as at the next value).
+
+        ``dropout_share`` : share of samples held at one value for much longer than the record's values are
+        otherwise, or exactly 0 between values far from it.
+
+        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines near the nominal speed; None
+        where neither tells. ``speed_from`` : "angle", "lobe lines" or None. ``speed_deviation`` : its
+        relative deviation from the nominal speed, or None.
+
+        ``output_turns`` : output turns recorded, by the measured speed, else the nominal one; None where no
+        speed is known. ``whole_output_turns`` (int) and ``unused_s`` : what remains after them, in s.
+
+        ``angle_unit_assumed`` (bool), ``time_jitter`` (samples, or None), ``start_time`` (or None).
+
+        ``warnings`` : list of str, what would spoil a count.
+
+    Notes
+    -----
+    The lobe lines tell the speed within 5 % of the nominal one, if they stand 3 dB out of their surroundings
+    on average. A record that is constant has neither clipped samples nor dropouts: ``constant`` says all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(51_200) / 25_600
+    >>> torque = np.clip(22 + np.sin(2 * np.pi * 8 * time), None, 22.9)
+    >>> found = describe(Recording(torque, 25_600, speed_rpm=500))
+    >>> round(found["clipped_share"], 2), found["whole_output_turns"]
+    (0.14, 1)
+    """
+    if reduction < 2:
+        raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
+    meta = recording.meta or {}
+    found = describe_recording(recording)
+    speed, speed_from = _speed(recording, reduction)
+    nominal = recording.input_speed_hz
+    known = speed or nominal
+    turns = None
+    if recording.angle is not None:
+        angle = recording.input_angle(reduction)
+        assert angle is not None
+        turns = float(angle[-1] - angle[0]) / (2 * np.pi) * recording.n_samples / (recording.n_samples - 1)
+        turns /= reduction
+    elif known is not None:
+        turns = recording.duration * known / reduction
+    # A record of exactly one turn must not lose it to rounding.
+    whole = None if turns is None else int(turns * (1 + 1e-6))
+    unused = None
+    if turns is not None and whole is not None and turns > 0:
+        unused = max(0.0, recording.duration * (1 - whole / turns))
+    constant = found["constant"]
+    drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
+    clips = 0.0 if constant else clipped(recording.torque[~drops]) * float(np.mean(~drops))
+    found |= {
+        "clipped_share": clips,
+        "dropout_share": float(np.mean(drops)),
+        "speed_measured_rpm": None if speed is None else 60 * speed,
+        "speed_from": speed_from,
+        "speed_deviation": None if speed is None or nominal is None else speed / nominal - 1,
+        "output_turns": turns,
+        "whole_output_turns": whole,
+        "unused_s": unused,
+        "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
+        "time_jitter": meta.get("time_jitter"),
+        "start_time": meta.get("start_time"),
+    }
+    found["warnings"] = _warnings(recording, found, reduction)
+    return found
+
+
+def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
+    """Input speed in turns per second, and what it was found by."""
+    angle = recording.input_angle(reduction)
+    if angle is not None:
+        turns = float(angle[-1] - angle[0]) / (2 * np.pi)
+        return turns * recording.sampling_rate / (recording.n_samples - 1), "angle"
+    nominal = recording.input_speed_hz
+    if nominal is None:
+        return None, None
+    found = speed_by_lines(recording.torque, recording.sampling_rate, nominal, reduction)
+    return found, None if found is None else "lobe lines"
+
+
+def _warnings(recording: Recording, found: dict[str, Any], reduction: int) -> list[str]:
+    """What would spoil a count, in the order of gravity."""
+    if found["constant"]:
+        return [
+            f"the record is constant ({found['minimum']:g} {found['unit']}): sensor dead or not connected?"
+        ]
+    notes = []
+    nominal = recording.input_speed_hz
+    if found["dropout_share"] > _MOST_DROPPED:
+        notes.append(f"{100 * found['dropout_share']:.2g} % of the samples are dropouts")
+    if found["clipped_share"] > _MOST_CLIPPED:
+        notes.append(
+            f"{100 * found['clipped_share']:.2g} % of the samples are clipped at {found['minimum']:g} or "
+            f"{found['maximum']:g} {found['unit']}"
+        )
+    if found["whole_output_turns"] == 0:
+        notes.append(
+            f"the record holds {found['output_turns']:.2g} output turns, a count needs one "
+            f"({reduction} input turns)"
+        )
+    speed = found["speed_measured_rpm"]
+    if nominal is None and speed is None:
+        notes.append("no speed is stated: the length of an output turn is not known")
+    deviation = found["speed_deviation"]
+    if deviation is not None and abs(deviation) > _SPEED_TOLERANCE:
+        notes.append(
+            f"the input turns at {speed:.5g} RPM by its {found['speed_from']}, {100 * deviation:+.2g} % off "
+            f"the nominal {60 * nominal:.5g} RPM"  # type: ignore[operator]
+        )
+    if nominal is not None and speed is None and found["whole_output_turns"]:
+        notes.append("no lobe lines near the nominal speed: another speed, or no signal of a gear")
+    known = nominal if speed is None else speed / 60
+    if known is not None:
+        needed = 2 * _LINES * (reduction + 1) / reduction * known * (1 + _SPEED_TOLERANCE)
+        if recording.sampling_rate <= needed:
+            notes.append(
+                f"{recording.sampling_rate:g} Hz are too few for the {_LINES} lobe lines of a count, which "
+                f"need more than {needed:.0f} Hz"
+            )
+    if found["unit_assumed"]:
+        notes.append("the file states no unit of the torque: Nm assumed")
+    if found["angle_unit_assumed"]:
+        notes.append("the file states no unit of the angle: rad assumed")
+    if found["time_jitter"]:
+        notes.append(f"the times jitter by up to {found['time_jitter']:g} samples")
+    if recording.angle is None:
+        notes.append("no angle: positions of lobes will be relative")
+    return notes
+
+
+def describe_recording(recording: Recording) -> dict[str, Any]:
+    """What a recording holds: channel, unit, range, rate, duration and labels.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    dict
+        ``file``, ``channel``, ``unit`` (Nm, unless ``meta`` states another for a record that is no torque),
+        ``unit_assumed`` (bool), ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``
+        (bool), ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (None, or
+        shaft and kind of zero), ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
+        ``worn_lobes`` (list, from 0) and ``source``. None stands for what is not known. Fit for JSON.
+
+    Examples
+    --------
+    >>> found = describe_recording(Recording([21.0, 23.0], 25_600, speed_rpm=500))
+    >>> found["unit"], found["minimum"], found["maximum"], found["sampling_rate"], found["n_samples"]
+    ('Nm', 21.0, 23.0, 25600.0, 2)
+    """
+    torque = recording.torque
+    meta = recording.meta or {}
+    low, high = float(torque.min()), float(torque.max())
+    angle = None
+    if recording.angle is not None:
+        angle = f"{recording.angle_of}, {'absolute' if recording.angle_is_absolute else 'relative'}"
+    return {
+        "file": meta.get("file"),
+        "channel": meta.get("channel", "torque"),
+        "unit": meta.get("unit", "Nm"),
+        "unit_assumed": bool(meta.get("unit_assumed", False)),
+        "minimum": low,
+        "maximum": high,
+        "mean": float(torque.mean()),
+        "std": float(torque.std()),
+        "constant": low == high,
+        "sampling_rate": recording.sampling_rate,
+        "rate_from": meta.get("rate_from"),
+        "n_samples": recording.n_samples,
+        "duration_s": recording.duration,
+        "angle": angle,
+        "speed_rpm": recording.speed_rpm,
+        "load_nm": recording.load_nm,
+        "assembly": recording.assembly,
+        "run": recording.run,
+        "defect_count": recording.defect_count,
+        "worn_lobes": None if recording.worn_lobes is None else list(recording.worn_lobes),
+        "source": recording.source,
+    }
+
+
+def one_line(recording: Recording) -> str:
+    """A recording in one line for people, lobes counted from 1.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> one_line(Recording([21.0, 23.0], 2_000, run="r7", worn_lobes=(0, 4)))
+    "run 'r7': torque 21 to 23 Nm (mean 22), 2000 Hz, 2 samples = 0.001 s, no angle, 2 worn lobes (1, 5)"
+    """
+    found = describe_recording(recording)
+    names = [f"{key} {found[key]!r}" for key in ("run", "assembly") if found[key] is not None]
+    name = ", ".join(([found["file"]] if found["file"] else []) + names)
+    unit = found["unit"] + (" (unit assumed)" if found["unit_assumed"] else "")
+    values = f"{found['minimum']:.4g} to {found['maximum']:.4g} {unit} (mean {found['mean']:.4g})"
+    parts = [f"{found['channel']} {values}"]
+    if found["constant"]:
+        parts.append("CONSTANT")
+    rate_from = f" from {found['rate_from']}" if found["rate_from"] else ""
+    parts.append(f"{found['sampling_rate']:g} Hz{rate_from}")
+    parts.append(f"{found['n_samples']} samples = {found['duration_s']:.4g} s")
+    if found["speed_rpm"] is not None:
+        parts.append(f"{found['speed_rpm']:g} RPM")
+    if found["load_nm"] is not None:
+        parts.append(f"load {found['load_nm']:g} Nm")
+    parts.append("no angle" if found["angle"] is None else f"angle of the {found['angle']}")
+    if found["defect_count"] is not None:
+        lobes = ", ".join(str(lobe + 1) for lobe in found["worn_lobes"] or ())
+        count = found["defect_count"]
+        parts.append(f"{count} worn lobe{'' if count == 1 else 's'}" + (f" ({lobes})" if lobes else ""))
+    if found["source"]:
+        parts.append(found["source"])
+    return f"{name}: {', '.join(parts)}" if name else ", ".join(parts)

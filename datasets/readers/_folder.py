@@ -1,0 +1,252 @@
+"""Recordings of a folder, described by a manifest."""
+
+from __future__ import annotations
+
+import csv
+import os
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
+from cyclofeat.recording import Recording
+
+MANIFEST = "recordings.csv"
+# Columns of a manifest and what they become: arguments of read_recording, or labels.
+_ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
+_LABELS = {
+    "defect_count": "defect_count", "worn_lobes": "worn_lobes", "run": "run", "speed": "speed_rpm",
+    "load": "load_nm", "source": "source", "assembly": "assembly", "angle_of": "angle_of",
+    "angle_is_absolute": "angle_is_absolute",
+}  # fmt: skip
+_COLUMNS = ("file", *_ARGUMENTS, *_LABELS)
+_NUMBERS = ("sampling_rate", "scale", "speed", "load")
+_MOST_ERRORS = 10
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One recording of a folder.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    arguments : dict
+        Arguments of :func:`read_recording`.
+    line : int or None
+        Line of the manifest; None where there is no manifest.
+    """
+
+    path: Path
+    arguments: dict[str, Any] = field(default_factory=dict)
+    line: int | None = None
+
+    def read(self, **arguments: Any) -> Recording:
+        """The recording; arguments given here precede those of the manifest."""
+        given = {key: value for key, value in arguments.items() if value is not None}
+        return read_recording(self.path, **(self.arguments | given))
+
+
+def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recording]:
+    """Read the recordings of a folder, with the labels that its manifest states.
+
+    Parameters
+    ----------
+    path : path
+        Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
+        recording and the columns ``file`` (within the folder) and any of ``channel``, ``sampling_rate`` (Hz),
+        ``time_channel``, ``angle_channel``, ``angle_unit``, ``scale`` (Nm per unit), ``defect_count``,
+        ``worn_lobes`` (counted from 0, separated by spaces), ``run``, ``speed`` (RPM of the input), ``load``
+        (Nm), ``source``, ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell
+        states nothing. Without a manifest all files that :func:`read_recording` knows are read, by name.
+    **arguments
+        Arguments of :func:`read_recording` for all recordings; they precede the manifest.
+
+    Returns
+    -------
+    list of Recording
+        In the manifest's order.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If the manifest or a recording is not what it should be. The message names every line that is wrong
+        (the first ten), what came and what would be right.
+
+    Warns
+    -----
+    UserWarning
+        If the folder holds recordings that its manifest does not name.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     folder = pathlib.Path(folder)
+    ...     _ = (folder / "a.csv").write_text("torque [Nm]\\n21.9\\n22.1\\n")
+    ...     _ = (folder / "recordings.csv").write_text(
+    ...         "file,sampling_rate,worn_lobes,assembly,speed\\na.csv,25600,0 4,A1,500\\n"
+    ...     )
+    ...     (recording,) = read_folder(folder)
+    >>> recording.assembly, recording.worn_lobes, recording.speed_rpm
+    ('A1', (0, 4), 500.0)
+    """
+    recordings, wrong = [], []
+    for entry in folder_entries(path):
+        try:
+            recordings.append(entry.read(**arguments))
+        except (ValueError, TypeError, OSError) as error:
+            if entry.line is None:
+                raise
+            wrong.append(f"line {entry.line}: {error}")
+    if wrong:
+        raise ValueError(_all_of(wrong))
+    return recordings
+
+
+def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
+    """What a folder holds, by its manifest or by its files' names; nothing is read yet.
+
+    Parameters
+    ----------
+    path : path
+        Folder.
+
+    Returns
+    -------
+    list of Entry
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        As :func:`read_folder`.
+    """
+    folder = file_path(path)
+    if not folder.exists():
+        raise FileNotFoundError(f"no such folder: {folder}")
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder; use read_recording for a file")
+    files = sorted(
+        file for file in folder.iterdir() if file.suffix.lower() in SOURCES and file.name != MANIFEST
+    )
+    if not (folder / MANIFEST).is_file():
+        if not files:
+            *others, last = SOURCES
+            raise ValueError(f"folder {folder} holds no {', '.join(others)} or {last} recordings")
+        return [Entry(file) for file in files]
+    entries = _manifest(folder)
+    left_out = {file.name for file in files} - {entry.path.name for entry in entries}
+    if left_out:
+        shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
+        warnings.warn(f"{MANIFEST} does not name {shown}: not read", stacklevel=3)
+    return entries
+
+
+def _manifest(folder: Path) -> list[Entry]:
+    path = folder / MANIFEST
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{MANIFEST} is not UTF-8 text (byte {error.start})") from None
+    lines = text.split("\n")
+    first = next((number for number, line in enumerate(lines) if line.strip()), None)
+    if first is None:
+        raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
+    delimiter = next((d for d in "\t;," if d in lines[first]), ",")
+    names = [name.strip().lower() for name in _cells(lines[first], delimiter)]
+    unknown = [name for name in names if name not in _COLUMNS]
+    if unknown:
+        raise ValueError(
+            f"{MANIFEST}: line {first + 1}: unknown column {unknown[0]!r}; known are {', '.join(_COLUMNS)}"
+        )
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"{MANIFEST}: line {first + 1}: column {name!r} is there {names.count(name)} times"
+            )
+    if "file" not in names:
+        raise ValueError(f"{MANIFEST}: line {first + 1}: no column 'file'; columns are {', '.join(names)}")
+    entries: list[Entry] = []
+    wrong: list[str] = []
+    lines_of: dict[tuple[Any, ...], int] = {}
+    for number, line in enumerate(lines[first + 1 :], start=first + 2):
+        if not line.strip():
+            continue
+        cells = [cell.strip() for cell in _cells(line, delimiter)]
+        if len(cells) != len(names):
+            wrong.append(f"line {number}: {len(names)} columns are right, got {len(cells)}")
+            continue
+        try:
+            entry = _entry(folder, dict(zip(names, cells, strict=True)), number, delimiter)
+        except ValueError as error:
+            wrong.append(f"line {number}: {error}")
+            continue
+        key = (entry.path, entry.arguments.get("channel"))
+        if key in lines_of:
+            wrong.append(f"line {number}: {entry.path.name} is there already, in line {lines_of[key]}")
+        lines_of.setdefault(key, number)
+        entries.append(entry)
+    if wrong:
+        raise ValueError(_all_of(wrong))
+    if not entries:
+        raise ValueError(f"{MANIFEST} names no recording")
+    return entries
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise ValueError(f"{MANIFEST} cannot be read as CSV ({error})") from None
+
+
+def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:
+    name = row.pop("file")
+    if not name:
+        raise ValueError("file is missing")
+    path = folder / name
+    if not path.is_file():
+        raise ValueError(f"no such file: {name}")
+    arguments: dict[str, Any] = {}
+    for column, cell in row.items():
+        if cell:
+            arguments[_LABELS.get(column, column)] = _value(column, cell, delimiter)
+    if "worn_lobes" in arguments and arguments.get("defect_count", len(arguments["worn_lobes"])) != len(
+        arguments["worn_lobes"]
+    ):
+        raise ValueError(
+            f"defect_count must be the number of worn_lobes, got {arguments['defect_count']} and "
+            f"{row['worn_lobes']!r}"
+        )
+    return Entry(path, arguments, line)
+
+
+def _value(column: str, cell: str, delimiter: str) -> Any:
+    """A cell as what its column holds."""
+    try:
+        if column in _NUMBERS:
+            return float(cell.replace(",", ".") if delimiter != "," else cell)
+        if column == "defect_count":
+            return int(cell)
+        if column == "worn_lobes":
+            return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
+        if column == "angle_is_absolute":
+            return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[
+                cell.lower()
+            ]
+    except (ValueError, KeyError):
+        right = {
+            "defect_count": "a whole number",
+            "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
+            "angle_is_absolute": "true or false",
+        }.get(column, "a number")
+        raise ValueError(f"{column} must be {right}, got {cell!r}") from None
+    return cell
+
+
+def _all_of(wrong: list[str]) -> str:
+    more = f"; and {len(wrong) - _MOST_ERRORS} more" if len(wrong) > _MOST_ERRORS else ""
+    return f"{MANIFEST}: " + "; ".join(wrong[:_MOST_ERRORS]) + more

@@ -1,0 +1,182 @@
+"""Arrays of an NPZ file, and the NPZ file that a recording becomes."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate
+from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, check_version
+from cyclofeat.recording import Recording
+
+
+class NpzSource(Source):
+    """Arrays of an NPZ file, read from disk when they are asked for.
+
+    By the layout, an array ``torque`` is in Nm, ``angle`` in rad and ``sampling_rate`` in Hz; a name may
+    state another unit (``angle_deg``), and so may a text array ``angle_unit``.
+    """
+
+    noun, plural = "array", "arrays"
+    by_index = False
+    angle_unit = "rad"
+
+    def __init__(self, path: Path) -> None:
+        with _archive(path) as archive:
+            members = [name.removesuffix(".npy") for name in archive.namelist()]
+            for name in members:
+                _header(path, archive, name)  # a pickle among them is refused, asked for or not
+            reserved = {*LABELS, FORMAT_KEY, "sampling_rate", "angle_unit"}
+            super().__init__(path, [name for name in members if name not in reserved])
+            small = {name: _array(path, archive, name) for name in members if name in reserved}
+        self.rate = small.get("sampling_rate")
+        labels = {key: _plain(path, key, small[key]) for key in LABELS if key in small}
+        if FORMAT_KEY in small:
+            check_version(path.name, small[FORMAT_KEY].tolist())
+            stated = self.stated_rate(0)
+            if stated is None:
+                raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
+            self.labels = labels | {"sampling_rate": stated[0]}
+        else:
+            self.other_labels = labels
+        if "angle_unit" in small:
+            unit = str(small["angle_unit"].tolist())
+            if unit not in ("rad", "deg"):
+                raise ValueError(f"{path.name}: array 'angle_unit' must be 'rad' or 'deg', got {unit!r}")
+            for index, base in enumerate(self.bases):
+                if base.endswith("angle") and self.units[index] is None:
+                    self.units[index] = unit
+        for index, name in enumerate(self.names):
+            if name == "torque":
+                self.units[index] = "Nm"
+
+    def raw(self, index: int) -> NDArray[Any]:
+        """One array."""
+        with _archive(self.path) as archive:
+            return _array(self.path, archive, self.names[index])
+
+    def usable(self, index: int) -> bool:
+        """Whether an array is a vector of numbers."""
+        with _archive(self.path) as archive:
+            shape, dtype = _header(self.path, archive, self.names[index])
+        return len(shape) == 1 and dtype.kind in "iuf"
+
+    def stated_rate(self, torque: int) -> tuple[float, str] | None:
+        """Rate by the array of that name."""
+        if self.rate is None:
+            return None
+        if self.rate.size != 1 or self.rate.dtype.kind not in "iuf":
+            raise ValueError(
+                f"{self.file}: array 'sampling_rate' must be one number in Hz, got {self.rate!r}"
+            )
+        rate = float(self.rate.reshape(()))
+        check_rate(f"{self.file}: array 'sampling_rate'", rate)
+        return rate, "array 'sampling_rate'"
+
+
+def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """All arrays of an NPZ file. Pickled ones are refused: they are code."""
+    with _archive(path) as archive:
+        return {name.removesuffix(".npy"): _array(path, archive, name) for name in archive.namelist()}
+
+
+@contextmanager
+def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive, with every failure of reading in one wording."""
+    try:
+        with path.open("rb") as file:
+            if file.read(6) == b"\x93NUMPY":
+                raise ValueError(
+                    f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez"
+                )
+            file.seek(0)
+            with zipfile.ZipFile(file) as archive:
+                yield archive
+    except PermissionError:
+        raise
+    except (
+        zipfile.BadZipFile, zlib.error, EOFError, OSError, KeyError, NotImplementedError, RuntimeError,
+    ) as error:  # fmt: skip
+        raise ValueError(f"{path.name} is damaged or not an NPZ archive ({error})") from None
+    except ValueError as error:
+        if path.name in str(error):
+            raise
+        raise ValueError(f"{path.name} is damaged or not an NPZ archive ({error})") from None
+
+
+def _header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    with archive.open(_member(archive, name)) as file:
+        return _read_header(path, name, file)
+
+
+def _read_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+    elif version == (2, 0):
+        shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+    else:
+        raise ValueError(f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers")
+    if dtype.hasobject:
+        raise ValueError(
+            f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
+        )
+    return shape, dtype
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """One array, after a look at whether the file can hold what its header claims."""
+    member = _member(archive, name)
+    info = archive.getinfo(member)
+    shape, dtype = _header(path, archive, member)
+    n_bytes = dtype.itemsize
+    for length in shape:
+        n_bytes *= length
+    check_claim(path, max(n_bytes, info.file_size))
+    if n_bytes > info.file_size:
+        raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
+    with archive.open(member) as file:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+        file.read(1)  # to the end, where the checksum is compared
+        return np.asarray(array)
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> str:
+    return name if name in archive.namelist() else f"{name}.npy"
+
+
+def _plain(path: Path, key: str, array: NDArray[Any]) -> Any:
+    """A label as Python object."""
+    value = array.tolist()
+    if key != "meta":
+        return value
+    try:
+        meta = json.loads(value)
+    except (TypeError, ValueError):
+        meta = None
+    if not isinstance(meta, dict):
+        raise ValueError(f"{path.name}: array 'meta' must be a JSON object as text, got {value!r}")
+    return meta
+
+
+def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
+    """Write a recording as plain arrays, its labels too."""
+    arrays: dict[str, NDArray[Any]] = {"torque": recording.torque}
+    if recording.angle is not None:
+        arrays["angle"] = recording.angle
+    for key, value in labels.items():
+        if key == "meta":
+            value = json.dumps(value)
+        elif key == "worn_lobes":
+            value = np.asarray(value, dtype=np.int64)  # an empty list would become float
+        arrays[key] = np.asarray(value)
+    arrays[FORMAT_KEY] = np.asarray(VERSION)
+    np.savez(file, **arrays)  # type: ignore[arg-type]

@@ -1,0 +1,96 @@
+"""Columns of a Parquet file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, missing_library
+
+
+class ParquetSource(Source):
+    """Columns of a Parquet file; units from the columns' metadata (``unit``) or names."""
+
+    noun, plural = "column", "columns"
+
+    def __init__(self, path: Path) -> None:
+        with _opened(path) as file:
+            schema = file.schema_arrow
+            metadata = schema.metadata or {}
+            self.types = [field.type for field in schema]
+            units = [(field.metadata or {}).get(b"unit") for field in schema]
+            names = [str(field.name) for field in schema]
+            self.n_rows = int(file.metadata.num_rows)
+        super().__init__(path, names, [None if unit is None else unit.decode() for unit in units])
+        self.rate: float | None = None
+        if b"sampling_rate" in metadata:
+            try:
+                self.rate = float(metadata[b"sampling_rate"])
+            except ValueError:
+                raise ValueError(
+                    f"{path.name}: metadata 'sampling_rate' must be a number (Hz), got "
+                    f"{metadata[b'sampling_rate']!r}"
+                ) from None
+            check_rate(f"{path.name}: metadata 'sampling_rate'", self.rate)
+
+    def usable(self, index: int) -> bool:
+        """Whether a column holds numbers."""
+        name = str(self.types[index])
+        return name.startswith(("int", "uint", "float", "double", "halffloat", "decimal"))
+
+    def stated_rate(self, torque: int) -> tuple[float, str] | None:
+        """Rate by the file's metadata."""
+        return None if self.rate is None else (self.rate, "metadata 'sampling_rate'")
+
+    def where(self, sample: int) -> str:
+        """The row of a sample."""
+        return f"row {sample + 1}"
+
+    def raw(self, index: int) -> NDArray[Any]:
+        """One column, batch by batch."""
+        name, kind = self.names[index], str(self.types[index])
+        called = f"{self.file}: column {name!r}"
+        is_time = kind.startswith(("timestamp", "duration"))
+        if not (self.usable(index) or is_time):
+            raise ValueError(f"{called} must hold real numbers, got {kind}")
+        if self.names.count(name) > 1:
+            raise ValueError(f"{called} is there {self.names.count(name)} times; names must be distinct")
+        check_claim(self.path, 8 * self.n_rows)
+        parts: list[NDArray[Any]] = []
+        with _opened(self.path) as file:
+            for batch in file.iter_batches(batch_size=2**20, columns=[name]):
+                column = batch.column(0)
+                if column.null_count:
+                    row = sum(part.size for part in parts) + int(column.is_null().to_numpy(False).argmax())
+                    raise ValueError(
+                        f"{called} holds nothing in {self.where(int(row))}; it must hold a number"
+                    )
+                values = column.to_numpy(zero_copy_only=False)
+                parts.append(values if is_time else values.astype(np.float64))
+        return np.concatenate(parts) if parts else np.empty(0)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file as pyarrow sees it, with every failure in one wording."""
+    try:
+        from pyarrow.parquet import ParquetFile
+    except ImportError:
+        raise missing_library(".parquet", "pyarrow") from None
+    try:
+        with ParquetFile(path, memory_map=True) as file:
+            yield file
+    except (MemoryError, PermissionError):
+        raise
+    except (OSError, ValueError, KeyError, TypeError, NotImplementedError) as error:
+        # pyarrow's own errors derive from these
+        if str(error).startswith(path.name):
+            raise
+        raise ValueError(
+            f"{path.name} is damaged, it cannot be read as Parquet ({' '.join(str(error).split())})"
+        ) from None

@@ -1,0 +1,260 @@
+"""Channels of an NI TDMS file."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+import re
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import TORQUE_UNITS, Source, missing_library, whole_rate
+
+_LEAD_IN = 28
+_BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
+_UNKNOWN_LENGTH = 2**64 - 1  # of the last segment, where the recording program died
+_VERSIONS = (4712, 4713)
+# npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
+_BLOCK = 2**26
+# Scales that npTDMS computes. For any other it logs a line and hands over raw counts.
+_SCALES = {
+    "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract",
+    "AdvancedAPI",
+}  # fmt: skip
+_UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
+
+
+class TdmsSource(Source):
+    """Channels of a TDMS file, named ``group/channel``; read in parts, so that one may lie in a huge file.
+
+    The index file that may lie beside it is not used: it may be of another recording.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.interleaved = _check_segments(path)
+        with _opened(path) as file:
+            channels = [channel for group in file.groups() for channel in group.channels()]
+            self.keys = [(channel.group_name, channel.name) for channel in channels]
+            self.lengths = [len(channel) for channel in channels]
+            self.kinds = [_dtype(channel) for channel in channels]
+            self.properties = [dict(channel.properties) for channel in channels]
+            self.scopes = [
+                (dict(channel.properties), dict(file[channel.group_name].properties), dict(file.properties))
+                for channel in channels
+            ]
+            self.daqmx = [bool(channel.scaler_data_types) for channel in channels]
+        units = [
+            next((str(found[key]) for key in _UNIT_PROPERTIES if found.get(key)), None)
+            for found in self.properties
+        ]
+        super().__init__(
+            path, [f"{group}/{name}" for group, name in self.keys], units, [name for _, name in self.keys]
+        )
+
+    def usable(self, index: int) -> bool:
+        """Whether a channel holds numbers."""
+        kind = self.kinds[index]
+        return self.lengths[index] > 0 and kind is not None and kind.kind in "iuf"
+
+    def stated_rate(self, torque: int) -> tuple[float, str] | None:
+        """Rate by the waveform's increment in s."""
+        step = self.properties[torque].get("wf_increment")
+        if step is None or not math.isfinite(float(step)) or float(step) <= 0:
+            return None
+        return whole_rate(float(step)), "property 'wf_increment'"
+
+    def meta(self, torque: int) -> dict[str, Any]:
+        """Start of the waveform (UTC, ISO 8601)."""
+        start = self.properties[torque].get("wf_start_time")
+        return {} if start is None else {"start_time": str(start)}
+
+    def check_torque(self, torque: int, scale: float | None) -> None:
+        """Raise ``ValueError`` for channels that would come back as raw counts."""
+        self._check_scales(torque)
+        kind = self.kinds[torque]
+        counts = kind is not None and kind.kind in "iu" and self.units[torque] not in TORQUE_UNITS
+        unscaled = any(
+            scope.get("NI_Scaling_Status") == "unscaled" and not _n_scales(scope)
+            for scope in self.scopes[torque][:1]
+        )
+        if (counts or unscaled) and scale is None:
+            raise ValueError(
+                f"{self.file}: channel {self.names[torque]!r} holds raw counts ({kind}), and the file states "
+                "no scale; give scale= (Nm per count)"
+            )
+
+    def _check_scales(self, index: int) -> None:
+        for scope in self.scopes[index]:
+            n_scales = _n_scales(scope)
+            if n_scales == 0 or scope.get("NI_Scaling_Status") == "scaled":
+                continue
+            for number in range(n_scales):
+                kind = scope.get(f"NI_Scale[{number}]_Scale_Type")
+                if kind in _SCALES or (kind is None and self.daqmx[index]):
+                    continue
+                raise ValueError(
+                    f"{self.file}: channel {self.names[index]!r} has a scale that cannot be computed "
+                    f"(NI_Scale[{number}]: {kind!r}); known are {', '.join(sorted(_SCALES))}. Save it "
+                    "scaled: raw counts are not read in its place"
+                )
+            return  # the innermost scope with scales is the one that applies
+
+    def raw(self, index: int) -> NDArray[Any]:
+        """Scaled values of one channel."""
+        self._check_scales(index)
+        group, name = self.keys[index]
+        n_values, dtype = self.lengths[index], self.kinds[index]
+        called = f"{self.file}: channel {self.names[index]!r}"
+        if n_values and (dtype is None or dtype.kind not in "iufM"):
+            raise ValueError(f"{called} must hold real numbers, got {dtype or 'another type'}")
+        size = self.path.stat().st_size
+        if n_values > size:  # no sample takes less than a byte
+            raise ValueError(f"{self.file} is damaged: it claims {n_values} samples in {size} bytes")
+        with _opened(self.path) as file:
+            channel = file[group][name]
+            values: NDArray[Any] = np.empty(
+                n_values, dtype if dtype is not None and dtype.kind == "M" else np.float64
+            )
+            done = 0
+            for part in self._parts(channel, n_values, size):
+                if done + len(part) > n_values:
+                    break
+                values[done : done + len(part)] = part
+                done += len(part)
+        if done != n_values:
+            raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
+        return values
+
+    def _parts(self, channel: Any, n_values: int, size: int) -> Iterator[Any]:
+        if not self.interleaved:
+            for chunk in channel.data_chunks():
+                yield chunk[:]
+            return
+        rows = max(1, _BLOCK * n_values // max(size, 1))
+        for start in range(0, n_values, rows):
+            yield channel.read_data(start, min(rows, n_values - start))
+
+
+class _Bounded(io.BufferedReader):
+    """A file that is never asked for more bytes than it has: a damaged length must not fill the memory."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self.size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Up to ``size`` bytes."""
+        left = max(0, self.size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _Notes(logging.Filter):
+    """What npTDMS would only log: data that are not where they should be. Nothing of it is printed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lost: list[str] = []
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Keep a message about lost data, and drop the record."""
+        text = record.getMessage()
+        if text.startswith(("Data size", "Cropping", "Last segment")):
+            self.lost.append(text.partition(". ")[0])
+        return False
+
+    def __enter__(self) -> _Notes:
+        from nptdms.log import log_manager
+
+        self.loggers = list(log_manager.loggers.values())
+        for logger in self.loggers:
+            logger.addFilter(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for logger in self.loggers:
+            logger.removeFilter(self)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file as npTDMS sees it, with every failure in one wording."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise missing_library(".tdms", "npTDMS") from None
+    with _Bounded(path) as stream:
+        try:
+            with _Notes() as notes, TdmsFile.open(stream) as file:
+                yield file
+            if notes.lost:
+                raise ValueError(f"{path.name} is damaged: {notes.lost[0]}")
+        except (MemoryError, KeyboardInterrupt):
+            raise
+        except Exception as error:  # npTDMS lets KeyError, struct.error and plain Exception through
+            if isinstance(error, ValueError) and str(error).startswith(path.name):
+                raise
+            raise ValueError(
+                f"{path.name} is damaged, it cannot be read as TDMS ({type(error).__name__}: {error})"
+            ) from None
+
+
+def _check_segments(path: Path) -> bool:
+    """Follow the lead-ins of all segments; whether any of them holds interleaved data.
+
+    npTDMS reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
+    """
+    size = path.stat().st_size
+    position, interleaved = 0, False
+    with path.open("rb") as file:
+        while position < size:
+            file.seek(position)
+            lead_in = file.read(_LEAD_IN)
+            where = f"the segment at byte {position}"
+            if lead_in[:4] != b"TDSm":
+                if position == 0:
+                    raise ValueError(f"{path.name} is no TDMS file: it does not begin with 'TDSm'")
+                raise ValueError(f"{path.name} is damaged: {where} does not begin with 'TDSm'")
+            if len(lead_in) < _LEAD_IN:
+                raise ValueError(f"{path.name} is not whole: {where} ends within its lead-in")
+            (mask,) = struct.unpack("<l", lead_in[4:8])
+            order = ">" if mask & _BIG_ENDIAN else "<"
+            version, following, data = struct.unpack(f"{order}lQQ", lead_in[8:])
+            if version not in _VERSIONS:
+                raise ValueError(
+                    f"{path.name}: {where} is of TDMS version {version}, known are {_VERSIONS[0]} and "
+                    f"{_VERSIONS[1]}"
+                )
+            end = position + _LEAD_IN + following
+            if following == _UNKNOWN_LENGTH or end > size:
+                raise ValueError(
+                    f"{path.name} is not whole: {where} has no end (was the recording broken off?)"
+                )
+            if data > following:
+                raise ValueError(f"{path.name} is damaged: {where} has its data after its end")
+            interleaved |= bool(mask & (_INTERLEAVED | _DAQMX))
+            position = end
+    return interleaved
+
+
+def _n_scales(properties: Mapping[str, Any]) -> int:
+    """Number of scales that a channel, group or file states."""
+    if "NI_Number_Of_Scales" in properties:
+        return int(properties["NI_Number_Of_Scales"])
+    found = [re.match(r"NI_Scale\[(\d+)\]_Scale_Type", key) for key in properties]
+    return max((int(match[1]) + 1 for match in found if match), default=0)
+
+
+def _dtype(channel: Any) -> np.dtype[Any] | None:
+    """Type of the scaled values; None where there is none, or its scale cannot be computed."""
+    try:
+        kind: np.dtype[Any] = np.dtype(channel.dtype)
+    except Exception:  # told when the channel is asked for
+        return None
+    return kind

@@ -1,0 +1,139 @@
+"""Sampling rate of a column of times, whose jitter and gaps are checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import TIME_UNITS, Float, Source, check_same_rate
+
+# Rounded times lie within a fraction of a sample of even spacing; one missing sample moves them by at least
+# half a sample somewhere.
+_JITTER = 0.25
+# What a record is worth telling of.
+_JITTER_TOLD = 0.05
+# Seconds since 1970 in ms, us and ns, as data loggers write them: such numbers are no seconds of a record.
+_SINCE_1970 = ((1e11, 1e14, "ms"), (1e14, 1e17, "us"), (1e17, 1e20, "ns"))
+
+
+def rate_of(
+    source: Source, time: int | None, torque: int, given: float | None, *, asked: bool
+) -> tuple[float, dict[str, Any]]:
+    """Sampling rate in Hz, and what to note in ``meta`` of where it comes from.
+
+    Parameters
+    ----------
+    source : Source
+    time, torque : int or None
+        Channels.
+    given : float or None
+        Rate that the caller states.
+    asked : bool
+        Whether the caller named the time's channel.
+    """
+    stated = source.stated_rate(torque)
+    if stated is not None:
+        check_same_rate(source.file, given, stated[0], f"its {stated[1]}", tolerance=1e-6)
+        if not asked:
+            return stated[0], {"rate_from": stated[1]}
+    if time is None:
+        if given is None:
+            raise ValueError(
+                f"{source.file}: no sampling rate: give sampling_rate= (Hz), or time_channel= for "
+                f"{source.a_noun()} of times; {source.plural} are {source.listed()}"
+            )
+        return float(given), {"rate_from": "argument"}
+    name = f"time {source.noun} {source.names[time]!r}"
+    try:
+        values = source.times(time)
+    except ValueError:
+        if given is None or asked:
+            raise
+        return float(given), {"rate_from": "argument"}  # a clock in text: not needed where the rate is given
+    seconds, note = _seconds(source, time, values)
+    if given is not None:
+        span = float(seconds[-1] - seconds[0])
+        by_time = (seconds.size - 1) / span if span > 0 else 0.0
+        check_same_rate(source.file, given, by_time, f"its {name}", tolerance=0.01)
+        return float(given), {"rate_from": "argument"}
+    rate, jitter = even_rate(f"{source.file}: {name}", seconds, source)
+    meta: dict[str, Any] = {"rate_from": name + note}
+    if jitter > _JITTER_TOLD:
+        meta["time_jitter"] = round(jitter, 3)
+    return rate, meta
+
+
+def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, str]:
+    """Times in s from the first, and a note on their unit where the column does not state it."""
+    if values.dtype.kind in "mM":
+        if values.size < 2 or np.any(np.isnat(values)):
+            raise ValueError(f"{source.file}: time {source.noun} {source.names[time]!r} has times missing")
+        return (values - values[0]) / np.timedelta64(1, "s"), ""
+    unit, note = source.units[time], ""
+    if unit is None:
+        for low, high, guess in _SINCE_1970:
+            if low <= abs(values[0]) < high:
+                unit, note = guess, f" ({guess} since 1970)"
+    unit = unit or "s"
+    if unit not in TIME_UNITS:
+        raise ValueError(
+            f"{source.file}: time {source.noun} {source.names[time]!r} must be in {', '.join(TIME_UNITS)}, "
+            f"got {unit!r}"
+        )
+    # From the first: dates in ns would lose the digits that matter.
+    return (values - values[0]) * TIME_UNITS[unit], note
+
+
+def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
+    """Rate of an evenly spaced column of times in Hz, and its largest jitter in samples.
+
+    Raises
+    ------
+    ValueError
+        Where the times do not rise, or leave even spacing by more than a quarter of a sample: the message
+        says whether samples are missing (how many gaps, where the longest is) or the clock jitters.
+    """
+    count = seconds.size - 1
+    if not seconds[-1] > seconds[0]:
+        raise ValueError(
+            f"{called} must rise, from its first to its last sample it goes by {seconds[-1] - seconds[0]:g} s"
+        )
+    steps = np.diff(seconds)
+    if np.any(steps < 0):
+        where = int(np.argmax(steps < 0)) + 1
+        raise ValueError(
+            f"{called} must rise, it falls by {-steps[where - 1]:.3g} s at {source.where(where)}"
+        )
+    rate = count / float(seconds[-1] - seconds[0])
+    off = np.abs((seconds - seconds[0]) * rate - np.arange(seconds.size))
+    worst = int(np.argmax(off))
+    if off[worst] > _JITTER:
+        raise ValueError(
+            f"{called} is not evenly spaced: {_what_is_wrong(steps, off, worst, rate, source)}; if the "
+            "samples are even, give sampling_rate="
+        )
+    # Rounded times give 25600.0003 Hz, and no two files the same rate: a whole number of Hz within what the
+    # column's own scatter leaves open is taken.
+    slack = rate * (2 * float(off[worst]) / count + 1e-9)
+    if abs(rate - round(rate)) <= slack and round(rate) > 0:
+        rate = float(round(rate))
+    return rate, float(off[worst])
+
+
+def _what_is_wrong(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
+    """Gaps, or jitter, with the place."""
+    usual = float(np.median(steps))
+    gaps: NDArray[np.int64] = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
+    if 0 < gaps.size <= max(1, steps.size // 100):
+        longest = int(gaps[np.argmax(steps[gaps])])
+        missing = max(1, round(steps[longest] / usual) - 1)
+        return (
+            f"{gaps.size} gap{'s' if gaps.size > 1 else ''} at a usual {1 / usual:.6g} Hz, the longest of "
+            f"{missing} sample{'s' if missing > 1 else ''} before {source.where(longest + 1)}"
+        )
+    return (
+        f"at {source.where(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz (samples missing, "
+        "a clock that jitters, or times rounded too coarsely)"
+    )

@@ -1,0 +1,84 @@
+"""Channels of a WAV file."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import Source
+
+
+class WavSource(Source):
+    """Channels of a WAV file, counted from 0.
+
+    Whole numbers are shares of full scale (-1 to 1) and need a scale in Nm; floating-point samples are taken
+    as they are.
+    """
+
+    named = False
+
+    def __init__(self, path: Path) -> None:
+        _check_whole(path)
+        rate, self.samples = _read(path)
+        n_channels = 1 if self.samples.ndim == 1 else self.samples.shape[1]
+        super().__init__(path, [str(index) for index in range(n_channels)])
+        self.rate = float(rate)
+
+    def stated_rate(self, torque: int) -> tuple[float, str] | None:
+        """Rate by the header."""
+        return self.rate, "header"
+
+    def check_torque(self, torque: int, scale: float | None) -> None:
+        """Raise ``ValueError`` where whole numbers come without a scale."""
+        if scale is None and self.samples.dtype.kind != "f":
+            raise ValueError(
+                f"{self.file} holds shares of full scale ({self.samples.dtype}), which say nothing of Nm; "
+                "give scale= (Nm at full scale)"
+            )
+
+    def raw(self, index: int) -> NDArray[Any]:
+        """One channel; whole numbers as shares of full scale."""
+        samples = self.samples if self.samples.ndim == 1 else self.samples[:, index]
+        if samples.dtype.kind == "f":
+            return samples
+        if samples.dtype == np.uint8:
+            return (samples.astype(np.float64) - 128) / 128
+        return samples / -float(np.iinfo(samples.dtype).min)
+
+
+def _check_whole(path: Path) -> None:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(12)
+    if head[:4] not in (b"RIFF", b"RIFX", b"RF64") or head[8:] != b"WAVE":
+        raise ValueError(f"{path.name} is no WAV file: it does not begin with RIFF and WAVE")
+    (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
+    if head[:4] != b"RF64" and claimed + 8 > size:
+        raise ValueError(f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there")
+
+
+def _read(path: Path) -> tuple[float, NDArray[Any]]:
+    from scipy.io import wavfile
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", wavfile.WavFileWarning)
+        # Programs write chunks of their own; what matters of the file is there.
+        warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)
+        error: Exception
+        for mapped in (True, False):  # 24-bit samples cannot be mapped
+            try:
+                rate, samples = wavfile.read(path, mmap=mapped)
+            except (ValueError, OSError, struct.error, wavfile.WavFileWarning, TypeError, KeyError) as caught:
+                error = caught
+            except (UnboundLocalError, ZeroDivisionError, OverflowError, IndexError) as caught:
+                error = caught  # chunks missing, or of impossible lengths
+            else:
+                if not rate > 0:
+                    raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
+                return rate, samples
+    raise ValueError(f"{path.name} cannot be read as WAV ({error})")

@@ -1,0 +1,703 @@
+"""Files of independent writers give back what was written, in Nm; bad ones give one clear error each."""
+
+from __future__ import annotations
+
+import builtins
+import struct
+import time
+import tracemalloc
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
+from scipy.io import savemat, wavfile
+
+from cyclofeat.datasets import describe_recording, read_recording
+
+RATE = 25_600.0
+TORQUE = 22 + np.random.default_rng(5).normal(size=500)
+ANGLE = 0.002 * np.arange(1, 501)
+
+
+def wave(unit="Nm", rate=RATE, **more):
+    """Properties of an NI waveform."""
+    found = {"wf_increment": 1 / rate, "wf_start_time": np.datetime64("2024-05-01T12:00:00.25", "us")}
+    return found | ({"unit_string": unit} if unit else {}) | more
+
+
+def write_tdms(path, *segments):
+    with TdmsWriter(path) as writer:
+        for segment in segments:
+            writer.write_segment(segment)
+    return path
+
+
+# -- TDMS
+
+
+def test_tdms_gives_values_rate_unit_and_start(tmp_path):
+    path = write_tdms(
+        tmp_path / "rig.tdms",
+        [
+            ChannelObject("Messung", "Drehmoment", TORQUE * 1000, wave("mNm")),
+            ChannelObject("Messung", "Beschleunigung", TORQUE[:7], wave("g")),
+            ChannelObject("Messung", "Winkel", np.rad2deg(ANGLE), wave("deg")),
+        ],
+    )
+    recording = read_recording(path, assembly="A1")
+    np.testing.assert_allclose(recording.torque, TORQUE, rtol=1e-14)
+    np.testing.assert_allclose(recording.angle, ANGLE, rtol=1e-14)
+    assert recording.sampling_rate == RATE
+    assert recording.meta == {
+        "file": "rig.tdms", "channel": "Messung/Drehmoment", "unit_assumed": False,
+        "rate_from": "property 'wf_increment'", "start_time": "2024-05-01T12:00:00.250000", "scale": 1e-3,
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"sampling_rate = 1000 Hz contradicts its property 'wf_increment'"):
+        read_recording(path, sampling_rate=1_000)
+
+
+def test_tdms_of_many_segments_and_groups(tmp_path):
+    parts = np.array_split(TORQUE, 7)
+    path = write_tdms(
+        tmp_path / "rig.tdms",
+        *(
+            [ChannelObject("a", "torque", part, wave()), ChannelObject("b", "torque", -part, wave())]
+            for part in parts
+        ),
+    )
+    np.testing.assert_array_equal(read_recording(path, channel="a/torque").torque, TORQUE)
+    np.testing.assert_array_equal(read_recording(path, channel="b/torque").torque, -TORQUE)
+    np.testing.assert_array_equal(read_recording(path, channel=1).torque, -TORQUE)
+    for arguments in ({}, {"channel": "torque"}):
+        with pytest.raises(ValueError, match=r"channel .*(a/torque.*b/torque|\[0, 1\])"):
+            read_recording(path, **arguments)
+    with pytest.raises(
+        ValueError, match=r"channel = 'c' does not exist; channels are 'a/torque', 'b/torque'"
+    ):
+        read_recording(path, channel="c")
+
+
+def test_the_index_file_of_another_recording_is_not_believed(tmp_path):
+    with TdmsWriter(str(tmp_path / "rig.tdms"), index_file=True) as writer:
+        writer.write_segment([ChannelObject("g", "torque", TORQUE[:9], wave())])
+    assert (tmp_path / "rig.tdms_index").exists()
+    write_tdms(tmp_path / "rig.tdms", [ChannelObject("g", "torque", TORQUE, wave())])
+    np.testing.assert_array_equal(read_recording(tmp_path / "rig.tdms").torque, TORQUE)
+
+
+LINEAR = {
+    "NI_Scaling_Status": "unscaled", "NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear",
+    "NI_Scale[0]_Linear_Slope": 0.25, "NI_Scale[0]_Linear_Y_Intercept": -3.0,
+    "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+}  # fmt: skip
+COUNTS = np.arange(100, 160, dtype=np.int16)
+
+
+@pytest.mark.parametrize("place", ["channel", "group", "file"])
+def test_a_tdms_scale_is_applied_wherever_it_stands(tmp_path, place):
+    scales = {name: LINEAR if name == place else {} for name in ("channel", "group", "file")}
+    path = write_tdms(
+        tmp_path / "rig.tdms",
+        [
+            RootObject(scales["file"]),
+            GroupObject("g", scales["group"]),
+            ChannelObject("g", "torque", COUNTS, wave() | scales["channel"]),
+        ],
+    )
+    np.testing.assert_array_equal(read_recording(path).torque, 0.25 * COUNTS - 3)
+
+
+@pytest.mark.parametrize("place", ["channel", "group", "file"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"NI_Scale[0]_Scale_Type": "Fancy"},
+        {"NI_Scale[0]_Scale_Type": ""},
+        {"NI_Number_Of_Scales": 2},  # the second is not described
+        {"NI_Number_Of_Scales": 2, "NI_Scale[1]_Scale_Type": "Strange"},
+    ],
+)
+def test_a_tdms_scale_that_is_not_known_is_an_error_never_raw_counts(tmp_path, place, change):
+    scales = {name: LINEAR | change if name == place else {} for name in ("channel", "group", "file")}
+    path = write_tdms(
+        tmp_path / "rig.tdms",
+        [
+            RootObject(scales["file"]),
+            GroupObject("g", scales["group"]),
+            ChannelObject("g", "torque", COUNTS, wave() | scales["channel"]),
+        ],
+    )
+    for arguments in ({}, {"scale": 2.0}):
+        with pytest.raises(
+            ValueError, match=r"rig.tdms: channel 'g/torque' has a scale that cannot be computed"
+        ):
+            read_recording(path, **arguments)
+
+
+def test_tdms_counts_without_a_scale_need_one(tmp_path):
+    path = write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", COUNTS, wave(None))])
+    with pytest.raises(ValueError, match=r"holds raw counts \(int16\).*scale= \(Nm per count\)"):
+        read_recording(path)
+    np.testing.assert_array_equal(read_recording(path, scale=0.5).torque, 0.5 * COUNTS)
+    path = write_tdms(
+        tmp_path / "b.tdms", [ChannelObject("g", "torque", TORQUE, wave(NI_Scaling_Status="unscaled"))]
+    )
+    with pytest.raises(ValueError, match=r"holds raw counts \(float64\)"):
+        read_recording(path)
+    path = write_tdms(tmp_path / "c.tdms", [ChannelObject("g", "torque", TORQUE, wave("V"))])
+    with pytest.raises(ValueError, match=r"channel 'g/torque' is in 'V', known are Nm"):
+        read_recording(path)
+
+
+def test_a_tdms_time_channel_gives_the_rate_where_no_property_does(tmp_path):
+    start = np.datetime64("2024-05-01T12:00:00", "us")
+    times = start + np.arange(500) * np.timedelta64(1_000, "us")
+    path = write_tdms(
+        tmp_path / "rig.tdms",
+        [
+            ChannelObject("g", "torque", TORQUE, {"unit_string": "Nm"}),
+            ChannelObject("g", "timestamp", times),
+            ChannelObject("g", "note", ["a", "b"]),
+        ],
+    )
+    recording = read_recording(path)
+    assert recording.sampling_rate == 1_000
+    np.testing.assert_array_equal(recording.torque, TORQUE)
+    with pytest.raises(ValueError, match=r"'g/note' must hold real numbers"):
+        read_recording(path, channel="note")
+
+
+def test_one_channel_of_a_large_tdms_file_takes_the_memory_of_one(tmp_path):
+    n, n_channels = 1_000_000, 16  # 8 MB each
+    part = np.arange(n // 4, dtype=np.float64)
+    path = write_tdms(
+        tmp_path / "large.tdms",
+        *(
+            [ChannelObject("g", "torque" if c == 9 else f"c{c}", part + s, wave()) for c in range(n_channels)]
+            for s in range(4)
+        ),
+    )
+    assert path.stat().st_size > 120e6
+    tracemalloc.start()
+    recording = read_recording(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert recording.n_samples == n
+    assert recording.torque[-1] == part[-1] + 3
+    assert peak < 40e6
+
+
+def interleaved(path, columns):
+    """A TDMS file of interleaved float64 channels, byte by byte after NI's description of the format."""
+
+    def text(value):
+        return struct.pack("<I", len(value)) + value.encode()
+
+    rows = len(columns[0][1])
+    meta = struct.pack("<I", len(columns))
+    for name, _ in columns:
+        meta += text(f"/'g'/'{name}'") + struct.pack("<IIIQ", 20, 10, 1, rows)
+        meta += struct.pack("<I", 1) + text("wf_increment") + struct.pack("<Id", 10, 1 / RATE)
+    data = np.column_stack([values for _, values in columns]).astype("<f8").tobytes()
+    toc = (1 << 1) | (1 << 2) | (1 << 3) | (1 << 5)
+    path.write_bytes(
+        b"TDSm" + struct.pack("<IIQQ", toc, 4713, len(meta) + len(data), len(meta)) + meta + data
+    )
+
+
+def test_interleaved_tdms_is_read_in_parts(tmp_path, monkeypatch):
+    from cyclofeat.datasets.readers import _tdms
+
+    interleaved(tmp_path / "rig.tdms", [("torque", TORQUE), ("angle", np.rad2deg(ANGLE))])
+    for block in (2**26, 1_000):
+        monkeypatch.setattr(_tdms, "_BLOCK", block)
+        recording = read_recording(tmp_path / "rig.tdms", angle_unit="deg")
+        np.testing.assert_array_equal(recording.torque, TORQUE)
+        np.testing.assert_allclose(recording.angle, ANGLE, rtol=1e-14)
+        assert recording.sampling_rate == RATE
+
+
+# -- MATLAB
+
+
+def hdf5_matlab(path, variables):
+    """A file in MATLAB's v7.3 layout: 512 bytes of its own, arrays transposed, classes as attributes."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        _fill(file, file, variables)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 .".ljust(124) + b"\0\2IM")
+    return path
+
+
+def _fill(file, group, variables):
+    for name, value in variables.items():
+        if isinstance(value, dict):
+            child = group.create_group(name)
+            child.attrs["MATLAB_class"] = np.bytes_("struct")
+            _fill(file, child, value)
+        elif isinstance(value, str):
+            data = group.create_dataset(name, data=np.frombuffer(value.encode("utf-16-le"), "<u2")[:, None])
+            data.attrs["MATLAB_class"] = np.bytes_("char")
+        elif isinstance(value, list):
+            store = file.require_group("#refs#")
+            cells = {f"{name}{i}": cell for i, cell in enumerate(value)}
+            _fill(file, store, cells)
+            references = np.array([[store[key].ref] for key in cells], dtype=h5py.ref_dtype)
+            data = group.create_dataset(name, data=references)
+            data.attrs["MATLAB_class"] = np.bytes_("cell")
+        else:
+            data = group.create_dataset(name, data=np.atleast_2d(value).T)
+            data.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def savemat_cells(path, variables, **options):
+    """scipy's writer, with lists as cells."""
+
+    def cells(value):
+        if isinstance(value, dict):
+            return {key: cells(inner) for key, inner in value.items()}
+        return np.array(value, dtype=object) if isinstance(value, list) else value
+
+    savemat(path, cells(variables), **options)
+    return path
+
+
+WRITERS = {
+    "v5": savemat_cells,
+    "v7": lambda path, variables: savemat_cells(path, variables, do_compression=True),
+    "v7.3": hdf5_matlab,
+}
+writers = pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+
+
+@writers
+@pytest.mark.parametrize("column", [True, False])
+def test_matlab_vectors(tmp_path, write, column):
+    shaped = TORQUE[:, None] if column else TORQUE[None, :]
+    path = write(tmp_path / "rig.mat", {"torque_nm": shaped, "fs": RATE, "angle_rad": ANGLE[:, None]})
+    recording = read_recording(path)
+    np.testing.assert_array_equal(recording.torque, TORQUE)
+    np.testing.assert_array_equal(recording.angle, ANGLE)
+    assert recording.sampling_rate == RATE
+    assert recording.meta["rate_from"] == "variable 'fs'"
+    assert not recording.meta["unit_assumed"]
+
+
+def test_matlab_v4(tmp_path):
+    savemat(tmp_path / "rig.mat", {"M": TORQUE, "dt": 1 / RATE}, format="4")
+    recording = read_recording(tmp_path / "rig.mat")
+    np.testing.assert_array_equal(recording.torque, TORQUE)
+    assert recording.sampling_rate == RATE
+
+
+@writers
+def test_matlab_structs_and_matrices(tmp_path, write):
+    path = write(
+        tmp_path / "rig.mat",
+        {
+            "rig": {"out": {"torque": TORQUE[:, None], "torque_unit": "kNm"}, "SampleRate": RATE},
+            "other": {"torque": -TORQUE[:, None], "fs": 10.0},
+            "data": np.column_stack([TORQUE, -TORQUE, 2 * TORQUE]),
+            "flat": np.stack([TORQUE, 3 * TORQUE]),
+        },
+    )
+    recording = read_recording(path, channel="rig.out.torque")
+    np.testing.assert_allclose(recording.torque, 1000 * TORQUE, rtol=1e-14)
+    assert recording.sampling_rate == RATE  # of its own struct
+    assert read_recording(path, channel="other.torque").sampling_rate == 10
+    for channel, right in (("data(:,2)", -TORQUE), ("flat(2,:)", 3 * TORQUE)):
+        got = read_recording(path, channel=channel, sampling_rate=RATE)
+        np.testing.assert_array_equal(got.torque, right)
+    with pytest.raises(
+        ValueError, match=r"channel must be given, .*: .*'(rig.out|other).torque', '(rig.out|other)"
+    ):
+        read_recording(path, sampling_rate=RATE)
+    with pytest.raises(ValueError, match=r"channel = 'rig' does not exist; variables are .*'rig.out.torque'"):
+        read_recording(path, channel="rig")
+
+
+@writers
+def test_a_timetable_saved_as_a_struct(tmp_path, write):
+    names = ["Drehmoment", "Winkel"]
+    timetable = {
+        "Time": (np.arange(500) / 1_000)[:, None],
+        "Drehmoment": 1000 * TORQUE[:, None],
+        "Winkel": np.rad2deg(ANGLE)[:, None],
+        "Properties": {"VariableNames": names, "VariableUnits": ["mNm", "deg"], "SampleRate": np.nan},
+    }
+    recording = read_recording(write(tmp_path / "rig.mat", {"tt": timetable}))
+    np.testing.assert_allclose(recording.torque, TORQUE, rtol=1e-14)
+    np.testing.assert_allclose(recording.angle, ANGLE, rtol=1e-13)
+    assert recording.sampling_rate == 1_000
+    assert recording.meta["rate_from"] == "time variable 'tt.Time'"
+    timetable["Properties"]["SampleRate"] = 1_000.0
+    del timetable["Time"]
+    assert read_recording(write(tmp_path / "b.mat", {"tt": timetable})).sampling_rate == 1_000
+
+
+def test_a_struct_array_of_numbers_is_a_vector(tmp_path):
+    rows = np.zeros((500, 1), dtype=[("torque", object), ("note", object)])
+    rows["torque"][:, 0] = list(TORQUE)
+    rows["note"][:, 0] = ["a"] * 500
+    savemat(tmp_path / "rig.mat", {"rows": rows, "fs": RATE})
+    np.testing.assert_array_equal(read_recording(tmp_path / "rig.mat").torque, TORQUE)
+    with pytest.raises(ValueError, match=r"'rows.note' must hold one number in each element"):
+        read_recording(tmp_path / "rig.mat", channel="rows.note")
+
+
+@writers
+def test_what_matlab_files_hold_besides_vectors_is_told(tmp_path, write):
+    path = write(
+        tmp_path / "rig.mat",
+        {"c": ["a", 1.0], "cube": np.zeros((2, 3, 4)), "z": np.array([1j, 2]), "nothing": np.zeros((0, 0))},
+    )
+    with pytest.raises(ValueError, match=r"'c' is a cell array"):
+        read_recording(path, channel="c", sampling_rate=1)
+    with pytest.raises(ValueError, match=r"'cube' must be a vector"):
+        read_recording(path, channel="cube", sampling_rate=1)
+    with pytest.raises(ValueError, match=r"'z' must .*hold real numbers"):
+        read_recording(path, channel="z", sampling_rate=1)
+
+
+def test_links_of_hdf5_are_not_followed(tmp_path):
+    with h5py.File(tmp_path / "secret.mat", "w") as file:
+        file["torque"] = TORQUE
+    with h5py.File(tmp_path / "rig.mat", "w") as file:
+        file["torque"] = h5py.ExternalLink("secret.mat", "torque")
+        loop = file.create_group("loop")
+        loop["self"] = loop
+    with pytest.raises(ValueError, match=r"'torque' is a link, which is not followed"):
+        read_recording(tmp_path / "rig.mat", sampling_rate=1)
+
+
+# -- Parquet
+
+
+def test_parquet_of_pandas_and_of_pyarrow(tmp_path):
+    frame = pd.DataFrame(
+        {
+            "Drehmoment [Nm]": TORQUE.astype(np.float32),
+            "timestamp": pd.Timestamp("2024-05-01") + pd.to_timedelta(np.arange(500) * 500, unit="us"),
+            "note": ["ä"] * 500,
+        }
+    )
+    frame.to_parquet(tmp_path / "pandas.parquet", row_group_size=77)
+    recording = read_recording(tmp_path / "pandas.parquet")
+    np.testing.assert_array_equal(recording.torque, TORQUE.astype(np.float32))
+    assert recording.sampling_rate == 2_000
+    schema = pa.schema(
+        [pa.field("M", pa.float64(), metadata={"unit": "mNm"}), pa.field("phi", pa.float64())],
+        metadata={"sampling_rate": "25600"},
+    )
+    table = pa.table([1000 * TORQUE, np.rad2deg(ANGLE)], schema=schema)
+    pq.write_table(table, tmp_path / "arrow.parquet")
+    recording = read_recording(tmp_path / "arrow.parquet", channel="M", angle_channel="phi", angle_unit="deg")
+    np.testing.assert_allclose(recording.torque, TORQUE, rtol=1e-14)
+    np.testing.assert_allclose(recording.angle, ANGLE, rtol=1e-13)
+    assert recording.sampling_rate == RATE
+
+
+def test_parquet_with_holes_names_the_row(tmp_path):
+    table = pa.table({"torque": pa.array([1.0, 2.0, None, 4.0])})
+    pq.write_table(table, tmp_path / "rig.parquet")
+    with pytest.raises(ValueError, match=r"rig.parquet: column 'torque' holds nothing in row 3"):
+        read_recording(tmp_path / "rig.parquet", sampling_rate=1)
+    pq.write_table(pa.table({"torque": ["a", "b"]}), tmp_path / "text.parquet")
+    with pytest.raises(ValueError, match=r"column 'torque' must hold real numbers, got string"):
+        read_recording(tmp_path / "text.parquet", sampling_rate=1)
+
+
+# -- WAV
+
+
+def test_wav_of_every_sample_type(tmp_path):
+    share = np.linspace(-1, 0.999, 400)
+    full = {np.int16: 2**15, np.int32: 2**31}
+    for kind, top in full.items():
+        wavfile.write(tmp_path / "rig.wav", 8_000, np.round(share * top).astype(kind))
+        with pytest.raises(
+            ValueError, match=r"rig.wav holds shares of full scale \(int.*scale= \(Nm at full"
+        ):
+            read_recording(tmp_path / "rig.wav")
+        recording = read_recording(tmp_path / "rig.wav", scale=50)
+        np.testing.assert_allclose(recording.torque, 50 * share, atol=50 / top)
+        assert recording.sampling_rate == 8_000
+    wavfile.write(tmp_path / "rig.wav", 8_000, np.round(128 + 127 * share).astype(np.uint8))
+    np.testing.assert_allclose(read_recording(tmp_path / "rig.wav", scale=1).torque, share, atol=0.02)
+    stereo = np.column_stack([TORQUE, -TORQUE]).astype(np.float32)
+    wavfile.write(tmp_path / "rig.wav", 8_000, stereo)
+    with pytest.raises(ValueError, match=r"channel must be given, .*: 0, 1 \(no names in the file\)"):
+        read_recording(tmp_path / "rig.wav")
+    recording = read_recording(tmp_path / "rig.wav", channel=1)
+    np.testing.assert_array_equal(recording.torque, stereo[:, 1])
+    assert describe_recording(recording)["unit_assumed"]
+
+
+def test_wav_of_24_bits(tmp_path):
+    values = np.round(np.linspace(-1, 0.999, 400) * 2**23).astype("<i4")
+    data = values[:, None].view(np.uint8)[:, :3].tobytes()
+    head = b"WAVEfmt " + struct.pack("<IHHIIHH", 16, 1, 1, 8_000, 24_000, 3, 24)
+    body = head + b"data" + struct.pack("<I", len(data)) + data
+    (tmp_path / "rig.wav").write_bytes(b"RIFF" + struct.pack("<I", len(body)) + body)
+    np.testing.assert_allclose(
+        read_recording(tmp_path / "rig.wav", scale=1).torque, values / 2**23, atol=1e-9
+    )
+
+
+# -- damaged files
+
+
+def good_files(folder):
+    """One good file of each kind, with the torque of this module."""
+    np.savez_compressed(folder / "npz.npz", torque=TORQUE, sampling_rate=RATE)
+    write_tdms(
+        folder / "tdms.tdms",
+        *([ChannelObject("g", "torque", part, wave())] for part in np.array_split(TORQUE, 3)),
+    )
+    savemat(folder / "v4.mat", {"torque": TORQUE, "fs": RATE}, format="4")
+    savemat_cells(folder / "v5.mat", {"rig": {"torque": TORQUE, "fs": RATE, "n": ["a", "b"]}})
+    savemat(folder / "v7.mat", {"torque": TORQUE, "fs": RATE}, do_compression=True)
+    hdf5_matlab(folder / "v73.mat", {"torque": TORQUE, "fs": RATE})
+    pq.write_table(pa.table({"torque": TORQUE}), folder / "parquet.parquet")
+    wavfile.write(folder / "wav.wav", 25_600, TORQUE)
+    (folder / "csv.csv").write_text("torque [Nm]\n" + "\n".join(map(repr, map(float, TORQUE))) + "\n")
+    return sorted(folder.iterdir())
+
+
+KINDS = [
+    "npz.npz",
+    "tdms.tdms",
+    "v4.mat",
+    "v5.mat",
+    "v7.mat",
+    "v73.mat",
+    "parquet.parquet",
+    "wav.wav",
+    "csv.csv",
+]
+
+
+def attempt(path, limit_s=1.0):
+    """What reading gives: the recording, or the message of its one clear error."""
+    rate = None if path.suffix in (".npz", ".tdms", ".wav", ".mat") else RATE
+    begin = time.perf_counter()
+    try:
+        return read_recording(path, sampling_rate=rate)
+    except ValueError as error:
+        message = str(error)
+        assert path.name in message
+        assert "\n" not in message
+        assert len(message) < 1_000
+        return message
+    finally:
+        assert time.perf_counter() - begin < limit_s
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    files = good_files(tmp_path_factory.mktemp("good"))
+    for path in files:
+        recording = attempt(path, limit_s=60)  # imports the libraries too
+        np.testing.assert_array_equal(recording.torque, TORQUE)
+    return {path.name: path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "csv.csv"])
+def test_a_truncated_file_is_an_error(good, tmp_path, kind):
+    # Not CSV: a text file that ends early at a line's end is a shorter text file.
+    whole = good[kind]
+    path = tmp_path / kind
+    for length in sorted({1, 3, 4, 5, 27, 28, 29, 127, 129, *np.linspace(1, len(whole) - 2, 60).astype(int)}):
+        path.write_bytes(whole[:length])
+        assert isinstance(attempt(path), str), f"{length} of {len(whole)} bytes"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_flipped_and_random_bytes_give_a_recording_or_one_clear_error(good, tmp_path, kind):
+    random = np.random.default_rng(7)
+    whole = good[kind]
+    path = tmp_path / kind
+    tracemalloc.start()
+    for trial in range(150):
+        damaged = bytearray(whole)
+        # most of them in the first kilobyte, where the structure lies
+        end = 1_000 if trial % 3 else len(whole)
+        for position in random.integers(0, min(end, len(whole)), size=1 + trial % 4):
+            damaged[position] = random.integers(256)
+        path.write_bytes(damaged)
+        attempt(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 500e6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_is_no_recording(tmp_path, kind):
+    random = np.random.default_rng(8)
+    path = tmp_path / kind
+    for size in (1, 16, 100, 5_000):
+        path.write_bytes(random.bytes(size))
+        assert isinstance(attempt(path), str)
+
+
+def test_every_kind_under_every_other_name_is_told(good, tmp_path):
+    for kind, content in good.items():
+        for suffix in {f".{name.rpartition('.')[2]}" for name in good} - {f".{kind.rpartition('.')[2]}"}:
+            path = tmp_path / f"wrong{suffix}"
+            path.write_bytes(content)
+            message = attempt(path)
+            assert isinstance(message, str), (kind, suffix)
+            if kind not in ("csv.csv", "v4.mat"):  # these have no mark of their own
+                assert f"it begins like a .{kind.rpartition('.')[2]} file" in message
+
+
+@pytest.mark.parametrize("n_samples", [0, 1])
+def test_none_and_one_sample_are_errors_in_every_kind(tmp_path, n_samples):
+    few = TORQUE[:n_samples]
+    np.savez(tmp_path / "a.npz", torque=few, sampling_rate=RATE)
+    write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", few, wave())])
+    savemat(tmp_path / "a.mat", {"torque": few, "fs": RATE})
+    hdf5_matlab(tmp_path / "b.mat", {"torque": few, "fs": RATE})
+    pq.write_table(pa.table({"torque": few}), tmp_path / "a.parquet")
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few))
+    if n_samples:
+        wavfile.write(tmp_path / "a.wav", 8_000, few)
+    for path in tmp_path.iterdir():
+        assert isinstance(attempt(path, 5), str), path.name
+
+
+def test_no_channels_are_an_error_in_every_kind(tmp_path):
+    np.savez(tmp_path / "a.npz", sampling_rate=RATE)
+    write_tdms(tmp_path / "a.tdms", [RootObject({"a": 1})])
+    savemat(tmp_path / "a.mat", {"fs": RATE})
+    hdf5_matlab(tmp_path / "b.mat", {"fs": RATE})
+    pq.write_table(pa.table({}), tmp_path / "a.parquet")
+    for path in tmp_path.iterdir():
+        message = attempt(path, 5)
+        assert "holds no " in message, message
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_named_with_its_place(tmp_path, value):
+    bad = TORQUE.copy()
+    bad[137] = value
+    np.savez(tmp_path / "a.npz", torque=bad, sampling_rate=RATE)
+    write_tdms(tmp_path / "a.tdms", [ChannelObject("g", "torque", bad, wave())])
+    savemat(tmp_path / "a.mat", {"torque": bad, "fs": RATE})
+    hdf5_matlab(tmp_path / "b.mat", {"torque": bad, "fs": RATE})
+    pq.write_table(pa.table({"torque": bad}), tmp_path / "a.parquet")
+    wavfile.write(tmp_path / "a.wav", 25_600, bad)
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad))
+    for path in tmp_path.iterdir():
+        message = attempt(path, 5)
+        assert "finite" in message
+        place = {".csv": "line 139", ".parquet": "row 138"}.get(path.suffix, "sample 137")
+        assert place in message
+
+
+def test_names_beyond_ascii(tmp_path):
+    name = "Drehmoment_Prüfstand 3 – 摆线 [Nm]"
+    folder = tmp_path / "Messung – Ü"
+    folder.mkdir()
+    np.savez(folder / "ä.npz", **{name: TORQUE}, sampling_rate=RATE)
+    write_tdms(folder / "ä.tdms", [ChannelObject("Größe", name, TORQUE, wave())])
+    pq.write_table(pa.table({name: TORQUE}), folder / "ä.parquet")
+    (folder / "ä.csv").write_text(f"{name};b\n" + "".join(f"{t};1\n" for t in TORQUE), encoding="utf-8")
+    for path in folder.iterdir():
+        channel = f"Größe/{name}" if path.suffix == ".tdms" else name
+        rate = RATE if path.suffix in (".csv", ".parquet") else None
+        recording = read_recording(path, channel=channel, sampling_rate=rate)
+        np.testing.assert_array_equal(recording.torque, TORQUE)
+        assert not recording.meta["unit_assumed"]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"1," * 1_000_000,
+        b"torque\n" + b"1," * 1_000_000 + b"\n",
+        b",".join([b"a"] * 1_000_000) + b"\n1\n",
+        b'"' + b"a" * 3_000_000,
+        b"torque\n1\n" + b'"' + b"2" * 3_000_000 + b"\n",
+        b"torque\n1\n" + b"2" * 3_000_000 + b"\n",
+        b"\n" * 3_000_000,
+        b"#" * 3_000_000 + b"\n1\n2\n",
+        b"9" * 1_000_000 + b"\n" + b"9" * 1_000_000 + b"\n",
+    ],
+    ids=["row", "row below", "names", "quote", "quote below", "digits", "empty lines", "comment", "numbers"],
+)
+def test_csv_bombs(tmp_path, content):
+    path = tmp_path / "rig.csv"
+    path.write_bytes(content)
+    tracemalloc.start()
+    assert isinstance(attempt(path, limit_s=3.0), str)  # tracing slows it down
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 40 * len(content)
+    assert isinstance(attempt(path), str)
+
+
+def test_files_that_claim_more_than_they_hold(tmp_path):
+    import zipfile
+
+    def npy(shape):
+        head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({shape},), }}".ljust(117) + "\n"
+        return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode()
+
+    with zipfile.ZipFile(tmp_path / "claim.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("torque.npy", npy(10**12))
+    with h5py.File(tmp_path / "claim.mat", "w") as file:
+        file.create_dataset("torque", shape=(1, 10**12), dtype="f8", chunks=(1, 1000))
+    for name in ("claim.npz", "claim.mat"):
+        tracemalloc.start()
+        begin = time.perf_counter()
+        with pytest.raises(ValueError) as caught:
+            read_recording(tmp_path / name, sampling_rate=RATE)
+        message = str(caught.value)
+        assert time.perf_counter() - begin < 3.0
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert "claims" in message
+        assert peak < 50e6
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "words"),
+    [
+        (0, b"TDSx", "no TDMS file"),
+        (8, struct.pack("<I", 9999), "TDMS version 9999"),
+        (12, struct.pack("<Q", 2**64 - 1), "not whole.*no end"),
+        (12, struct.pack("<Q", 2**40), "not whole.*no end"),
+        (12, struct.pack("<Q", 3), "data after its end|does not begin"),
+        (20, struct.pack("<Q", 2**50), "data after its end"),
+    ],
+)
+def test_a_broken_tdms_lead_in(good, tmp_path, offset, value, words):
+    damaged = bytearray(good["tdms.tdms"])
+    damaged[offset : offset + len(value)] = value
+    path = tmp_path / "rig.tdms"
+    path.write_bytes(damaged)
+    with pytest.raises(ValueError, match=f"rig.tdms.*({words})"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "library"), [("rig.tdms", "nptdms"), ("rig.parquet", "pyarrow.parquet"), ("rig.mat", "h5py")]
+)
+def test_a_missing_library_names_the_extra(good, tmp_path, monkeypatch, name, library):
+    source = {"rig.tdms": "tdms.tdms", "rig.parquet": "parquet.parquet", "rig.mat": "v73.mat"}[name]
+    (tmp_path / name).write_bytes(good[source])
+    real = builtins.__import__
+
+    def without(module, *args, **kwargs):
+        if module == library:
+            raise ImportError(module)
+        return real(module, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=r"needs (npTDMS|pyarrow|h5py): pip install 'cyclofeat\[io\]'"):
+        read_recording(tmp_path / name, sampling_rate=RATE)
