@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator bench-features clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator bench-features bench-campaign clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -83,6 +83,11 @@ bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simul
 bench-features: $(INSTALLED)  ## the features' speed and memory; writes benchmarks/features.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python benchmarks/features.py --out benchmarks/features.md
+
+RUNS ?= 1000
+bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
+	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
 
 clean:  ## remove what the commands made (.venv stays)
 	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -24,6 +24,7 @@ import joblib
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
+from scipy.stats import qmc
 
 from cyclofeat.simulators import (
     Campaign,
@@ -97,8 +98,7 @@ def strata(values: list[float], low: float, high: float) -> list[int]:
 
 
 def test_each_class_fills_every_range_evenly() -> None:
-    # Sobol': of 2^k points exactly one lies in each 2^k-th of every range. Were one sequence shared by the
-    # eight classes, those of a class would all lie in one eighth of the first.
+    # Sobol': of 2^k points exactly one lies in each 2^k-th of every range.
     campaign = Campaign(
         repeats=32, depth=(0.2, 1.0), parameters={"load_torque": (10, 30), "noise_nm": (0.01, 10, "log")}
     )
@@ -107,6 +107,14 @@ def test_each_class_fills_every_range_evenly() -> None:
         assert strata([v["load_torque"] for v in values], 10, 30) == list(range(32))
         assert strata([math.log10(v["noise_nm"]) for v in values], -2, 1) == list(range(32))
         assert strata([v["depth"] for v in values], 0.2, 1.0) == list(range(32))
+
+
+def test_one_sequence_through_eight_classes_would_tie_them_to_the_parameters() -> None:
+    # Why each class has its own: every eighth point of one stays within a quarter of the first range.
+    points = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(0)).random(256)
+    for count in range(8):
+        assert len(set((points[count::8, 0] * 8).astype(int))) == 2
+        assert len(set((points[count::8, 1] * 8).astype(int))) == 4
 
 
 def test_a_random_design_is_uniform_and_classes_are_independent() -> None:

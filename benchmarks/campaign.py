@@ -1,0 +1,184 @@
+"""Cost of a campaign: speed, memory, time outside the kernel. ``make bench-campaign`` writes the table.
+
+The machine may be shared, so costs are given in processor time; runs per second are of the clock on the wall.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import joblib
+import psutil
+from threadpoolctl import threadpool_limits
+
+from cyclofeat.simulators import Campaign, CompositeSimulator, Hum, Quantisation, Rig, _kernels
+
+N_JOBS = 2
+PROFILED_RUNS = 32
+COMPARED_RUNS = 32
+ROUNDS = 3
+RIG = Rig.r1().replace(effects=[Hum((0.05, 0.3)), Quantisation(0.05)])
+DESIGN = Campaign(
+    name="bench",
+    rig=RIG,
+    repeats=125,
+    depth=(0.3, 1.0),
+    duration_s=2.0,
+    parameters={"load_torque": (15.0, 25.0), "noise_nm": (0.05, 0.5, "log")},
+)
+
+
+def family() -> list[psutil.Process]:
+    """This process and those that it started."""
+    here = psutil.Process()
+    return [here, *here.children(recursive=True)]
+
+
+def each(read: Callable[[psutil.Process], float]) -> dict[int, float]:
+    """A figure of every process of the family that is still there."""
+    found = {}
+    for process in family():
+        try:
+            found[process.pid] = read(process)
+        except psutil.Error:
+            continue
+    return found
+
+
+class Watch(threading.Thread):
+    """Peak of the memory of the whole family (shared pages counted once), and its processor time."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.peak = 0.0
+        self.cpu: dict[int, float] = {}
+        self._before = each(_cpu)
+        self._end = threading.Event()
+
+    def run(self) -> None:
+        while not self._end.wait(0.5):
+            self.look()
+
+    def look(self) -> None:
+        self.peak = max(self.peak, sum(each(lambda process: process.memory_full_info().pss).values()))
+        self.cpu |= each(_cpu)
+
+    def stop(self) -> float:
+        """Processor time in s since the start."""
+        self.look()
+        self._end.set()
+        self.join()
+        return sum(self.cpu.values()) - sum(self._before.values())
+
+
+def _cpu(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
+
+
+@contextmanager
+def timed(owner: Any, name: str) -> Iterator[list[float]]:
+    """Processor time of the calls of a function, while the block lasts."""
+    real, spent = getattr(owner, name), [0.0]
+
+    def timing(*args: Any, **kwargs: Any) -> Any:
+        began = time.thread_time()
+        try:
+            return real(*args, **kwargs)
+        finally:
+            spent[0] += time.thread_time() - began
+
+    setattr(owner, name, timing)
+    try:
+        yield spent
+    finally:
+        setattr(owner, name, real)
+
+
+def shares() -> tuple[float, float]:
+    """Share of the processor time outside the kernel, and that of the campaign itself, in one process."""
+    campaign = DESIGN.replace(repeats=PROFILED_RUNS // 8, runs_per_shard=PROFILED_RUNS)
+    with tempfile.TemporaryDirectory() as folder:
+        campaign.replace(repeats=1, duration_s=0.05).run(Path(folder) / "compiled")
+        with timed(_kernels, "integrate") as kernel, timed(CompositeSimulator, "simulate") as simulator:
+            began = time.process_time()
+            campaign.run(Path(folder) / "profiled")
+            total = time.process_time() - began
+    return 1 - kernel[0] / total, 1 - simulator[0] / total
+
+
+def runs_per_second(backend: str) -> float:
+    """Of runs on two workers of a kind that have already started."""
+    campaign = DESIGN.replace(repeats=COMPARED_RUNS // 8)
+    with tempfile.TemporaryDirectory() as folder, joblib.parallel_config(backend=backend):
+        campaign.replace(repeats=1, duration_s=0.05).run(Path(folder) / "started", n_jobs=N_JOBS)
+        began = time.perf_counter()
+        campaign.run(Path(folder) / "out", n_jobs=N_JOBS)
+        return campaign.n_runs / (time.perf_counter() - began)
+
+
+def table(n_runs: int) -> str:
+    """The results as a Markdown table."""
+    outside, own = shares()
+    rates: dict[str, list[float]] = {"loky": [], "threading": []}
+    for _ in range(ROUNDS):
+        for backend, found in rates.items():
+            found.append(runs_per_second(backend))
+    campaign = DESIGN.replace(repeats=n_runs // 8)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        watch = Watch()
+        watch.start()
+        began = time.perf_counter()
+        campaign.run(out, n_jobs=N_JOBS)
+        wall = time.perf_counter() - began
+        cpu = watch.stop()
+        n_bytes = sum(path.stat().st_size for path in out.iterdir())
+    per_run, bytes_per_run = cpu / campaign.n_runs, n_bytes / campaign.n_runs
+    processes, threads = (statistics.median(rates[backend]) for backend in ("loky", "threading"))
+    rows = [
+        (f"{N_JOBS} processes, start included", f"{campaign.n_runs / wall:.2f} runs/s"),
+        ("processor time per run, all processes", f"{per_run:.3f} s"),
+        (f"so, with {N_JOBS} cores to itself", f"{N_JOBS / per_run:.2f} runs/s"),
+        ("peak memory, all processes", f"{watch.peak / 2**30:.2f} GiB"),
+        ("size on disk per run", f"{bytes_per_run / 1e3:.1f} kB"),
+        ("share of processor time outside the kernel", f"{100 * outside:.1f} %"),
+        ("... of which the campaign itself, the rest in `simulate`", f"{100 * own:.1f} %"),
+        (f"{N_JOBS} processes, started before ({COMPARED_RUNS} runs)", f"{processes:.2f} runs/s"),
+        (f"{N_JOBS} threads ({COMPARED_RUNS} runs, in turn with those)", f"{threads:.2f} runs/s"),
+        ("1,000,000 such runs: core hours", f"{per_run * 1e6 / 3600:.0f}"),
+        ("1,000,000 such runs: on disk", f"{bytes_per_run * 1e6 / 1e9:.0f} GB"),
+    ]
+    head = (
+        f"{campaign.n_runs} runs of rig {RIG.name} with hum and quantisation, records of "
+        f"{DESIGN.duration_s:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes. The machine has "
+        f"{os.cpu_count()} cores; others were at work on it too (load {os.getloadavg()[0]:.1f} at the end), "
+        "which is why runs per second of the clock on the wall say little and processor time is given.\n"
+    )
+    lines = [head, "| what | result |", "|---|---|"]
+    return "\n".join(lines + [f"| {name} | {value} |" for name, value in rows]) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1000, help="a multiple of 8 (default 1000)")
+    parser.add_argument("--out", type=Path, help="also write the table to this file")
+    arguments = parser.parse_args()
+    with threadpool_limits(1):
+        result = table(arguments.runs)
+    print(result, end="")
+    if arguments.out is not None:
+        arguments.out.write_text(f"Made by `make bench-campaign RUNS={arguments.runs}`.\n\n{result}")
+
+
+if __name__ == "__main__":
+    main()
