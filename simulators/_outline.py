@@ -59,8 +59,8 @@ WheelConstants = namedtuple(
 MAX_PINS = 128
 COLUMNS = 136
 EDGE_COLUMNS = 272
-# Contacts are padded to whole blocks, so that loops over them have no remainder.
-BLOCK = 8
+# Contacts are padded to whole blocks, so that loops over them have no remainder with vectors of four.
+BLOCK = 4
 
 # Rows of the table of pins.
 PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
@@ -78,17 +78,18 @@ FEET_SIZE = 5 * COLUMNS
 # Rows of the table of flanks: the pin's place along n and t at angle 0, the normal, the zero of v and u, gap,
 # its slope, curvature and third derivative along u, effective radius and its derivatives, the line across the
 # contact (value, slopes along v and u), the weights on its negative and positive side, the pin; then force
-# and its vector, which the kernel writes.
+# and its part along t (the tilt of the profile at the contact), which the kernel writes.
 (
     F_ALONG_N, F_ALONG_T, F_NX, F_NY, F_V, F_U, F_GAP, F_SLOPE, F_BEND, F_CHANGE, F_RADIUS, F_RADIUS_SLOPE,
-    F_RADIUS_BEND, F_LINE, F_LINE_V, F_LINE_U, F_BEFORE, F_BEYOND, F_PIN, F_FORCE, F_X, F_Y,
-) = (np.uintp(row * COLUMNS) for row in range(22))  # fmt: skip
-FLANK_SIZE = 22 * COLUMNS
+    F_RADIUS_BEND, F_LINE, F_LINE_V, F_LINE_U, F_BEFORE, F_BEYOND, F_PIN, F_FORCE, F_TILT,
+) = (np.uintp(row * COLUMNS) for row in range(21))  # fmt: skip
+FLANK_SIZE = 21 * COLUMNS
 # Rows of the table of edges: as above, with the largest u that counts as beside the line (0 for a line, large
-# for a vertex alone), the radius by direction, and the weight where the line across is positive.
+# for a vertex alone), the radius by direction, and the weight where the line across is positive; then force
+# and its direction along n and t.
 (
     E_ALONG_N, E_ALONG_T, E_NX, E_NY, E_V, E_U, E_BESIDE, E_LINE, E_LINE_V, E_LINE_U, E_RADIUS,
-    E_RADIUS_SPAN, E_TURN, E_WEIGHT, E_PIN, E_FORCE, E_X, E_Y,
+    E_RADIUS_SPAN, E_TURN, E_WEIGHT, E_PIN, E_FORCE, E_ALONG, E_TILT,
 ) = (np.uintp(row * EDGE_COLUMNS) for row in range(18))  # fmt: skip
 EDGE_SIZE = 18 * EDGE_COLUMNS
 # What is kept of the moment of a description, per wheel: input angle and the wheel's own deviation from rest;
@@ -630,7 +631,7 @@ def describe(
         n += np.uintp(1)
     used = n - first
     while (n - first) % np.uintp(BLOCK) != 0:
-        for row in range(22):
+        for row in range(21):
             flanks[np.uintp(row * COLUMNS) + n] = 0.0
         flanks[F_GAP + n] = 1.0
         n += np.uintp(1)

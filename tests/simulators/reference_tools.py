@@ -118,7 +118,8 @@ class Kernel:
             start, *self.constants, memory, rates, torques,
         )  # fmt: skip
         wheel, joint = self.constants[:2]
-        _kernels.gather(wheel, joint, memory, phi, start, external, internal)
+        mounts, sleeves = self.constants[7], self.constants[10]
+        _kernels.gather(wheel, joint, mounts, sleeves, memory, phi, start, external, internal)
         return {
             "theta_acceleration": rates[4:6] - alpha / z,
             "psi_acceleration": rates[6] - alpha / z,
