@@ -146,7 +146,7 @@ def table(n_runs: int) -> str:
     per_run, bytes_per_run = cpu / campaign.n_runs, n_bytes / campaign.n_runs
     processes, threads = (statistics.median(rates[backend]) for backend in ("loky", "threading"))
     rows = [
-        (f"{N_JOBS} processes, start included", f"{campaign.n_runs / wall:.2f} runs/s"),
+        (f"{N_JOBS} processes, started before", f"{campaign.n_runs / wall:.2f} runs/s"),
         ("processor time per run, all processes", f"{per_run:.3f} s"),
         (f"so, with {N_JOBS} cores to itself", f"{N_JOBS / per_run:.2f} runs/s"),
         ("peak memory, all processes", f"{watch.peak / 2**30:.2f} GiB"),
