@@ -1,4 +1,4 @@
-"""The ``cyclofeat`` command: simulate, train, count, evaluate, campaign, demo."""
+"""The ``cyclofeat`` command: simulate, inspect, train, count, evaluate, campaign, demo."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__, _campaign_command
+from cyclofeat import __version__, _campaign_command, _inspect_command
 from cyclofeat._progress import Progress
+from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments
 
 if TYPE_CHECKING:
     from cyclofeat.recording import Recording
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (ValueError, TypeError, OSError, ImportError, SimulationFailed) as error:
-        return _fail(str(error))
+        return _fail(in_options(str(error)) if "reads" in arguments else str(error))
     except MemoryError as error:
         return _fail(f"not enough memory: {error}")
     except KeyboardInterrupt:
@@ -137,7 +138,7 @@ def _train(arguments: argparse.Namespace) -> int:
     if not folder.is_dir():  # found out now rather than after the simulation
         raise FileNotFoundError(f"folder {folder} for --out does not exist: make it first")
     if arguments.recordings:
-        recordings = _read_all(arguments.recordings)
+        recordings = _read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
     else:
         rig = _rig(arguments, default="r2")
@@ -145,7 +146,7 @@ def _train(arguments: argparse.Namespace) -> int:
             arguments.assemblies,
             range(arguments.max_count + 1),
             rig=rig,
-            sampling_rate=arguments.sampling_rate,
+            sampling_rate=arguments.sampling_rate or 25_600.0,
             random_state=arguments.seed,
             n_jobs=arguments.jobs,
             with_angle=True,
@@ -173,25 +174,32 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _count(arguments: argparse.Namespace) -> int:
-    from cyclofeat.datasets import one_line, read_recording
+    from cyclofeat.datasets import one_line
     from cyclofeat.persistence import load_model
 
     model = load_model(arguments.model, trusted=arguments.trust_model)
     results: list[dict[str, Any]] = []
     failed = False
-    for path in _recording_files(arguments.files):
+    options = reading_arguments(arguments)
+    for entry in entries(arguments.files):
+        path = entry.path
         # One bad file must not cost the others their result.
         try:
-            recording = read_recording(path, channel=arguments.channel, sampling_rate=arguments.sampling_rate)
+            recording = entry.read(**options)
             if not arguments.json:
                 print(f"{path}: {one_line(recording)}")
-            result = model.count(_without_start(recording, arguments.skip))
-        except (ValueError, TypeError, OSError) as error:
+            recording = _without_start(recording, arguments.skip)
+            result = model.count(recording)
+        except (ValueError, TypeError, OSError, ImportError) as error:
             failed = True
-            results.append({"file": str(path), "error": " ".join(str(error).split())})
-            _fail(str(error) if str(error).startswith(str(path)) else f"{path}: {error}")
+            message = in_options(" ".join(str(error).split()))
+            results.append({"file": str(path), "error": message})
+            _fail(message if message.startswith(str(path)) else f"{path}: {message}")
             continue
-        results.append({"file": str(path), **result.to_dict()})
+        turn = model.n_lobes / model.input_speed_hz
+        # Rounding of a window to whole samples leaves a residue that is no time.
+        unused = max(0.0, round(recording.duration - result.n_windows * turn, 6))
+        results.append({"file": str(path), **result.to_dict(), "window_s": turn, "unused_s": unused})
         if not arguments.json:
             _print_count(results[-1])
     if arguments.json:
@@ -215,6 +223,9 @@ def _print_count(result: dict[str, Any]) -> None:
     if result["lobes"]:
         # People count from 1.
         print(f"  positions:  {', '.join(str(lobe + 1) for lobe in result['lobes'])} (counted from 1)")
+    windows = f"{result['n_windows']} window{'' if result['n_windows'] == 1 else 's'}"
+    length = f"one output turn ({result['window_s']:.4g} s)"
+    print(f"  from {windows} of {length}, {result['unused_s']:.3g} s unused")
     for warning in result["warnings"]:
         print(f"  note: {warning}")
 
@@ -235,7 +246,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     from cyclofeat.counting import evaluate, make_entropy_counter, make_lobe_counter
     from cyclofeat.recording import Windower
 
-    recordings = _read_all(arguments.files)
+    recordings = _read_all(arguments.files, arguments)
     speed = recordings[0].input_speed_hz
     windows = Windower(input_speed_hz=speed).windows(recordings)
     if windows.y is None or windows.groups is None:
@@ -269,22 +280,9 @@ def _demo(arguments: argparse.Namespace) -> int:
     return run_demo(Path(arguments.out), n_jobs=arguments.jobs)
 
 
-def _read_all(paths: Sequence[str]) -> list[Recording]:
-    from cyclofeat.datasets import read_recording
-
-    return [read_recording(path) for path in _recording_files(paths)]
-
-
-def _recording_files(paths: Sequence[str]) -> list[Path]:
-    """The files named, and those in the folders named."""
-    files: list[Path] = []
-    for name in paths:
-        path = Path(name)
-        found = sorted(p for p in path.iterdir() if p.suffix in (".csv", ".npz")) if path.is_dir() else [path]
-        if not found:
-            raise ValueError(f"folder {path} holds no .csv or .npz recordings")
-        files += found
-    return files
+def _read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
+    options = reading_arguments(arguments)
+    return [entry.read(**options) for entry in entries(paths)]
 
 
 def _print_json(value: Any) -> None:
@@ -315,23 +313,25 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
     _add_rig(simulate, "the papers' free output without errors")
 
+    _inspect_command.add_arguments(_command(commands, "inspect", _inspect_command.run, _inspect_command.TEXT))
+
     train = _command(commands, "train", _train, "train a model and write it to a file")
     train.add_argument("--out", required=True, help="model file to write, e.g. model.joblib")
     train.add_argument("recordings", nargs="*", help="labelled recordings or folders; default: simulate them")
     train.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
     train.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
-    train.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
+    train.add_argument("--sampling-rate", type=float, help="Hz; of simulated recordings 25600 by default")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     _add_rig(train, "r2")
+    add_reading_options(train, sampling_rate=False)
 
     count = _command(commands, "count", _count, "count the worn lobes of recordings")
-    count.add_argument("files", nargs="+", metavar="FILE", help="recordings, .csv or .npz, or folders")
+    count.add_argument("files", nargs="+", metavar="FILE", help=FILES)
     count.add_argument("--model", required=True, help="model file that train wrote")
     count.add_argument("--trust-model", action="store_true", help="a joblib model is code: say you trust it")
-    count.add_argument("--channel", help="column of the torque in CSV files")
-    count.add_argument("--sampling-rate", type=float, help="Hz, for CSV files that do not state it")
     count.add_argument("--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up)")
+    add_reading_options(count)
 
     evaluate = _command(commands, "evaluate", _evaluate, "cross-validate with whole assemblies held out")
     evaluate.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")
@@ -339,6 +339,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--data", help="file of the data set, outside a checkout")
     evaluate.add_argument("--folds", type=int, default=5)
     evaluate.add_argument("--seed", type=int, default=0)
+    add_reading_options(evaluate)
 
     _campaign_command.add_arguments(
         _command(commands, "campaign", _campaign_command.run, _campaign_command.TEXT)

@@ -50,6 +50,8 @@ class Recording:
         Number of distinct worn lobes. Follows from ``worn_lobes`` where it is not given.
     worn_lobes : sequence of int, optional
         Worn lobes, counted from 0.
+    n_lobes : int, default 15
+        Lobes of a disc: ``worn_lobes`` lie below it, and ``defect_count`` is at most as large.
     speed_rpm : float, optional
         Nominal speed of the input shaft in turns per minute.
     load_nm : float, optional
@@ -92,6 +94,7 @@ class Recording:
     run: Label | None = None
     defect_count: int | None = None
     worn_lobes: tuple[int, ...] | None = None
+    n_lobes: int = 15
     speed_rpm: float | None = None
     load_nm: float | None = None
     source: str | None = None
@@ -104,6 +107,7 @@ class Recording:
             "angle_is_absolute": _flag("angle_is_absolute", self.angle_is_absolute),
             "assembly": _label("assembly", self.assembly),
             "run": _label("run", self.run),
+            "n_lobes": _whole("n_lobes", self.n_lobes, 2),
             "source": None if self.source is None else _text("source", self.source),
             "meta": _meta(self.meta),
         }
@@ -113,7 +117,9 @@ class Recording:
             checked["speed_rpm"] = _positive("speed_rpm", self.speed_rpm, "turns per minute of the input")
         if self.load_nm is not None:
             checked["load_nm"] = _number("load_nm", self.load_nm, "Nm")
-        checked["worn_lobes"], checked["defect_count"] = _defects(self.worn_lobes, self.defect_count)
+        checked["worn_lobes"], checked["defect_count"] = _defects(
+            self.worn_lobes, self.defect_count, checked["n_lobes"]
+        )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
         if self.angle is not None:
@@ -203,6 +209,7 @@ class Recording:
             # rad/s and back leaves a residue in the last digits
             "speed_rpm": round(run.gearbox.input_speed * 60 / (2 * math.pi), 6),
             "load_nm": run.gearbox.load_torque,
+            "n_lobes": getattr(run.gearbox, "n_lobes", 15),
             "source": "simulated",
         }
         removed = tuple(getattr(run.defects, "removed_lobes", ()))
@@ -786,8 +793,10 @@ def _meta(value: Any) -> dict[str, Any]:
     return dict(value)
 
 
-def _defects(worn_lobes: Any, defect_count: Any) -> tuple[tuple[int, ...] | None, int | None]:
+def _defects(worn_lobes: Any, defect_count: Any, n_lobes: int) -> tuple[tuple[int, ...] | None, int | None]:
     count = None if defect_count is None else _whole("defect_count", defect_count, 0)
+    if count is not None and count > n_lobes:
+        raise ValueError(f"defect_count must be at most n_lobes = {n_lobes}, got {count}")
     if worn_lobes is None:
         return None, count
     if isinstance(worn_lobes, str) or not isinstance(worn_lobes, Iterable):
@@ -795,6 +804,11 @@ def _defects(worn_lobes: Any, defect_count: Any) -> tuple[tuple[int, ...] | None
     lobes = tuple(sorted(_whole("worn_lobes", lobe, 0) for lobe in worn_lobes))
     if len(set(lobes)) != len(lobes):
         raise ValueError(f"worn_lobes must be distinct, got {lobes}")
+    if lobes and lobes[-1] >= n_lobes:
+        raise ValueError(
+            f"worn_lobes must lie between 0 and {n_lobes - 1} (n_lobes = {n_lobes}, counted from 0), "
+            f"got {lobes}"
+        )
     if count is not None and count != len(lobes):
         raise ValueError(
             f"defect_count must be the number of worn_lobes, got {count} and {len(lobes)} lobes {lobes}"

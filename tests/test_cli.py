@@ -49,7 +49,7 @@ def test_the_module_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "cyclofeat", "--help"], capture_output=True, text=True, check=True
     )
-    for command in ("simulate", "train", "count", "evaluate", "demo"):
+    for command in ("simulate", "inspect", "train", "count", "evaluate", "demo"):
         assert command in done.stdout
 
 
@@ -140,6 +140,12 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder):
     assert f"worn lobes: {recording.defect_count}" in out
     assert "counted from 1" in out
     assert "surrogate" in out
+    windows = int(recording.duration // 1.8)
+    unused = recording.duration - windows * 1.8
+    assert (
+        f"from {windows} window{'' if windows == 1 else 's'} of one output turn (1.8 s), {unused:.3g} s"
+        in out
+    )
 
 
 def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_path):
@@ -303,6 +309,85 @@ def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message
     assert err.count("\n") == 1, err
     assert re.search(message, err), err
     assert list(tmp_path.iterdir()) == []
+
+
+# -- inspect, and what is said of files
+
+
+def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
+    recording = read_recording(folder / "worn.csv")
+    clipped = np.minimum(recording.torque, np.quantile(recording.torque, 0.9))
+    write_recording(tmp_path / "clipped.npz", recording.replace(torque=clipped))
+    code, out, err = run(capsys, "inspect", folder / "worn.csv", tmp_path / "clipped.npz")
+    assert (code, err) == (0, "")
+    good, bad = out.split(str(tmp_path / "clipped.npz"))
+    assert "warning" not in good
+    for words in ("surrogate", "RPM by its angle", "whole output turn", "s left over", "clipped:   0 %"):
+        assert words in good
+    assert "warning:   10 % of the samples are clipped at" in bad
+
+
+def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_path):
+    (tmp_path / "rig.csv").write_text("Zeit;Drehmoment;Winkel\n" + "0;1;0\n1;2;9\n2;4;18\n")
+    code, out, err = run(capsys, "inspect", tmp_path / "rig.csv", folder / "worn.csv", "--json")
+    assert code == 2
+    bad, good = json.loads(out)
+    assert "--angle-unit rad or deg, or --no-angle" in bad["error"]
+    assert err.count("\n") == 1
+    assert good["whole_output_turns"] >= 1
+    code, out, _ = run(
+        capsys, "inspect", tmp_path / "rig.csv", "--angle-unit", "deg", "--speed", 1.5, "--json"
+    )
+    assert code == 0
+    (found,) = json.loads(out)
+    assert found["speed_measured_rpm"] == pytest.approx(1.5)
+    assert found["sampling_rate"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give --sampling-rate (Hz), or --time-channel for a column of times"),
+        (["--channel", "x"], "--channel 'x' does not exist"),
+        (["--sampling-rate", 0], "--sampling-rate must be a positive"),
+        (["--sampling-rate", 5, "--no-angle", "--speed", -1], "--speed must be positive"),
+        (["--sampling-rate", 5], "--angle-unit rad or deg, or --no-angle"),
+        (["--sampling-rate", 5, "--angle-unit", "rad"], "--no-angle leaves the angle out"),
+        (["--no-angle", "--angle-unit", "rad"], "--no-angle goes without --angle-channel"),
+    ],
+)
+@pytest.mark.parametrize("command", ["inspect", "count", "evaluate", "train"])
+def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, command, options, message):
+    (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n")
+    more = {
+        "count": ["--model", folder / "model.joblib", "--trust-model"],
+        "train": ["--out", tmp_path / "m"],
+    }
+    code, _, err = run(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []))
+    assert code == 2
+    assert message in err
+    assert re.search(r"[a-z]+_[a-z]+ ?=", err) is None, err
+
+
+def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates):
+    lines = ["file,sampling_rate,angle_channel,angle_unit,defect_count,assembly,speed"]
+    for recording in surrogates[:3]:
+        name = f"{recording.assembly}.csv"
+        np.savetxt(
+            tmp_path / name, np.column_stack([recording.torque, recording.angle]), delimiter=",",
+            header="torque [Nm],phi", comments="",
+        )  # fmt: skip
+        lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
+    (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n")
+    code, out, err = run(
+        capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust-model", "--json"
+    )
+    assert code == 0, err
+    assert len(json.loads(out)) == 3
+    (tmp_path / "recordings.csv").write_text("\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n")
+    code, _, err = run(capsys, "inspect", tmp_path)
+    assert code == 2
+    assert "recordings.csv: line 5: no such file: x.csv" in err
 
 
 class Terminal(list):

@@ -680,3 +680,11 @@ def test_two_windowers_with_the_same_parameters_are_equal():
     assert Windower(2, skip_s=0.3) == Windower(2, skip_s=0.3)
     assert Windower(2, skip_s=0.3) != Windower(2, skip_s=0.4)
     assert pickle.loads(pickle.dumps(Windower(2))) == Windower(2)
+
+
+def test_lobes_that_a_disc_does_not_have_are_errors():
+    with pytest.raises(ValueError, match=r"worn_lobes must lie between 0 and 14 .*got \(3, 15\)"):
+        Recording([1, 2], 1, worn_lobes=(3, 15))
+    with pytest.raises(ValueError, match=r"defect_count must be at most n_lobes = 13, got 14"):
+        Recording([1, 2], 1, defect_count=14, n_lobes=13)
+    assert Recording([1, 2], 1, worn_lobes=(3, 15), n_lobes=16).defect_count == 2

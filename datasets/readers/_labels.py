@@ -11,8 +11,8 @@ FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"
 VERSION = 1
 # Parameters of Recording that a caller may give, and that written files hold.
 LABELS = (
-    "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "speed_rpm", "load_nm",
-    "source", "meta",
+    "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "n_lobes", "speed_rpm",
+    "load_nm", "source", "meta",
 )  # fmt: skip
 
 
@@ -31,6 +31,8 @@ def labels_to_write(recording: Recording) -> dict[str, Any]:
             continue
         if recording.angle is None and key.startswith("angle"):
             continue
+        if key == "n_lobes" and value == 15:
+            continue  # as in files that were written before there was another
         labels[key] = list(value) if key == "worn_lobes" else value
     meta = labels.get("meta", {})
     try:

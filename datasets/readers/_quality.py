@@ -27,7 +27,8 @@ def clipped(torque: Float) -> float:
     """Share of samples at the largest or smallest value, where samples pile up there.
 
     A converter or amplifier at its end holds one value for several samples, and that value is taken far more
-    often than the next one; the crest of a quantised wave is not.
+    often than the next one; the crest of a quantised wave is not. A record whose lowest level is its noise
+    within one step of the converter looks clipped too.
     """
     if torque.size < _SHORTEST_CLIP:
         return 0.0
@@ -37,8 +38,8 @@ def clipped(torque: Float) -> float:
     for extreme, next_to in ((0, 1), (-1, -2)):
         if values.size < 2 or counts[extreme] < _PILE * counts[next_to]:
             continue
-        held = (torque[starts] == values[extreme]) & (lengths >= _SHORTEST_CLIP)
-        share += float(lengths[held].sum()) / torque.size
+        if lengths[torque[starts] == values[extreme]].max() >= _SHORTEST_CLIP:
+            share += float(counts[extreme]) / torque.size
     return share
 
 

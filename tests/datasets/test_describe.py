@@ -1,0 +1,125 @@
+"""What spoils a count is measured against records spoilt by a known share."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from cyclofeat.datasets import describe
+from cyclofeat.recording import Recording
+
+RATE = 25_600.0
+N = 102_400  # 4 s
+
+
+def geared(speed_hz=500 / 60, noise=0.05, n=N, seed=3):
+    """Torque with lobe lines: a narrow bump per lobe, each lobe with its own height."""
+    random = np.random.default_rng(seed)
+    phase = np.arange(n) / RATE * speed_hz * 16 / 15  # turns of the lobe pattern
+    slots = np.floor(phase * 15).astype(int) % 15
+    bump = np.exp(-(((phase * 15) % 1 - 0.5) ** 2) / 0.01)
+    return 22 + random.normal(1, 0.3, size=15)[slots] * bump + noise * random.normal(size=n)
+
+
+def warned(found, words):
+    return any(words in warning for warning in found["warnings"])
+
+
+def test_a_good_record_has_nothing_to_warn_of_but_the_missing_angle():
+    found = describe(Recording(geared(), RATE, speed_rpm=500, assembly="A"))
+    json.dumps(found, allow_nan=False)
+    assert found["clipped_share"] == found["dropout_share"] == 0
+    assert found["warnings"] == ["no angle: positions of lobes will be relative"]
+    assert found["whole_output_turns"] == 2
+    assert found["unused_s"] == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.9, 0.99])
+@pytest.mark.parametrize("bits", [None, 0.01])
+def test_the_clipped_share_is_the_share_that_was_clipped(level, bits):
+    torque = geared(noise=0.2)
+    if bits:
+        torque = np.round(torque / bits) * bits
+    limit = np.quantile(torque, level)
+    found = describe(Recording(np.minimum(torque, limit), RATE, speed_rpm=500))
+    assert found["clipped_share"] == pytest.approx(np.mean(torque >= limit), rel=1e-12)
+    assert warned(found, "clipped")
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.01, 0.1])
+def test_quantised_records_are_neither_clipped_nor_dropped(step):
+    for torque in (geared(), 22 + np.sin(2 * np.pi * 133 * np.arange(N) / RATE)):
+        found = describe(Recording(np.round(torque / step) * step, RATE, speed_rpm=500))
+        assert found["clipped_share"] == 0
+        assert found["dropout_share"] == 0
+
+
+@pytest.mark.parametrize("kind", ["zero", "held"])
+@pytest.mark.parametrize("length", [20, 300])
+def test_the_dropout_share_is_the_share_that_was_dropped(kind, length):
+    torque = geared(noise=0.2)
+    dropped = np.zeros(N, dtype=bool)
+    for start in np.random.default_rng(4).choice(N // 1_000 - 1, size=15, replace=False) * 1_000 + 500:
+        dropped[start : start + length] = True
+        torque[start : start + length] = 0 if kind == "zero" else torque[start - 1]
+    found = describe(Recording(torque, RATE, speed_rpm=500))
+    assert found["dropout_share"] == pytest.approx(dropped.mean(), rel=0.06)  # a held run holds one more
+    assert found["clipped_share"] == 0
+    assert warned(found, "dropouts")
+
+
+def test_single_zeros_are_dropouts():
+    torque = geared()
+    torque[1_000::5_000] = 0
+    assert describe(Recording(torque, RATE))["dropout_share"] == np.mean(torque == 0)
+
+
+@pytest.mark.parametrize("share", [0.96, 0.99, 1.0, 1.013, 1.04])
+def test_the_speed_by_lobe_lines(share):
+    found = describe(Recording(geared(share * 500 / 60), RATE, speed_rpm=500))
+    assert found["speed_from"] == "lobe lines"
+    assert found["speed_measured_rpm"] == pytest.approx(share * 500, rel=1e-3)
+    assert found["speed_deviation"] == pytest.approx(share - 1, abs=1e-3)
+    assert warned(found, "off the nominal") == (abs(share - 1) > 0.015)
+    assert found["output_turns"] == pytest.approx(4 * share * 500 / 60 / 15, rel=1e-3)
+
+
+def test_records_without_lobe_lines_have_no_speed():
+    found_in = 0
+    for seed in range(40):
+        noise = 22 + np.random.default_rng(seed).normal(size=N // 2)
+        found = describe(Recording(noise, RATE, speed_rpm=500))
+        found_in += found["speed_measured_rpm"] is not None
+        assert found_in or warned(found, "no lobe lines near the nominal speed")
+    assert found_in == 0
+
+
+def test_the_angle_tells_the_speed_without_a_nominal_one():
+    angle = 2 * np.pi * 7.5 * np.arange(N) / RATE
+    found = describe(Recording(geared(7.5), RATE, angle=angle))
+    assert found["speed_from"] == "angle"
+    assert found["speed_measured_rpm"] == pytest.approx(450)
+    assert found["output_turns"] == pytest.approx(2)
+    assert found["whole_output_turns"] == 2
+    assert found["unused_s"] == pytest.approx(0, abs=1e-6)
+    disc = Recording(geared(7.5), RATE, angle=angle / 15, angle_of="disc")
+    assert describe(disc)["speed_measured_rpm"] == pytest.approx(450)
+
+
+def test_what_else_would_spoil_a_count():
+    assert describe(Recording(np.full(9, 3.5), RATE))["warnings"] == [
+        "the record is constant (3.5 Nm): sensor dead or not connected?"
+    ]
+    short = describe(Recording(geared(n=30_000), RATE, speed_rpm=500))
+    assert warned(short, "0.65 output turns, a count needs one")
+    assert warned(describe(Recording(geared(), RATE)), "no speed is stated")
+    slow = describe(Recording(geared()[::40], RATE / 40, speed_rpm=500))
+    assert warned(slow, "640 Hz are too few for the 44 lobe lines of a count, which need more than")
+    meta = {"unit_assumed": True, "angle_unit_assumed": True, "time_jitter": 0.2}
+    assumed = describe(Recording(geared(), RATE, speed_rpm=500, meta=meta))
+    for words in ("Nm assumed", "rad assumed", "jitter by up to 0.2 samples"):
+        assert warned(assumed, words)
+    with pytest.raises(ValueError, match="reduction must be at least 2"):
+        describe(Recording(geared(), RATE), reduction=1)

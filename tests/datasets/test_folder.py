@@ -1,0 +1,127 @@
+"""A folder and its manifest: every label arrives, every wrong line is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cyclofeat.datasets import read_folder, write_recording
+from cyclofeat.recording import Recording
+
+TORQUE = 22 + np.random.default_rng(1).normal(size=50)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("a", "b", "c"):
+        (tmp_path / f"{name}.csv").write_text("torque [Nm],x\n" + "".join(f"{t},1\n" for t in TORQUE))
+    return tmp_path
+
+
+def manifest(folder, text, encoding="utf-8"):
+    (folder / "recordings.csv").write_text(text, encoding=encoding)
+    return folder
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
+    rows = [
+        "file,channel,sampling_rate,defect_count,worn_lobes,run,speed,load,source,assembly",
+        "b.csv,torque,25600,,0 4,r1,500,22.5,measured,Getriebe ä",
+        "",
+        "a.csv,0,12800.5,3,,r2,,,,7",
+        "c.csv,,1000,,,,,,,",
+    ]
+    text = "\n".join(rows).replace(",", separator)
+    if separator != ",":
+        text = text.replace("22.5", "22,5")
+    first, second, third = read_folder(manifest(folder, text + "\n", encoding), channel="torque")
+    assert (first.meta["file"], first.sampling_rate, first.worn_lobes) == ("b.csv", 25_600, (0, 4))
+    assert (first.run, first.speed_rpm, first.load_nm) == ("r1", 500, 22.5)
+    assert (first.source, first.assembly) == ("measured", "Getriebe ä")
+    assert (second.sampling_rate, second.defect_count, second.assembly) == (12_800.5, 3, "7")
+    assert (third.defect_count, third.assembly, third.run) == (None, None, None)
+    np.testing.assert_array_equal(first.torque, TORQUE)
+
+
+def test_wrong_and_missing_entries_are_all_named_by_line(folder):
+    text = (
+        "file,defect_count,worn_lobes,sampling_rate\n"
+        "a.csv,two,,1\n"
+        "missing.csv,1,,1\n"
+        ",1,,1\n"
+        "b.csv,1,0;x,1\n"
+        "b.csv,3,0 4,1\n"
+        "c.csv,1,,fast\n"
+        "c.csv,1\n"
+    )
+    with pytest.raises(ValueError) as caught:
+        read_folder(manifest(folder, text))
+    message = str(caught.value)
+    for words in (
+        "line 2: defect_count must be a whole number, got 'two'",
+        "line 3: no such file: missing.csv",
+        "line 4: file is missing",
+        "line 5: worn_lobes must be lobes counted from 0 and separated by spaces, like 0 4, got '0;x'",
+        "line 6: defect_count must be the number of worn_lobes, got 3 and '0 4'",
+        "line 7: sampling_rate must be a number, got 'fast'",
+        "line 8: 4 columns are right, got 2",
+    ):
+        assert words in message
+    assert message.startswith("recordings.csv: ")
+    assert "\n" not in message
+
+
+def test_recordings_that_cannot_be_read_are_named_by_line_too(folder):
+    (folder / "b.csv").write_text("torque,x\n1,nan\nnan,1\n")
+    text = "file,sampling_rate,speed\na.csv,,500\nb.csv,1,500\nc.csv,1,-500\n"
+    with pytest.raises(ValueError) as caught:
+        read_folder(manifest(folder, text))
+    for words in (
+        "line 2: a.csv: no sampling rate",
+        "line 3: b.csv: line 3, column 'torque'",
+        "line 4: c.csv: spe",
+    ):
+        assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is empty"),
+        ("file,colour\na.csv,red\n", "line 1: unknown column 'colour'; known are file, channel"),
+        ("run,run,file\n1,2,a.csv\n", "column 'run' is there 2 times"),
+        ("run\n1\n", "no column 'file'; columns are run"),
+        ("file\n", "names no recording"),
+        ("file\na.csv\na.csv\n", "line 3: a.csv is there already, in line 2"),
+    ],
+)
+def test_manifests_that_are_none(folder, text, words):
+    with pytest.raises(ValueError, match=f"recordings.csv.*{words}"):
+        read_folder(manifest(folder, text), sampling_rate=1)
+
+
+def test_recordings_left_out_are_told(folder):
+    manifest(folder, "file,sampling_rate\na.csv,1\n")
+    with pytest.warns(UserWarning, match="recordings.csv does not name b.csv, c.csv: not read"):
+        assert len(read_folder(folder)) == 1
+
+
+def test_two_channels_of_one_file_are_two_recordings(folder):
+    manifest(folder, "file,channel,sampling_rate\na.csv,torque,1\na.csv,x,1\nb.csv,x,1\nc.csv,x,1\n")
+    assert [r.meta["channel"] for r in read_folder(folder)] == ["torque [Nm]", "x", "x", "x"]
+
+
+def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
+    for name in ("b.npz", "a.csv"):
+        write_recording(tmp_path / name, Recording(TORQUE, 100, run=name))
+    (tmp_path / "notes.txt").write_text("hello")
+    assert [recording.run for recording in read_folder(tmp_path)] == ["a.csv", "b.npz"]
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        read_folder(tmp_path / "missing")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"holds no .csv, .npz, .tdms, .mat, .parquet or .wav recordings"):
+        read_folder(tmp_path / "empty")
+    with pytest.raises(ValueError, match="is no folder; use read_recording"):
+        read_folder(tmp_path / "a.csv")
