@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check bench-simulator bench-features bench-campaign clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -76,6 +76,10 @@ test-oldest: $(WHEEL)  ## the same with the oldest supported dependencies, and s
 	bash .ci/with_wheel oldest sh -c 'python $(CURDIR)/.ci/wheel_check.py && \
 		pytest -p no:cacheprovider $(CURDIR)/tests/test_common.py'
 
+docs: $(INSTALLED)  ## the documentation with its gallery, executed; writes docs/_build/html
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[docs]'
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m sphinx -E -W --keep-going -q -b html docs docs/_build/html
+
 bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python benchmarks/simulator.py --out benchmarks/simulator.md
@@ -91,4 +95,5 @@ bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmark
 
 clean:  ## remove what the commands made (.venv stays)
 	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find cyclofeat simulators datasets tests -name __pycache__ -prune -exec rm -rf {} +
+	rm -rf docs/_build docs/gallery docs/generated docs/sg_execution_times.rst
+	find cyclofeat simulators datasets tests examples -name __pycache__ -prune -exec rm -rf {} +

@@ -199,6 +199,8 @@ def scan_wavelets(
     >>> row = scan.rows[0]
     >>> row.wavelet, row.level, row.kendall, row.strict, row.p_value < 0.05
     ('mb8.2', 4, 1.0, True, True)
+
+    In pictures, on surrogate torque: ``examples/features/plot_scan_wavelets.py``.
     """
     windows: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32])
     counts, labels = _counts(windows, y)
@@ -466,6 +468,8 @@ def find_monotone_bands(
     >>> found = find_monotone_bands(X, y, sampling_rate=25_600, groups=np.arange(8), preset="ripple")
     >>> found.n_tried, len(found.bands), found.bands[0], found.p_number < 0.05
     (2080, 813, array([    0., 12800.]), True)
+
+    In pictures, on surrogate torque: ``examples/features/plot_monotone_bands.py``.
     """
     windows: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32])
     counts, labels = _counts(windows, y)

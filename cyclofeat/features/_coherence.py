@@ -65,7 +65,7 @@ class CoherenceToReference(WindowTransformer):
         Frequencies of the coherence in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -97,6 +97,8 @@ class CoherenceToReference(WindowTransformer):
     True
     >>> transformer.get_feature_names_out()
     array(['coherence(mscohere;healthy;130..136Hz)'], dtype=object)
+
+    In pictures, on surrogate torque: ``examples/features/plot_coherence.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

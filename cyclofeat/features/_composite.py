@@ -134,7 +134,7 @@ class TorqueFeatures(WindowTransformer):
         The parts by name, fitted.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     Notes
@@ -158,6 +158,8 @@ class TorqueFeatures(WindowTransformer):
            'spectral_centroid_hz(matlab_pwelch)'], dtype=object)
     >>> len(features.set_params(features="all").fit(torque).get_feature_names_out())
     340
+
+    In pictures, on surrogate torque: ``examples/features/plot_torque_features.py``.
     """
 
     preset: str

@@ -103,7 +103,7 @@ class SpectralFlatness(CourseTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -125,6 +125,8 @@ class SpectralFlatness(CourseTransformer):
     >>> SpectralFlatness(sampling_rate=25_600).fit_transform(noise).round(2)
     array([[0.93],
            [0.  ]])
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _row = "spectral_flatness"
@@ -167,7 +169,7 @@ class SpectralCentroid(CourseTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -193,6 +195,8 @@ class SpectralCentroid(CourseTransformer):
     array([[ 500., 2000.]])
     >>> course.get_feature_names_out()[0]
     'spectral_centroid_hz(ripple;part0of2)'
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _row = "spectral_centroid"
@@ -237,7 +241,7 @@ class SpectralRolloff(CourseTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -259,6 +263,8 @@ class SpectralRolloff(CourseTransformer):
     >>> torque = 22 + np.sin(2 * np.pi * 400 * time) + 0.1 * np.sin(2 * np.pi * 4000 * time)
     >>> SpectralRolloff(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis])
     array([[403.125]])
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -312,7 +318,7 @@ class NarrowbandRatio(SpectralTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -333,6 +339,8 @@ class NarrowbandRatio(SpectralTransformer):
     >>> torque = 22 + np.sin(300 * phase) + np.sin(350 * phase)
     >>> NarrowbandRatio(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis]).round(3)
     array([[0.5]])
+
+    In pictures, on surrogate torque: ``examples/features/plot_band_power.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -391,7 +399,7 @@ class BandPower(SpectralTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -414,6 +422,8 @@ class BandPower(SpectralTransformer):
     >>> transformer.get_feature_names_out()
     array(['band_power_nm2(matlab_pwelch;0..50Hz)',
            'band_power_nm2(matlab_pwelch;300..500Hz)'], dtype=object)
+
+    In pictures, on surrogate torque: ``examples/features/plot_band_power.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

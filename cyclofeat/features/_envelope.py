@@ -52,7 +52,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
         The level that holds the mesh frequency: 7 for the papers' drive at 25.6 kHz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -86,6 +86,8 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     wavelet_envelope_line_nm(mb32.3;level07;shaft01) 0.39
     wavelet_envelope_line_nm(mb32.3;level07;shaft02) 0.0
     wavelet_envelope_line_nm(mb32.3;level07;mesh01) 0.1
+
+    In pictures, on surrogate torque: ``examples/features/plot_envelope_spectrum.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

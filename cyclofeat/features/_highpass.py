@@ -34,7 +34,7 @@ class HighPass(WindowTransformer):
     ----------
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -59,6 +59,8 @@ class HighPass(WindowTransformer):
     >>> std = pipeline.fit_transform(torque[np.newaxis])[0, 3]
     >>> print(std.round(3))  # of the sine of 400 Hz alone
     0.707
+
+    In pictures, on surrogate torque: ``examples/features/plot_high_pass.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

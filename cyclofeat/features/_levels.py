@@ -45,7 +45,7 @@ class WaveletLevelStatistics(WaveletTransformer):
     ----------
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -79,6 +79,8 @@ class WaveletLevelStatistics(WaveletTransformer):
     array([0.02, 0.05])
     >>> features["wavelet_lowest_colour(mb32.3;64colours;level03)"].round(2)
     array([0.01, 0.31])
+
+    In pictures, on surrogate torque: ``examples/features/plot_level_statistics.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

@@ -42,7 +42,7 @@ class WelchPSD(SpectralTransformer):
         Frequencies of the density in Hz, before the band is cut out.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -63,6 +63,8 @@ class WelchPSD(SpectralTransformer):
     >>> psd = transformer.fit_transform(torque[np.newaxis])
     >>> transformer.get_feature_names_out()[psd[0].argmax()]
     'psd_nm2_per_hz(ripple;400Hz)'
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectra.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -124,7 +126,7 @@ class AmplitudeSpectrum(WindowTransformer):
         Frequencies of the lines in Hz, before the band is cut out.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -147,6 +149,8 @@ class AmplitudeSpectrum(WindowTransformer):
     array([[3.  , 1.28]])
     >>> transformer.get_feature_names_out()[0]
     'amplitude_nm(hamming8192;400Hz)'
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectra.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

@@ -50,7 +50,7 @@ class LobeMap(WindowTransformer):
     ----------
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -76,6 +76,8 @@ class LobeMap(WindowTransformer):
     >>> slot_rms = lobe_map.transform(torque[np.newaxis])[0, 15:30]
     >>> int(np.argmax(slot_rms))
     3
+
+    In pictures, on surrogate torque: ``examples/features/plot_lobe_map.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

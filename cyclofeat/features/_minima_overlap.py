@@ -71,7 +71,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
         For each level, which of the compared coefficients of the reference have the lowest colour.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -126,6 +126,8 @@ class WaveletMinimaOverlap(WaveletTransformer):
     'minima_overlap(mb32.3;64colours;energy;worst;level04)'
     >>> transformer.transform(X)[:, 3].round(2)
     array([0.5 , 0.52, 0.53, 0.79, 0.79, 0.81, 0.89, 0.89, 0.89])
+
+    In pictures, on surrogate torque: ``examples/features/plot_minima_overlap.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

@@ -56,7 +56,7 @@ class OrderSpectrum(WindowTransformer):
     ----------
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -88,6 +88,8 @@ class OrderSpectrum(WindowTransformer):
     239 0.02
     240 1.0
     255 0.1
+
+    In pictures, on surrogate torque: ``examples/features/plot_order_spectrum.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

@@ -71,7 +71,7 @@ class SpectralEntropy(SpectralTransformer):
         Frequencies of the density in Hz.
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -101,6 +101,8 @@ class SpectralEntropy(SpectralTransformer):
            [1.39 ]])
     >>> transformer.get_feature_names_out()
     array(['shannon_entropy_bits(matlab_pwelch)'], dtype=object)
+
+    In pictures, on surrogate torque: ``examples/features/plot_spectral_entropy.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

@@ -30,7 +30,7 @@ class TorqueStatistics(WindowTransformer):
     ----------
     n_features_in_ : int
         Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_features_in_,)
+    feature_names_in_ : ndarray of str, shape (n_samples,)
         Names of the samples, if ``fit`` was given a data frame.
 
     See Also
@@ -52,6 +52,8 @@ class TorqueStatistics(WindowTransformer):
     torque_max_nm [24. 22.]
     torque_mean_nm [22. 22.]
     torque_std_nm [2. 0.]
+
+    In pictures, on surrogate torque: ``examples/features/plot_torque_statistics.py``.
     """
 
     def __init__(self, sampling_rate: float) -> None:

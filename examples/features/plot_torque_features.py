@@ -1,0 +1,57 @@
+"""
+All features in a pipeline
+==========================
+
+:class:`~cyclofeat.features.TorqueFeatures` gives the features of all methods in one row per window, and goes
+into a pipeline like any other transformer. Which of them count worn lobes in assemblies that training never
+saw? **Surrogate** torque, six assemblies for each of eight counts on the assumed rig R1: chance is 1/8.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from _surrogates import SAMPLING_RATE, surrogate_windows
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.pipeline import make_pipeline
+
+from cyclofeat.counting import evaluate
+from cyclofeat.features import TorqueFeatures
+
+X, y, assemblies = surrogate_windows(n_assemblies=6)
+families = {
+    "entropy": ["SpectralEntropy"],
+    "statistics": ["TorqueStatistics"],
+    "density": ["SpectralEntropy", "SpectralFlatness", "SpectralCentroid", "SpectralRolloff", "BandPower"],
+    "coherence": ["CoherenceToReference"],
+    "wavelets": ["WaveletMinimaOverlap", "WaveletEnvelopeSpectrum", "WaveletLevelStatistics"],
+    "order lines": ["OrderSpectrum"],
+    "lobe map": ["LobeMap"],
+    "all": "all",
+}
+
+# %%
+# References (healthy windows, worst windows) are learned in ``fit``: inside the pipeline, so from the
+# training assemblies of each fold alone. ``evaluate`` holds whole assemblies out.
+
+results = {}
+for name, features in families.items():
+    trees = ExtraTreesClassifier(n_estimators=100, random_state=0)
+    counter = make_pipeline(TorqueFeatures(SAMPLING_RATE, features=features), trees)
+    results[name] = evaluate(counter, X, y, assemblies, n_splits=3)
+    print(f"{name:14} {results[name]}")
+
+# %%
+
+accuracy = np.array([result.accuracy for result in results.values()])
+interval = np.array([result.accuracy_interval for result in results.values()]).T
+fig, ax = plt.subplots(figsize=(8, 4), layout="constrained")
+ax.barh(list(results), accuracy, xerr=np.abs(interval - accuracy), color="0.7", capsize=3)
+ax.axvline(1 / 8, color="black", ls="--")
+ax.set_title("counting worn lobes (dashed: chance, 1/8)")
+ax.set(xlim=(0, 1.05), xlabel="accuracy, whole assemblies held out (whiskers: 95 % over assemblies)")
+ax.invert_yaxis()
+plt.show()
+
+# %%
+# Six assemblies per count are few, and the whiskers say so: most published methods can hardly be told from
+# chance on this rig. The lobe map, which looks at each lobe by itself, counts. More columns are not better:
+# trees that are offered all 340 meet the useful ones less often.
