@@ -46,6 +46,6 @@ plt.show()
 # %%
 # On this rig the resemblance does fall with the count, most of all between 100 and 200 Hz, although the
 # counts from three on overlap. Neither paper found that: all assemblies here share one brake and one torque
-# meter, whose ringing takes the mesh's place step by step. It would have to be seen on a measured rig before
+# meter, whose growing ringing is the likely reason. It would have to be seen on a measured rig before
 # anything is built on it. Coherence is never zero: eight segments give unrelated noise about 0.2, the level
 # above 1000 Hz.

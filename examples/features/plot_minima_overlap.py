@@ -53,7 +53,7 @@ axes[0].legend()
 plt.show()
 
 # %%
-# Without noise the overlap grows from the healthy disc on, and falls back at three and four worn lobes, much
-# as in paper B's figures; five worn lobes have more than seven, whose own assemblies differ. Noise of 0.2 Nm,
-# 1 % of the torque, fills the quiet stretches, and what was graded is gone: a reason why measured torque need
-# not show what the simulation did.
+# Without noise the overlap grows from the healthy disc on, and falls back at three and four worn lobes, where
+# paper B has its gaps, too; but five worn lobes have more than seven, and three assemblies per count are few.
+# Noise of 0.2 Nm, 1 % of the torque, fills the quiet stretches, and what was graded is gone: a reason why
+# measured torque need not show what the simulation did.

@@ -38,4 +38,6 @@ plt.show()
 # Shuffled counts seldom give as many bands, so on this rig the order is more than chance: above the noise's
 # even floor, wear adds power at the lower end of these bands, which makes their spectra less even. The class
 # means fall; single assemblies of neighbouring counts overlap by more than the steps between the means, so a
-# band of falling entropy is a trend, and not yet a counter.
+# band of falling entropy is a trend, and not yet a counter. Bands that begin above some 3 kHz hold hardly
+# anything but noise: chance is likely to have put them there. Four counts fall in order by chance far more
+# often than seven would, which p takes into account.

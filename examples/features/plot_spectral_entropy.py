@@ -46,8 +46,8 @@ dots_by_count(right, y, of_ripple, "mean removed (preset 'ripple')", "Shannon en
 plt.show()
 
 # %%
-# **Left:** on this rig the entropy *grows* with the count, where the measured one falls: the direction
-# belongs to the rig, not to the wear. **Middle:** MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz
-# outweighs all others; the entropy then follows the share of ripple in the torque's mean square, which is in
-# table 4 already. **Right:** without the mean, entropy tells most worn discs from healthy ones, and little
-# more. Read a trend of entropy with the count only beside the ripple, and within one rig.
+# **Left:** on this rig the entropy *grows* with the count, where the measured one falls: its direction is no
+# property of wear alone. **Middle:** MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all
+# others; the entropy then follows the share of ripple in the torque's mean square, which is in table 4
+# already. **Right:** without the mean, entropy tells most worn discs from healthy ones, and little more. Read
+# a trend of entropy with the count only beside the ripple, and within one rig.

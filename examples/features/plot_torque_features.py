@@ -52,6 +52,7 @@ ax.invert_yaxis()
 plt.show()
 
 # %%
-# Six assemblies per count are few, and the whiskers say so: most published methods can hardly be told from
-# chance on this rig. The lobe map, which looks at each lobe by itself, counts. More columns are not better:
-# trees that are offered all 340 meet the useful ones less often.
+# Six assemblies per count are few, and the whiskers say so: on this rig, entropy and statistics cannot be
+# told from chance, and the other published methods count little better. The lobe map, which looks at each
+# lobe by itself, counts. More columns are not better: trees that are offered all 340 meet the useful ones
+# less often.

@@ -35,7 +35,7 @@ for ax, (name, (title, unit, column)) in zip(axes.flat, shown.items(), strict=Tr
     if column is not None:
         ax.plot(published["defect_count"], published[column], "x", color="black", label="measured (paper A)")
 axes[0, 0].plot([], [], "o-", color="C0", label="surrogate, and mean")
-axes[0, 0].legend(fontsize="small")
+fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
 plt.show()
 
 # %%
