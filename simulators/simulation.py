@@ -328,7 +328,15 @@ def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -
 
 def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
     """Share of speed and load that has risen at each time."""
-    return np.clip(time / gearbox.ramp_time, 0, 1) if gearbox.ramp_time > 0 else np.ones_like(time)
+    share = np.ones_like(time)
+    n_rising = _n_rising(gearbox, time)
+    share[:n_rising] = time[:n_rising] / gearbox.ramp_time
+    return share
+
+
+def _n_rising(gearbox: CycloidalGearbox, time: Float) -> int:
+    """Number of the times, which rise, that lie before the end of the ramp."""
+    return int(np.searchsorted(time, gearbox.ramp_time))
 
 
 def _driver(
@@ -343,26 +351,24 @@ def _driver(
 
     Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
     """
-    angle, alpha = np.zeros_like(time), np.zeros_like(time)
     given = None if speed is None else _course("speed", speed, sampling_rate, time)
     course = given is not None and given.ndim > 0
     if given is not None and course:
-        omega = given
+        angle, omega, alpha = np.zeros_like(time), given, np.zeros_like(time)
     else:
         ramp, steady = gearbox.ramp_time, gearbox.input_speed if given is None else float(given)
-        if ramp == 0:
-            angle, omega, alpha = steady * time, np.full_like(time, steady), np.zeros_like(time)
-        else:
-            rising = time < ramp
-            angle = np.where(rising, 0.5 * steady / ramp * time**2, steady * (time - ramp / 2))
-            omega = np.where(rising, steady / ramp * time, steady)
-            alpha = np.where(rising, steady / ramp, 0.0)
-    extra = np.zeros_like(time)
-    if fluctuation is not None:
-        extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
+        angle, omega, alpha = steady * (time - ramp / 2), np.full_like(time, steady), np.zeros_like(time)
+        rising = slice(_n_rising(gearbox, time))
+        if ramp > 0:
+            angle[rising] = 0.5 * steady / ramp * time[rising] ** 2
+            omega[rising] = steady / ramp * time[rising]
+            alpha[rising] = steady / ramp
     if course or fluctuation is not None:
+        extra: Float | float = 0.0
+        if fluctuation is not None:
+            extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
         step = time[1] - time[0]
-        numeric = omega + extra if course else extra
+        numeric = omega + extra if course else np.asarray(extra)
         angle = angle + cumulative_trapezoid(numeric, dx=step, initial=0)
         alpha = alpha + np.gradient(numeric, step)
         omega = omega + extra
@@ -379,8 +385,12 @@ def _load(
     """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
     steady = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
     extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
-    ramp = _ramp(gearbox, time)
-    total: Float = (steady + extra) * ramp if steady.ndim == 0 else steady + extra * ramp
+    if steady.ndim > 0:
+        return steady + extra * _ramp(gearbox, time)
+    total = np.empty_like(time)
+    np.add(steady, extra, out=total)
+    n_rising = _n_rising(gearbox, time)
+    total[:n_rising] *= time[:n_rising] / gearbox.ramp_time
     return total
 
 
