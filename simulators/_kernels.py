@@ -89,7 +89,7 @@ from cyclofeat.simulators._outline import (
 )
 
 # Of _outline.py: numba's cache on disk notices a change of this file only, and would go on with the old one.
-OUTLINE_CHECKSUM = 0xbf1d1d
+OUTLINE_CHECKSUM = 0xBF1D1D
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
