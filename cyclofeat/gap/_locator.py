@@ -227,7 +227,7 @@ class GapLocator(BaseEstimator):
         means = {
             c: self.simulated_[self.bank_.counts == c].mean(axis=0) for c in np.unique(self.bank_.counts)
         }
-        return values - np.array([means[count] for count in counts])
+        return np.asarray(values - np.array([means[count] for count in counts]))
 
     def calibrate_null(self, n_trials: int = 200) -> float:
         """Share of false "disagree" when simulated recordings take the place of the measured ones.
@@ -380,7 +380,7 @@ def _whitened(measured: Float, simulated: Float, n_components: int = 12) -> Floa
     scaled = scaled / np.maximum(scaled.std(axis=0), 1e-9)
     left, size, _ = np.linalg.svd(scaled, full_matrices=False)
     kept = min(n_components, int(np.sum(size > 1e-9 * size[0])), len(pooled) // 4 + 1)
-    return left[:, :kept] * np.sqrt(len(pooled))
+    return np.asarray(left[:, :kept] * np.sqrt(len(pooled)))
 
 
 def _energy_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
@@ -408,7 +408,7 @@ def _energy_p(measured: Float, simulated: Float, n: int, random: np.random.Gener
 def _classifier_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
     """p of a cross-validated linear classifier's separation, refitted under each permutation."""
     points = _whitened(measured, simulated)
-    labels = np.r_[np.ones(len(measured)), np.zeros(len(simulated))]
+    labels: Float = np.concatenate([np.ones(len(measured)), np.zeros(len(simulated))])
     folds = StratifiedKFold(min(5, len(measured)), shuffle=True, random_state=0)
 
     def separation(y: Float) -> float:

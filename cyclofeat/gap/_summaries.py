@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,7 @@ class Cell:
 
 
 def summarise(
-    X: NDArray[np.floating], sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
+    X: NDArray[Any], sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
 ) -> tuple[Float, list[Cell]]:
     """Summaries of windows of torque.
 
@@ -86,23 +87,23 @@ def summarise(
     the input's turn and with the lobes, and what they leave; and features that the toolkit counts by.
     Levels are in dB of Nm^2.
     """
-    X = np.asarray(X, dtype=float)
-    n = X.shape[1]
+    torque: Float = np.asarray(X, dtype=np.float64)
+    n = torque.shape[1]
     turn = n_lobes / input_speed_hz
     if n / sampling_rate < 0.99 * turn:
         raise ValueError(
             f"X must hold windows of at least one output turn ({turn:.3g} s), got {n / sampling_rate:.3g} s"
         )
-    speeds = estimate_input_speed(X, sampling_rate, input_speed_hz, comb="mesh", n_lobes=n_lobes)
-    mean = X.mean(axis=1, keepdims=True)
-    ripple = X - mean
+    speeds = estimate_input_speed(torque, sampling_rate, input_speed_hz, comb="mesh", n_lobes=n_lobes)
+    mean = torque.mean(axis=1, keepdims=True)
+    ripple = torque - mean
     parts = [
         _slow(ripple, sampling_rate),
-        _amplitudes(X, ripple, mean[:, 0]),
+        _amplitudes(torque, ripple, mean[:, 0]),
         _bands(ripple, sampling_rate),
         _orders(ripple, sampling_rate, speeds, input_speed_hz, n_lobes),
         _averages(ripple, sampling_rate, speeds, input_speed_hz, n_lobes),
-        _features(X, sampling_rate),
+        _features(torque, sampling_rate),
     ]
     return np.hstack([values for values, _ in parts]), [cell for _, cells in parts for cell in cells]
 
@@ -201,7 +202,7 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     spacing = speed / n_lobes / sampling_rate
     weighted = piece * signal.windows.hann(n_cut, sym=False)
     lines = signal.zoom_fft(weighted, [0, n_bins * spacing * 2], m=n_bins, fs=2, endpoint=False)
-    return 8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2
+    return np.asarray(8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2)
 
 
 def _averages(
