@@ -28,6 +28,7 @@ ABSURD_TORQUE = 1e4
 # impact on a stiff contact is shorter, a diverging integration grows beyond all bounds sooner.
 LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
+_STAGES = {"midpoint": 2, "adams_bashforth": 1}
 _RELAXATION_ROUNDS = 3000
 _FILTER_MARGIN = 40  # samples of the result
 # A step takes about 100 bytes of memory while it is simulated: 100 million are 1000 s and 10 GB.
@@ -410,6 +411,7 @@ def simulate(
     speed_fluctuation: TimeCourse | None = None,
     load_fluctuation: TimeCourse | None = None,
     decimation: str = "antialias",
+    integrator: str = "midpoint",
     motion: bool = True,
     forces: bool = False,
     points: bool = False,
@@ -448,6 +450,11 @@ def simulate(
     decimation : {"antialias", "pick"}
         How the integration's samples become the result's: through an anti-alias filter, or by picking every
         k-th as the papers do (``1 / (dt sampling_rate)`` must then be a whole number).
+    integrator : {"midpoint", "adams_bashforth"}
+        The papers' midpoint rule (second-order Runge-Kutta), or the second-order Adams-Bashforth rule, which
+        takes half the time. Its error at the same step is some 2.6 times as large (2.4e-3 instead of
+        0.9e-3 Nm rms with 7 worn lobes at 1e-5 s), at the same cost smaller; its limit of stability is half
+        as far.
     motion, forces, points : bool
         Whether to keep angle and speed of the output, the force of every sleeve, and where it touches. These
         are always picked, never filtered.
@@ -483,6 +490,8 @@ def simulate(
         raise ValueError(f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz")
     if decimation not in ("antialias", "pick"):
         raise ValueError(f"decimation must be 'antialias' or 'pick', got {decimation!r}")
+    if integrator not in _STAGES:
+        raise ValueError(f"integrator must be one of {tuple(_STAGES)}, got {integrator!r}")
     if start not in ("rest", "relaxed"):
         raise ValueError(f"start must be 'rest' or 'relaxed', got {start!r}")
     if tolerances is not None:
@@ -516,7 +525,9 @@ def simulate(
     if start == "relaxed":
         state = _relaxed(gearbox, constants, course, dt, state)
     kept = steps if motion or forces or points else steps[:0]
-    done = _integrated(gearbox, constants, course, dt, state, n_steps, kept, forces or points)
+    done = _integrated(
+        gearbox, constants, course, dt, state, n_steps, kept, forces or points, _STAGES[integrator]
+    )
     finished = done.finished
     if finished < n_steps:
         contact, force = _largest_contact(done.last_external, done.last_internal)
@@ -577,6 +588,7 @@ def _integrated(
     n_steps: int,
     kept: NDArray[np.int64],
     forces: bool,
+    stages: int = 2,
 ) -> _Integrated:
     """Run the kernel from ``state``, which stays as it is."""
     torques = np.empty((n_steps, _kernels.N_RESULT))
@@ -588,7 +600,7 @@ def _integrated(
     internal = np.empty((n_rows, *last_internal.shape))
     state = state.copy()
     finished = _kernels.integrate(
-        n_steps, dt, *course, state, *constants, ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE,
+        stages, n_steps, dt, *course, state, *constants, ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE,
         LOCKING_TIME / dt, torques, kept, motion, external, internal, last_external, last_internal,
     )  # fmt: skip
     return _Integrated(

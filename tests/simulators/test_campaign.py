@@ -738,7 +738,7 @@ def cluster(n_workers: int = 2):  # type: ignore[no-untyped-def]
             n_workers=n_workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",
             host="127.0.0.1",
         ) as made,
     ):
@@ -761,7 +761,7 @@ def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.Mon
         SMALL.run(tmp_path / "out", scheduler=8786)
     with (
         LocalCluster(
-            n_workers=0, processes=False, dashboard_address=None, protocol="tcp", host="127.0.0.1"
+            n_workers=0, processes=False, dashboard_address=":0", protocol="tcp", host="127.0.0.1"
         ) as made,
         pytest.raises(WorkerLost, match="has had no worker for 0.5 s; all finished shards are kept"),
     ):

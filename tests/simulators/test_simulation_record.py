@@ -22,20 +22,36 @@ def same(a: SimulationRun, b: SimulationRun) -> bool:
     return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
 
 
-def test_integration_is_of_second_order() -> None:
+@pytest.mark.parametrize(
+    ("integrator", "steps", "error"),
+    [("midpoint", (4e-5, 2e-5, 1e-5, 5e-6), 2e-3), ("adams_bashforth", (2e-5, 1e-5, 5e-6, 2.5e-6), 6e-3)],
+)
+def test_integration_is_of_second_order(integrator: str, steps: tuple[float, ...], error: float) -> None:
     """Before the first impact, over the first 4 ms of load and the ringing after them."""
     quick = STEEL.replace(ramp_time=0.004)
 
-    def end(dt: float) -> np.ndarray:
-        run = simulate(quick, duration=0.02, dt=dt, sampling_rate=5000, decimation="pick")
+    def end(dt: float, rule: str = "midpoint") -> np.ndarray:
+        run = simulate(quick, duration=0.02, dt=dt, sampling_rate=5000, decimation="pick", integrator=rule)
         return np.stack([1e3 * run.output_angle, run.torque_out, run.torque_in])
 
     exact = end(6.25e-7)
-    errors = [np.abs(end(dt) - exact).max(axis=1) for dt in (4e-5, 2e-5, 1e-5, 5e-6)]
+    errors = [np.abs(end(dt, integrator) - exact).max(axis=1) for dt in steps]
     for coarse, fine in pairwise(errors):
         assert np.all(coarse / fine > 3.5)
         assert np.all(coarse / fine < 4.5)
-    assert errors[2] == pytest.approx(np.zeros(3), abs=2e-3)  # Nm at the papers' step
+    assert errors[steps.index(1e-5)] == pytest.approx(np.zeros(3), abs=error)  # Nm at the papers' step
+
+
+def test_both_integrators_make_the_same_machine() -> None:
+    """Worn lobes and a brake: statistics of the settled torque."""
+    gearbox = STEEL.with_brake(0.02, 1e4, 0.02)
+    for machine, defects in ((STEEL, LobeDefects.worn(7)), (gearbox, LobeDefects.worn(3))):
+        papers, other = (
+            simulate(machine, defects, duration=0.6, integrator=rule).torque_out[7680:]
+            for rule in ("midpoint", "adams_bashforth")
+        )
+        assert other.mean() == pytest.approx(papers.mean(), rel=2e-4)
+        assert other.std() == pytest.approx(papers.std(), rel=0.02)
 
 
 @pytest.mark.parametrize("sampling_rate", [10_000, 20_000, 1000])
@@ -186,6 +202,10 @@ def test_runs_are_the_same_bit_for_bit() -> None:
             "load_fluctuation as an array must .* at least 256 at 25600 Hz",
         ),
         ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
+        (
+            {"integrator": "euler"},
+            r"integrator must be one of \('midpoint', 'adams_bashforth'\), got 'euler'",
+        ),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
         ({"load_fluctuation": float("inf")}, "load_fluctuation must be finite"),
         ({"defects": LobeDefects.worn((15,))}, "defects name lobe 15, but the wheel has lobes 0 to 14"),
