@@ -167,6 +167,7 @@ def test_a_bank_is_the_same_from_the_cache_and_for_every_worker(tmp_path: Path) 
 # The stage as a whole
 
 
+@pytest.mark.slow
 def test_no_effect_is_not_flagged(locator: GapLocator, cache: Path) -> None:
     bank = measured([], 6, 101, cache)
     locator.fit(bank.X, y=bank.counts)
@@ -182,9 +183,9 @@ def test_no_effect_is_not_flagged(locator: GapLocator, cache: Path) -> None:
     ("effect", "family", "name"),
     [
         (Hum(0.2), "shaft lines", "input order 6"),
-        (LoadDrift(0.5), "slow part", "level below 4 Hz"),
+        pytest.param(LoadDrift(0.5), "slow part", "level below 4 Hz", marks=pytest.mark.slow),
         (TorqueMeterLowPass(150.0), "spectrum", "third octave"),
-        (Offset(1.0), "amplitudes", "mean"),
+        pytest.param(Offset(1.0), "amplitudes", "mean", marks=pytest.mark.slow),
     ],
     ids=["hum", "drift", "low-pass", "offset"],
 )
