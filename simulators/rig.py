@@ -323,6 +323,16 @@ class Rig:
         --------
         from_json : What the file may hold.
         """
+        Path(path).write_text(self.to_text(), encoding="utf-8")
+
+    def to_text(self) -> str:
+        """The description that :meth:`to_json` writes.
+
+        Returns
+        -------
+        str
+            JSON, the same for equal rigs.
+        """
         lines = [f'  "format": {json.dumps(_FORMAT)}', f'  "note": {json.dumps(_NOTE)}']
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
@@ -337,7 +347,7 @@ class Rig:
             else:
                 text = _json_value(value, value)
             lines.append(f'  "{item.name}": {text}')
-        Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+        return "{\n" + ",\n".join(lines) + "\n}\n"
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> Rig:

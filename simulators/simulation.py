@@ -452,9 +452,9 @@ def simulate(
         k-th as the papers do (``1 / (dt sampling_rate)`` must then be a whole number).
     integrator : {"midpoint", "adams_bashforth"}
         The papers' midpoint rule (second-order Runge-Kutta), or the second-order Adams-Bashforth rule, which
-        takes half the time. Its error at the same step is some 2.6 times as large (2.4e-3 instead of
-        0.9e-3 Nm rms with 7 worn lobes at 1e-5 s), at the same cost smaller; its limit of stability is half
-        as far.
+        takes half the time. Its error at the same step is two and a half to three times as large
+        (``make bench-simulator``), at half the step, which costs as much, a quarter of that; its limit of
+        stability is nearer.
     motion, forces, points : bool
         Whether to keep angle and speed of the output, the force of every sleeve, and where it touches. These
         are always picked, never filtered.

@@ -7,10 +7,8 @@ import hashlib
 import json
 import math
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
+from cyclofeat.gap import _summaries
 from cyclofeat.simulators import (
     AssemblyTolerances,
     CompositeSimulator,
     CycloidalGearbox,
     LobeDefects,
     Rig,
-    _kernels,
 )
+from cyclofeat.simulators.campaign import made_with
 
 Float = NDArray[np.float64]
 _LAYOUT = 1  # raise it when the bank's content changes for other reasons than the simulator's code
@@ -148,16 +147,15 @@ def make_bank(
     classes = tuple(int(count) for count in (nuisance.defect_counts if counts is None else counts))
     file = None
     if cache is not None:
-        key = _key(composite, nuisance, classes, n_samples, sampling_rate, random_state)
+        key = cache_key(composite, nuisance, classes, n_samples, sampling_rate, random_state, _LAYOUT)
         file = Path(cache) / f"bank-{key}-{n}.npz"
         if file.exists():
             with np.load(file) as stored:
                 return Bank(stored["X"], stored["counts"], stored["input_angle"])
+    seeds = (np.random.SeedSequence(random_state, spawn_key=(i,)) for i in range(n))
     work = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(_record)(
-            composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, random_state, i
-        )
-        for i in range(n)
+        joblib.delayed(record)(composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, seed)
+        for i, seed in enumerate(seeds)
     )
     bank = Bank(
         X=np.array([torque for torque, _ in work], dtype=np.float32),
@@ -172,16 +170,16 @@ def make_bank(
     return bank
 
 
-def _record(
+def record(
     composite: CompositeSimulator,
     nuisance: NuisancePrior,
     count: int,
     n_samples: int,
     sampling_rate: float,
-    random_state: int,
-    index: int,
+    seed: np.random.SeedSequence,
 ) -> tuple[NDArray[np.float32], tuple[float, float]]:
-    for_defects, for_run = np.random.SeedSequence(random_state, spawn_key=(index,)).spawn(2)
+    """Torque in Nm of one recording of the prior's simulator, and its first and last input angle in rad."""
+    for_defects, for_run = seed.spawn(2)
     rig = composite.base
     assert isinstance(rig, Rig)
     defects = nuisance.draw_defects(count, rig.gearbox.n_lobes, np.random.default_rng(for_defects))
@@ -192,23 +190,11 @@ def _record(
     return run.torque_out.astype(np.float32), ends
 
 
-def _key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        description = Path(folder) / "rig.json"
-        composite.to_json(description)
-        text = description.read_text("utf-8")
-    stated = [text, dataclasses.asdict(nuisance), *others, code_version(), _LAYOUT]
-    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:20]
-
-
-def code_version() -> str:
-    """Version of the package and of the compiled kernel's source."""
-    try:
-        stated = version("cyclofeat")
-    except PackageNotFoundError:
-        stated = "source"
-    source = hashlib.sha256(Path(str(_kernels.__file__)).read_bytes()).hexdigest()[:12]
-    return f"{stated}+{source}"
+def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:
+    """Name for what follows from these, from the summaries' code and from all of the simulator's."""
+    here = hashlib.sha256(Path(_summaries.__file__).read_bytes()).hexdigest()
+    stated = [composite.to_rig().to_text(), dataclasses.asdict(nuisance), *others, made_with(), here]
+    return hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
 def registered(X: NDArray[Any], sampling_rate: float, input_speed_hz: float, n_lobes: int) -> NDArray[Any]:

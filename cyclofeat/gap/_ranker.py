@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -27,7 +24,7 @@ from sklearn.utils.validation import check_is_fitted
 from cyclofeat._files import write_whole
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior, code_version
+from cyclofeat.gap._null import NuisancePrior, cache_key, record
 from cyclofeat.gap._summaries import summarise
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
 
@@ -314,32 +311,18 @@ class EffectRanker(BaseEstimator):
         base = composite.base
         assert isinstance(base, Rig)
         simulator = CompositeSimulator(base, (*composite.effects, *effects))
-        torque = []
-        for count, seed in zip(counts, for_runs, strict=True):
-            for_defects, for_run = seed.spawn(2)
-            defects = nuisance.draw_defects(
-                int(count), base.gearbox.n_lobes, np.random.default_rng(for_defects)
-            )
-            run = simulator.simulate(
-                defects,
-                duration=self.duration_s,
-                sampling_rate=self.sampling_rate,
-                seed=for_run,
-                motion=False,
-            )
-            torque.append(run.torque_out.astype(np.float32))
+        n_samples = round(self.duration_s * self.sampling_rate)
+        torque = [
+            record(simulator, nuisance, int(count), n_samples, self.sampling_rate, seed)[0]
+            for count, seed in zip(counts, for_runs, strict=True)
+        ]
         values, _ = summarise(np.array(torque), self.sampling_rate, self.input_speed_hz, base.gearbox.n_lobes)
         return values
 
     def _key(self, composite: CompositeSimulator, nuisance: NuisancePrior) -> str:
-        with tempfile.TemporaryDirectory() as folder:
-            description = Path(folder) / "rig.json"
-            composite.to_json(description)
-            text = description.read_text("utf-8")
-        own = {key: value for key, value in self.get_params(deep=False).items()
-               if key not in ("simulator", "nuisance", "n_jobs", "cache", "n_trees")}  # fmt: skip
-        stated = [text, asdict(nuisance), own, self.classes_, code_version()]
-        return hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode()).hexdigest()[:20]
+        elsewhere = ("simulator", "nuisance", "n_jobs", "cache", "n_trees")
+        own = {name: value for name, value in self.get_params(deep=False).items() if name not in elsewhere}
+        return cache_key(composite, nuisance, own, self.classes_)
 
 
 class _Typical:

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 import os
-import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -439,10 +438,7 @@ class Campaign:
 
 def rig_to_dict(rig: Rig) -> dict[str, Any]:
     """What a rig's own file holds, without format and note."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "rig.json"
-        rig.to_json(path)
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads(rig.to_text())
     return {key: value for key, value in content.items() if key not in ("format", "note")}
 
 
