@@ -228,14 +228,7 @@ def _drawn_recording(
 
     random = np.random.default_rng(_seed(rig, random_state, index).spawn(2)[1])
     n_lobes = rig.gearbox.n_lobes
-    one_wheel = random.random() < 0.5
-    if lobes == "consecutive":
-        worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
-    else:
-        worn = random.permutation(n_lobes)[:count]
-    if wheels is None:
-        wheels = (0,) if one_wheel else (0, 1)
-    defects = LobeDefects.worn(worn.tolist(), wheels=wheels)
+    defects = LobeDefects.drawn(count, n_lobes, random, consecutive=lobes == "consecutive", wheels=wheels)
     return _recording(rig, defects, n_samples, sampling_rate, random_state, index, with_angle)
 
 

@@ -444,6 +444,46 @@ class LobeDefects:
         """Removed lobes: a count (consecutive from lobe 0) or the indices themselves."""
         return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
 
+    @classmethod
+    def drawn(
+        cls,
+        count: int,
+        n_lobes: int,
+        random: np.random.Generator,
+        *,
+        consecutive: bool = True,
+        wheels: Sequence[int] | None = None,
+        depth: float = 1.0,
+    ) -> LobeDefects:
+        """Worn lobes at random places.
+
+        Parameters
+        ----------
+        count, n_lobes : int
+            Number of worn lobes, and of lobes on a wheel.
+        random : numpy.random.Generator
+        consecutive : bool
+            Whether they follow each other from a random first one.
+        wheels : sequence of int, optional
+            Wheels that carry the wear. Default: wheel 0 alone or both, with equal chances.
+        depth : float
+            Share of the lobe's width that is worn.
+
+        Examples
+        --------
+        >>> LobeDefects.drawn(2, 15, np.random.default_rng(0)).defect_count
+        2
+        """
+        # Drawn whether needed or not: given wheels leave the lobes as they are.
+        one_wheel = random.random() < 0.5
+        if consecutive:
+            worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
+        else:
+            worn = random.permutation(n_lobes)[:count]
+        if wheels is None:
+            wheels = (0,) if one_wheel else (0, 1)
+        return cls.worn(worn.tolist(), wheels=wheels, depth=depth)
+
     @property
     def defect_count(self) -> int:
         """Number of distinct defective lobe indices."""

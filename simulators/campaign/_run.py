@@ -191,15 +191,13 @@ def _assembly(gearbox: CycloidalGearbox, sampling_rate: float) -> dict[str, floa
 def _defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:
     """Worn lobes of the run, randomly placed as in the toolkit's other surrogate recordings."""
     random = np.random.default_rng(child(campaign.seed_of(plan.run), _DEFECTS))
-    n_lobes = campaign.the_rig.gearbox.n_lobes
-    one_wheel = random.random() < 0.5
-    if campaign.lobes == "consecutive":
-        worn = (random.integers(n_lobes) + np.arange(plan.defect_count)) % n_lobes
-    else:
-        worn = random.permutation(n_lobes)[: plan.defect_count]
-    wheels = campaign.wheels
-    if isinstance(wheels, str):
-        wheels = (0,) if one_wheel else (0, 1)
     depth = plan.values.get(DEPTH, campaign.depth)
     assert isinstance(depth, float)
-    return LobeDefects.worn(worn.tolist(), wheels=wheels, depth=depth)
+    return LobeDefects.drawn(
+        plan.defect_count,
+        campaign.the_rig.gearbox.n_lobes,
+        random,
+        consecutive=campaign.lobes == "consecutive",
+        wheels=None if isinstance(campaign.wheels, str) else campaign.wheels,
+        depth=depth,
+    )
