@@ -171,22 +171,81 @@ class CompositeSimulator(BaseEstimator):
         SimulationDiverged
             If the simulation diverges.
         """
+        (run,) = self.simulate_measured(
+            [()], defects, duration=duration, sampling_rate=sampling_rate, seed=seed,
+            start_angle=start_angle, settled=settled, **options,
+        )  # fmt: skip
+        return run
+
+    def simulate_measured(
+        self,
+        measured_by: Sequence[Sequence[Effect]],
+        defects: LobeDefects | None = None,
+        *,
+        duration: float = 1.8,
+        sampling_rate: float = 25_600.0,
+        seed: int | np.random.SeedSequence = 0,
+        start_angle: float | None = None,
+        settled: bool = True,
+        **options: Any,
+    ) -> list[SimulationRun]:
+        """Simulate once, and record it by several chains of measurement.
+
+        Parameters
+        ----------
+        measured_by : sequence of sequence of Effect
+            Effects of each chain, in addition to the simulator's own; only such as the gearbox does not
+            answer (:meth:`Effect.needs_simulation`).
+        defects, duration, sampling_rate, seed, start_angle, settled, **options
+            As in :meth:`simulate`.
+
+        Returns
+        -------
+        list of SimulationRun
+            One per chain: the same, to the last bit, as a simulator with these effects gives. (Where a chain
+            samples at other instants and so needs a longer run, all share it, with the drift of that length.)
+
+        Raises
+        ------
+        TypeError, ValueError
+            As :meth:`simulate`, and if an effect of a chain needs a simulation of its own.
+        SimulationDiverged
+            If the simulation diverges.
+
+        Examples
+        --------
+        >>> from cyclofeat.simulators import Offset
+        >>> plain, shifted = CompositeSimulator().simulate_measured([(), [Offset(0.5)]], duration=0.1)
+        >>> float((shifted.torque_out - plain.torque_out).mean().round(6))
+        0.5
+        """
         for name, value in (("duration", duration), ("sampling_rate", sampling_rate)):
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite, got {value!r}")
         for name in ("load", "load_fluctuation", "speed", "speed_fluctuation", "tolerances"):
             if name in options:
                 raise TypeError(f"{name} is not taken here: gearbox, rig and effects state it")
+        for effect in (effect for chain in measured_by for effect in chain):
+            if effect.needs_simulation():
+                raise ValueError(
+                    f"measured_by must hold effects on the torque only; the gearbox answers {effect!r}"
+                )
         n_samples = round(duration * sampling_rate)
         if n_samples < 1:
             raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
         sequence = _sequence(seed)
+        chains = [
+            CompositeSimulator(self.base, (*self.effects, *chain))._assembled(sequence)[1]
+            for chain in measured_by
+        ]
         gearbox, steps = self._assembled(sequence)
         n_settling = _settling_samples(gearbox, sampling_rate) if settled else 0
-        n_needed = n_samples
-        for effect, _ in reversed(steps):
-            n_needed = effect.samples_needed(n_needed)
-        total = (n_settling + n_needed) / sampling_rate
+        needed = []
+        for chain in chains:
+            needed.append(n_samples)
+            for effect, _ in reversed(chain):
+                needed[-1] = effect.samples_needed(needed[-1])
+        total = (n_settling + max(needed, default=n_samples)) / sampling_rate
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
             start_angle = _random(library.child(sequence, _START)).uniform(0, output_turn)
@@ -195,21 +254,29 @@ class CompositeSimulator(BaseEstimator):
         run = simulate(
             gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options
         )
-        channels = {
-            item.name: getattr(run, item.name)[n_settling:]
+        whole = {
+            item.name: getattr(run, item.name)
             for item in dataclasses.fields(run)
             if isinstance(getattr(run, item.name), np.ndarray)
         }
         noise_nm = self.base.noise_nm if isinstance(self.base, Rig) else 0.0
-        noise_of = _random(library.child(sequence, _NOISE))
-        measured = _measured(
-            channels, gearbox, sampling_rate, steps, noise_nm, noise_of, from_rest=not settled
-        )
-        changes: dict[str, Any] = {
-            name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()
-        }
         stated = None if isinstance(seed, np.random.SeedSequence) else int(seed)
-        return dataclasses.replace(run, seed=stated, **changes)
+        runs = []
+        for chain, n in zip(chains, needed, strict=True):
+            measured = _measured(
+                {name: values[n_settling : n_settling + n] for name, values in whole.items()},
+                gearbox,
+                sampling_rate,
+                chain,
+                noise_nm,
+                _random(library.child(sequence, _NOISE)),
+                from_rest=not settled,
+            )
+            changes: dict[str, Any] = {
+                name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()
+            }
+            runs.append(dataclasses.replace(run, seed=stated, **changes))
+        return runs
 
     def to_rig(self) -> Rig:
         """The same as a rig with effects; a bare gearbox is a rig without spread, drift and noise.

@@ -15,13 +15,18 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._null import NuisancePrior, make_bank, registered
-from cyclofeat.gap._summaries import FAMILIES, Cell, summarise
+from cyclofeat.gap._null import NuisancePrior, make_bank, summaries_of_bank
+from cyclofeat.gap._phase import PhaseMap, phase_maps
+from cyclofeat.gap._recordings import mean_speeds, per_recording, recordings_of, registered
+from cyclofeat.gap._summaries import FAMILIES, Cell, summarise_all
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Rig
 
 Float = NDArray[np.float64]
 
 _EQUIVALENT_DB = 1.5
+# Assumption: added in quadrature to a cell's spread, so that no cell is so sure of itself that a difference
+# of no consequence is found in it.
+_SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 _EQUIVALENT_SPREADS = 0.5  # of one recording's replicate noise, for cells that are no levels
 # Permutations in which the classifier is refitted; its p is no smaller than one over this.
 _REFITS = 99
@@ -35,8 +40,10 @@ class Row:
     Attributes
     ----------
     cell : Cell
+    of : {"mean", "spread"}
+        What is compared: the means over recordings, or how far recordings spread.
     effect : float
-        Measured minus simulated, in the cell's unit.
+        Measured minus simulated, in the cell's unit; of spreads their ratio in dB.
     low, high : float
         Its interval, simultaneous within the family, at 1 - alpha.
     p : float
@@ -44,10 +51,11 @@ class Row:
     detectable : float
         Smallest effect that would have been found with a chance of 0.8.
     spread : float
-        Standard deviation of one recording, in the cell's unit.
+        Standard deviation of one recording, in the cell's unit; of spreads that of the ratio in dB.
     """
 
     cell: Cell
+    of: str
     effect: float
     low: float
     high: float
@@ -59,8 +67,9 @@ class Row:
 class GapLocator(BaseEstimator):
     """Where do measured recordings differ from what the simulator alone would have recorded?
 
-    Each recording is summarised by some 180 numbers in eight families (:mod:`cyclofeat.gap`), and so are
-    ``n_bank`` simulated ones under the prior of what may differ anyway. Labels are then permuted among
+    Each recording is summarised by some 180 numbers in nine families (:mod:`cyclofeat.gap`), and so are
+    ``n_bank`` simulated ones under the prior of what may differ anyway. Compared are the means over
+    recordings, and how far recordings spread. Labels are then permuted among
     recordings, never among windows of one: windows of a recording are no replicates (as replicates they
     raise false alarms in 99.8 % of cases without a difference).
 
@@ -88,15 +97,17 @@ class GapLocator(BaseEstimator):
     Attributes
     ----------
     table_ : list of Row
-        All cells, in the order of the families.
+        All cells, means and spreads, in the order of the families.
     verdict_ : {"disagree", "equivalent", "unresolved"}
-        ``"disagree"``: some adjusted p is at most alpha. ``"equivalent"``: all intervals lie within 1.5 dB
-        or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
+        ``"disagree"``: some adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
+        1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
     family_p_ : dict from str to float
         Smallest p of each family, adjusted within and across families.
     p_global_ : dict from str to float
         Energy distance of all cells, and a classifier that tries to tell measured from simulated (folds by
         recording, refitted under each permutation); not part of the verdict.
+    phase_ : dict from str to PhaseMap
+        Torque folded over the input's turn and over the passage of the lobes, for a picture.
     bank_ : Bank
     cells_ : list of Cell
     measured_, simulated_ : ndarray, shape (n_recordings, n_cells) and (n_bank, n_cells)
@@ -106,7 +117,9 @@ class GapLocator(BaseEstimator):
     Notes
     -----
     The statistic of a cell is the difference of means over its standard error with the pooled variance, as
-    exchangeability has it under the hypothesis; p = (b + 1) / (m + 1), never 0.
+    exchangeability has it under the hypothesis; that of spreads the logarithm of the ratio of variances over
+    its standard deviation under permuted labels; p = (b + 1) / (m + 1), never 0. A cell's spread is taken as
+    at least 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions), below which a difference has no consequence.
 
     Examples
     --------
@@ -156,7 +169,13 @@ class GapLocator(BaseEstimator):
         self.cache = cache
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike | None = None,
+        groups: ArrayLike | None = None,
+        angle: ArrayLike | None = None,
+    ) -> Self:
         """Compare measured windows with the simulator.
 
         Parameters
@@ -168,6 +187,9 @@ class GapLocator(BaseEstimator):
             each count is taken out before the comparison.
         groups : array-like, shape (n_windows,), optional
             Recording of each window. Default: each window is a recording of its own.
+        angle : array-like, shape (n_windows, n_samples), optional
+            Angle of the input shaft in rad, by a tachometer. Orders are then of its speed, and the speed that
+            the mesh lines show is compared with it. Default: the mesh lines alone.
 
         Returns
         -------
@@ -176,28 +198,22 @@ class GapLocator(BaseEstimator):
         Raises
         ------
         ValueError
-            If there are fewer than two recordings, windows are too short, or ``y`` has a count that the wheel
-            cannot have.
+            If there are fewer than two recordings, windows are too short, ``y`` has a count that the wheel
+            cannot have, a recording has two counts, or ``angle`` does not belong to ``X``.
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
         gearbox = self._gearbox(nuisance)
+        speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
         # In the precision of the bank, or the share of distinct values would tell them apart.
         windows = windows.astype(np.float32)
         windows = registered(windows, self.sampling_rate, self.input_speed_hz, gearbox.n_lobes)
-        names = np.arange(len(windows)) if groups is None else np.asarray(groups)
-        if names.shape != (len(windows),):
-            raise ValueError(f"groups must hold one recording per window, got shape {names.shape}")
-        recordings, of_window = np.unique(names, return_inverse=True)
-        if len(recordings) < 2:
+        of_window, counts = recordings_of(len(windows), y, groups)
+        n_recordings = int(of_window.max()) + 1
+        if n_recordings < 2:
             raise ValueError(
-                "groups must hold at least 2 recordings: one recording has no spread to compare with, got "
-                f"{len(recordings)}"
+                "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
             )
-        counts = None
-        if y is not None:
-            labels = np.asarray(y).astype(int)
-            counts = np.array([labels[of_window == k][0] for k in range(len(recordings))])
         self.bank_ = make_bank(
             self.simulator,
             nuisance,
@@ -209,16 +225,50 @@ class GapLocator(BaseEstimator):
             n_jobs=self.n_jobs,
             cache=self.cache,
         )
-        values, self.cells_ = self._summaries(windows, gearbox.n_lobes)
-        self.measured_ = np.array([values[of_window == k].mean(axis=0) for k in range(len(recordings))])
-        self.simulated_, _ = self._summaries(self.bank_.X, gearbox.n_lobes)
+        values, self.cells_ = summarise_all(
+            windows, self.sampling_rate, self.input_speed_hz, gearbox.n_lobes, speeds
+        )
+        self.measured_ = per_recording(values, of_window)
+        self.simulated_ = summaries_of_bank(
+            self.bank_,
+            self.sampling_rate,
+            self.input_speed_hz,
+            gearbox.n_lobes,
+            with_tachometer=angle is not None,
+            cache=self.cache,
+        )
         self.counts_ = counts
         measured, simulated = (
             self.centred(self.measured_, counts),
             self.centred(self.simulated_, self.bank_.counts),
         )
         self._compare(measured, simulated)
+        self._folded = (windows, gearbox.n_lobes)
+        self._phase: dict[str, PhaseMap] | None = None
         return self
+
+    @property
+    def p_global_(self) -> dict[str, float]:
+        """Two tests of all cells at once, made when they are first asked for."""
+        check_is_fitted(self)
+        if self._p_global is None:
+            random = np.random.default_rng([self.random_state, 2])
+            self._p_global = {
+                "energy distance": _energy_p(*self._compared, self.n_permutations, random),
+                "classifier": _classifier_p(*self._compared, min(self.n_permutations, _REFITS), random),
+            }
+        return self._p_global
+
+    @property
+    def phase_(self) -> dict[str, PhaseMap]:
+        """Torque folded over the turn, made when it is first asked for."""
+        check_is_fitted(self)
+        if self._phase is None:
+            windows, n_lobes = self._folded
+            self._phase = phase_maps(
+                windows, self.bank_.X, self.sampling_rate, self.input_speed_hz, n_lobes, self.alpha
+            )
+        return self._phase
 
     def centred(self, values: Float, counts: NDArray[Any] | None) -> Float:
         """Summaries less the simulated mean of their count; as they are where counts are not known."""
@@ -260,16 +310,11 @@ class GapLocator(BaseEstimator):
         assert isinstance(base, Rig)
         return base.gearbox
 
-    def _summaries(self, X: NDArray[Any], n_lobes: int) -> tuple[Float, list[Cell]]:
-        parts = [
-            summarise(X[start : start + 16], self.sampling_rate, self.input_speed_hz, n_lobes)
-            for start in range(0, len(X), 16)
-        ]
-        return np.vstack([values for values, _ in parts]), parts[0][1]
-
     def _compare(self, measured: Float, simulated: Float) -> None:
         random = np.random.default_rng([self.random_state, 0])
-        statistics = _Permuted(measured, simulated, self.n_permutations, random)
+        smallest = smallest_spreads(self.cells_)
+        statistics = _Permuted(measured, simulated, self.n_permutations, random, smallest)
+        n_cells = len(self.cells_)
         self.table_, raw = [], {}
         for family, at in _families(self.cells_).items():
             adjusted = statistics.step_down(at)
@@ -279,7 +324,8 @@ class GapLocator(BaseEstimator):
                 error = statistics.errors[k]
                 self.table_.append(
                     Row(
-                        cell=self.cells_[k],
+                        cell=self.cells_[k % n_cells],
+                        of="mean" if k < n_cells else "spread",
                         effect=float(statistics.effects[k]),
                         low=float(statistics.effects[k] - reach * error),
                         high=float(statistics.effects[k] + reach * error),
@@ -294,10 +340,8 @@ class GapLocator(BaseEstimator):
             Row(**{**vars(row), "p": min(row.p * across[row.cell.family], 1.0)}) for row in self.table_
         ]
         self.verdict_ = self._verdict()
-        self.p_global_ = {
-            "energy distance": _energy_p(measured, simulated, self.n_permutations, random),
-            "classifier": _classifier_p(measured, simulated, min(self.n_permutations, _REFITS), random),
-        }
+        self._compared = (measured, simulated)
+        self._p_global: dict[str, float] | None = None
 
     def _verdict(self) -> str:
         if min(self.family_p_.values()) <= self.alpha:
@@ -306,19 +350,30 @@ class GapLocator(BaseEstimator):
             max(-row.low, row.high)
             <= (_EQUIVALENT_DB if row.cell.unit == "dB" else _EQUIVALENT_SPREADS * row.spread)
             for row in self.table_
+            if row.of == "mean"
         )
         return "equivalent" if within else "unresolved"
 
 
 class _Permuted:
-    """Studentised differences of means, and what they are under permuted labels."""
+    """Studentised differences, and what they are under permuted labels.
 
-    def __init__(self, measured: Float, simulated: Float, n: int, random: np.random.Generator) -> None:
+    The first half of the statistics are differences of means, the second half logarithms of the ratio of
+    spreads in dB, each over its standard deviation under permuted labels.
+    """
+
+    def __init__(
+        self,
+        measured: Float,
+        simulated: Float,
+        n: int,
+        random: np.random.Generator,
+        smallest: Float | float = 0.0,
+    ) -> None:
         pooled = np.vstack([measured, simulated])
         first = len(measured)
         total, share = len(pooled), 1 / len(measured) + 1 / len(simulated)
-        centre = pooled.mean(axis=0)
-        deviations = pooled - centre
+        deviations = pooled - pooled.mean(axis=0)
         squares = np.sum(deviations**2, axis=0)
         choices = np.zeros((n + 1, total))
         choices[0, :first] = 1
@@ -328,11 +383,24 @@ class _Permuted:
         # mean over the chosen minus mean over the rest, the deviations adding up to zero
         effects = sums / first + sums / (total - first)
         between = effects**2 / share
+        variances = np.maximum(squares - between, 0.0) / (total - 2)
+        floor = np.square(smallest)
         with np.errstate(invalid="ignore", divide="ignore"):
-            errors = np.sqrt(np.maximum(squares - between, 0.0) / (total - 2) * share)
+            errors = np.sqrt((variances + floor) * share)
             t = np.where(errors > 1e-9 * np.sqrt(squares + 1e-300), effects / errors, 0.0)
-        self.effects, self.errors, self.t = effects[0], errors[0], np.abs(t)
-        self.spreads = self.errors / np.sqrt(share)
+        chosen = choices @ deviations**2
+        inside = np.maximum(chosen - sums**2 / first, 0.0) / (first - 1)
+        outside = np.maximum(squares - chosen - sums**2 / (total - first), 0.0) / (total - first - 1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratios = 10 * np.log10((inside + floor) / (outside + floor))
+        ratios = np.nan_to_num(ratios, nan=0.0, posinf=0.0, neginf=0.0)
+        # A ratio of variances of few recordings leans to small values: it is taken about its median.
+        ratios = ratios - np.median(ratios[1:], axis=0)
+        deviation = np.maximum(ratios.std(axis=0), 1e-9)
+        self.effects = np.concatenate([effects[0], ratios[0]])
+        self.errors = np.concatenate([errors[0], deviation])
+        self.t = np.abs(np.hstack([t, np.where(deviation > 1e-6, ratios / deviation, 0.0)]))
+        self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation])
 
     def step_down(self, at: NDArray[np.intp]) -> Float:
         """Adjusted p of the chosen cells (Westfall and Young 1993, step-down maximum)."""
@@ -353,14 +421,20 @@ class _Permuted:
 
 
 def _families(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
-    names = np.array([cell.family for cell in cells])
+    """Statistics of each family: the cells' means, then their spreads."""
+    names = np.array([cell.family for cell in cells] * 2)
     return {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
+
+
+def smallest_spreads(cells: list[Cell]) -> Float:
+    """Spread of one recording that every cell has at least, shape (n_cells,)."""
+    return np.array([_SMALLEST_SPREAD[cell.unit] for cell in cells])
 
 
 def _family_p(
     measured: Float, simulated: Float, cells: list[Cell], n: int, random: np.random.Generator
 ) -> dict[str, float]:
-    statistics = _Permuted(measured, simulated, n, random)
+    statistics = _Permuted(measured, simulated, n, random, smallest_spreads(cells))
     return _holm({family: float(statistics.step_down(at).min()) for family, at in _families(cells).items()})
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,17 +17,22 @@ from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
 from cyclofeat.gap import _summaries
+from cyclofeat.gap._recordings import registered
 from cyclofeat.simulators import (
     AssemblyTolerances,
     CompositeSimulator,
     CycloidalGearbox,
+    Effect,
     LobeDefects,
     Rig,
+    SimulationFailed,
 )
 from cyclofeat.simulators.campaign import made_with
 
 Float = NDArray[np.float64]
-_LAYOUT = 1  # raise it when the bank's content changes for other reasons than the simulator's code
+# One evaluation per step instead of two: what it does otherwise lies below the summaries' resolution.
+_INTEGRATOR = "adams_bashforth"
+_LAYOUT = 2  # raise it when the bank's content changes for other reasons than the simulator's code
 
 
 @dataclass(frozen=True)
@@ -101,11 +105,22 @@ class Bank:
         Worn lobes of each.
     input_angle : ndarray, shape (n, 2)
         Input angle in rad at the first and the last sample.
+    n_failed : int
+        Recordings asked for whose simulation failed; they are left out.
+    key : str
+        Name of the content: two banks with one name are equal.
     """
 
     X: NDArray[np.float32] = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
     input_angle: Float = field(repr=False)
+    n_failed: int = 0
+    key: str = ""
+
+    @property
+    def speeds(self) -> Float:
+        """Mean input speed of each recording in turns per sample, shape (n,)."""
+        return np.asarray(np.diff(self.input_angle, axis=1)[:, 0] / (2 * np.pi * (self.X.shape[1] - 1)))
 
 
 def make_bank(
@@ -142,25 +157,40 @@ def make_bank(
     Returns
     -------
     Bank
+
+    Raises
+    ------
+    SimulationFailed
+        If more than half of the simulations fail.
     """
     composite = nuisance.simulator(simulator)
     classes = tuple(int(count) for count in (nuisance.defect_counts if counts is None else counts))
-    file = None
-    if cache is not None:
-        key = cache_key(composite, nuisance, classes, n_samples, sampling_rate, random_state, _LAYOUT)
-        file = Path(cache) / f"bank-{key}-{n}.npz"
-        if file.exists():
-            with np.load(file) as stored:
-                return Bank(stored["X"], stored["counts"], stored["input_angle"])
+    stated = (classes, n_samples, sampling_rate, random_state, _LAYOUT)
+    key = f"{cache_key(composite, nuisance, *stated)}-{n}"
+    file = None if cache is None else Path(cache) / f"bank-{key}.npz"
+    if file is not None and file.exists():
+        with np.load(file) as stored:
+            kept = {name: stored[name] for name in ("X", "counts", "input_angle")}
+            return Bank(**kept, n_failed=n - len(kept["X"]), key=key)
     seeds = (np.random.SeedSequence(random_state, spawn_key=(i,)) for i in range(n))
     work = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(record)(composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, seed)
+        joblib.delayed(_record_or_reason)(
+            composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, seed
+        )
         for i, seed in enumerate(seeds)
     )
+    run = [i for i, found in enumerate(work) if not isinstance(found, str)]
+    if len(run) <= n // 2:
+        raise SimulationFailed(
+            f"{n - len(run)} of {n} simulations failed, the first with: "
+            f"{next(found for found in work if isinstance(found, str))}"
+        )
     bank = Bank(
-        X=np.array([torque for torque, _ in work], dtype=np.float32),
-        counts=np.array([classes[i % len(classes)] for i in range(n)]),
-        input_angle=np.array([ends for _, ends in work]),
+        X=np.array([work[i][0] for i in run], dtype=np.float32),
+        counts=np.array([classes[i % len(classes)] for i in run]),
+        input_angle=np.array([work[i][1] for i in run]),
+        n_failed=n - len(run),
+        key=key,
     )
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -168,6 +198,13 @@ def make_bank(
             file, lambda stream: np.savez(stream, X=bank.X, counts=bank.counts, input_angle=bank.input_angle)
         )
     return bank
+
+
+def _record_or_reason(*arguments: Any) -> tuple[NDArray[np.float32], tuple[float, float]] | str:
+    try:
+        return record(*arguments)
+    except SimulationFailed as failure:
+        return str(failure)
 
 
 def record(
@@ -179,15 +216,40 @@ def record(
     seed: np.random.SeedSequence,
 ) -> tuple[NDArray[np.float32], tuple[float, float]]:
     """Torque in Nm of one recording of the prior's simulator, and its first and last input angle in rad."""
-    for_defects, for_run = seed.spawn(2)
+    (found,) = records(composite, nuisance, count, n_samples, sampling_rate, seed, [()])
+    return found
+
+
+def records(
+    composite: CompositeSimulator,
+    nuisance: NuisancePrior,
+    count: int,
+    n_samples: int,
+    sampling_rate: float,
+    seed: np.random.SeedSequence,
+    measured_by: Sequence[Sequence[Effect]],
+) -> list[tuple[NDArray[np.float32], tuple[float, float]]]:
+    """One simulation recorded by several chains of measurement: torque in Nm and angles of each."""
+    # Not spawn(), which counts: the same seed always gives the same recording.
+    for_defects, for_run = (
+        np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(2)
+    )
     rig = composite.base
     assert isinstance(rig, Rig)
     defects = nuisance.draw_defects(count, rig.gearbox.n_lobes, np.random.default_rng(for_defects))
-    run = composite.simulate(
-        defects, duration=n_samples / sampling_rate, sampling_rate=sampling_rate, seed=for_run, motion=False
+    runs = composite.simulate_measured(
+        measured_by,
+        defects,
+        duration=n_samples / sampling_rate,
+        sampling_rate=sampling_rate,
+        seed=for_run,
+        motion=False,
+        integrator=_INTEGRATOR,
     )
-    ends = float(run.input_angle[0]), float(run.input_angle[-1])
-    return run.torque_out.astype(np.float32), ends
+    return [
+        (run.torque_out.astype(np.float32), (float(run.input_angle[0]), float(run.input_angle[-1])))
+        for run in runs
+    ]
 
 
 def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:
@@ -197,13 +259,25 @@ def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: A
     return hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
-def registered(X: NDArray[Any], sampling_rate: float, input_speed_hz: float, n_lobes: int) -> NDArray[Any]:
-    """Windows cut to whole output turns at the nominal speed, the first ones."""
-    turn = n_lobes / input_speed_hz * sampling_rate
-    whole = math.floor(X.shape[1] / turn + 0.01)
-    if whole < 1:
-        raise ValueError(
-            f"X must hold windows of at least one output turn ({turn / sampling_rate:.3g} s), got "
-            f"{X.shape[1] / sampling_rate:.3g} s"
-        )
-    return X[:, : min(round(whole * turn), X.shape[1])]
+def summaries_of_bank(
+    bank: Bank,
+    sampling_rate: float,
+    input_speed_hz: float,
+    n_lobes: int,
+    *,
+    with_tachometer: bool = False,
+    cache: str | os.PathLike[str] | None = None,
+) -> Float:
+    """Summaries of a bank's recordings, (n, n_cells), or what the cache has of them."""
+    file = None
+    if cache is not None:
+        file = Path(cache) / f"summaries-{bank.key}-{input_speed_hz:g}{'-angle' * with_tachometer}.npy"
+        if file.exists():
+            return np.asarray(np.load(file))
+    speeds = bank.speeds * sampling_rate if with_tachometer else None
+    X = registered(bank.X, sampling_rate, input_speed_hz, n_lobes)
+    values, _ = _summaries.summarise_all(X, sampling_rate, input_speed_hz, n_lobes, speeds)
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, lambda stream: np.save(stream, values))
+    return values

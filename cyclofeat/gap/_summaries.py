@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, stats
+from scipy import signal
 
 from cyclofeat._density import shannon_entropy, spectral_centroid, spectral_flatness, spectral_rolloff
 from cyclofeat._welch import welch_psd
@@ -17,7 +17,8 @@ from cyclofeat.wavelets import dwt, level_band
 Float = NDArray[np.float64]
 
 FAMILIES = (
-    "slow part", "amplitudes", "spectrum", "lobe lines", "shaft lines", "floor", "averages", "features",
+    "speed", "slow part", "amplitudes", "spectrum", "lobe lines", "shaft lines", "floor", "averages",
+    "features",
 )  # fmt: skip
 
 _SLOW_HZ = 4.0
@@ -25,8 +26,14 @@ _SLOW_HZ = 4.0
 _LOWEST_BAND, _HIGHEST_BAND_SHARE = 10, 0.4
 _LOBE_LINES, _SHAFT_LINES = 48, 20
 _QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
-_POWER_FLOOR = 1e-12  # Nm^2: a microNewtonmetre, below anything that a torque meter resolves
 _WAVELET, _LEVELS = "db4", 10
+_SPEED_TOLERANCE = 0.03
+_BINS = 64  # of a synchronous average
+_AT_A_TIME = 16
+
+# Assumption: what lies below a millinewtonmetre of white noise is no difference. It is added, as a power, to
+# every level and moment of both sides, and it is far above what one integrator does other than another.
+RESOLUTION_NM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -53,7 +60,11 @@ class Cell:
 
 
 def summarise(
-    X: NDArray[Any], sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
+    X: NDArray[Any],
+    sampling_rate: float,
+    input_speed_hz: float,
+    n_lobes: int = 15,
+    speeds: NDArray[Any] | None = None,
 ) -> tuple[Float, list[Cell]]:
     """Summaries of windows of torque.
 
@@ -67,6 +78,9 @@ def summarise(
         Nominal input speed; each window's own is refined from its mesh lines, and all orders are of that.
     n_lobes : int
         Lobes of a wheel, which is also the reduction.
+    speeds : ndarray, shape (n_windows,), optional
+        Mean input speed of each window by a tachometer, in Hz: orders are of that, and the speed by the mesh
+        lines is compared with it.
 
     Returns
     -------
@@ -80,12 +94,13 @@ def summarise(
 
     Notes
     -----
-    Families: the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std, skewness,
-    excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter lower);
-    third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over the
-    floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
+    Families: the input speed; the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std,
+    skewness, excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter
+    lower); third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over
+    the floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
     the input's turn and with the lobes, and what they leave; and features that the toolkit counts by.
-    Levels are in dB of Nm^2.
+    Levels are in dB of Nm^2. White noise of 1 mNm rms is part of every level and moment, as its expected
+    value: less than that is no difference on any torque meter (an assumption).
     """
     torque: Float = np.asarray(X, dtype=np.float64)
     n = torque.shape[1]
@@ -94,23 +109,56 @@ def summarise(
         raise ValueError(
             f"X must hold windows of at least one output turn ({turn:.3g} s), got {n / sampling_rate:.3g} s"
         )
-    speeds = estimate_input_speed(torque, sampling_rate, input_speed_hz, comb="mesh", n_lobes=n_lobes)
+    by_mesh = estimate_input_speed(
+        torque, sampling_rate, input_speed_hz, _SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
+    )
+    own = by_mesh if speeds is None else np.asarray(speeds, dtype=float)
     mean = torque.mean(axis=1, keepdims=True)
     ripple = torque - mean
     parts = [
+        _speed(by_mesh, input_speed_hz, speeds),
         _slow(ripple, sampling_rate),
         _amplitudes(torque, ripple, mean[:, 0]),
         _bands(ripple, sampling_rate),
-        _orders(ripple, sampling_rate, speeds, input_speed_hz, n_lobes),
-        _averages(ripple, sampling_rate, speeds, input_speed_hz, n_lobes),
+        _orders(ripple, sampling_rate, own, input_speed_hz, n_lobes),
+        _averages(ripple, sampling_rate, own, n_lobes),
         _features(torque, sampling_rate),
     ]
     return np.hstack([values for values, _ in parts]), [cell for _, cells in parts for cell in cells]
 
 
+def summarise_all(
+    X: NDArray[Any],
+    sampling_rate: float,
+    input_speed_hz: float,
+    n_lobes: int = 15,
+    speeds: Float | None = None,
+) -> tuple[Float, list[Cell]]:
+    """As :func:`summarise`, a few windows at a time: a bank is large."""
+    cells: list[Cell] = []
+    values = []
+    for start in range(0, len(X), _AT_A_TIME):
+        part = slice(start, start + _AT_A_TIME)
+        some, cells = summarise(
+            X[part], sampling_rate, input_speed_hz, n_lobes, None if speeds is None else speeds[part]
+        )
+        values.append(some)
+    return np.vstack(values), cells
+
+
 def level(power: Float) -> Float:
-    """Power in Nm^2 as a level in dB, bounded below."""
-    return 10 * np.log10(np.maximum(power, _POWER_FLOOR))
+    """Power in Nm^2 as a level in dB."""
+    return np.asarray(10 * np.log10(power))
+
+
+def _speed(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:
+    columns, cells = [100 * (by_mesh / nominal_hz - 1)], [Cell("speed", "input speed by the mesh lines", "%")]
+    if speeds is not None:
+        columns.append(100 * (np.asarray(speeds) / nominal_hz - 1))
+        columns.append(100 * (by_mesh / np.asarray(speeds) - 1))
+        cells.append(Cell("speed", "input speed by the tachometer", "%"))
+        cells.append(Cell("speed", "mesh lines against the tachometer", "%"))
+    return np.column_stack(columns), cells
 
 
 def _slow(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
@@ -123,25 +171,35 @@ def _slow(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
         Cell("slow part", f"level below {_SLOW_HZ:g} Hz", "dB", 0.0, _SLOW_HZ),
         Cell("slow part", "size of the trend over the window", "dB", 0.0, _SLOW_HZ),
     ]
-    return np.column_stack([level(power), level(trend**2)]), cells
+    below = 2 * (kept - 1) * RESOLUTION_NM**2 / n
+    return np.column_stack([level(power + below), level(trend**2 + RESOLUTION_NM**2 / (time @ time))]), cells
 
 
 def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
-    std = ripple.std(axis=1)
-    scaled = ripple / np.maximum(std, 1e-9)[:, None]
-    quantiles = np.quantile(scaled, _QUANTILES, axis=1).T
-    distinct = np.array([np.unique(x).size for x in X]) / X.shape[1]
-    columns = [mean, level(std**2), stats.skew(ripple, axis=1), stats.kurtosis(ripple, axis=1)]
+    ordered = np.sort(X, axis=1)
+    variance = ripple.var(axis=1) + RESOLUTION_NM**2
+    cubes, fourths = (np.mean(ripple**power, axis=1) for power in (3, 4))
+    at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
+    quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]
+    distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
+    # Cumulants, to which independent noise adds nothing beyond the second.
+    excess = (fourths - 3 * ripple.var(axis=1) ** 2) / variance**2
+    columns = [mean, level(variance), cubes / variance**1.5, _compressed(excess)]
     names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
     names += [(f"quantile {q:g} over std", "1") for q in _QUANTILES]
     names += [("share of distinct values", "1")]
     values = np.column_stack([*columns, quantiles, distinct])
-    # A window without ripple has no shape.
-    return np.nan_to_num(values, nan=0.0), [Cell("amplitudes", name, unit) for name, unit in names]
+    return values, [Cell("amplitudes", name, unit) for name, unit in names]
+
+
+def _compressed(values: Float) -> Float:
+    """Logarithmic with sign: kurtosis of a few impacts ranges over orders of magnitude."""
+    return np.sign(values) * np.log1p(np.abs(values))
 
 
 def _bands(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     frequencies, psd = signal.periodogram(ripple, sampling_rate, window="hann", detrend=False, axis=1)
+    psd = psd + _white(sampling_rate)
     last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
     columns, cells = [], []
     for band in range(_LOWEST_BAND, last + 1):
@@ -150,6 +208,11 @@ def _bands(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
         columns.append(level(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
         cells.append(Cell("spectrum", f"third octave at {10 ** (band / 10):.3g} Hz", "dB", low, high))
     return np.column_stack(columns), cells
+
+
+def _white(sampling_rate: float) -> float:
+    """One-sided power spectral density of white noise of the resolution, in Nm^2/Hz."""
+    return 2 * RESOLUTION_NM**2 / sampling_rate
 
 
 def _orders(
@@ -196,31 +259,28 @@ def _orders(
 
 def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int, n_bins: int) -> Float:
     """Power at the multiples of 1/n_lobes of the input's speed, shape (n_bins,), in Nm^2."""
+    # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.
     n_cut = min(round(n_lobes / speed * sampling_rate), x.size)
     piece = x[:n_cut] - x[:n_cut].mean()
-    # A turn is hardly ever a whole number of samples: the transform is taken at the exact lines.
-    spacing = speed / n_lobes / sampling_rate
-    weighted = piece * signal.windows.hann(n_cut, sym=False)
-    lines = signal.zoom_fft(weighted, [0, n_bins * spacing * 2], m=n_bins, fs=2, endpoint=False)
-    return np.asarray(8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2)
+    lines = np.fft.rfft(piece * signal.windows.hann(n_cut, sym=False))[:n_bins]
+    power = 8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2
+    return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
 
-def _averages(
-    ripple: Float, sampling_rate: float, speeds: Float, nominal_hz: float, n_lobes: int
-) -> tuple[Float, list[Cell]]:
+def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) -> tuple[Float, list[Cell]]:
     """Level of the averages over input turns and over lobes, their crest, and what they leave."""
-    bins = 64
     columns = []
     for per_turn in (1.0, (n_lobes + 1) / n_lobes):
         found = []
         for x, speed in zip(ripple, speeds, strict=True):
-            phase = (np.arange(x.size) * (speed * per_turn / sampling_rate)) % 1.0
-            slot = np.minimum((phase * bins).astype(int), bins - 1)
-            count = np.bincount(slot, minlength=bins)
-            average = np.bincount(slot, x, minlength=bins) / np.maximum(count, 1)
+            slot = slots(x.size, speed * per_turn / sampling_rate)
+            count = np.bincount(slot, minlength=_BINS)
+            average = np.bincount(slot, x, minlength=_BINS) / np.maximum(count, 1)
             left = x - average[slot]
-            spread = np.bincount(slot, left**2, minlength=bins) / np.maximum(count, 1)
-            powers = [np.mean(average**2), np.max(average**2), np.mean(left**2), spread.max(), spread.min()]
+            spread = np.bincount(slot, left**2, minlength=_BINS) / np.maximum(count, 1)
+            of_average, of_left = RESOLUTION_NM**2 * _BINS / x.size, RESOLUTION_NM**2
+            powers = [np.mean(average**2) + of_average, np.max(average**2) + of_average,
+                      np.mean(left**2) + of_left, spread.max() + of_left, spread.min() + of_left]  # fmt: skip
             found.append(powers)
         power = np.array(found)
         columns += [level(power[:, 0]), level(power[:, 1]) - level(power[:, 0]), level(power[:, 2])]
@@ -231,21 +291,31 @@ def _averages(
     return np.column_stack(columns), cells
 
 
+def slots(n: int, turns_per_sample: float, n_bins: int = _BINS) -> NDArray[np.intp]:
+    """Bin of the turn in which each sample falls, shape (n,)."""
+    phase = (np.arange(n) * turns_per_sample) % 1.0
+    return np.minimum((phase * n_bins).astype(np.intp), n_bins - 1)
+
+
 def _features(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     columns, cells = [], []
     for preset in ("matlab_pwelch", "ripple"):
         frequencies, psd = welch_psd(X, sampling_rate, preset)
+        psd = psd + _white(sampling_rate)
         columns.append(shannon_entropy(psd, frequencies))
         cells.append(Cell("features", f"Shannon entropy ({preset})", "bit"))
     columns += [
-        10 * np.log10(np.maximum(spectral_flatness(psd, frequencies), 1e-12)),
-        10 * np.log10(np.maximum(spectral_centroid(psd, frequencies), 1e-3)),
-        10 * np.log10(np.maximum(spectral_rolloff(psd, frequencies), 1e-3)),
+        level(spectral_flatness(psd, frequencies)),
+        level(spectral_centroid(psd, frequencies)),
+        level(spectral_rolloff(psd, frequencies)),
     ]
     cells += [Cell("features", name, "dB") for name in ("spectral flatness", "spectral centroid", "roll-off")]
     details = dwt(X - X.mean(axis=1, keepdims=True), _WAVELET, _LEVELS)
     for number, coefficients in enumerate(details[:-1], start=1):
         low, high = level_band(number, sampling_rate)
-        columns.append(stats.kurtosis(coefficients, axis=1))
+        around = coefficients - coefficients.mean(axis=1, keepdims=True)
+        square, fourth = np.mean(around**2, axis=1), np.mean(around**4, axis=1)
+        excess = (fourth - 3 * square**2) / (square + RESOLUTION_NM**2) ** 2
+        columns.append(_compressed(excess))
         cells.append(Cell("features", f"kurtosis of wavelet level {number}", "1", low, high))
-    return np.nan_to_num(np.column_stack(columns), nan=0.0), cells
+    return np.column_stack(columns), cells
