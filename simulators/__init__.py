@@ -24,7 +24,7 @@ module           responsibility
 
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign
-from cyclofeat.simulators.composite import CompositeSimulator
+from cyclofeat.simulators.composite import CompositeSimulator, MachineRun
 from cyclofeat.simulators.effects import (
     BearingFriction,
     BrakeRotor,
@@ -88,6 +88,7 @@ __all__ = [
     "LoadDrift",
     "LobeDefects",
     "LobePitchErrors",
+    "MachineRun",
     "Noise",
     "Offset",
     "PinErrors",

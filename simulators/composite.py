@@ -171,15 +171,13 @@ class CompositeSimulator(BaseEstimator):
         SimulationDiverged
             If the simulation diverges.
         """
-        (run,) = self.simulate_measured(
-            [()], defects, duration=duration, sampling_rate=sampling_rate, seed=seed,
-            start_angle=start_angle, settled=settled, **options,
-        )  # fmt: skip
-        return run
+        return self.run_machine(
+            defects, duration=duration, sampling_rate=sampling_rate, seed=seed, start_angle=start_angle,
+            settled=settled, **options,
+        ).record()  # fmt: skip
 
-    def simulate_measured(
+    def run_machine(
         self,
-        measured_by: Sequence[Sequence[Effect]],
         defects: LobeDefects | None = None,
         *,
         duration: float = 1.8,
@@ -187,36 +185,34 @@ class CompositeSimulator(BaseEstimator):
         seed: int | np.random.SeedSequence = 0,
         start_angle: float | None = None,
         settled: bool = True,
+        spare_s: float = 0.0,
         **options: Any,
-    ) -> list[SimulationRun]:
-        """Simulate once, and record it by several chains of measurement.
+    ) -> MachineRun:
+        """Simulate the machine once, to be recorded by one or several chains of measurement.
 
         Parameters
         ----------
-        measured_by : sequence of sequence of Effect
-            Effects of each chain, in addition to the simulator's own; only such as the gearbox does not
-            answer (:meth:`Effect.needs_simulation`).
         defects, duration, sampling_rate, seed, start_angle, settled, **options
             As in :meth:`simulate`.
+        spare_s : float, default 0
+            How much longer the machine runs, in s, for chains whose converter runs slow
+            (:class:`cyclofeat.simulators.ClockError`).
 
         Returns
         -------
-        list of SimulationRun
-            One per chain: the same, to the last bit, as a simulator with these effects gives. (Where a chain
-            samples at other instants and so needs a longer run, all share it, with the drift of that length.)
+        MachineRun
 
         Raises
         ------
-        TypeError, ValueError
-            As :meth:`simulate`, and if an effect of a chain needs a simulation of its own.
-        SimulationDiverged
-            If the simulation diverges.
+        TypeError, ValueError, SimulationDiverged
+            As :meth:`simulate`.
 
         Examples
         --------
         >>> from cyclofeat.simulators import Offset
-        >>> plain, shifted = CompositeSimulator().simulate_measured([(), [Offset(0.5)]], duration=0.1)
-        >>> float((shifted.torque_out - plain.torque_out).mean().round(6))
+        >>> run = CompositeSimulator().run_machine(duration=0.1)
+        >>> shifted = run.record([Offset(0.5)])
+        >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
         0.5
         """
         for name, value in (("duration", duration), ("sampling_rate", sampling_rate)):
@@ -225,27 +221,14 @@ class CompositeSimulator(BaseEstimator):
         for name in ("load", "load_fluctuation", "speed", "speed_fluctuation", "tolerances"):
             if name in options:
                 raise TypeError(f"{name} is not taken here: gearbox, rig and effects state it")
-        for effect in (effect for chain in measured_by for effect in chain):
-            if effect.needs_simulation():
-                raise ValueError(
-                    f"measured_by must hold effects on the torque only; the gearbox answers {effect!r}"
-                )
         n_samples = round(duration * sampling_rate)
         if n_samples < 1:
             raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
         sequence = _sequence(seed)
-        chains = [
-            CompositeSimulator(self.base, (*self.effects, *chain))._assembled(sequence)[1]
-            for chain in measured_by
-        ]
         gearbox, steps = self._assembled(sequence)
         n_settling = _settling_samples(gearbox, sampling_rate) if settled else 0
-        needed = []
-        for chain in chains:
-            needed.append(n_samples)
-            for effect, _ in reversed(chain):
-                needed[-1] = effect.samples_needed(needed[-1])
-        total = (n_settling + max(needed, default=n_samples)) / sampling_rate
+        n_run = _samples_needed(steps, n_samples) + math.ceil(spare_s * sampling_rate)
+        total = (n_settling + n_run) / sampling_rate
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
             start_angle = _random(library.child(sequence, _START)).uniform(0, output_turn)
@@ -254,29 +237,9 @@ class CompositeSimulator(BaseEstimator):
         run = simulate(
             gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options
         )
-        whole = {
-            item.name: getattr(run, item.name)
-            for item in dataclasses.fields(run)
-            if isinstance(getattr(run, item.name), np.ndarray)
-        }
-        noise_nm = self.base.noise_nm if isinstance(self.base, Rig) else 0.0
         stated = None if isinstance(seed, np.random.SeedSequence) else int(seed)
-        runs = []
-        for chain, n in zip(chains, needed, strict=True):
-            measured = _measured(
-                {name: values[n_settling : n_settling + n] for name, values in whole.items()},
-                gearbox,
-                sampling_rate,
-                chain,
-                noise_nm,
-                _random(library.child(sequence, _NOISE)),
-                from_rest=not settled,
-            )
-            changes: dict[str, Any] = {
-                name: np.ascontiguousarray(values[:n_samples]) for name, values in measured.items()
-            }
-            runs.append(dataclasses.replace(run, seed=stated, **changes))
-        return runs
+        run = dataclasses.replace(run, seed=stated)
+        return MachineRun(self, run, sequence, n_samples, n_settling, sampling_rate, from_rest=not settled)
 
     def to_rig(self) -> Rig:
         """The same as a rig with effects; a bare gearbox is a rig without spread, drift and noise.
@@ -373,6 +336,93 @@ class CompositeSimulator(BaseEstimator):
         for effect, own in steps:
             gearbox = effect.change_gearbox(gearbox, _random(own, library.GEARBOX))
         return gearbox, steps
+
+
+@dataclasses.dataclass(frozen=True)
+class MachineRun:
+    """What the machine did, before anything measured it; made by :meth:`CompositeSimulator.run_machine`.
+
+    Attributes
+    ----------
+    simulator : CompositeSimulator
+        What ran.
+    run : SimulationRun
+        From the start, settling included.
+    seed : numpy.random.SeedSequence
+        Source of all that is random in the measurement.
+    n_samples, n_settling : int
+        Length of a record, and samples before it.
+    sampling_rate : float
+        In Hz.
+    from_rest : bool
+        Whether the record begins with the start.
+    """
+
+    simulator: CompositeSimulator
+    run: SimulationRun = dataclasses.field(repr=False)
+    seed: np.random.SeedSequence = dataclasses.field(repr=False)
+    n_samples: int
+    n_settling: int
+    sampling_rate: float
+    from_rest: bool
+
+    def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:
+        """What the chain of measurement records.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            In addition to the simulator's own; only such as the gearbox does not answer
+            (:meth:`Effect.needs_simulation`).
+
+        Returns
+        -------
+        SimulationRun
+            The same, to the last bit, as a simulator with these effects gives from the same seed; where it
+            would have run for longer (a converter that runs slow), but for drift of another length.
+
+        Raises
+        ------
+        ValueError
+            If an effect needs a simulation of its own, or more samples than the machine ran for.
+        """
+        for effect in effects:
+            if effect.needs_simulation():
+                raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
+        whole = CompositeSimulator(self.simulator.base, (*self.simulator.effects, *effects))
+        gearbox, steps = whole._assembled(self.seed)
+        needed = _samples_needed(steps, self.n_samples)
+        channels = {
+            item.name: getattr(self.run, item.name)[self.n_settling :]
+            for item in dataclasses.fields(self.run)
+            if isinstance(getattr(self.run, item.name), np.ndarray)
+        }
+        ran = len(channels["torque_out"])
+        if ran < needed:
+            raise ValueError(
+                f"effects need {needed} samples, the machine ran for {ran}: its spare_s must be "
+                f"{(needed - ran) / self.sampling_rate:.3g} s longer"
+            )
+        base = whole.base
+        measured = _measured(
+            {name: values[:needed] for name, values in channels.items()},
+            gearbox,
+            self.sampling_rate,
+            steps,
+            base.noise_nm if isinstance(base, Rig) else 0.0,
+            _random(library.child(self.seed, _NOISE)),
+            from_rest=self.from_rest,
+        )
+        changes: dict[str, Any] = {
+            name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
+        }
+        return dataclasses.replace(self.run, **changes)
+
+
+def _samples_needed(steps: Sequence[Step], n_samples: int) -> int:
+    for effect, _ in reversed(steps):
+        n_samples = effect.samples_needed(n_samples)
+    return n_samples
 
 
 def _settling_samples(gearbox: CycloidalGearbox, sampling_rate: float) -> int:

@@ -22,8 +22,8 @@ from cyclofeat.simulators import (
     AssemblyTolerances,
     CompositeSimulator,
     CycloidalGearbox,
-    Effect,
     LobeDefects,
+    MachineRun,
     Rig,
     SimulationFailed,
 )
@@ -216,20 +216,20 @@ def record(
     seed: np.random.SeedSequence,
 ) -> tuple[NDArray[np.float32], tuple[float, float]]:
     """Torque in Nm of one recording of the prior's simulator, and its first and last input angle in rad."""
-    (found,) = records(composite, nuisance, count, n_samples, sampling_rate, seed, [()])
-    return found
+    run = machine(composite, nuisance, count, n_samples, sampling_rate, seed).record()
+    return run.torque_out.astype(np.float32), (float(run.input_angle[0]), float(run.input_angle[-1]))
 
 
-def records(
+def machine(
     composite: CompositeSimulator,
     nuisance: NuisancePrior,
     count: int,
     n_samples: int,
     sampling_rate: float,
     seed: np.random.SeedSequence,
-    measured_by: Sequence[Sequence[Effect]],
-) -> list[tuple[NDArray[np.float32], tuple[float, float]]]:
-    """One simulation recorded by several chains of measurement: torque in Nm and angles of each."""
+    spare: float = 0.0,
+) -> MachineRun:
+    """One run of the prior's simulator, before it is measured; longer by a share ``spare``."""
     # Not spawn(), which counts: the same seed always gives the same recording.
     for_defects, for_run = (
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(2)
@@ -237,19 +237,16 @@ def records(
     rig = composite.base
     assert isinstance(rig, Rig)
     defects = nuisance.draw_defects(count, rig.gearbox.n_lobes, np.random.default_rng(for_defects))
-    runs = composite.simulate_measured(
-        measured_by,
+    duration = n_samples / sampling_rate
+    return composite.run_machine(
         defects,
-        duration=n_samples / sampling_rate,
+        duration=duration,
         sampling_rate=sampling_rate,
         seed=for_run,
         motion=False,
         integrator=_INTEGRATOR,
+        spare_s=spare * duration,
     )
-    return [
-        (run.torque_out.astype(np.float32), (float(run.input_angle[0]), float(run.input_angle[-1])))
-        for run in runs
-    ]
 
 
 def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:

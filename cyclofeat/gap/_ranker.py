@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
@@ -18,22 +16,24 @@ from sklearn.base import BaseEstimator
 from sklearn.covariance import LedoitWolf
 from sklearn.decomposition import PCA
 from sklearn.ensemble import ExtraTreesClassifier
-from sklearn.model_selection import StratifiedKFold, cross_val_predict
+from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._files import write_whole
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior, cache_key, record
-from cyclofeat.gap._summaries import summarise
+from cyclofeat.gap._null import NuisancePrior
+from cyclofeat.gap._table import EffectTable, make_table
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
 
 Float = NDArray[np.float64]
 
-NONE = "none"
 _TIE = 0.2  # symmetric share of confusion from which two effects count as look-alikes
 _COMPONENTS = 12
 _FOLDS = 5
+_SETS_PER_DRAW = 6
+_FEWEST_SETS = 30
+_NULL_SETS = 1000
+_SMALLEST = 0.05  # a cell's spread is at least this, in its unit
 
 
 @dataclass(frozen=True)
@@ -80,13 +80,17 @@ class EffectRanker(BaseEstimator):
     input_speed_hz : float, default=500 / 60
     duration_s : float, default=1.8
         Length of the simulated recordings; the measured ones' should be the same.
-    n_draws : int, default=40
-        Sets of recordings per effect.
-    n_recordings : int, default=3
-        Recordings in a set, with the same parameters.
-    counts : sequence of int, optional
-        Counts of worn lobes in a set, gone through in turn. Default: those of the prior.
+    n_draws : int, default=60
+        Sets of parameters per effect.
+    n_simulations : int, default=4
+        Simulated recordings per set, each also without the effect from the same random numbers.
+    n_null : int, default=160
+        Recordings without any effect.
+    n_recordings : int, default=8
+        Recordings that a comparison is expected to have. Another number is learned when it comes.
     n_trees : int, default=400
+    alpha : float, default=0.05
+        Level of the refusal (``unknown_``), and of the gate: what would not be found is not learned.
     random_state : int, default=0
     n_jobs : int, default=1
     cache : path, optional
@@ -94,12 +98,15 @@ class EffectRanker(BaseEstimator):
 
     Attributes
     ----------
+    table_ : EffectTable
     classes_ : list of str
-        Effects, and ``"none"``.
+        Effects.
     confusion_ : ndarray, shape (n_classes, n_classes)
         Shares of out-of-fold names by true effect, rows adding up to one.
     temperature_ : float
         By which the forest's votes are sharpened so that they become probabilities out of fold.
+    detectable_ : dict from str to float
+        Share of the sets of each effect that would be found at all.
     tie_groups_ : list of tuple of str
         Effects that are confused with each other in more than a fifth of the cases.
     ranking_, proba_, conformal_p_, unknown_, next_measurement_
@@ -107,16 +114,18 @@ class EffectRanker(BaseEstimator):
 
     Notes
     -----
-    Features are the summaries' mean deviations in standard deviations of one recording, on a logarithmic
-    scale with sign. ``unknown_`` comes from a Gaussian per effect on their leading components: where the
-    conformal p of every effect is below alpha, the library does not hold the effect. The probabilities are
-    conditional on the library, and stay below one half where two look-alikes share them.
+    A set's deviation is the mean change by the effect, recording against recording, plus the mean of
+    ``n_recordings`` residuals: the table serves comparisons of any number of recordings. Features are the
+    deviations of means and of spreads over their standard errors, on a logarithmic scale with sign.
+    ``unknown_`` comes from a Gaussian per effect on their leading components: where the conformal p of every
+    effect is below alpha, the library does not hold the effect. The probabilities are conditional on the
+    library, and stay below one half where two look-alikes share them.
 
     Examples
     --------
-    >>> ranker = EffectRanker(25_600, library=["hum", "offset"], n_draws=8, n_recordings=2)
+    >>> ranker = EffectRanker(25_600, library=["hum", "offset"], n_draws=8, n_simulations=2, n_null=16)
     >>> ranker.fit().classes_
-    ['hum', 'offset', 'none']
+    ['hum', 'offset']
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -127,9 +136,11 @@ class EffectRanker(BaseEstimator):
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "duration_s": [Interval(Real, 0, None, closed="neither")],
         "n_draws": [Interval(Integral, _FOLDS, None, closed="left")],
-        "n_recordings": [Interval(Integral, 1, None, closed="left")],
-        "counts": [list, tuple, None],
+        "n_simulations": [Interval(Integral, 2, None, closed="left")],
+        "n_null": [Interval(Integral, 16, None, closed="left")],
+        "n_recordings": [Interval(Integral, 2, None, closed="left")],
         "n_trees": [Interval(Integral, 1, None, closed="left")],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
         "n_jobs": [Integral],
         "cache": [str, os.PathLike, None],
@@ -143,10 +154,12 @@ class EffectRanker(BaseEstimator):
         library: Sequence[str] | None = None,
         input_speed_hz: float = 500 / 60,
         duration_s: float = 1.8,
-        n_draws: int = 40,
-        n_recordings: int = 3,
-        counts: Sequence[int] | None = None,
+        n_draws: int = 60,
+        n_simulations: int = 4,
+        n_null: int = 160,
+        n_recordings: int = 8,
         n_trees: int = 400,
+        alpha: float = 0.05,
         random_state: int = 0,
         n_jobs: int = 1,
         cache: str | os.PathLike[str] | None = None,
@@ -158,9 +171,11 @@ class EffectRanker(BaseEstimator):
         self.input_speed_hz = input_speed_hz
         self.duration_s = duration_s
         self.n_draws = n_draws
+        self.n_simulations = n_simulations
+        self.n_null = n_null
         self.n_recordings = n_recordings
-        self.counts = counts
         self.n_trees = n_trees
+        self.alpha = alpha
         self.random_state = random_state
         self.n_jobs = n_jobs
         self.cache = cache
@@ -184,34 +199,36 @@ class EffectRanker(BaseEstimator):
             If the library names an unknown effect.
         """
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
-        composite = nuisance.simulator(self.simulator)
-        names = self._names(composite)
-        self.classes_ = [*names, NONE]
-        values, counts, self.spread_, self.count_means_ = self._table(composite, nuisance)
-        labels = np.repeat(np.arange(len(self.classes_)), self.n_draws)
-        means = np.array([self.count_means_[count] for count in counts])
-        features = _scaled((values - means).mean(axis=1) / self.spread_)
-        forest = ExtraTreesClassifier(
-            self.n_trees, min_samples_leaf=2, random_state=self.random_state, n_jobs=self.n_jobs
+        self.classes_ = self._names(nuisance.simulator(self.simulator))
+        self.table_ = make_table(
+            self.simulator,
+            nuisance,
+            self.classes_,
+            n_draws=self.n_draws,
+            n_recordings=self.n_simulations,
+            n_null=self.n_null,
+            n_samples=round(self.duration_s * self.sampling_rate),
+            sampling_rate=self.sampling_rate,
+            input_speed_hz=self.input_speed_hz,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            cache=self.cache,
         )
-        folds = StratifiedKFold(_FOLDS, shuffle=True, random_state=self.random_state)
-        votes = cross_val_predict(forest, features, labels, cv=folds, method="predict_proba")
-        self.temperature_ = _temperature(votes, labels)
-        self.forest_ = forest.fit(features, labels)
-        found = votes.argmax(axis=1)
-        self.confusion_ = np.zeros((len(self.classes_), len(self.classes_)))
-        np.add.at(self.confusion_, (labels, found), 1 / self.n_draws)
-        self.tie_groups_ = _ties(self.confusion_[:-1, :-1], names)
-        self.typical_ = _Typical(features, labels, folds)
+        self._learned: dict[int, _Learned] = {}
+        learned = self._learn(self.n_recordings)
+        self.temperature_, self.confusion_ = learned.temperature, learned.confusion
+        self.tie_groups_, self.detectable_ = learned.tie_groups, learned.detectable
         return self
 
-    def rank(self, locator: GapLocator) -> list[Ranked]:
+    def rank(self, locator: GapLocator, without: Sequence[str] = ()) -> list[Ranked]:
         """Name what a fitted locator has found.
 
         Parameters
         ----------
         locator : GapLocator
             Fitted with the same model, prior, rate and window length.
+        without : sequence of str
+            Effects that are not considered: those that the model already has.
 
         Returns
         -------
@@ -226,38 +243,71 @@ class EffectRanker(BaseEstimator):
         """
         check_is_fitted(self)
         check_is_fitted(locator)
-        if locator.measured_.shape[1] != len(self.spread_):
+        n_cells = self.table_.null.shape[1]
+        if locator.simulated_.shape[1] < n_cells:
             raise ValueError(
-                f"locator must have summaries of {len(self.spread_)} cells like the table, got "
+                f"locator must have summaries of {n_cells} cells like the table, got "
                 f"{locator.measured_.shape[1]}: same sampling_rate?"
             )
-        # Against the locator's own bank: the measured counts are known there, or are those of the prior.
-        simulated = locator.centred(locator.simulated_, locator.bank_.counts).mean(axis=0)
-        difference = locator.centred(locator.measured_, locator.counts_).mean(axis=0) - simulated
-        features = _scaled(difference / self.spread_)[np.newaxis]
-        votes = _sharpened(self.forest_.predict_proba(features), self.temperature_)[0, :-1]
-        votes = votes / votes.sum()
-        names = self.classes_[:-1]
-        self.proba_ = dict(zip(names, votes.tolist(), strict=True))
-        p = self.typical_.conformal_p(features)[0, :-1]
-        self.conformal_p_ = dict(zip(names, p.tolist(), strict=True))
-        self.unknown_ = bool(p.max() < locator.alpha)
+        learned = self._learn(len(locator.measured_))
+        features = learned.scale.features(*self._deviation(locator), len(locator.measured_))[np.newaxis]
+        votes = _sharpened(learned.forest.predict_proba(features), learned.temperature)[0]
+        left = np.array([name not in without for name in self.classes_])
+        if not left.any():
+            raise ValueError(f"without must leave an effect to name, got all of {', '.join(self.classes_)}")
+        votes = np.where(left, votes, 0.0) / votes[left].sum()
+        p = learned.typical.conformal_p(features)[0]
+        self.proba_ = dict(zip(self.classes_, votes.tolist(), strict=True))
+        self.conformal_p_ = dict(zip(self.classes_, p.tolist(), strict=True))
+        self.unknown_ = bool(p[left].max() <= self.alpha)
         kinds = effect_library()
+        order = [k for k in np.argsort(-votes, kind="stable") if left[k]]
         self.ranking_ = [
             Ranked(
-                effect_id=names[k],
-                summary=kinds[names[k]].summary(),
+                effect_id=self.classes_[k],
+                summary=kinds[self.classes_[k]].summary(),
                 probability=float(votes[k]),
-                look_alikes=tuple(name for name in self._group(names[k]) if name != names[k]),
-                next_measurement=kinds[names[k]].separated_by,
+                look_alikes=learned.look_alikes(self.classes_[k]),
+                next_measurement=kinds[self.classes_[k]].separated_by,
             )
-            for k in np.argsort(-votes)
+            for k in order
         ]
         self.next_measurement_ = self.ranking_[0].next_measurement
         return self.ranking_
 
-    def _group(self, name: str) -> tuple[str, ...]:
-        return next((group for group in self.tie_groups_ if name in group), (name,))
+    def nearest(self, name: str, locator: GapLocator, n: int = 1) -> list[Effect]:
+        """Draws of an effect that change the summaries most like what a locator has found: where to start.
+
+        Parameters
+        ----------
+        name : str
+            Effect.
+        locator : GapLocator
+            Fitted.
+        n : int
+            How many, the nearest first.
+        """
+        scale = self._learn(len(locator.measured_)).scale
+        wanted, _ = self._deviation(locator)
+        shifts = self.table_.shifts(name)
+        usable = np.flatnonzero(np.all(np.isfinite(shifts), axis=1))
+        # The compressed scale again: a few huge cells would outvote all others.
+        distance = np.linalg.norm(
+            _scaled(shifts[usable] / scale.spread) - _scaled(wanted / scale.spread), axis=1
+        )
+        kind = effect_library()[name]()
+        vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n]]]
+        return [kind.from_vector(vector) for vector in vectors]
+
+    def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:
+        """Deviation of the measured means from the locator's own bank, and the variances over recordings."""
+        n_cells = self.table_.null.shape[1]
+        # The tachometer's cells come last in their family, and are no part of the table.
+        kept = [k for k, cell in enumerate(locator.cells_) if "tachometer" not in cell.name]
+        assert len(kept) == n_cells
+        simulated = locator.centred(locator.simulated_, locator.bank_.counts)[:, kept]
+        measured = locator.centred(locator.measured_, locator.counts_)[:, kept]
+        return measured.mean(axis=0) - simulated.mean(axis=0), measured.var(axis=0, ddof=1)
 
     def _names(self, composite: CompositeSimulator) -> list[str]:
         known = effect_library()
@@ -271,58 +321,98 @@ class EffectRanker(BaseEstimator):
         braked = base.has_brake or any(effect.effect_id == "brake_rotor" for effect in composite.effects)
         return [name for name in known if not (braked and name == "brake_rotor")]
 
-    def _table(
-        self, composite: CompositeSimulator, nuisance: NuisancePrior
-    ) -> tuple[Float, NDArray[np.int64], Float, dict[int, Float]]:
-        """Summaries (n_sets, n_recordings, n_cells), counts of a set, one recording's spread, count means."""
-        chosen = tuple(nuisance.defect_counts if self.counts is None else self.counts)
-        counts = np.array([chosen[k % len(chosen)] for k in range(self.n_recordings)])
-        n_null = max(10 * len(chosen), self.n_draws)
-        file = None
-        if self.cache is not None:
-            file = Path(self.cache) / f"effects-{self._key(composite, nuisance)}.npz"
-        if file is not None and file.exists():
-            with np.load(file) as stored:
-                values, null = stored["values"], stored["null"]
-        else:
-            work = joblib.Parallel(n_jobs=self.n_jobs)
-            jobs = [(name, draw, counts) for name in self.classes_ for draw in range(self.n_draws)]
-            jobs += [(NONE, self.n_draws + k, np.array([chosen[k % len(chosen)]])) for k in range(n_null)]
-            found = work(joblib.delayed(self._summaries_of)(composite, nuisance, *job) for job in jobs)
-            n_sets = len(self.classes_) * self.n_draws
-            values, null = np.array(found[:n_sets]), np.vstack(found[n_sets:])
-            if file is not None:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                write_whole(file, lambda stream: np.savez(stream, values=values, null=null))
-        of_null = np.array([chosen[k % len(chosen)] for k in range(n_null)])
-        means = {int(count): null[of_null == count].mean(axis=0) for count in set(chosen)}
-        spread = (null - np.array([means[int(c)] for c in of_null])).std(axis=0, ddof=len(set(chosen)))
-        return values, counts, np.maximum(spread, 1e-6), means
+    def _learn(self, n_recordings: int) -> _Learned:
+        if n_recordings not in self._learned:
+            self._learned[n_recordings] = _Learned(
+                self.table_, n_recordings, self.n_trees, self.alpha, self.random_state, self.n_jobs
+            )
+        return self._learned[n_recordings]
 
-    def _summaries_of(
-        self, composite: CompositeSimulator, nuisance: NuisancePrior, name: str, draw: int, counts: Any
-    ) -> Float:
-        """Summaries of one set: the same effect with the same parameters in all its recordings."""
-        stream = np.random.SeedSequence([self.random_state, *name.encode()], spawn_key=(draw,))
-        for_effect, *for_runs = stream.spawn(1 + len(counts))
-        effects: list[Effect] = []
-        if name != NONE:
-            effects = [effect_library()[name]().draw_parameters(np.random.default_rng(for_effect))]
-        base = composite.base
-        assert isinstance(base, Rig)
-        simulator = CompositeSimulator(base, (*composite.effects, *effects))
-        n_samples = round(self.duration_s * self.sampling_rate)
-        torque = [
-            record(simulator, nuisance, int(count), n_samples, self.sampling_rate, seed)[0]
-            for count, seed in zip(counts, for_runs, strict=True)
-        ]
-        values, _ = summarise(np.array(torque), self.sampling_rate, self.input_speed_hz, base.gearbox.n_lobes)
-        return values
 
-    def _key(self, composite: CompositeSimulator, nuisance: NuisancePrior) -> str:
-        elsewhere = ("simulator", "nuisance", "n_jobs", "cache", "n_trees")
-        own = {name: value for name, value in self.get_params(deep=False).items() if name not in elsewhere}
-        return cache_key(composite, nuisance, own, self.classes_)
+class _Scale:
+    """Deviations in standard errors, on a logarithmic scale with sign."""
+
+    def __init__(self, null: Float) -> None:
+        self.variance = null.var(axis=0, ddof=1)
+        self.spread = np.sqrt(self.variance + _SMALLEST**2)
+
+    def features(self, mean: Float, variance: Float, n: int) -> Float:
+        """Features of sets of n recordings from their means and variances, each (..., n_cells)."""
+        of_means = mean / self.spread * np.sqrt(n)
+        ratio = np.log((variance + _SMALLEST**2) / self.spread**2)
+        # Normal recordings: the logarithm of their variance spreads by sqrt(2 / (n - 1)).
+        return np.concatenate([_scaled(of_means), _scaled(ratio * np.sqrt((n - 1) / 2))], axis=-1)
+
+
+class _Learned:
+    """What is learned from a table for comparisons of one number of recordings."""
+
+    def __init__(
+        self, table: EffectTable, n: int, n_trees: int, alpha: float, random_state: int, n_jobs: int
+    ) -> None:
+        random = np.random.default_rng([random_state, n])
+        null = table.null_deviations()
+        self.names = table.names
+        self.scale = _Scale(null)
+        of_null = null[random.integers(len(null), size=(_NULL_SETS, n))]
+        threshold = self._gate(of_null, n, alpha)
+        features, labels, draws = [], [], []
+        self.detectable: dict[str, float] = {}
+        for k, name in enumerate(table.names):
+            own = _sets(table, name, n, random)
+            found = np.abs(own[0] / self.scale.spread).max(axis=1) * np.sqrt(n) > threshold
+            self.detectable[name] = float(found.mean())
+            draw = np.repeat(np.arange(len(found) // _SETS_PER_DRAW), _SETS_PER_DRAW)
+            # An effect that is never found is learned from its strongest sets: it has to have a name.
+            if found.sum() < _FEWEST_SETS:
+                size = np.abs(own[0] / self.scale.spread).max(axis=1)
+                found = size >= np.sort(size)[-_FEWEST_SETS]
+            features.append(self.scale.features(own[0][found], own[1][found], n))
+            labels.append(np.full(found.sum(), k))
+            draws.append(draw[found] + 10_000 * k)
+        X, y, groups = np.vstack(features), np.concatenate(labels), np.concatenate(draws)
+        # As if every effect came equally often, whatever share of its draws can be found.
+        forest = ExtraTreesClassifier(
+            n_trees, min_samples_leaf=2, class_weight="balanced", random_state=random_state, n_jobs=n_jobs
+        )
+        folds = list(
+            StratifiedGroupKFold(_FOLDS, shuffle=True, random_state=random_state).split(X, y, groups)
+        )
+        votes = cross_val_predict(forest, X, y, cv=folds, method="predict_proba")
+        self.temperature = _temperature(votes, y)
+        self.forest = forest.fit(X, y)
+        self.confusion = np.zeros((len(table.names), len(table.names)))
+        np.add.at(self.confusion, (y, votes.argmax(axis=1)), 1.0)
+        self.confusion /= self.confusion.sum(axis=1, keepdims=True)
+        self.tie_groups = _ties(self.confusion, list(table.names))
+        self.typical = _Typical(X, y, folds)
+
+    def look_alikes(self, name: str) -> tuple[str, ...]:
+        """The other effects of the group of ties."""
+        group = next((group for group in self.tie_groups if name in group), (name,))
+        return tuple(other for other in group if other != name)
+
+    def _gate(self, of_null: Float, n: int, alpha: float) -> float:
+        """Largest deviation in standard errors that a share alpha of sets without effect exceeds."""
+        largest = np.abs(of_null.mean(axis=1) / self.scale.spread).max(axis=1) * np.sqrt(n)
+        return float(np.quantile(largest, 1 - alpha))
+
+
+def _sets(table: EffectTable, name: str, n: int, random: np.random.Generator) -> tuple[Float, Float]:
+    """Means and variances of sets of n recordings with an effect, _SETS_PER_DRAW for each of its draws."""
+    means, variances = [], []
+    null = table.null_deviations()
+    for values, used in zip(table.deviations(name), table.used, strict=True):
+        usable = np.isfinite(values[:, 0])
+        if usable.sum() < 2:
+            continue
+        values, used = values[usable], used[usable]
+        shift = (values - null[used]).mean(axis=0)
+        residuals = (values - values.mean(axis=0)) * np.sqrt(len(values) / (len(values) - 1))
+        drawn = residuals[random.integers(len(values), size=(_SETS_PER_DRAW, n))]
+        means.append(shift + drawn.mean(axis=1))
+        variances.append(drawn.var(axis=1, ddof=1))
+    return np.vstack(means), np.vstack(variances)
 
 
 class _Typical:
@@ -332,11 +422,16 @@ class _Typical:
     new one by the Gaussian that was made without it (cross-conformal, Vovk 2015).
     """
 
-    def __init__(self, features: Float, labels: NDArray[np.intp], folds: StratifiedKFold) -> None:
+    def __init__(
+        self,
+        features: Float,
+        labels: NDArray[np.intp],
+        folds: Iterable[tuple[NDArray[np.intp], NDArray[np.intp]]],
+    ) -> None:
         # Per fold: components and Gaussians, and how far the cases of each class lie that they have not seen.
         # Components too are made without them: those that a sample spreads along most flatter it.
         self.folds: list[tuple[PCA, list[tuple[LedoitWolf, Float]]]] = []
-        for train, test in folds.split(features, labels):
+        for train, test in folds:
             components = PCA(min(_COMPONENTS, features.shape[1])).fit(features[train])
             known, left_out = (components.transform(features[part]) for part in (train, test))
             of_class = []

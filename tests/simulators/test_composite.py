@@ -468,3 +468,17 @@ def test_speed_wander_has_its_rms_and_adds_no_mean():
     )
     assert np.mean((values / STEEL.input_speed) ** 2) == pytest.approx(1e-4, rel=4 * math.sqrt(2 / 3000))
     assert abs(values.mean()) < 4 * 0.01 * STEEL.input_speed / math.sqrt(3000)
+
+
+def test_one_run_of_the_machine_is_recorded_by_several_chains() -> None:
+    """The same, bit for bit, as a simulation for each; and what the gearbox answers is refused."""
+    base = Rig.r1().replace(noise_nm=0.1)
+    chains: list[list[Effect]] = [[], [Hum(0.2)], [Offset(0.5), Quantisation(0.05)]]
+    run = CompositeSimulator(base, [Noise(0.05)]).run_machine(duration=0.2, seed=4, spare_s=0.02)
+    for chain in chains:
+        alone = CompositeSimulator(base, [Noise(0.05), *chain]).simulate(duration=0.2, seed=4)
+        assert np.array_equal(run.record(chain).torque_out, alone.torque_out)
+    with pytest.raises(ValueError, match=r"the gearbox answers Clearance"):
+        run.record([Clearance(1e-5)])
+    with pytest.raises(ValueError, match=r"effects need \d+ samples, the machine ran for \d+"):
+        run.record([ClockError(-0.05), ClockError(-0.05), ClockError(-0.05)])
