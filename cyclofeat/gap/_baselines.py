@@ -254,7 +254,7 @@ class GaussianProcessGap(_Filtered):
         levels = 10 * np.log10((measured @ pooling.T + _POWER_FLOOR) / (simulated @ pooling.T + _POWER_FLOOR))
         self.with_count_ = self.by_count_ and len(counts) > 1
         inputs = np.vstack([self._inputs(int(c)) for c in counts])
-        lengths, bounds = [0.5, 3.0], [(0.05, 10.0), (0.5, 50.0)]
+        lengths, bounds = [0.5, 3.0], [(0.05, 10.0), (2.0, 50.0)]
         k = inputs.shape[1]
         self.process_ = _fitted_process(inputs, levels.ravel(), lengths[:k], bounds[:k])
         self.offset_ = float(offsets.mean())

@@ -200,11 +200,7 @@ def replicate_spread(
     ndarray, shape (n_cells,)
     """
     own, n_free = deviations(measured, counts, simulated, simulated_counts)
-    groups = np.unique(simulated_counts)
-    around = simulated.copy()
-    for count in groups:
-        around[simulated_counts == count] -= simulated[simulated_counts == count].mean(axis=0)
-    of_bank = np.sum(around**2, axis=0) / max(len(simulated) - len(groups), 1)
+    of_bank = _variance_around(simulated, simulated_counts)
     variance = (np.sum(own**2, axis=0) + _STEADIED_BY * of_bank) / (n_free + _STEADIED_BY)
     spread: Float = np.sqrt(variance)
     shape = np.array([part.name == _SHAPE for part in parts])
@@ -214,6 +210,32 @@ def replicate_spread(
         inside = kinds == kind
         spread[inside] = np.maximum(spread[inside], _LEAST_SPREAD * np.median(spread[inside]))
     return np.where(spread > 0, spread, np.inf)
+
+
+def _variance_around(values: Float, counts: NDArray[Any]) -> Float:
+    """Variance around the means of the counts, per cell."""
+    means = class_means(values, counts)
+    around = values - np.array([means[int(count)] for count in counts])
+    return np.asarray(np.sum(around**2, axis=0) / max(len(values) - len(means), 1))
+
+
+def trends(counts: NDArray[Any]) -> Float:
+    """What a difference may do from count to count: constant and, where there are two counts, linear.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n_trends, n)
+        q_j of each recording's count; orthonormal, (1/n) sum_i q_ji q_li = [j = l].
+    """
+    rows = [np.ones(len(counts))]
+    slope = counts - np.mean(counts)
+    if np.any(slope):
+        rows.append(slope / np.sqrt(np.mean(slope**2)))
+    return np.array(rows)
 
 
 def distances(
@@ -227,7 +249,15 @@ def distances(
 ) -> Float:
     """Distance between measured and simulated recordings in each family.
 
-    D_f^2 = sum_c (n_c / n) sum_k w_fk (mean_c(measured)_k - mean_c(simulated)_k)^2 / s_k^2
+    Each recording is compared with the simulated mean of its count, and of the differences the constant and
+    the linear part over the counts are kept, so that what differs from count to count counts and yet many
+    counts of few recordings each do not drown it in their noise:
+
+    D_f^2 = sum_j sum_k w_fk a_jk^2 / s_k^2,  a_jk = (1/n) sum_i q_j(c_i) (x_ik - mean_c_i(simulated)_k).
+
+    With all orthogonal functions q of the counts in place of two, this would be
+    sum_c (n_c/n) sum_k w_fk (mean_c(measured)_k - mean_c(simulated)_k)^2 / s_k^2, which it is for one count
+    and for two.
 
     Parameters
     ----------
@@ -247,20 +277,28 @@ def distances(
     n = len(measured)
     chances = np.full((1, n), 1 / n) if chances is None else chances
     means = class_means(simulated, simulated_counts)
+    difference = (measured - np.array([means[int(count)] for count in counts])) / spread
     total = np.zeros((len(chances), len(weights)))
-    for count in np.unique(counts):
-        inside = counts == count
-        share = chances[:, inside].sum(axis=1, keepdims=True)
-        mean = chances[:, inside] @ measured[inside] / np.maximum(share, 1e-300)
-        total += share * (((mean - means[int(count)]) / spread) ** 2 @ weights.T)
+    for trend in trends(counts):
+        total += ((chances * trend) @ difference) ** 2 @ weights.T
     return np.sqrt(total)
 
 
-def noise_factor(counts: NDArray[Any], simulated_counts: NDArray[Any]) -> float:
-    """Expected squared distance of what differs by replication only: sum_c (n_c/n) (1/n_c + 1/M_c)."""
-    found, sizes = np.unique(counts, return_counts=True)
-    banks = np.array([np.sum(simulated_counts == count) for count in found])
-    return float(np.sum(sizes / len(counts) * (1 / sizes + 1 / banks)))
+def bank_error(
+    counts: NDArray[Any], simulated: Float, simulated_counts: NDArray[Any], spread: Float, weights: Float
+) -> Float:
+    """Expected squared distance by the error of the simulated means, shape (n_families,).
+
+    sum_j sum_c (n_c/n)^2 q_j(c)^2 / M_c sum_k w_fk v_k / s_k^2, v the simulated recordings' variance around
+    their counts.
+    """
+    share = 0.0
+    rows = trends(counts)
+    for count in np.unique(counts):
+        inside = counts == count
+        size = np.sum(simulated_counts == count)
+        share += np.mean(inside) ** 2 / size * float(np.sum(rows[:, inside][:, 0] ** 2))
+    return np.asarray(share * (weights @ (_variance_around(simulated, simulated_counts) / spread**2)))
 
 
 def floors(
@@ -268,8 +306,9 @@ def floors(
     counts: NDArray[Any],
     spread: Float,
     weights: Float,
-    factor: float,
-    n_pieces: int,
+    n_inside: int,
+    n_trends: int,
+    of_bank: Float,
     n_free: int,
     n_splits: int,
     random: np.random.Generator,
@@ -278,27 +317,29 @@ def floors(
 
     The recordings of a count are split at random into halves of a and b recordings, whose means differ with
     variance s^2 (1/a + 1/b), 4 s^2/n for equal halves; recordings alone with their counts are paired, their
-    deviations differing with 2 s^2. A measured mean of n recordings and a bank's of M differ with
-    s^2 (1/n + 1/M). So each split gives
+    deviations differing with 2 s^2. A coefficient of n measured recordings against a bank's means has the
+    variance s^2/n and the bank's own, s^2/M for M recordings of one count. So each split gives
 
-    D_f^2 = t mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ],
+    D_f^2 = (J/n) mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ] + bank_f,
 
-    over as many pieces p (halved counts and pairs, drawn at random) as the distance has counts, with v_p as
-    above and t = sum_c (n_c/n) (1/n_c + 1/M_c). The root is taken per split, as it is in the distance, and
-    the floor is the mean over splits. The halves are what s was estimated from, the means of the counts are
-    independent of it: c_p of :func:`_studentised` makes up for that, and is 1 for pairs.
+    over as many pieces p (halved counts and pairs, drawn at random) as the distance has coefficients J, with
+    v_p as above. The root is taken per split, as it is in the distance, and the floor is the mean over
+    splits. The halves are what s was estimated from, means are independent of it: c_p of
+    :func:`_studentised` makes up for that, and is 1 for pairs.
 
     Parameters
     ----------
-    own : ndarray, shape (n, n_cells)
-        Of :func:`deviations`.
-    counts : ndarray of int, shape (n,)
+    own : ndarray, shape (n_all, n_cells)
+        Of :func:`deviations`, of all recordings.
+    counts : ndarray of int, shape (n_all,)
     spread, weights
         As in :func:`distances`.
-    factor : float
-        t, of :func:`noise_factor`.
-    n_pieces : int
-        Counts of the distance that the floor is for.
+    n_inside : int
+        n, recordings of the distance that the floor is for: all, or those of one condition.
+    n_trends : int
+        J, rows of :func:`trends` for these.
+    of_bank : ndarray, shape (n_families,)
+        bank_f, of :func:`bank_error` for these.
     n_free : int
         Of :func:`deviations`.
     n_splits : int
@@ -323,8 +364,9 @@ def floors(
                 a = len(members) // 2
                 half, rest = scaled[members[:a]].mean(axis=0), scaled[members[a:]].mean(axis=0)
                 pieces.append(independent * (half - rest) ** 2 / (1 / a + 1 / (len(members) - a)))
-        chosen = random.permutation(len(pieces))[:n_pieces]
-        total += np.sqrt(factor * (weights @ np.mean([pieces[k] for k in chosen], axis=0)))
+        chosen = random.permutation(len(pieces))[:n_trends]
+        mean = weights @ np.mean([pieces[k] for k in chosen], axis=0)
+        total += np.sqrt(n_trends / n_inside * mean + of_bank)
     return total / n_splits
 
 

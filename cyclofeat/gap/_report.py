@@ -137,7 +137,8 @@ def compare(
     # each. Of both simulators the one that leaves less of it says what the floor is: a lower floor lowers the
     # ratio of every alternative.
     left = [distance.deviations(measured, counts, sim.values, sim.counts) for sim in (before, after)]
-    own, n_free = min(left, key=lambda found: float(np.sum((found[0] / spread) ** 2 @ weights.T)))
+    left_by = [float(np.sum((found / spread) ** 2 @ weights.T)) for found, _ in left]
+    own, n_free = left[int(np.argmin(left_by))]
     groups = distance.strata(counts, apart=seen, least=distance.POOLED_BELOW)
     chances = distance.bootstrap_chances(groups, n_draws, random)
     rows: list[DistanceRow] = []
@@ -161,9 +162,10 @@ def compare(
         reason = _too_few(int(inside.sum()), len(counts), n_free)
         error = floor = np.nan
         if not reason:
+            of_bank = distance.bank_error(of, before.values, before.counts, spread, weights)
             by_family = distance.floors(
-                own, counts, spread, weights, distance.noise_factor(of, before.counts),
-                len(np.unique(of)), n_free, _SPLITS, random,
+                own, counts, spread, weights, len(of), len(distance.trends(of)), of_bank, n_free, _SPLITS,
+                random,
             )  # fmt: skip
             rows += _rows(FLOOR, condition, families, by_family)
             floor = float(by_family.mean())
@@ -260,10 +262,12 @@ class GapReport(BaseEstimator):
     orders (speed, lines of lobes and of the shaft), synchronous averages, amplitudes (mean, level,
     Wasserstein distance of the standardised torque) and features. In each family
 
-    D_f^2 = sum_c (n_c / n) sum_k w_k (mean of measured recordings - mean of simulated ones)^2 / s_k^2
+    D_f^2 = sum_k w_k (a_0k^2 + a_1k^2) / s_k^2
 
-    over counts c and cells k, w_k giving every part of a family the same weight and s_k the spread of one
-    measured recording around its count. D is the mean over families, and
+    over cells k, where a_0 and a_1 are the constant and the linear part over the counts of the difference
+    between measured recordings and the simulated mean of their count, w_k gives every part of a family the
+    same weight, and s_k is the spread of one measured recording around its count. D is the mean over
+    families, and
 
     GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
 
