@@ -1,0 +1,570 @@
+"""How large the missing effect is: parameters with intervals, and the simulator with the effect in it."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import joblib
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+from sklearn.base import BaseEstimator
+from sklearn.covariance import LedoitWolf
+from sklearn.utils.validation import validate_data
+
+from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._locator import smallest_spreads
+from cyclofeat.gap._null import NuisancePrior, machine, make_bank, summaries_of_bank
+from cyclofeat.gap._recordings import mean_speeds, per_recording, recordings_of, registered
+from cyclofeat.gap._summaries import Cell, summarise_all
+from cyclofeat.simulators import (
+    CompositeSimulator,
+    CycloidalGearbox,
+    Effect,
+    MachineRun,
+    Rig,
+    SimulationFailed,
+)
+from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
+
+Float = NDArray[np.float64]
+
+_PER_STEP = 8  # simulated recordings behind one evaluation
+_STEP = 0.06  # of a finite difference: in logarithms, or in standard deviations of the prior
+_BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
+_SPARE = 0.06
+_OUTLIER = 3.0  # whitened residual from which a cell counts less
+_AT_BOUND = 0.01  # share of the searched range
+_CORRECTIONS = 2
+_RIDGE = 0.05  # of variance that no two cells share: no difference of cells is known to better than that
+_FAR = 2.0  # standard deviations from which a correction is repeated
+_FAILED = 50.0  # whitened residual of every cell where the simulation fails
+_BANK = 200
+# A parameter whose interval is wider than this share of the prior's has hardly been told by the recordings.
+_TELLING = 0.7
+
+
+class EffectFitter(BaseEstimator):
+    """Fit an effect to measured recordings, on summaries and never sample by sample.
+
+    Parameters
+    ----------
+    effect : Effect or sequence of Effect
+        What is missing; its parameters are where the search starts.
+    sampling_rate : float
+        Samples per second in Hz.
+    simulator : CompositeSimulator, Rig or CycloidalGearbox, optional
+        The model without the effect.
+    nuisance : NuisancePrior, optional
+    input_speed_hz : float, default=500 / 60
+    n_sims : int, default=400
+        Simulated recordings that the search may take; those for the interval come on top.
+    n_interval : int, default=48
+        Simulated recordings at the optimum, for weights and interval.
+    n_starts : int, default=3
+        Places from which is searched: the one given, and others from the prior.
+    alpha : float, default=0.1
+        The intervals hold the parameter with a chance of 1 - alpha.
+    random_state : int, default=0
+    n_jobs : int, default=1
+    cache : path, optional
+        Folder in which the bank is kept.
+
+    Attributes
+    ----------
+    theta_ : dict from str to float
+        Parameters by ``"effect_id.parameter"``, in their units.
+    theta_ci_ : dict from str to tuple of float
+        Interval of each.
+    effects_ : tuple of Effect
+        The effects with these parameters.
+    simulator_ : CompositeSimulator
+        The model with the effects.
+    identifiable_ : dict from str to bool
+        Whether the recordings tell the parameter: changing it moves the summaries, and its interval is
+        narrower than what was assumed before.
+    at_bound_ : dict from str to bool
+        Whether the optimum lies at the end of the searched range: the true value may lie beyond.
+    loss_ : float
+        Mean square of the whitened residuals at the optimum, 1 where model and measurement agree.
+    n_calls_ : int
+        Simulated recordings.
+    n_failed_ : int
+        Those that failed.
+
+    Notes
+    -----
+    With S the mean summary of the measured recordings and s(theta) that of simulated ones of the same counts,
+    always from the same random numbers, theta minimises sum rho(L^-1 (S - s(theta))): rho grows linearly
+    beyond three standard errors, and L L' is the covariance of recordings without effect (shrunk towards the
+    diagonal: Ledoit and Wolf 2004). Then ``n_interval`` recordings at the optimum give a better mean and
+    each cell's scatter with the effect, for one more Gauss-Newton step, theta + H L^-1 (S - s), H = (J'J)^-1 J'
+    and the whitened derivative J. The covariance of theta is that of this step, a "sandwich" H C H' (1/n +
+    1/n_interval) with the scatter C of whitened recordings; intervals take Student's t with n - 1 degrees of
+    freedom for n measured recordings.
+
+    Examples
+    --------
+    >>> from cyclofeat.gap import make_bank
+    >>> from cyclofeat.simulators import Hum
+    >>> truth = CompositeSimulator(effects=[Hum(0.3)])
+    >>> X = make_bank(truth, NuisancePrior(), [0, 3], n=4, random_state=5).X
+    >>> fitter = EffectFitter(Hum(0.1), 25_600, n_interval=8).fit(X, y=[0, 3, 0, 3])
+    >>> round(fitter.theta_["hum.amplitude_nm"], 1)
+    0.3
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "effect": [Effect, list, tuple],
+        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+        "simulator": [CompositeSimulator, Rig, CycloidalGearbox, None],
+        "nuisance": [NuisancePrior, None],
+        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        "n_sims": [Interval(Integral, 1, None, closed="left")],
+        "n_interval": [Interval(Integral, 4, None, closed="left")],
+        "n_starts": [Interval(Integral, 1, None, closed="left")],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
+        "n_jobs": [Integral],
+        "cache": [str, os.PathLike, None],
+    }
+
+    def __init__(
+        self,
+        effect: Effect | Sequence[Effect],
+        sampling_rate: float,
+        simulator: CompositeSimulator | Rig | CycloidalGearbox | None = None,
+        nuisance: NuisancePrior | None = None,
+        input_speed_hz: float = 500 / 60,
+        n_sims: int = 400,
+        n_interval: int = 48,
+        n_starts: int = 3,
+        alpha: float = 0.1,
+        random_state: int = 0,
+        n_jobs: int = 1,
+        cache: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self.effect = effect
+        self.sampling_rate = sampling_rate
+        self.simulator = simulator
+        self.nuisance = nuisance
+        self.input_speed_hz = input_speed_hz
+        self.n_sims = n_sims
+        self.n_interval = n_interval
+        self.n_starts = n_starts
+        self.alpha = alpha
+        self.random_state = random_state
+        self.n_jobs = n_jobs
+        self.cache = cache
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike | None = None,
+        groups: ArrayLike | None = None,
+        angle: ArrayLike | None = None,
+    ) -> Self:
+        """Fit the effect's parameters.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Measured torque in Nm, at least one output turn per window.
+        y : array-like of int, shape (n_windows,), optional
+            Known counts of worn lobes.
+        groups : array-like, shape (n_windows,), optional
+            Recording of each window. Default: each window is a recording of its own.
+        angle : array-like, shape (n_windows, n_samples), optional
+            Angle of the input shaft in rad, by a tachometer.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If an effect has no parameter to fit, there are fewer than two recordings, windows are too short,
+            or the data do not belong together.
+        """
+        effects = self._effects()
+        windows = validate_data(self, X, dtype=[np.float64, np.float32]).astype(np.float32)
+        nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
+        composite = nuisance.simulator(self.simulator)
+        base = composite.base
+        assert isinstance(base, Rig)
+        n_lobes = base.gearbox.n_lobes
+        speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
+        windows = registered(windows, self.sampling_rate, self.input_speed_hz, n_lobes)
+        of_window, counts = recordings_of(len(windows), y, groups)
+        values, cells = summarise_all(windows, self.sampling_rate, self.input_speed_hz, n_lobes, speeds)
+        measured = per_recording(values, of_window)
+        if len(measured) < 2:
+            raise ValueError("groups must hold at least 2 recordings: one has no spread to weigh by, got 1")
+        model = _Model(
+            composite=composite,
+            nuisance=nuisance,
+            effects=effects,
+            counts=_matched(counts, nuisance, max(_PER_STEP, self.n_interval)),
+            n_samples=windows.shape[1],
+            sampling_rate=self.sampling_rate,
+            input_speed_hz=self.input_speed_hz,
+            n_lobes=n_lobes,
+            by_tachometer=angle is not None,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+        )
+        at = _Space(effects)
+        target, n = measured.mean(axis=0), len(measured)
+        null = self._null_scatter(model, counts)
+        whitener = _Whitener(null, null, cells)
+        start = self._start(model, at, target, whitener)
+        best, derivative = _search(model, at, start, target, whitener, self.n_sims)
+        for _ in range(_CORRECTIONS):
+            # A mean of more recordings than the search had, and weights by how far those with the effect
+            # scatter (under drift the slow part does far more). What hangs together is taken from the
+            # others: correlations fitted to the recordings that they weigh would make the interval too small.
+            found = model.summaries(best, self.n_interval)
+            scatter = model.centred(found)
+            whitener = _Whitener(null, scatter, cells)
+            estimate = _Estimate(whitener, derivative, target - found.mean(axis=0), scatter, n)
+            moved = at.clipped(best + estimate.step)
+            far = np.any(np.abs(moved - best) > _FAR * estimate.deviation)
+            best = moved
+            if not far:
+                break
+        self._settle(model, at, best, estimate, n)
+        return self
+
+    def _effects(self) -> tuple[Effect, ...]:
+        given = (self.effect,) if isinstance(self.effect, Effect) else tuple(self.effect)
+        if not given or not all(isinstance(effect, Effect) for effect in given):
+            raise TypeError(f"effect must be an Effect or a sequence of them, got {self.effect!r}")
+        for effect in given:
+            if not effect.vector_names():
+                raise ValueError(f"effect must have a parameter to fit, got {effect!r}")
+        return given
+
+    def _null_scatter(self, model: _Model, counts: NDArray[np.int64] | None) -> Float:
+        """Summaries of recordings without the effect, less the mean of their count."""
+        bank = make_bank(
+            self.simulator,
+            model.nuisance,
+            None if counts is None else np.sort(counts).tolist(),
+            n=_BANK,
+            n_samples=model.n_samples,
+            sampling_rate=self.sampling_rate,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            cache=self.cache,
+        )
+        values = summaries_of_bank(
+            bank,
+            self.sampling_rate,
+            self.input_speed_hz,
+            model.n_lobes,
+            with_tachometer=model.by_tachometer,
+            cache=self.cache,
+        )
+        return _less_means(values, bank.counts if counts is not None else np.zeros(len(values), dtype=int))
+
+    def _start(self, model: _Model, at: _Space, target: Float, whitener: _Whitener) -> Float:
+        """The best of the place given and of some from the prior."""
+        random = np.random.default_rng([self.random_state, 3])
+        places = [at.given, *(at.from_prior(random) for _ in range(self.n_starts - 1))]
+        losses = [_loss(_residuals(whitener, target, model.mean(place))) for place in places]
+        return places[int(np.argmin(losses))]
+
+    def _settle(self, model: _Model, at: _Space, best: Float, estimate: _Estimate, n_measured: int) -> None:
+        reach = float(stats.t.ppf(1 - self.alpha / 2, n_measured - 1)) * estimate.deviation
+        low, high = at.clipped(best - reach), at.clipped(best + reach)
+        self.effects_ = at.effects(best)
+        self.simulator_ = CompositeSimulator(
+            self._model_without(model), (*model.composite.effects, *self.effects_)
+        )
+        names, bottom, top = at.names, at.natural(low), at.natural(high)
+        self.theta_ = dict(zip(names, at.natural(best).tolist(), strict=True))
+        self.theta_ci_ = {
+            name: (float(min(a, b)), float(max(a, b))) for name, a, b in zip(names, bottom, top, strict=True)
+        }
+        moves = np.linalg.norm(estimate.jacobian, axis=0) * at.widths > 1.0
+        told = 2 * reach < _TELLING * at.widths
+        self.identifiable_ = dict(zip(names, (moves & told).tolist(), strict=True))
+        ends = np.minimum(best - at.low, at.high - best) < _AT_BOUND * (at.high - at.low)
+        self.at_bound_ = dict(zip(names, ends.tolist(), strict=True))
+        self.loss_ = estimate.loss
+        self.n_calls_, self.n_failed_ = model.n_calls, model.n_failed
+
+    def _model_without(self, model: _Model) -> CycloidalGearbox | Rig:
+        """Base of the model as it was given: the nuisance prior's tolerances are not part of it."""
+        given = self.simulator
+        if isinstance(given, CompositeSimulator):
+            given = given.base
+        if isinstance(given, Rig):
+            return given.replace(effects=())
+        return CycloidalGearbox.steel() if given is None else given
+
+
+@dataclass
+class _Model:
+    """Mean summaries of simulated recordings as a function of the effects' parameters."""
+
+    composite: CompositeSimulator
+    nuisance: NuisancePrior
+    effects: tuple[Effect, ...]
+    counts: NDArray[np.int64]
+    n_samples: int
+    sampling_rate: float
+    input_speed_hz: float
+    n_lobes: int
+    by_tachometer: bool
+    random_state: int
+    n_jobs: int
+    n_calls: int = 0
+    n_failed: int = 0
+    _runs: dict[bytes, list[MachineRun | None]] = field(default_factory=dict, repr=False)
+
+    def mean(self, place: Float) -> Float:
+        """Mean over the recordings behind one evaluation, NaN if none could be simulated."""
+        values = self._values(place, _PER_STEP)
+        return np.asarray(values.mean(axis=0)) if len(values) else np.full(1, np.nan)
+
+    def summaries(self, place: Float, n: int) -> Float:
+        """Summaries of n recordings, (n, n_cells)."""
+        values = self._values(place, n)
+        if len(values) < n / 2:
+            raise SimulationFailed("the simulations at the optimum fail: the effect's size cannot be stated")
+        return values
+
+    def centred(self, values: Float) -> Float:
+        """Less the mean of each count."""
+        return _less_means(values, self.counts[: len(values)])
+
+    def _values(self, place: Float, n: int) -> Float:
+        effects = _Space(self.effects).effects(place)
+        in_machine = tuple(effect for effect in effects if effect.needs_simulation())
+        on_torque = tuple(effect for effect in effects if not effect.needs_simulation())
+        runs = [run for run in self._machines(in_machine, n) if run is not None]
+        if not runs:
+            return np.empty((0, 0))
+        records = [run.record(on_torque) for run in runs]
+        X = np.array([record.torque_out for record in records], dtype=np.float32)
+        angles = np.array([[record.input_angle[0], record.input_angle[-1]] for record in records])
+        X = registered(X, self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        speeds = None
+        if self.by_tachometer:
+            turned = (angles[:, 1] - angles[:, 0]) / (2 * np.pi)
+            speeds = turned / (self.n_samples - 1) * self.sampling_rate
+        return summarise_all(X, self.sampling_rate, self.input_speed_hz, self.n_lobes, speeds)[0]
+
+    def _machines(self, effects: tuple[Effect, ...], n: int) -> list[MachineRun | None]:
+        """The first n runs of the machine with these effects, each made once."""
+        key = repr([effect.to_dict() for effect in effects]).encode()
+        if effects:
+            # Parameters left behind are not asked for again: one set of runs is kept.
+            self._runs = {key: self._runs[key]} if key in self._runs else {}
+        runs = self._runs.setdefault(key, [])
+        simulator = CompositeSimulator(self.composite.base, (*self.composite.effects, *effects))
+        missing = range(len(runs), n)
+        made = joblib.Parallel(n_jobs=self.n_jobs)(joblib.delayed(self._run)(simulator, i) for i in missing)
+        self.n_calls += len(missing)
+        self.n_failed += sum(run is None for run in made)
+        runs += made
+        return runs[:n]
+
+    def _run(self, simulator: CompositeSimulator, i: int) -> MachineRun | None:
+        seed = np.random.SeedSequence([self.random_state, 1], spawn_key=(i,))
+        count = int(self.counts[i % len(self.counts)])
+        try:
+            return machine(simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, _SPARE)
+        except SimulationFailed:
+            return None
+
+
+class _Space:
+    """The fitted parameters of several effects as one vector, within bounds."""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        self._effects = tuple(effects)
+        self.names = [f"{e.effect_id}.{name}" for e in effects for name in e.vector_names()]
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"effect must name each effect once, got {', '.join(self.names)}")
+        self._parameters: list[EffectParameter] = [
+            e.parameters[name] for e in effects for name in e.vector_names()
+        ]
+        ends = np.array([_prior_ends(parameter) for parameter in self._parameters])
+        self.widths = ends[:, 1] - ends[:, 0]
+        bounds = [e.vector_bounds() for e in effects]
+        lowest, highest = (np.concatenate([bound[k] for bound in bounds]) for k in range(2))
+        beyond = _BEYOND_PRIOR * self.widths
+        self.low = np.maximum(ends[:, 0] - beyond, lowest)
+        self.high = np.minimum(ends[:, 1] + beyond, highest)
+        self.steps = np.array(
+            [_STEP if p.log else _STEP * w / 4 for p, w in zip(self._parameters, self.widths, strict=True)]
+        )
+
+    @property
+    def given(self) -> Float:
+        """The effects as they were given, moved off the bounds."""
+        values = []
+        for effect in self._effects:
+            try:
+                values.append(effect.to_vector())
+            except ValueError:  # neutral in a logarithm: the middle of the prior instead
+                values.append(np.full(len(effect.vector_names()), np.nan))
+        middle = (self.low + self.high) / 2
+        given = np.concatenate(values)
+        return self.inside(np.where(np.isfinite(given), given, middle))
+
+    def from_prior(self, random: np.random.Generator) -> Float:
+        """A place drawn from the priors."""
+        drawn = [effect.draw_parameters(random).to_vector() for effect in self._effects]
+        return self.inside(np.concatenate(drawn))
+
+    def inside(self, place: Float) -> Float:
+        """Moved off the bounds by a hundredth of the range, as a search has to start."""
+        margin = 1.1 * _AT_BOUND * (self.high - self.low)
+        return np.clip(place, self.low + margin, self.high - margin)
+
+    def clipped(self, place: Float) -> Float:
+        return np.clip(place, self.low, self.high)
+
+    def effects(self, place: Float) -> tuple[Effect, ...]:
+        found, start = [], 0
+        for effect in self._effects:
+            size = len(effect.vector_names())
+            found.append(effect.from_vector(place[start : start + size]))
+            start += size
+        return tuple(found)
+
+    def natural(self, place: Float) -> Float:
+        """The parameters in their units."""
+        return np.array(
+            [getattr(e, name) for e in self.effects(place) for name in e.vector_names()], dtype=float
+        )
+
+
+class _Whitener:
+    """Deviations in standard deviations of one recording, uncorrelated."""
+
+    def __init__(self, correlated: Float, scatter: Float, cells: list[Cell]) -> None:
+        smallest = smallest_spreads(cells)
+        self.scale = np.sqrt(scatter.var(axis=0) + smallest**2)
+        scaled = correlated / np.sqrt(correlated.var(axis=0) + smallest**2)
+        covariance = LedoitWolf(assume_centered=True).fit(scaled).covariance_
+        self._root = np.linalg.cholesky(covariance + _RIDGE * np.eye(len(self.scale)))
+
+    def __call__(self, values: Float) -> Float:
+        """Whitened along the last axis, which is that of the cells."""
+        flat = np.reshape(values / self.scale, (-1, self.scale.size))
+        return np.asarray(solve_triangular(self._root, flat.T, lower=True).T.reshape(np.shape(values)))
+
+
+class _Estimate:
+    """One more Gauss-Newton step, and its standard deviation."""
+
+    def __init__(
+        self, whitener: _Whitener, derivative: Float, difference: Float, scatter: Float, n_measured: int
+    ) -> None:
+        variance = 1 / n_measured + 1 / len(scatter)
+        self.jacobian = whitener(derivative.T).T
+        residuals = whitener(difference)
+        weights = _weights(residuals / math.sqrt(variance))[:, None]
+        inverse = np.linalg.pinv(weights * self.jacobian) * weights.T
+        self.step = inverse @ residuals
+        spread = inverse @ whitener(scatter).T
+        covariance = spread @ spread.T / len(scatter) * variance
+        self.deviation = np.sqrt(np.diag(covariance))
+        left = residuals - self.jacobian @ self.step
+        self.loss = float(np.mean(left**2) / variance)
+
+
+def _weights(residuals: Float) -> Float:
+    """Weights of least squares that stand for a loss linear in far outliers."""
+    return np.asarray((1 + (residuals / _OUTLIER) ** 2) ** -0.25)
+
+
+def _search(
+    model: _Model, at: _Space, start: Float, target: Float, whitener: _Whitener, n_sims: int
+) -> tuple[Float, Float]:
+    """Optimum from a start, and the derivative of the mean summary there, (n_cells, n_parameters)."""
+    known: dict[bytes, Float] = {}
+
+    def mean(place: Float) -> Float:
+        key = place.tobytes()
+        if key not in known:
+            known[key] = model.mean(place)
+        return known[key]
+
+    def derivative(place: Float) -> Float:
+        here, columns = mean(place), []
+        for k, step in enumerate(at.steps):
+            signed = step if place[k] + step <= at.high[k] else -step
+            moved = place.copy()
+            moved[k] += signed
+            column = (mean(moved) - here) / signed
+            # Where a simulation fails nothing is known of the slope.
+            columns.append(np.where(np.isfinite(column), column, 0.0) * np.ones(target.size))
+        return np.column_stack(columns)
+
+    def residuals(place: Float) -> Float:
+        return _residuals(whitener, target, mean(place))
+
+    found = least_squares(
+        residuals,
+        start,
+        jac=lambda place: -whitener(derivative(place).T).T * math.sqrt(_PER_STEP),
+        bounds=(at.low, at.high),
+        loss="soft_l1",
+        f_scale=_OUTLIER,
+        x_scale=at.widths / 4,
+        xtol=2e-3,
+        ftol=1e-3,
+        max_nfev=max(n_sims // ((1 + start.size) * _PER_STEP), 2),
+    )
+    best = np.asarray(found.x, dtype=float)
+    return best, derivative(best)
+
+
+def _residuals(whitener: _Whitener, target: Float, found: Float) -> Float:
+    if not np.all(np.isfinite(found)):
+        return np.full(target.size, _FAILED)
+    return whitener(target - found) * math.sqrt(_PER_STEP)
+
+
+def _loss(residuals: Float) -> float:
+    return float(np.sum(2 * (np.sqrt(1 + (residuals / _OUTLIER) ** 2) - 1)))
+
+
+def _less_means(values: Float, counts: NDArray[Any]) -> Float:
+    """Values less the mean of their count, scaled up for what the mean takes out of few of them."""
+    left = np.zeros_like(values)
+    for count in np.unique(counts):
+        own = values[counts == count]
+        left[counts == count] = (own - own.mean(axis=0)) * math.sqrt(len(own) / max(len(own) - 1, 1))
+    return left
+
+
+def _matched(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:
+    """Counts of the simulated recordings: those measured, spread evenly over each evaluation's."""
+    known = np.sort(np.array(nuisance.defect_counts) if counts is None else counts)
+    at = ((np.arange(_PER_STEP) + 0.5) * len(known) / _PER_STEP).astype(int)
+    return np.asarray(np.tile(known[at], -(-n // _PER_STEP)))
+
+
+def _prior_ends(parameter: EffectParameter) -> tuple[float, float]:
+    """Where nearly all of a prior lies, on a fitter's scale."""
+    prior = parameter.prior
+    assert prior is not None
+    low, high = (prior.quantile(share) for share in (0.01, 0.99))
+    if isinstance(prior, (Uniform, LogUniform)):
+        low, high = prior.low, prior.high
+    return (math.log(low), math.log(high)) if parameter.log else (low, high)
