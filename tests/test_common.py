@@ -11,7 +11,16 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from cyclofeat.counting import make_entropy_counter, make_lobe_counter
+from cyclofeat.counting import (
+    ConformalCounter,
+    EntropyLadder,
+    GroupCalibratedCounter,
+    LobeCounter,
+    OrdinalCounter,
+    TrainingDomain,
+    make_entropy_counter,
+    make_lobe_counter,
+)
 from cyclofeat.features import (
     AmplitudeSpectrum,
     BandPower,
@@ -76,6 +85,17 @@ def estimators() -> list[BaseEstimator]:
         TorqueFeatures(SAMPLING_RATE, ["WelchPSD", "OrderSpectrum", "CoherenceToReference"], preset="ripple"),
         make_lobe_counter(SAMPLING_RATE, n_trees=10),
         make_entropy_counter(SAMPLING_RATE, n_trees=10),
+        make_lobe_counter(SAMPLING_RATE, kind="ladder"),
+        make_lobe_counter(SAMPLING_RATE, kind="ordinal"),
+        EntropyLadder(),
+        EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
+        OrdinalCounter(),
+        LobeCounter(SAMPLING_RATE, n_trees=5, n_lobe_trees=5, n_splits=2),
+        GroupCalibratedCounter(OrdinalCounter()),
+        GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
+        ConformalCounter(OrdinalCounter()),
+        ConformalCounter(OrdinalCounter(), per_class=True, method="cross", score="aps", domain=None),
+        TrainingDomain(),
     ]
 
 

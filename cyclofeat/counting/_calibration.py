@@ -1,0 +1,198 @@
+"""Probabilities that are right as often as they say, of assemblies not seen in training."""
+
+from __future__ import annotations
+
+from numbers import Integral
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.isotonic import IsotonicRegression
+from sklearn.utils import check_random_state
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat.counting._combine import learn_dependence
+from cyclofeat.counting._folds import (
+    Float,
+    Int,
+    MostProbable,
+    aligned_proba,
+    assemblies_of,
+    fit_grouped,
+    grouped_folds,
+    held_out_proba,
+    pool_weights,
+    pooled,
+    safe_log,
+    shares,
+)
+
+
+class GroupCalibratedCounter(MostProbable, BaseEstimator):
+    """A counter whose probabilities are corrected by what it says of held-out assemblies.
+
+    The probabilities of a forest are shares of trees: far below the accuracy where classes are many, far
+    above it where windows of one assembly stand in training and test. Here the counter is fitted once per
+    fold without the fold's assemblies, the correction is learned from what it says of them, and the counter
+    is then fitted to all.
+
+    Parameters
+    ----------
+    counter : classifier
+        With ``predict_proba``; cloned, not changed.
+    method : {"temperature", "isotonic"}, default="temperature"
+        ``"temperature"``: all probabilities to one power, then normalised: one number, never changes the
+        predicted count. ``"isotonic"``: one rising step function per class, then normalised; needs some
+        hundred assemblies, and may change the count.
+    n_splits : int, default=5
+        Folds by assembly; less where a class has fewer assemblies.
+    random_state : int or None, default=0
+        Seed of the folds.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (n_classes,)
+    counter_ : classifier
+        Fitted to all windows.
+    temperature_ : float
+        The reciprocal of the power, 1 for ``"isotonic"``.
+    steps_ : list of IsotonicRegression
+        One per class for ``"isotonic"``, else empty.
+    dependence_ : float or None
+        How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
+        :func:`predict_recordings`. None where no assembly has several windows.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str
+        If ``fit`` was given a data frame.
+
+    Notes
+    -----
+    ``sklearn.calibration.CalibratedClassifierCV`` does the same for windows; its folds take groups only with
+    metadata routing switched on. Probabilities below 0.001 count as 0.001: a forest's zero means "not among
+    these trees". Every assembly has the same weight. Where all held-out assemblies are counted right, the
+    temperature is not 0: by Laplace's rule of succession one of n + 2 is taken for wrong.
+
+    A class with a single assembly leaves nothing to hold out: then probabilities stay as they are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.ensemble import RandomForestClassifier
+    >>> random = np.random.default_rng(0)
+    >>> assembly = np.repeat(np.arange(60), 2)
+    >>> counts = assembly % 3
+    >>> X = counts[:, np.newaxis] + random.normal(scale=0.3, size=(120, 1))
+    >>> forest = RandomForestClassifier(30, random_state=0)
+    >>> counter = GroupCalibratedCounter(forest).fit(X, counts, groups=assembly)
+    >>> counter.predict_proba([[0.0], [0.5], [2.0]]).round(1)
+    array([[1. , 0. , 0. ],
+           [0.9, 0.1, 0. ],
+           [0. , 0. , 1. ]])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "counter": [BaseEstimator],
+        "method": [StrOptions({"temperature", "isotonic"})],
+        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(
+        self,
+        counter: Any,
+        method: str = "temperature",
+        n_splits: int = 5,
+        random_state: int | None = 0,
+    ) -> None:
+        self.counter = counter
+        self.method = method
+        self.n_splits = n_splits
+        self.random_state = random_state
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        # as good or bad as the counter
+        tags.classifier_tags.poor_score = True
+        return tags
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+        """Fit the counter and correct its probabilities.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm, or features.
+        y : array-like, shape (n_windows,)
+            Number of worn lobes.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window is taken for an assembly of its own; where
+            windows share one, probabilities then come out too high.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there is one class only, or shapes do not match.
+        """
+        windows, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        check_classification_targets(y)
+        self.classes_, rank = np.unique(y, return_inverse=True)
+        if self.classes_.size < 2:
+            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        member = assemblies_of(groups, len(windows))
+        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        folds = grouped_folds(rank, member, self.n_splits, seed)
+        self.counter_ = fit_grouped(clone(self.counter), windows, y, member)
+        self.temperature_, self.steps_, self.dependence_ = 1.0, [], None
+        if folds:
+            held_out = held_out_proba(self.counter, windows, y, member, self.classes_, folds)
+            self._learn(held_out, rank, member)
+        return self
+
+    def _learn(self, proba: Float, rank: Int, member: Int) -> None:
+        usable = np.isfinite(proba).all(axis=1)
+        proba, rank, member = proba[usable], rank[usable], member[usable]
+        weights = shares(np.unique(member, return_inverse=True)[1])
+        if self.method == "temperature":
+            power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]
+            # power 0: the counter tells nothing, all classes are equally probable
+            self.temperature_ = float(1 / max(power, 1e-6))
+        else:
+            self.steps_ = [
+                IsotonicRegression(y_min=0.0, y_max=1.0, out_of_bounds="clip").fit(
+                    proba[:, k], rank == k, sample_weight=weights
+                )
+                for k in range(self.classes_.size)
+            ]
+        self.dependence_ = learn_dependence(self._corrected(proba), rank, member)
+
+    def _corrected(self, proba: Float) -> Float:
+        if not self.steps_:
+            return pooled(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
+        stepped = np.column_stack([step.predict(proba[:, k]) for k, step in enumerate(self.steps_)])
+        # where every class says "never", the counter's own word stands
+        total = stepped.sum(axis=1, keepdims=True)
+        return np.where(total > 0, stepped / np.where(total > 0, total, 1.0), proba)
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Calibrated probability of each class.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+        """
+        check_is_fitted(self)
+        windows: NDArray[Any] = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        return self._corrected(aligned_proba(self.counter_, windows, self.classes_))

@@ -1,0 +1,172 @@
+"""Several windows of one recording: one count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+from sklearn.base import BaseEstimator
+
+from cyclofeat.counting._folds import Float, Int, of_windows, safe_log, softmax
+
+
+@dataclass(frozen=True)
+class RecordingCounts:
+    """Result of :func:`predict_recordings`, one entry per recording.
+
+    Attributes
+    ----------
+    recordings : ndarray, shape (n_recordings,)
+        Names as in ``groups``, in order.
+    counts : ndarray, shape (n_recordings,)
+        Most probable class.
+    probability : ndarray, shape (n_recordings, n_classes)
+    classes : ndarray, shape (n_classes,)
+    n_windows : ndarray of int, shape (n_recordings,)
+        Windows that were combined.
+    dependence : float
+        Used in combining.
+    """
+
+    recordings: NDArray[Any]
+    counts: NDArray[Any]
+    probability: Float = field(repr=False)
+    classes: NDArray[Any] = field(repr=False)
+    n_windows: Int
+    dependence: float
+
+    def to_dict(self) -> list[dict[str, Any]]:
+        """One plain entry per recording, for JSON."""
+        return [
+            {
+                "recording": name,
+                "defect_count": count,
+                "probability": dict(zip(map(str, self.classes.tolist()), row, strict=True)),
+                "n_windows": n,
+            }
+            for name, count, row, n in zip(
+                self.recordings.tolist(),
+                self.counts.tolist(),
+                self.probability.tolist(),
+                self.n_windows.tolist(),
+                strict=True,
+            )
+        ]
+
+
+def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
+    """Probabilities of recordings, shape (n_recordings, n_classes), of those of their windows.
+
+    See :func:`predict_recordings`. ``member`` is the number of the recording of each window.
+    """
+    size = np.bincount(member)
+    sums = np.zeros((size.size, proba.shape[1]))
+    np.add.at(sums, member, safe_log(proba))
+    return softmax(sums / (1 + (size - 1) * dependence)[:, np.newaxis])
+
+
+def learn_dependence(proba: Float, rank: Int, member: Int) -> float | None:
+    """The dependence under which held-out recordings' combined probabilities are most likely.
+
+    None where no recording has several windows. ``rank`` is the column of each window's true class.
+    """
+    _, first, member = np.unique(member, return_index=True, return_inverse=True)
+    if np.bincount(member).max() < 2:
+        return None
+    several = np.flatnonzero(np.bincount(member) > 1)
+    truth = rank[first][several]
+    wrong = 1.0 / (several.size + 2)  # Laplace's rule of succession, as for the temperature
+
+    def loss(dependence: float) -> float:
+        combined = combine_proba(proba, member, dependence)[several]
+        logs = np.log(np.maximum(combined, np.finfo(float).tiny))
+        right = logs[np.arange(truth.size), truth]
+        others = (logs.sum(axis=1) - right) / max(proba.shape[1] - 1, 1)
+        return float(-np.mean((1 - wrong) * right + wrong * others))
+
+    found = minimize_scalar(loss, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-3})
+    candidates = [0.0, float(found.x), 1.0]
+    return min(candidates, key=loss)
+
+
+def predict_recordings(
+    counter: BaseEstimator,
+    X: ArrayLike,
+    groups: ArrayLike,
+    *,
+    dependence: float | str = "auto",
+) -> RecordingCounts:
+    """Count per recording from the probabilities of its windows.
+
+    Parameters
+    ----------
+    counter : classifier
+        Fitted, with ``predict_proba``; its probabilities should be calibrated
+        (:class:`GroupCalibratedCounter`, :class:`LobeCounter`).
+    X : array-like, shape (n_windows, n_samples)
+        Windows of torque in Nm, in any order.
+    groups : array-like, shape (n_windows,)
+        Recording of each window.
+    dependence : float or "auto", default="auto"
+        How much the windows of one recording err together: 0 as independent ones, 1 as if all were the same.
+        ``"auto"``: what the counter learned (its ``dependence_``); 0 if it has learned nothing of the kind,
+        and then the probabilities of long recordings come out too near to 1.
+
+    Returns
+    -------
+    RecordingCounts
+
+    Raises
+    ------
+    ValueError
+        If ``groups`` is missing, not one name per window, or names are NaN; if ``dependence`` is not from 0
+        to 1; if there are no windows.
+
+    Notes
+    -----
+    log p(c) = (1/(1 + (W - 1) rho)) sum over W windows of log p_w(c), up to a constant: the product of the
+    windows' probabilities, tempered to the number of independent windows W/(1 + (W - 1) rho) that W equally
+    correlated ones are worth (Kish, Survey Sampling, 1965). All windows of a recording carry the same pins,
+    contacts and rig, so they do err together. Classes are taken for equally frequent; the tempering changes
+    probabilities, not the count. One window's probability below 0.001 counts as 0.001.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> counter = GaussianNB().fit([[-1.0], [0.0], [1.0], [2.0]], [0, 0, 1, 1])
+    >>> result = predict_recordings(counter, [[0.4], [0.5], [0.3], [1.2]], ["a", "a", "a", "b"])
+    >>> result.counts, result.n_windows
+    (array([0, 1]), array([3, 1]))
+    """
+    if groups is None:
+        raise ValueError("groups must name the recording of every window, got None")
+    n_windows = len(np.asarray(X)) if not hasattr(X, "shape") else X.shape[0]
+    if n_windows == 0:
+        raise ValueError("X must hold at least one window, got none")
+    names = of_windows("groups", groups, n_windows)
+    if names.dtype.kind == "f" and not np.isfinite(names).all():
+        raise ValueError("groups must name the recording of every window, got NaN or infinity")
+    if isinstance(dependence, str):
+        if dependence != "auto":
+            raise ValueError(f"dependence must be a number from 0 to 1 or 'auto', got {dependence!r}")
+        learned = getattr(counter, "dependence_", None)
+        value = 0.0 if learned is None else float(learned)
+    else:
+        value = float(dependence)
+        if not 0 <= value <= 1:
+            raise ValueError(f"dependence must be a number from 0 to 1 or 'auto', got {dependence!r}")
+    recordings, member = np.unique(names, return_inverse=True)
+    probability = combine_proba(np.asarray(counter.predict_proba(X)), member, value)
+    classes = np.asarray(counter.classes_)
+    return RecordingCounts(
+        recordings=recordings,
+        counts=classes[np.argmax(probability, axis=1)],
+        probability=probability,
+        classes=classes,
+        n_windows=np.bincount(member),
+        dependence=value,
+    )

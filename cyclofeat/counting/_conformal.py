@@ -1,0 +1,344 @@
+"""Sets of counts that hold the true one as often as asked for, and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.pipeline import Pipeline
+from sklearn.utils import check_random_state
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat.counting._domain import TrainingDomain
+from cyclofeat.counting._folds import (
+    Float,
+    Int,
+    MostProbable,
+    aligned_proba,
+    assemblies_of,
+    fit_grouped,
+    grouped_folds,
+    held_out_proba,
+)
+
+Bool = NDArray[np.bool_]
+
+OUTSIDE = "outside what I was trained on"
+NO_CLASS = "no count fits"
+
+
+@dataclass(frozen=True)
+class CountSet:
+    """What :meth:`ConformalCounter.predict_counts` says of one window.
+
+    Attributes
+    ----------
+    counts : tuple
+        Counts that cannot be excluded at the coverage asked for; empty if refused.
+    refused : bool
+    reason : str
+        Why refused, else empty.
+    distance : float
+        From the training windows, in units of the largest distance inside; NaN without a domain.
+    """
+
+    counts: tuple[Any, ...]
+    refused: bool
+    reason: str
+    distance: float
+
+    def __str__(self) -> str:
+        return f"refused: {self.reason}" if self.refused else "{" + ", ".join(map(str, self.counts)) + "}"
+
+
+class ConformalCounter(MostProbable, BaseEstimator):
+    """A counter that answers with a set of counts, and refuses windows unlike its training.
+
+    A class belongs to the set unless its probability is lower than what the true class had in all but a share
+    ``1 - coverage`` of calibration assemblies (conformal prediction; Vovk, Gammerman and Shafer, Algorithmic
+    Learning in a Random World, 2005). The *assembly* is the unit: windows of one assembly are no replicates.
+
+    Parameters
+    ----------
+    counter : classifier
+        With ``predict_proba``; cloned, not changed.
+    coverage : float, default=0.9
+        Share of new windows (or assemblies, see ``unit``) whose set holds the true count.
+    per_class : bool, default=False
+        Whether each class has its own threshold (Mondrian): coverage then holds for each class, not only
+        over all. It takes at least coverage/(1 - coverage) calibration assemblies per class, 9 for 0.9; a
+        class with fewer is in every set.
+    method : {"split", "cross"}, default="split"
+        ``"split"``: some assemblies calibrate and do not train; the coverage is guaranteed. ``"cross"``:
+        every assembly calibrates with what a counter says that has not seen it, and the counter is then
+        fitted to all; no assembly is lost, and the coverage holds to good approximation, without a guarantee.
+    score : {"lac", "aps"}, default="lac"
+        Nonconformity of a class: ``"lac"``: 1 - its probability; the smallest sets, which may be empty.
+        ``"aps"``: the sum of the probabilities down to its own; never empty, more even over hard and easy
+        windows.
+    unit : {"window", "assembly"}, default="window"
+        What coverage counts. ``"window"``: one window of a new assembly. ``"assembly"``: all windows of a new
+        assembly at once (with as many windows as those in calibration); its score is its worst window's.
+    calibration_size : float, default=0.3
+        Share of assemblies that calibrate, for ``"split"``.
+    n_splits : int, default=5
+        Folds by assembly, for ``"cross"``.
+    domain : TrainingDomain, "default" or None, default="default"
+        What is outside; cloned, not changed. ``"default"``: ``TrainingDomain()``. None: nothing is.
+    random_state : int or None, default=0
+        Seed of the split.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (n_classes,)
+    counter_ : classifier
+    domain_ : TrainingDomain or None
+        Fitted to the features that ``counter_`` sees.
+    thresholds_ : ndarray, shape (n_classes,)
+        Largest score within a set; infinite where calibration assemblies are too few.
+    n_calibration_ : ndarray of int, shape (n_classes,)
+        Calibration assemblies of each class.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str
+        If ``fit`` was given a data frame.
+
+    Notes
+    -----
+    *Threshold.* Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its windows,
+    and infinity has the same; the threshold is the quantile of that distribution at ``coverage``. A random
+    window of a new assembly is then exchangeable with a random window of each of the others, so the coverage is at
+    least that asked for (Lee, Barber and Willett, arXiv:2306.06342). With one window per assembly it is the
+    usual split conformal threshold. For ``unit="assembly"`` the largest score of each assembly takes the
+    place of its windows' scores.
+
+    *Refusals* are empty sets. They count as misses: over windows like those in training, coverage can fall
+    short by as much as ``domain.false_refusal``. A refused window still has a ``predict`` and
+    ``predict_proba``, those of the counter, on nothing but trust.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.naive_bayes import GaussianNB
+    >>> random = np.random.default_rng(0)
+    >>> counts = np.tile([0, 1, 2], 60)
+    >>> X = counts[:, np.newaxis] + random.normal(scale=0.5, size=(180, 2))
+    >>> counter = ConformalCounter(GaussianNB(), coverage=0.95).fit(X, counts)
+    >>> for answer in counter.predict_counts([[1.0, 1.0], [0.5, 0.5], [9.0, -9.0]]):
+    ...     print(answer)
+    {1}
+    {0, 1}
+    refused: outside what I was trained on
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "counter": [BaseEstimator],
+        "coverage": [Interval(Real, 0, 1, closed="neither")],
+        "per_class": ["boolean"],
+        "method": [StrOptions({"split", "cross"})],
+        "score": [StrOptions({"lac", "aps"})],
+        "unit": [StrOptions({"window", "assembly"})],
+        "calibration_size": [Interval(Real, 0, 0.5, closed="right")],
+        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "domain": [TrainingDomain, StrOptions({"default"}), None],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(
+        self,
+        counter: Any,
+        coverage: float = 0.9,
+        per_class: bool = False,
+        method: str = "split",
+        score: str = "lac",
+        unit: str = "window",
+        calibration_size: float = 0.3,
+        n_splits: int = 5,
+        domain: TrainingDomain | str | None = "default",
+        random_state: int | None = 0,
+    ) -> None:
+        self.counter = counter
+        self.coverage = coverage
+        self.per_class = per_class
+        self.method = method
+        self.score = score
+        self.unit = unit
+        self.calibration_size = calibration_size
+        self.n_splits = n_splits
+        self.domain = domain
+        self.random_state = random_state
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        # as good or bad as the counter
+        tags.classifier_tags.poor_score = True
+        return tags
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+        """Fit the counter, the thresholds and the domain.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm, or features.
+        y : array-like, shape (n_windows,)
+            Number of worn lobes.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window is taken for an assembly of its own; where
+            windows share one, sets then come out too small.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there is one class only, or shapes do not match.
+        """
+        windows, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        check_classification_targets(y)
+        self.classes_, rank = np.unique(y, return_inverse=True)
+        if self.classes_.size < 2:
+            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        member = assemblies_of(groups, len(windows))
+        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        proba = self._calibrate(windows, y, rank, member, seed)
+        held_out = np.isfinite(proba).all(axis=1)
+        scores = np.full(len(y), np.nan)
+        scores[held_out] = self._scores(proba[held_out])[np.arange(held_out.sum()), rank[held_out]]
+        self._set_thresholds(scores, rank, member, held_out)
+        self.domain_ = None
+        if self.domain is not None and np.unique(member).size > 1:
+            domain = TrainingDomain() if isinstance(self.domain, str) else clone(self.domain)
+            self.domain_ = domain.fit(features_seen(self.counter_, windows), rank, member)
+        return self
+
+    def _calibrate(self, X: NDArray[Any], y: NDArray[Any], rank: Int, member: Int, seed: int) -> Float:
+        """Fit ``counter_``; probabilities of windows held out from it, NaN of the others."""
+        proba = np.full((len(y), self.classes_.size), np.nan)
+        n_splits = self.n_splits if self.method == "cross" else max(round(1 / self.calibration_size), 2)
+        folds = grouped_folds(rank, member, n_splits, seed)
+        if folds and self.method == "split":
+            train, test = folds[0]
+            self.counter_ = fit_grouped(clone(self.counter), X[train], y[train], member[train])
+            proba[test] = aligned_proba(self.counter_, X[test], self.classes_)
+            return proba
+        self.counter_ = fit_grouped(clone(self.counter), X, y, member)
+        return held_out_proba(self.counter, X, y, member, self.classes_, folds) if folds else proba
+
+    def _set_thresholds(self, scores: Float, rank: Int, member: Int, held_out: Bool) -> None:
+        n_classes = self.classes_.size
+        of_class = [held_out & (rank == c) for c in range(n_classes)]
+        self.n_calibration_ = np.array([np.unique(member[rows]).size for rows in of_class])
+        taken = of_class if self.per_class else [held_out] * n_classes
+        self.thresholds_ = np.array(
+            [
+                conformal_threshold(scores[rows], member[rows], self.coverage, worst=self.unit == "assembly")
+                for rows in taken
+            ]
+        )
+
+    def _scores(self, proba: Float) -> Float:
+        """Nonconformity of each class, shape (n_windows, n_classes)."""
+        if self.score == "lac":
+            return 1 - proba
+        order = np.argsort(-proba, axis=1, kind="stable")
+        sums = np.cumsum(np.take_along_axis(proba, order, axis=1), axis=1)
+        result = np.empty_like(proba)
+        np.put_along_axis(result, order, sums, axis=1)
+        # the most probable class is in every set
+        np.put_along_axis(result, order[:, :1], 0.0, axis=1)
+        return result
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Probability of each class by the counter, refused or not; shape (n_windows, n_classes)."""
+        return self._proba(self._validated(X))
+
+    def predict_set(self, X: ArrayLike) -> Bool:
+        """Which classes cannot be excluded.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            As for :meth:`fit`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_windows, n_classes)
+            Rows without any are refusals.
+        """
+        windows = self._validated(X)
+        inside = self._scores(self._proba(windows)) <= self.thresholds_
+        return np.asarray(inside & ~self._outside(windows)[:, np.newaxis])
+
+    def outside(self, X: ArrayLike) -> Bool:
+        """Whether windows, shape (n_windows, n_samples), lie outside the training domain; (n_windows,)."""
+        return self._outside(self._validated(X))
+
+    def predict_counts(self, X: ArrayLike) -> list[CountSet]:
+        """The same in words: one :class:`CountSet` per window of ``X``, shape (n_windows, n_samples)."""
+        windows = self._validated(X)
+        inside = self._scores(self._proba(windows)) <= self.thresholds_
+        distance = self._distance(windows)
+        answers = []
+        for row, far in zip(inside, distance, strict=True):
+            reason = OUTSIDE if far > 1 else "" if row.any() else NO_CLASS
+            counts = () if reason else tuple(self.classes_[row].tolist())
+            answers.append(CountSet(counts, bool(reason), reason, float(far)))
+        return answers
+
+    def _validated(self, X: ArrayLike) -> NDArray[Any]:
+        check_is_fitted(self)
+        return np.asarray(validate_data(self, X, reset=False, dtype=[np.float64, np.float32]))
+
+    def _proba(self, X: NDArray[Any]) -> Float:
+        return aligned_proba(self.counter_, X, self.classes_)
+
+    def _distance(self, X: NDArray[Any]) -> Float:
+        """In units of the largest distance inside."""
+        if self.domain_ is None:
+            return np.full(len(X), np.nan)
+        largest = max(self.domain_.threshold_, np.finfo(float).tiny)
+        return np.asarray(self.domain_.distance(features_seen(self.counter_, X)) / largest)
+
+    def _outside(self, X: NDArray[Any]) -> Bool:
+        return np.asarray(self._distance(X) > 1)
+
+
+def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool) -> float:
+    """Quantile of scores at which a new assembly's score lies with a chance of ``coverage``.
+
+    Each assembly weighs the same: by all its windows together, or by its worst one.
+    """
+    if scores.size == 0:
+        return float("inf")
+    _, which, size = np.unique(member, return_inverse=True, return_counts=True)
+    if worst:
+        largest = np.full(size.size, -np.inf)
+        np.maximum.at(largest, which, scores)
+        scores, mass = largest, np.ones(size.size)
+    else:
+        mass = 1.0 / size[which]
+    order = np.argsort(scores, kind="stable")
+    reached = np.cumsum(mass[order]) >= coverage * (size.size + 1) - 1e-9
+    return float(scores[order][np.argmax(reached)]) if reached.any() else float("inf")
+
+
+def features_seen(counter: Any, X: NDArray[Any]) -> Float:
+    """The features on which a fitted counter decides; windows themselves where it has no such step."""
+    inner = getattr(counter, "counter_", None)
+    if inner is not None:
+        return features_seen(inner, X)
+    lobe_map = getattr(counter, "lobe_map_", None)
+    if lobe_map is not None:
+        return np.asarray(lobe_map.transform(X))
+    if isinstance(counter, Pipeline) and len(counter.steps) > 1:
+        return np.asarray(counter[:-1].transform(X))
+    return np.asarray(X)

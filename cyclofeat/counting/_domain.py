@@ -1,0 +1,162 @@
+"""Whether windows are like those that a counter was trained on."""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.covariance import LedoitWolf
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.counting._folds import Float, Int, assemblies_of, grouped_folds, of_windows
+
+
+class TrainingDomain(OutlierMixin, BaseEstimator):
+    """Where the training windows lie among their features, so that a counter can say "not there".
+
+    The distance of a window is that of Mahalanobis to the nearest class, with the covariance about the means
+    of the classes, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365). Windows farther away than
+    all but a stated share of training assemblies, each measured without itself, are outside.
+
+    Parameters
+    ----------
+    false_refusal : float, default=0.03
+        Share of assemblies like those in training of which at least one window is called outside.
+    n_splits : int, default=5
+        Folds by assembly in which distances of held-out assemblies are taken.
+    random_state : int or None, default=0
+        Seed of the folds.
+
+    Attributes
+    ----------
+    threshold_ : float
+        Largest distance inside.
+    false_refusal_ : float
+        The share that the number of assemblies allows to promise: ``false_refusal`` or, with few of them,
+        1/(n + 1).
+    offset_ : float
+        ``-threshold_``, as scikit-learn's outlier detectors have it.
+    means_ : ndarray, shape (n_classes, n_features)
+        Of the scaled features.
+    precision_ : ndarray, shape (n_features, n_features)
+        Inverse of the shrunk covariance.
+    location_, scale_ : ndarray, shape (n_features,)
+        By which features are scaled.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str
+        If ``fit`` was given a data frame.
+
+    Notes
+    -----
+    The threshold is the k-th smallest of the n assemblies' largest held-out distances, k = ceil((1 -
+    false_refusal)(n + 1)): a new assembly with as many windows, exchangeable with them, exceeds it with a
+    chance of at most ``false_refusal_`` (up to what fitting on all rather than on all but a fold changes,
+    which makes refusals rarer). Inside is no promise of a right count: what looks the same in the features
+    cannot be told from training.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.random.default_rng(0).normal(size=(100, 2))
+    >>> domain = TrainingDomain().fit(X)
+    >>> domain.predict([[0.0, 0.5], [6.0, 0.0]])
+    array([ 1, -1])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "false_refusal": [Interval(Real, 0, 1, closed="neither")],
+        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(self, false_refusal: float = 0.03, n_splits: int = 5, random_state: int | None = 0) -> None:
+        self.false_refusal = false_refusal
+        self.n_splits = n_splits
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:
+        """Learn where training windows lie.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+            Features, best those that the counter sees.
+        y : array-like, shape (n_windows,), optional
+            Classes. Without them all windows are one cloud.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window is taken for an assembly of its own.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two assemblies.
+        """
+        features: Float = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        n_windows = len(features)
+        member = assemblies_of(groups, n_windows)
+        n_assemblies = int(member.max()) + 1
+        if n_assemblies < 2:
+            raise ValueError("groups must name at least 2 assemblies, got 1: nothing can be held out")
+        rank: Int = np.zeros(n_windows, dtype=np.int64)
+        if y is not None:
+            rank = np.asarray(np.unique(of_windows("y", y, n_windows), return_inverse=True)[1])
+        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        # where a class has a single assembly, folds regardless of class
+        folds = grouped_folds(rank, member, self.n_splits, seed)
+        folds = folds or grouped_folds(np.zeros_like(rank), member, self.n_splits, seed)
+        farthest = np.zeros(n_assemblies)
+        for train, test in folds:
+            self._place(features[train], rank[train])
+            np.maximum.at(farthest, member[test], self._distance(features[test]))
+        k = min(int(np.ceil((1 - self.false_refusal) * (n_assemblies + 1) - 1e-9)), n_assemblies)
+        self._place(features, rank)
+        self.threshold_ = float(np.sort(farthest)[k - 1])
+        self.false_refusal_ = max(float(self.false_refusal), 1 - n_assemblies / (n_assemblies + 1))
+        self.offset_ = -self.threshold_
+        return self
+
+    def _place(self, X: Float, rank: Int) -> None:
+        self.location_ = X.mean(axis=0)
+        spread = X.std(axis=0)
+        # a feature that never varied is left as it is: any change of it is then a change by its own unit
+        self.scale_ = np.where(spread > 1e-12 * np.maximum(np.abs(self.location_), 1e-300), spread, 1.0)
+        scaled = (X - self.location_) / self.scale_
+        present, which = np.unique(rank, return_inverse=True)
+        self.means_ = np.stack([scaled[which == c].mean(axis=0) for c in range(present.size)])
+        residual = scaled - self.means_[which]
+        if not np.any(residual):
+            self.precision_ = np.eye(X.shape[1])
+            return
+        self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
+
+    def _distance(self, X: Float) -> Float:
+        offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
+        squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
+        return np.asarray(np.sqrt(np.maximum(squared.min(axis=1), 0.0)))
+
+    def distance(self, X: ArrayLike) -> Float:
+        """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
+        check_is_fitted(self)
+        return self._distance(validate_data(self, X, reset=False, dtype=np.float64))
+
+    def score_samples(self, X: ArrayLike) -> Float:
+        """``-distance(X)``: the lower, the stranger; shape (n_windows,)."""
+        return -self.distance(X)
+
+    def decision_function(self, X: ArrayLike) -> Float:
+        """``threshold_ - distance(X)``: negative outside; shape (n_windows,)."""
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+        """1 inside, -1 outside; shape (n_windows,)."""
+        return np.where(self.decision_function(X) >= 0, 1, -1)

@@ -1,0 +1,155 @@
+"""The papers' way of counting: one number per window, and a ladder of thresholds."""
+
+from __future__ import annotations
+
+from numbers import Integral
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.isotonic import IsotonicRegression
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.counting._folds import MostProbable, softmax
+
+Float = NDArray[np.float64]
+
+
+class EntropyLadder(MostProbable, BaseEstimator):
+    """Count by one number per window that rises, or falls, with the number of worn lobes.
+
+    The papers read the number of worn lobes off the Shannon entropy of the spectrum, which falls from 1 to 7
+    worn lobes on their rig. This is that reading for any such number: each class has a rung, the rungs are in
+    order, and a window belongs to the nearest one.
+
+    Parameters
+    ----------
+    feature : transformer, optional
+        Turns windows into features, e.g. ``SpectralEntropy(25_600)``; cloned, not changed. Default: ``X``
+        holds features already.
+    column : int, default=0
+        Which of the features is read; negative ones count from the end.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (n_classes,)
+        In their order.
+    rungs_ : ndarray, shape (n_classes,)
+        Value of the feature at each class: its mean where the means are in order. Classes whose means are
+        not share a rung, their common mean.
+    thresholds_ : ndarray, shape (n_classes - 1,)
+        Between neighbouring classes, half way from rung to rung.
+    spread_ : float
+        Standard deviation of windows about the means of their classes, pooled.
+    increasing_ : bool
+        Whether the feature rises with the class.
+    feature_ : transformer or None
+        Fitted.
+    n_features_in_ : int
+    feature_names_in_ : ndarray of str
+        If ``fit`` was given a data frame.
+
+    Notes
+    -----
+    The rungs are the isotonic regression of the feature on the class (pool adjacent violators), rising or
+    falling, whichever leaves the smaller sum of squares. Probabilities take each class for a Gaussian about
+    its rung with the common ``spread_`` and all classes for equally frequent, so that the most probable class
+    is that between whose thresholds the value lies. Where means are in order these are the probabilities of
+    linear discriminant analysis with equal priors. Of classes on one rung the first is predicted: the
+    feature does not tell them apart.
+
+    Examples
+    --------
+    >>> ladder = EntropyLadder().fit([[4.1], [3.9], [3.1], [2.9], [1.0], [1.2]], [0, 0, 1, 1, 2, 2])
+    >>> ladder.increasing_, ladder.thresholds_.round(2)
+    (False, array([3.5 , 2.05]))
+    >>> ladder.predict([[3.4], [2.0]])
+    array([1, 2])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "feature": [BaseEstimator, None],
+        "column": [Interval(Integral, None, None, closed="neither")],
+    }
+
+    def __init__(self, feature: Any = None, column: int = 0) -> None:
+        self.feature = feature
+        self.column = column
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        # one column of clouds of points in a plane does not tell three of them apart
+        tags.classifier_tags.poor_score = True
+        return tags
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Place the rungs.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+            Features, or windows of torque in Nm if there is a ``feature``.
+        y : array-like, shape (n_windows,)
+            Classes; their order is that of ``numpy.unique``.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there is one class only, or no such column.
+        """
+        values, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        check_classification_targets(y)
+        self.classes_, rank = np.unique(y, return_inverse=True)
+        if self.classes_.size < 2:
+            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        self.feature_ = None if self.feature is None else clone(self.feature).fit(values, y)
+        z = self._read(values)
+        size = np.bincount(rank)
+        means = np.bincount(rank, z) / size
+        fits = {
+            rising: IsotonicRegression(increasing=rising).fit_transform(
+                np.arange(means.size), means, sample_weight=size
+            )
+            for rising in (True, False)
+        }
+        # a tie is a single rung for all: then the direction says nothing
+        self.increasing_ = bool(
+            np.sum(size * (fits[True] - means) ** 2) <= np.sum(size * (fits[False] - means) ** 2)
+        )
+        self.rungs_ = np.asarray(fits[self.increasing_], dtype=np.float64)
+        self.thresholds_ = (self.rungs_[:-1] + self.rungs_[1:]) / 2
+        freedom = max(z.size - means.size, 1)
+        self.spread_ = float(np.sqrt(np.sum((z - means[rank]) ** 2) / freedom))
+        return self
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Probability of each class, shape (n_windows, n_classes), by distance to the rungs.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_classes)
+        """
+        check_is_fitted(self)
+        z = self._read(validate_data(self, X, reset=False, dtype=[np.float64, np.float32]))
+        # Windows of a class all alike leave no spread: then the nearest rung is as good as certain.
+        spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)
+        return softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2)
+
+    def _read(self, X: NDArray[Any]) -> Float:
+        features = X if self.feature_ is None else np.asarray(self.feature_.transform(X))
+        n_columns = features.shape[1]
+        if not -n_columns <= self.column < n_columns:
+            raise ValueError(f"column must be one of the {n_columns} features, got column={self.column}")
+        return np.asarray(features[:, self.column], dtype=np.float64)
