@@ -28,7 +28,7 @@ ReductionKind = Literal["comparison", "spectrum"]
 # colours are the first two of the cycle and that of the ticks, so that a theme may change them.
 _RECORDED, _FLAGGED, _SHADE = "C0", "C1", 0.22
 SIZES: dict[Kind, tuple[float, float]] = {
-    "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (7.0, 4.4),
+    "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
 }  # fmt: skip
 _LEAST_SPREADS = 0.1  # left end of the overview's axis
 _OTHER_SPREAD = "recordings spread otherwise"
@@ -786,8 +786,11 @@ def alternative_name(alternative: str) -> str:
 
 
 def cell_name(cell: Cell) -> str:
-    """The cell's name without powers of ten: ``third octave at 1000 Hz``."""
-    return re.sub(r"\d(?:\.\d+)?e\+\d+", lambda found: f"{float(found[0]):.0f}", cell.name)
+    """The cell's name as it stands alone, without powers of ten: ``third octave at 1000 Hz``."""
+    name = re.sub(r"\d(?:\.\d+)?e\+\d+", lambda found: f"{float(found[0]):.0f}", cell.name)
+    if cell.family == "floor":
+        return f"floor {name}"
+    return "mean torque" if (cell.family, name) == ("amplitudes", "mean") else name
 
 
 def short_name(cell: Cell) -> str:

@@ -208,6 +208,9 @@ def summarise_gap(findings: GapFindings) -> dict[str, Any]:
         "reduction": reduction,
         "remaining": _remaining(findings, label) if disagree else None,
         "pictures": _pictures(display, word),
+        "pictures_heading": "Pictures before the correction"
+        if findings.effects or findings.locator_after
+        else "Pictures",
         "method": _method(findings, disagree),
         "provenance": _provenance(findings),
     }
@@ -220,7 +223,7 @@ def _origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, 
     """What the recordings are called, the banner where there are surrogates, and a line on their origin."""
     n, n_made = len(sources), sum(source in _SIMULATED for source in sources)
     if n and all(source == "measured" for source in sources):
-        return "measured", None, f"{_number(n, 'recording')}, measured by their own statement."
+        return "measured", None, f"{_number(n, 'recording')}, stated to be measured on a machine."
     if n_made == n and n:
         text = "torque made by a simulator. No value in this report was recorded on a machine."
         return "surrogate", {"heading": "All recordings are SURROGATE:", "text": text}, ""
@@ -257,9 +260,12 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
                 "missing that these recordings could show."
             ],
         }
+    energy = locator.p_global_.get("energy distance", 1.0)
+    hint = f"All numbers together hint at a difference ({_unbroken(p_words(energy))}), but not at its place."
     return {
         "heading": "Cannot be told yet",
         "sentences": [
+            *([hint] if energy <= locator.alpha else []),
             f"No difference is clear, but {_number(n, 'recording')} "
             f"{'is' if n == 1 else 'are'} too few to show agreement. {_unnoticed(locator)}",
             _needed(locator),
@@ -295,18 +301,19 @@ def _unnoticed(locator: GapLocator) -> str:
 def _needed(locator: GapLocator) -> str:
     """How many recordings would show agreement, if there is any: intervals shrink as in a t-test."""
     n, m = len(locator.measured_), len(locator.simulated_)
-    shrink = 1.0
+    shrink, last = 1.0, ""
     for row in _means(locator):
         margin = _margin_db() if row.cell.unit == "dB" else _margin_spreads() * row.spread
         half = (row.high - row.low) / 2
-        if half > 0:
-            shrink = min(shrink, margin / half)
+        if half > 0 and margin / half < shrink:
+            shrink, last = margin / half, cell_name(row.cell)
     share = (1 / n + 1 / m) * shrink**2
     more = max(math.ceil((1 + 1 / _BANK_PER_RECORDING) / share), n + 1)
+    settled = f" (the number that takes most: {last})" if last else ""
     return (
         f"To show agreement within {_margin_db():g} dB it would take roughly {_round(more)} recordings, "
-        f"compared with {_round(_BANK_PER_RECORDING * more)} simulated ones; more recordings would also show "
-        "a smaller difference, if there is one."
+        f"compared with {_round(_BANK_PER_RECORDING * more)} simulated ones{settled}. Any more recordings "
+        "make smaller differences visible, if there are some."
     )
 
 
