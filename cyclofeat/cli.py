@@ -1,4 +1,4 @@
-"""The ``cyclofeat`` command: simulate, inspect, train, count, evaluate, campaign, demo."""
+"""The ``cyclofeat`` command: simulate, inspect, train, count, evaluate, campaign, gap, demo."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__, _campaign_command, _inspect_command
+from cyclofeat import __version__, _campaign_command, _gap_command, _inspect_command
 from cyclofeat._progress import Progress
 from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments
 
@@ -344,6 +344,8 @@ def _parser() -> argparse.ArgumentParser:
     _campaign_command.add_arguments(
         _command(commands, "campaign", _campaign_command.run, _campaign_command.TEXT)
     )
+
+    _gap_command.add_arguments(_command(commands, "gap", _gap_command.run, _gap_command.TEXT))
 
     demo = _command(commands, "demo", _demo, "train, write surrogate recordings, count them, report")
     demo.add_argument("--out", default="demo", help="folder to write (default: demo)")

@@ -1,0 +1,600 @@
+"""The four stages in one: where, what, how large, how much better."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import joblib
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_array, check_is_fitted
+
+from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._fitter import EffectFitter
+from cyclofeat.gap._locator import GapLocator
+from cyclofeat.gap._null import NuisancePrior
+from cyclofeat.gap._ranker import EffectRanker, Ranked
+from cyclofeat.gap._recordings import recordings_of
+from cyclofeat.gap._report import GapReport
+from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
+from cyclofeat.simulators.campaign import made_with
+
+Float = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+FORMAT = "cyclofeat gap 1"
+
+_FEW_RECORDINGS = 4
+_CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
+_SURE = 0.98  # probability from which no other candidate is fitted
+_NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
+# How much a unit of the fit's mean square counts against the ranker's odds.
+_EVIDENCE = 4.0
+_EXPLAINED = 0.75  # share of the loss to which a second effect has to bring it
+_UNEXPLAINED = 4.0  # loss from which even the best effects leave too much to be the whole truth
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An explanation that was fitted.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Its effects.
+    probability : float
+        Among the candidates.
+    fitter : EffectFitter
+    """
+
+    names: tuple[str, ...]
+    probability: float
+    fitter: EffectFitter
+
+
+class DiscrepancyWorkflow(BaseEstimator):
+    """Where do model and measurement disagree, what is missing, how large is it, and is the model better?
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+    simulator : CompositeSimulator, Rig or CycloidalGearbox, optional
+        The model. Default: paper B's gearbox.
+    nuisance : NuisancePrior, optional
+        What may differ without being a missing effect.
+    input_speed_hz : float, default=500 / 60
+        Nominal input speed.
+    alpha : float, default=0.03
+        Chance of a false "disagree".
+    library : sequence of str, optional
+        Effects that are considered. Default: all of :func:`cyclofeat.simulators.effect_library` that fit the
+        model.
+    max_effects : {1, 2}, default=2
+    n_candidates : int, default=3
+        Explanations that are fitted before one is chosen; look-alikes count as one.
+    baselines : sequence of str
+        What the corrected model is compared with (:class:`GapReport`).
+    with_placebo : bool, default=True
+        Whether the best wrong effect outside the group of look-alikes is compared too.
+    n_bank : int, default=200
+        Simulated recordings of a comparison.
+    n_after : int, default=96
+        The same for the corrected model.
+    n_draws, n_null : int, default=60 and 160
+        Size of the ranker's table (:class:`EffectRanker`).
+    n_sims : int, default=400
+        Simulated recordings for the search of a fit (:class:`EffectFitter`).
+    n_permutations : int, default=999
+    random_state : int, default=0
+    n_jobs : int, default=1
+    cache : path, optional
+        Folder for banks, table and fits: an interrupted run goes on from there.
+    progress : callable, optional
+        Told of each step in a word.
+
+    Attributes
+    ----------
+    locator_ : GapLocator
+        Measurement against the model as it was.
+    ranker_ : EffectRanker or None
+        None where nothing was found that disagrees.
+    candidates_ : list of Candidate
+        Explanations that were fitted, the chosen one first.
+    fitter_ : EffectFitter or None
+        The chosen one.
+    locator_after_ : GapLocator or None
+        Measurement against the corrected model, on the same recordings.
+    report_ : GapReport or None
+        On the recordings held out; None where there are none, or nothing was added.
+    effects_ : tuple of Effect
+        What was added.
+    simulator_ : CompositeSimulator
+        The corrected model; the model as it was where nothing was added.
+    result_ : dict
+        What ``cyclofeat gap --json`` prints.
+    warnings_ : list of str
+
+    Notes
+    -----
+    Recordings held out are not looked at before the last stage. The probability of an explanation is the
+    ranker's, weighted by exp(-c loss) with the loss of its fit; it is conditional on the library.
+
+    Examples
+    --------
+    >>> from cyclofeat.gap import make_bank
+    >>> from cyclofeat.simulators import Hum
+    >>> truth = CompositeSimulator(effects=[Hum(0.3)])
+    >>> fit, hold = (make_bank(truth, NuisancePrior(), [0, 3], n=4, random_state=s) for s in (5, 6))
+    >>> workflow = DiscrepancyWorkflow(
+    ...     25_600, library=["hum", "offset"], n_bank=24, n_after=24, n_draws=8, n_null=16,
+    ...     n_permutations=199, baselines=("nothing",), with_placebo=False,
+    ... )  # fmt: skip
+    >>> workflow.fit(fit.X, hold.X, y_fit=fit.counts, y_hold=hold.counts).result_["effects"][0]["id"]
+    'hum'
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+        "simulator": [CompositeSimulator, Rig, CycloidalGearbox, None],
+        "nuisance": [NuisancePrior, None],
+        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "library": [list, tuple, None],
+        "max_effects": [Interval(Integral, 1, 2, closed="both")],
+        "n_candidates": [Interval(Integral, 1, None, closed="left")],
+        "baselines": [list, tuple],
+        "with_placebo": ["boolean"],
+        "n_bank": [Interval(Integral, 10, None, closed="left")],
+        "n_after": [Interval(Integral, 10, None, closed="left")],
+        "n_draws": [Interval(Integral, 5, None, closed="left")],
+        "n_null": [Interval(Integral, 16, None, closed="left")],
+        "n_sims": [Interval(Integral, 1, None, closed="left")],
+        "n_permutations": [Interval(Integral, 19, None, closed="left")],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
+        "n_jobs": [Integral],
+        "cache": [str, os.PathLike, None],
+        "progress": [callable, None],
+    }
+
+    def __init__(
+        self,
+        sampling_rate: float,
+        simulator: CompositeSimulator | Rig | CycloidalGearbox | None = None,
+        nuisance: NuisancePrior | None = None,
+        input_speed_hz: float = 500 / 60,
+        alpha: float = 0.03,
+        library: Sequence[str] | None = None,
+        max_effects: int = 2,
+        n_candidates: int = 3,
+        baselines: Sequence[str] = ("nothing", "retuned", "equaliser", "gaussian_process"),
+        with_placebo: bool = True,
+        n_bank: int = 200,
+        n_after: int = 96,
+        n_draws: int = 60,
+        n_null: int = 160,
+        n_sims: int = 400,
+        n_permutations: int = 999,
+        random_state: int = 0,
+        n_jobs: int = 1,
+        cache: str | os.PathLike[str] | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        self.sampling_rate = sampling_rate
+        self.simulator = simulator
+        self.nuisance = nuisance
+        self.input_speed_hz = input_speed_hz
+        self.alpha = alpha
+        self.library = library
+        self.max_effects = max_effects
+        self.n_candidates = n_candidates
+        self.baselines = baselines
+        self.with_placebo = with_placebo
+        self.n_bank = n_bank
+        self.n_after = n_after
+        self.n_draws = n_draws
+        self.n_null = n_null
+        self.n_sims = n_sims
+        self.n_permutations = n_permutations
+        self.random_state = random_state
+        self.n_jobs = n_jobs
+        self.cache = cache
+        self.progress = progress
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(
+        self,
+        X_fit: ArrayLike,
+        X_hold: ArrayLike | None = None,
+        *,
+        y_fit: ArrayLike | None = None,
+        y_hold: ArrayLike | None = None,
+        groups_fit: ArrayLike | None = None,
+        groups_hold: ArrayLike | None = None,
+        angle_fit: ArrayLike | None = None,
+        angle_hold: ArrayLike | None = None,
+    ) -> Self:
+        """Run the stages.
+
+        Parameters
+        ----------
+        X_fit : array-like, shape (n_windows, n_samples)
+            Measured torque in Nm, at least one output turn per window.
+        X_hold : array-like, shape (n_windows, n_samples), optional
+            Other recordings, on which the corrected model is judged.
+        y_fit, y_hold : array-like of int, shape (n_windows,), optional
+            Known counts of worn lobes.
+        groups_fit, groups_hold : array-like, shape (n_windows,), optional
+            Recording of each window. Default: each window is a recording of its own.
+        angle_fit, angle_hold : array-like, shape (n_windows, n_samples), optional
+            Angle of the input shaft in rad, by a tachometer.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            As the stages raise it.
+        """
+        began = time.monotonic()
+        data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
+        windows = check_array(X_fit, dtype=[np.float64, np.float32])
+        self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
+        self.ranker_: EffectRanker | None = None
+        self.candidates_: list[Candidate] = []
+        self.fitter_: EffectFitter | None = None
+        self.locator_after_: GapLocator | None = None
+        self.report_: GapReport | None = None
+        self.effects_: tuple[Effect, ...] = ()
+        self.simulator_ = _composite(self.simulator)
+        self.unknown_ = False
+        self._say("comparing measurement and model")
+        self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)
+        if self.locator_.bank_.n_failed:
+            self.warnings_.append(f"{self.locator_.bank_.n_failed} simulations of the model itself failed")
+        if self.locator_.verdict_ == "disagree":
+            self._name(windows, data)
+        if self.fitter_ is not None and X_hold is not None:
+            self._say("judging on recordings held out")
+            self._judge(windows, data, X_hold, {"y": y_hold, "groups": groups_hold, "angle": angle_hold})
+        self.seconds_ = time.monotonic() - began
+        self.result_ = self._result()
+        return self
+
+    def to_html(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """Write the report that a test engineer reads.
+
+        Parameters
+        ----------
+        path : path
+            File to write.
+        **options
+            Fields of :class:`cyclofeat.report.GapFindings` that the workflow does not know: ``sources``,
+            ``title``, ``settings``.
+
+        Returns
+        -------
+        Path
+        """
+        from cyclofeat.report import GapFindings, write_gap_report
+
+        check_is_fitted(self)
+        fitter = self.fitter_
+        settings = {
+            "sampling rate": f"{self.sampling_rate:g} Hz",
+            "nominal input speed": f"{self.input_speed_hz * 60:g} RPM",
+            "seed": self.random_state,
+            **options.pop("settings", {}),
+        }
+        return write_gap_report(
+            path,
+            GapFindings(
+                result=self.result_,
+                locator=self.locator_,
+                locator_after=self.locator_after_,
+                report=self.report_,
+                effects=self.effects_,
+                theta={} if fitter is None else fitter.theta_,
+                theta_ci={} if fitter is None else fitter.theta_ci_,
+                identifiable={} if fitter is None else fitter.identifiable_,
+                at_bound={} if fitter is None else fitter.at_bound_,
+                settings=settings,
+                seconds=self.seconds_,
+                **options,
+            ),
+        )
+
+    def _say(self, text: str) -> None:
+        if self.progress is not None:
+            self.progress(text)
+
+    def _common(self) -> dict[str, Any]:
+        return {
+            "nuisance": self.nuisance,
+            "input_speed_hz": self.input_speed_hz,
+            "random_state": self.random_state,
+            "n_jobs": self.n_jobs,
+            "cache": self.cache,
+        }
+
+    def _locator(self, simulator: Any, n_bank: int) -> GapLocator:
+        return GapLocator(
+            self.sampling_rate,
+            simulator,
+            alpha=self.alpha,
+            n_bank=n_bank,
+            n_permutations=self.n_permutations,
+            **self._common(),
+        )
+
+    def _name(self, windows: NDArray[Any], data: dict[str, Any]) -> None:
+        """Name, fit and add what is missing."""
+        self._say("naming what is missing")
+        self.ranker_ = EffectRanker(
+            self.sampling_rate,
+            self.simulator,
+            library=self.library,
+            duration_s=windows.shape[1] / self.sampling_rate,
+            n_draws=self.n_draws,
+            n_null=self.n_null,
+            **self._common(),
+        ).fit()
+        if self.ranker_.table_.n_failed:
+            self.warnings_.append(
+                f"{self.ranker_.table_.n_failed} simulations of the table of effects failed and are left out"
+            )
+        ranking = self.ranker_.rank(self.locator_)
+        self.candidates_ = self._fitted(ranking, (), self.locator_, windows, data)
+        if not self.candidates_:
+            self.unknown_ = True
+            self.warnings_.append("no candidate could be fitted: its simulations fail")
+            return
+        self._take(self.candidates_[0], windows, data)
+        first = self.candidates_[0]
+        assert self.locator_after_ is not None
+        if self.max_effects > 1 and self.locator_after_.verdict_ == "disagree":
+            self._say("looking for a second effect")
+            others = self.ranker_.rank(self.locator_after_, without=first.names)
+            pairs = self._fitted(others, first.fitter.effects_, self.locator_after_, windows, data)
+            better = [pair for pair in pairs if pair.fitter.loss_ < _EXPLAINED * first.fitter.loss_]
+            if better:
+                self._take(better[0], windows, data)
+                self.candidates_ = [better[0], *self.candidates_]
+            self.ranker_.rank(self.locator_)
+        loss = self.candidates_[0].fitter.loss_
+        self.unknown_ = (self.ranker_.unknown_ and loss > _EXPLAINED * _UNEXPLAINED) or loss > _UNEXPLAINED
+
+    def _fitted(
+        self,
+        ranking: list[Ranked],
+        given: tuple[Effect, ...],
+        locator: GapLocator,
+        windows: NDArray[Any],
+        data: dict[str, Any],
+    ) -> list[Candidate]:
+        """The most probable explanations, fitted together with what is given; best first."""
+        assert self.ranker_ is not None
+        likely: list[Ranked] = []
+        left = 1.0
+        for row in ranking:
+            seen = {name for chosen in likely for name in (chosen.effect_id, *chosen.look_alikes)}
+            if row.effect_id in seen:
+                continue
+            if likely and (len(likely) >= self.n_candidates or row.probability < _NEGLIGIBLE):
+                break
+            likely.append(row)
+            if not given and row.probability >= _SURE:
+                break
+            left -= row.probability
+        found = []
+        for row in likely:
+            self._say(f"fitting {' and '.join([*(e.effect_id for e in given), row.effect_id])}")
+            (start,) = self.ranker_.nearest(row.effect_id, locator)
+            try:
+                fitter = self._fit_effects((*given, start), windows, data)
+            except SimulationFailed as failure:
+                self.warnings_.append(f"{row.effect_id} could not be fitted: {failure}")
+                continue
+            found.append((row, fitter))
+        if not found:
+            return []
+        losses = np.array([fitter.loss_ for _, fitter in found])
+        weights = np.array([row.probability for row, _ in found])
+        weights = weights * np.exp(-_EVIDENCE * (losses - losses.min()))
+        # What was not fitted keeps its share.
+        weights = weights / weights.sum() * sum(row.probability for row, _ in found)
+        return [
+            Candidate(
+                (*(effect.effect_id for effect in given), found[k][0].effect_id),
+                float(weights[k]),
+                found[k][1],
+            )
+            for k in np.argsort(-weights)
+        ]
+
+    def _fit_effects(
+        self, effects: tuple[Effect, ...], windows: NDArray[Any], data: dict[str, Any]
+    ) -> EffectFitter:
+        fitter = EffectFitter(
+            effects, self.sampling_rate, self.simulator, n_sims=self.n_sims, **self._common()
+        )
+        if self.cache is None:
+            return fitter.fit(windows, **data)
+        memory = joblib.Memory(Path(self.cache) / "fits", verbose=0)
+        fitted: EffectFitter = memory.cache(_fit, ignore=["fitter"])(
+            fitter, _stated(fitter), made_with(), windows, data
+        )
+        return fitted
+
+    def _take(self, candidate: Candidate, windows: NDArray[Any], data: dict[str, Any]) -> None:
+        self.fitter_ = candidate.fitter
+        self.effects_ = candidate.fitter.effects_
+        self.simulator_ = candidate.fitter.simulator_
+        self._say("comparing measurement and corrected model")
+        self.locator_after_ = self._locator(self.simulator_, self.n_after).fit(windows, **data)
+
+    def _judge(
+        self, windows: NDArray[Any], data: dict[str, Any], X_hold: ArrayLike, hold: dict[str, Any]
+    ) -> None:
+        placebo = self._placebo(windows, data) if self.with_placebo else None
+        self.report_ = GapReport(
+            self.simulator,
+            self.simulator_,
+            self.sampling_rate,
+            baselines=tuple(self.baselines),
+            placebo=placebo,
+            **self._common(),
+        )
+        self.report_.fit(windows, **data).score(X_hold, **hold)
+
+    def _placebo(self, windows: NDArray[Any], data: dict[str, Any]) -> CompositeSimulator | None:
+        """The most probable wrong explanation by one effect, fitted."""
+        assert self.ranker_ is not None
+        named = {effect.effect_id for effect in self.effects_}
+        alike = {
+            other for row in self.ranker_.ranking_ if row.effect_id in named for other in row.look_alikes
+        }
+        for candidate in self.candidates_[1:]:
+            if not named & set(candidate.names) and not alike & set(candidate.names):
+                return candidate.fitter.simulator_
+        for row in self.ranker_.ranking_:
+            if row.effect_id not in named | alike:
+                self._say(f"fitting {row.effect_id} as a placebo")
+                (start,) = self.ranker_.nearest(row.effect_id, self.locator_)
+                try:
+                    return self._fit_effects((start,), windows, data).simulator_
+                except SimulationFailed:
+                    continue
+        return None
+
+    def _result(self) -> dict[str, Any]:
+        ranking = [] if self.ranker_ is None else self.ranker_.ranking_
+        probability = {row.effect_id: row.probability for row in ranking}
+        for candidate in self.candidates_[::-1]:
+            probability[candidate.names[-1]] = candidate.probability
+        first = self.effects_[0].effect_id if self.effects_ else None
+        alike = next((row.look_alikes for row in ranking if row.effect_id == first), ())
+        return {
+            "format": FORMAT,
+            "verdict": self.locator_.verdict_,
+            "p": min(self.locator_.family_p_.values()),
+            "effects": [self._named(effect, probability) for effect in self.effects_],
+            "ranking": [
+                {"id": name, "probability": round(value, 6)}
+                for name, value in sorted(probability.items(), key=lambda item: -item[1])
+            ],
+            "tie_group": [first, *alike] if first and alike else [],
+            "unknown": bool(self.unknown_),
+            "unknown_score": None if self.ranker_ is None else self._unknown_score(),
+            "next_measurement": next((row.next_measurement for row in ranking if row.effect_id == first), ""),
+            "loss": None if self.fitter_ is None else self.fitter_.loss_,
+            "verdict_after": None if self.locator_after_ is None else self.locator_after_.verdict_,
+            "grr": None if self.report_ is None else self._grr("after"),
+            "alternatives": {
+                name: self._grr(name)
+                for name in ([] if self.report_ is None else self.report_.alternatives_)
+                if name != "after"
+            },
+            "warnings": list(self.warnings_),
+        }
+
+    def _unknown_score(self) -> float:
+        """The larger, the less the library explains: of the shape, and of what the fit leaves."""
+        assert self.ranker_ is not None
+        left = np.log(self.fitter_.loss_) if self.fitter_ is not None else np.log(1e3)
+        return float(left - 0.5 * np.log(max(self.ranker_.conformal_p_.values())))
+
+    def _named(self, effect: Effect, probability: dict[str, float]) -> dict[str, Any]:
+        assert self.fitter_ is not None
+        names = effect.vector_names()
+        key = {name: f"{effect.effect_id}.{name}" for name in names}
+        return {
+            "id": effect.effect_id,
+            "probability": round(probability.get(effect.effect_id, 0.0), 6),
+            "theta": {name: self.fitter_.theta_[key[name]] for name in names},
+            "interval": {name: list(self.fitter_.theta_ci_[key[name]]) for name in names},
+            "identifiable": {name: self.fitter_.identifiable_[key[name]] for name in names},
+            "at_bound": {name: self.fitter_.at_bound_[key[name]] for name in names},
+        }
+
+    def _grr(self, alternative: str) -> dict[str, Any]:
+        assert self.report_ is not None
+        found: dict[str, Any] = {}
+        for row in self.report_.comparison_:
+            if row.alternative != alternative:
+                continue
+            found[row.condition] = None if np.isnan(row.grr) else row.grr
+            if row.condition == "all" and not np.isnan(row.low):
+                found["ci"] = [row.low, row.high]
+        return found
+
+
+def _fit(
+    fitter: EffectFitter, stated: str, version: Any, windows: NDArray[Any], data: dict[str, Any]
+) -> EffectFitter:
+    """Fit; the arguments that are not used are those by which it is remembered."""
+    return fitter.fit(windows, **data)
+
+
+def _stated(fitter: EffectFitter) -> str:
+    """All that a fit depends on besides the data."""
+    left_out = ("n_jobs", "cache", "simulator", "effect")
+    rig = _composite(fitter.simulator).to_rig().to_text()
+    effects = [effect.to_dict() for effect in fitter.effect]
+    nuisance = dataclasses.asdict(fitter.nuisance or NuisancePrior())
+    own = {name: value for name, value in fitter.get_params(deep=False).items() if name not in left_out}
+    return repr((rig, effects, nuisance, sorted(own.items(), key=lambda item: item[0])))
+
+
+def _composite(simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CompositeSimulator:
+    return simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
+
+
+def _doubts(
+    windows: NDArray[Any], y: ArrayLike | None, groups: ArrayLike | None, angle: ArrayLike | None
+) -> list[str]:
+    """What in the recordings limits what can be said of them."""
+    of_window, counts = recordings_of(len(windows), y, groups)
+    n = int(of_window.max()) + 1
+    doubts = []
+    if n < _FEW_RECORDINGS:
+        doubts.append(
+            f"{n} recordings: how far recordings spread is hardly known, and only large differences are found"
+        )
+    if counts is None:
+        doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
+    if counts is not None and n > 1 and len(set(counts.tolist())) == n:
+        doubts.append(
+            "one recording per class: exact tests between recordings of one class cannot reject at all; "
+            "what is compared is each recording with simulated ones of its class"
+        )
+    if angle is None:
+        doubts.append(
+            "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
+        )
+    for extreme, word in ((windows.max(axis=1), "largest"), (windows.min(axis=1), "smallest")):
+        share = np.mean(windows == extreme[:, None], axis=1)
+        flat = np.array([_longest_run(x == e) for x, e in zip(windows, extreme, strict=True)])
+        clipped = np.unique(of_window[(share > _CLIPPED) & (flat >= 5)])
+        if clipped.size:
+            doubts.append(
+                f"{clipped.size} of {n} recordings seem clipped: they stay at their {word} value for samples "
+                "on end"
+            )
+    return doubts
+
+
+def _longest_run(inside: NDArray[np.bool_]) -> int:
+    """Length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
