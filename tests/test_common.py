@@ -94,7 +94,7 @@ def estimators() -> list[BaseEstimator]:
         GroupCalibratedCounter(OrdinalCounter()),
         GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
         ConformalCounter(OrdinalCounter()),
-        ConformalCounter(OrdinalCounter(), per_class=True, method="cross", score="aps", domain=None),
+        ConformalCounter(OrdinalCounter(), per_class=True, method="cross", nonconformity="aps", domain=None),
         TrainingDomain(),
     ]
 

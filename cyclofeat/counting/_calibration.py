@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 from sklearn.utils import check_random_state
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, StrOptions, fit_context
@@ -24,6 +23,7 @@ from cyclofeat.counting._folds import (
     fit_grouped,
     grouped_folds,
     held_out_proba,
+    ordered_classes,
     pool_weights,
     pooled,
     safe_log,
@@ -141,18 +141,17 @@ class GroupCalibratedCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or shapes do not match.
         """
-        windows, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        check_classification_targets(y)
-        self.classes_, rank = np.unique(y, return_inverse=True)
-        if self.classes_.size < 2:
-            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        self.classes_, rank = ordered_classes(labels)
         member = assemblies_of(groups, len(windows))
         seed = int(check_random_state(self.random_state).randint(2**31 - 1))
         folds = grouped_folds(rank, member, self.n_splits, seed)
-        self.counter_ = fit_grouped(clone(self.counter), windows, y, member)
-        self.temperature_, self.steps_, self.dependence_ = 1.0, [], None
+        self.counter_ = fit_grouped(clone(self.counter), windows, labels, member)
+        self.temperature_ = 1.0
+        self.steps_: list[IsotonicRegression] = []
+        self.dependence_: float | None = None
         if folds:
-            held_out = held_out_proba(self.counter, windows, y, member, self.classes_, folds)
+            held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
             self._learn(held_out, rank, member)
         return self
 

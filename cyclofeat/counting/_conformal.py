@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, StrOptions, fit_context
@@ -25,6 +24,7 @@ from cyclofeat.counting._folds import (
     fit_grouped,
     grouped_folds,
     held_out_proba,
+    ordered_classes,
 )
 
 Bool = NDArray[np.bool_]
@@ -78,8 +78,8 @@ class ConformalCounter(MostProbable, BaseEstimator):
         ``"split"``: some assemblies calibrate and do not train; the coverage is guaranteed. ``"cross"``:
         every assembly calibrates with what a counter says that has not seen it, and the counter is then
         fitted to all; no assembly is lost, and the coverage holds to good approximation, without a guarantee.
-    score : {"lac", "aps"}, default="lac"
-        Nonconformity of a class: ``"lac"``: 1 - its probability; the smallest sets, which may be empty.
+    nonconformity : {"lac", "aps"}, default="lac"
+        How little a class fits: ``"lac"``: 1 - its probability; the smallest sets, which may be empty.
         ``"aps"``: the sum of the probabilities down to its own; never empty, more even over hard and easy
         windows.
     unit : {"window", "assembly"}, default="window"
@@ -112,10 +112,10 @@ class ConformalCounter(MostProbable, BaseEstimator):
     -----
     *Threshold.* Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its windows,
     and infinity has the same; the threshold is the quantile of that distribution at ``coverage``. A random
-    window of a new assembly is then exchangeable with a random window of each of the others, so the coverage is at
-    least that asked for (Lee, Barber and Willett, arXiv:2306.06342). With one window per assembly it is the
-    usual split conformal threshold. For ``unit="assembly"`` the largest score of each assembly takes the
-    place of its windows' scores.
+    window of a new assembly is then exchangeable with a random window of each of the others, so the coverage
+    is at least that asked for (Lee, Barber and Willett, arXiv:2306.06342). With one window per assembly it
+    is the usual split conformal threshold. For ``unit="assembly"`` the largest score of each assembly takes
+    the place of its windows' scores.
 
     *Refusals* are empty sets. They count as misses: over windows like those in training, coverage can fall
     short by as much as ``domain.false_refusal``. A refused window still has a ``predict`` and
@@ -141,7 +141,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
         "coverage": [Interval(Real, 0, 1, closed="neither")],
         "per_class": ["boolean"],
         "method": [StrOptions({"split", "cross"})],
-        "score": [StrOptions({"lac", "aps"})],
+        "nonconformity": [StrOptions({"lac", "aps"})],
         "unit": [StrOptions({"window", "assembly"})],
         "calibration_size": [Interval(Real, 0, 0.5, closed="right")],
         "n_splits": [Interval(Integral, 2, None, closed="left")],
@@ -155,7 +155,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
         coverage: float = 0.9,
         per_class: bool = False,
         method: str = "split",
-        score: str = "lac",
+        nonconformity: str = "lac",
         unit: str = "window",
         calibration_size: float = 0.3,
         n_splits: int = 5,
@@ -166,7 +166,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
         self.coverage = coverage
         self.per_class = per_class
         self.method = method
-        self.score = score
+        self.nonconformity = nonconformity
         self.unit = unit
         self.calibration_size = calibration_size
         self.n_splits = n_splits
@@ -202,16 +202,13 @@ class ConformalCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or shapes do not match.
         """
-        windows, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        check_classification_targets(y)
-        self.classes_, rank = np.unique(y, return_inverse=True)
-        if self.classes_.size < 2:
-            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        self.classes_, rank = ordered_classes(labels)
         member = assemblies_of(groups, len(windows))
         seed = int(check_random_state(self.random_state).randint(2**31 - 1))
-        proba = self._calibrate(windows, y, rank, member, seed)
-        held_out = np.isfinite(proba).all(axis=1)
-        scores = np.full(len(y), np.nan)
+        proba = self._calibrate(windows, labels, rank, member, seed)
+        held_out: Bool = np.asarray(np.isfinite(proba).all(axis=1))
+        scores = np.full(len(labels), np.nan)
         scores[held_out] = self._scores(proba[held_out])[np.arange(held_out.sum()), rank[held_out]]
         self._set_thresholds(scores, rank, member, held_out)
         self.domain_ = None
@@ -247,7 +244,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
 
     def _scores(self, proba: Float) -> Float:
         """Nonconformity of each class, shape (n_windows, n_classes)."""
-        if self.score == "lac":
+        if self.nonconformity == "lac":
             return 1 - proba
         order = np.argsort(-proba, axis=1, kind="stable")
         sums = np.cumsum(np.take_along_axis(proba, order, axis=1), axis=1)

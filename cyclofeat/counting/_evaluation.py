@@ -43,8 +43,8 @@ class Evaluation:
     """Result of :func:`evaluate`.
 
     Scores that the counter or the data do not allow are None. Each has an interval: percentiles of a
-    bootstrap over assemblies at ``confidence``; where a share is 0 or 1 (and the bootstrap would know no spread), the
-    rule of three: none among n assemblies is compatible with a share of up to about 3/n.
+    bootstrap over assemblies at ``confidence``; where a share is 0 or 1 (and the bootstrap would know no
+    spread), the rule of three: none among n assemblies is compatible with a share of up to about 3/n.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ def evaluate(
     *,
     protocol: str = "stratified",
     conditions: ArrayLike | None = None,
-    training: tuple[ArrayLike, ...] | None = None,
+    training: tuple[Any, ...] | None = None,
     worn: ArrayLike | None = None,
     passage: ArrayLike | None = None,
     n_splits: int = 5,
@@ -492,7 +492,7 @@ def _fit(counter: BaseEstimator, data: _Windows, train: NDArray[np.intp]) -> Bas
     return fitted.fit(data.X[train], data.y[train], **taken)
 
 
-def _training(training: tuple[ArrayLike, ...], data: _Windows) -> _Windows:
+def _training(training: tuple[Any, ...], data: _Windows) -> _Windows:
     if not isinstance(training, tuple) or len(training) not in (3, 5):
         raise ValueError(
             "training must be a tuple (X, y, groups), or (X, y, groups, worn, passage), got "

@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.model_selection import StratifiedGroupKFold
+from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import has_fit_parameter
 
 Float = NDArray[np.float64]
@@ -50,6 +51,15 @@ def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
             f"{name} must hold one value per window, shape ({n_windows},), got shape {array.shape}"
         )
     return array
+
+
+def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:
+    """Classes in order, and the rank of each window's; ``ValueError`` where there is one only."""
+    check_classification_targets(y)
+    classes, rank = np.unique(y, return_inverse=True)
+    if classes.size < 2:
+        raise ValueError(f"y must hold at least two classes, got 1 class: {classes[0]!r}")
+    return classes, np.asarray(rank, dtype=np.int64)
 
 
 def assemblies_of(groups: ArrayLike | None, n_windows: int) -> Int:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.counting._folds import MostProbable, softmax
+from cyclofeat.counting._folds import MostProbable, ordered_classes, softmax
 
 Float = NDArray[np.float64]
 
@@ -105,12 +104,9 @@ class EntropyLadder(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or no such column.
         """
-        values, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        check_classification_targets(y)
-        self.classes_, rank = np.unique(y, return_inverse=True)
-        if self.classes_.size < 2:
-            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
-        self.feature_ = None if self.feature is None else clone(self.feature).fit(values, y)
+        values, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        self.classes_, rank = ordered_classes(labels)
+        self.feature_ = None if self.feature is None else clone(self.feature).fit(values, labels)
         z = self._read(values)
         size = np.bincount(rank)
         means = np.bincount(rank, z) / size

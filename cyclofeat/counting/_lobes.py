@@ -13,7 +13,6 @@ from sklearn.base import BaseEstimator
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils import check_random_state
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat import lobes
@@ -27,6 +26,7 @@ from cyclofeat.counting._folds import (
     assemblies_of,
     grouped_folds,
     of_windows,
+    ordered_classes,
     pool_weights,
     pooled,
     safe_log,
@@ -218,15 +218,12 @@ class LobeCounter(MostProbable, BaseEstimator):
             If there is one class only, shapes do not match, ``worn`` is given without ``passage`` or
             disagrees with ``y``, or ``points_per_lobe`` does not divide 16.
         """
-        windows, y = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        check_classification_targets(y)
+        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
         if 16 % self.points_per_lobe:
             raise ValueError(f"points_per_lobe must be 1, 2, 4, 8 or 16, got {self.points_per_lobe}")
-        self.classes_, rank = np.unique(y, return_inverse=True)
-        if self.classes_.size < 2:
-            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        self.classes_, rank = ordered_classes(labels)
         counts = _counts(self.classes_, self.n_lobes)
-        known = self._known_lobes(y, worn, passage, counts)
+        known = self._known_lobes(labels, worn, passage, counts)
         begins = None if passage is None else self._begins(passage, len(windows))
         member = assemblies_of(groups, len(windows))
         # one number for all that is random, however often it is used
@@ -239,13 +236,13 @@ class LobeCounter(MostProbable, BaseEstimator):
         folds = grouped_folds(rank, member, self.n_splits, seed)
         self.mesh_phase_ = self._learn_phase(found.lines, begins, known)
         self.count_trees_ = self._count_trees(seed).fit(features, rank)
-        self.lobe_trees_, held_out = None, np.full((len(y), self.n_lobes), np.nan)
+        self.lobe_trees_, held_out = None, np.full((len(labels), self.n_lobes), np.nan)
         self.calibration_: Float = np.array([0.0, 1.0])
         if counts is not None and 0 < counts[rank].sum() < counts[rank].size * self.n_lobes:
             samples = self._samples(found.lines, begins, known)
             if known is None:
                 samples = self._guess(found.lines, samples, counts[rank], folds, seed)
-            self.lobe_trees_ = self._lobe_trees(seed).fit(*samples.rows(np.arange(len(y))))
+            self.lobe_trees_ = self._lobe_trees(seed).fit(*samples.rows(np.arange(len(labels))))
             held_out = self._held_out_lobes(samples, folds, seed)
             self.calibration_ = _platt(held_out, samples.worn)
         self.weights_ = self._weigh(features, rank, member, folds, held_out, seed)
@@ -329,7 +326,8 @@ class LobeCounter(MostProbable, BaseEstimator):
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
         windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
-        return self.lobe_map_.lines(windows)
+        found: lobes.LobeLines = self.lobe_map_.lines(windows)
+        return found
 
     def _count_proba(self, found: lobes.LobeLines, logits: Float) -> Float:
         features = self.lobe_map_._from_lines(found)
@@ -398,7 +396,7 @@ class LobeCounter(MostProbable, BaseEstimator):
         scale = points.std(axis=(1, 2), keepdims=True)
         points = np.divide(points, scale, out=np.zeros_like(points), where=scale > 0)
         turn = (np.arange(self.n_lobes) + np.arange(self.n_lobes)[:, np.newaxis]) % self.n_lobes
-        return points[:, turn].reshape(len(lines), self.n_lobes, -1)
+        return np.asarray(points[:, turn].reshape(len(lines), self.n_lobes, -1))
 
     def _samples(self, lines: lobes.Complex, begins: Float | None, known: Bool | None) -> _Samples:
         """Views by the mesh line and, where there is a tachometer, by it as well."""
@@ -439,7 +437,7 @@ class LobeCounter(MostProbable, BaseEstimator):
             return np.zeros((len(found.lines), self.n_lobes))
         views = self._views(found.lines, self._by_mesh(found.lines) if begins is None else begins)
         intercept, slope = self.calibration_
-        return np.clip(intercept + slope * _lobe_logits(self.lobe_trees_, views), -_SURE, _SURE)
+        return np.asarray(np.clip(intercept + slope * _lobe_logits(self.lobe_trees_, views), -_SURE, _SURE))
 
     def _weigh(
         self, features: Float, rank: Int, member: Int, folds: Folds, held_out: Float, seed: int

@@ -12,11 +12,10 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.counting._folds import MostProbable
+from cyclofeat.counting._folds import MostProbable, ordered_classes
 
 Float = NDArray[np.float64]
 
@@ -103,12 +102,8 @@ class OrdinalCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only.
         """
-        features, y = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(y)
-        self.classes_, rank = np.unique(y, return_inverse=True)
-        n_classes = self.classes_.size
-        if n_classes < 2:
-            raise ValueError(f"y must hold at least two classes, got 1 class: {self.classes_[0]!r}")
+        features, labels = validate_data(self, X, y, dtype=np.float64)
+        self.classes_, rank = ordered_classes(labels)
         n_features = features.shape[1]
         # From weights 0, where the thresholds of the largest likelihood are the logits of the shares.
         below = np.cumsum(np.bincount(rank))[:-1] / rank.size

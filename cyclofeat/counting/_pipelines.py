@@ -93,7 +93,7 @@ def make_lobe_counter(
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
-    disc = {"input_speed_hz": input_speed_hz, "n_lobes": n_lobes}
+    disc: dict[str, Any] = {"input_speed_hz": input_speed_hz, "n_lobes": n_lobes}
     if kind == "lobes":
         return LobeCounter(sampling_rate, **disc, n_trees=n_trees, random_state=random_state)
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))

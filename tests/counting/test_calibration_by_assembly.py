@@ -1,0 +1,183 @@
+"""Probabilities of held-out assemblies: against scikit-learn's calibration, by simulation and by hand."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.calibration import CalibratedClassifierCV
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.metrics import log_loss
+from sklearn.naive_bayes import GaussianNB
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from cyclofeat.counting import GroupCalibratedCounter, evaluate, predict_recordings
+from cyclofeat.counting._combine import combine_proba, learn_dependence
+from cyclofeat.counting._folds import grouped_folds, pool_weights
+
+
+def assemblies(n=120, windows=3, seed=0, n_classes=4, shared=0.5, own=0.3, n_features=8):
+    """Windows of assemblies that share most of their deviation: what grouping is about."""
+    random = np.random.default_rng(seed)
+    group = np.repeat(np.arange(n), windows)
+    y = group % n_classes
+    place = np.linspace(-1, 1, n_classes)[y][:, np.newaxis] * np.ones(n_features)
+    common = random.normal(scale=shared * 2, size=(n, n_features))[group]
+    return place + common + random.normal(scale=own, size=place.shape), y, group
+
+
+def test_the_temperature_is_scikit_learns_on_the_same_folds():
+    X, y, groups = assemblies()
+    trees = ExtraTreesClassifier(50, random_state=0)
+    ours = GroupCalibratedCounter(trees, random_state=3).fit(X, y, groups=groups)
+    seed = int(np.random.RandomState(3).randint(2**31 - 1))
+    folds = grouped_folds(y, groups, 5, seed)
+    assert all(not set(groups[train]) & set(groups[test]) for train, test in folds)
+    try:
+        theirs = CalibratedClassifierCV(trees, method="temperature", ensemble=False, cv=folds).fit(X, y)
+    except ValueError:
+        pytest.skip("temperature scaling came with scikit-learn 1.8")
+    # Ours counts no probability below 0.001 and takes one of 122 assemblies for wrong.
+    new, truth, _ = assemblies(seed=1)
+    assert_allclose(ours.predict_proba(new), theirs.predict_proba(new), atol=0.05)
+    assert log_loss(truth, ours.predict_proba(new)) <= log_loss(truth, theirs.predict_proba(new)) + 0.01
+
+
+@pytest.mark.parametrize("method", ["temperature", "isotonic"])
+def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
+    """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
+    X, y, groups = assemblies(n=240, n_classes=8, shared=0.2, n_features=12)
+    trees = ExtraTreesClassifier(60, random_state=0)
+    plain = evaluate(trees, X, y, groups, n_bootstrap=50)
+    ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, n_bootstrap=50)
+    assert plain.calibration_error > 0.1
+    assert ours.calibration_error < 0.6 * plain.calibration_error
+    assert abs(ours.accuracy - plain.accuracy) < 0.03
+
+
+def test_temperature_never_changes_the_count_and_needs_the_groups():
+    X, y, groups = assemblies()
+    trees = ExtraTreesClassifier(50, random_state=0)
+    plain = trees.fit(X, y)
+    seeing = GroupCalibratedCounter(trees).fit(X, y, groups=groups)
+    blind = GroupCalibratedCounter(trees).fit(X, y)
+    new, truth, _ = assemblies(seed=1)
+    assert_array_equal(seeing.predict(new), plain.predict(new))
+    # folds that split assemblies see copies of their test windows: too low a temperature
+    assert blind.temperature_ < 0.8 * seeing.temperature_
+    assert log_loss(truth, seeing.predict_proba(new)) < log_loss(truth, blind.predict_proba(new))
+
+
+def test_pool_weights_recover_the_power_that_was_taken():
+    """Labels drawn from p, opinions p^(1/2.5) and pure noise: powers 2.5 and 0."""
+    random = np.random.default_rng(0)
+    p = random.dirichlet(np.ones(4), size=20_000)
+    rank = np.array([random.choice(4, p=row) for row in p])
+    noise = np.log(random.dirichlet(np.ones(4), size=20_000))
+    found = pool_weights(np.stack([np.log(p) / 2.5, noise]), rank, np.ones(20_000), 20_000)
+    assert_allclose(found, [2.5, 0.0], atol=0.06)
+
+
+def test_perfect_held_out_answers_do_not_make_certain():
+    """Twenty assemblies all right: one of 22 is taken for wrong."""
+    X = np.repeat([0.0, 1.0], 10)[:, np.newaxis] + np.linspace(0, 0.1, 20)[:, np.newaxis]
+    counter = GroupCalibratedCounter(GaussianNB()).fit(X, np.repeat([0, 1], 10))
+    assert 0.9 < counter.predict_proba(X).max(axis=1).min() < 0.97
+
+
+def test_a_class_with_one_assembly_leaves_probabilities_as_they_are():
+    X, y, _ = assemblies(n=8, windows=2)
+    counter = GroupCalibratedCounter(GaussianNB()).fit(X, y, groups=y)
+    assert counter.temperature_ == 1
+    assert counter.dependence_ is None
+    # but for the floor of 0.001 that every opinion has
+    assert_allclose(counter.predict_proba(X), GaussianNB().fit(X, y).predict_proba(X), atol=3e-3)
+
+
+def test_nested_parameters_are_reachable():
+    counter = GroupCalibratedCounter(make_pipeline(StandardScaler(), GaussianNB()))
+    counter.set_params(counter__gaussiannb__var_smoothing=0.5, method="isotonic")
+    assert counter.counter.get_params()["gaussiannb__var_smoothing"] == 0.5
+
+
+# Recordings
+
+
+class Says(ClassifierMixin, BaseEstimator):
+    """Returns the windows as probabilities."""
+
+    classes_ = np.array([0, 2, 5])
+
+    def predict_proba(self, X):
+        return np.asarray(X)
+
+
+def test_probabilities_of_windows_are_multiplied():
+    p = np.array([[0.6, 0.3, 0.1], [0.2, 0.7, 0.1], [0.3, 0.4, 0.3], [0.9, 0.05, 0.05]])
+    result = predict_recordings(Says(), p, ["b", "b", "a", "b"])
+    product = p[0] * p[1] * p[3]
+    assert_array_equal(result.recordings, ["a", "b"])
+    assert_array_equal(result.counts, [2, 0])
+    assert_array_equal(result.n_windows, [1, 3])
+    assert_allclose(result.probability, [p[2], product / product.sum()])
+    entry = result.to_dict()[1]
+    assert (entry["recording"], entry["defect_count"], entry["n_windows"]) == ("b", 0, 3)
+    assert entry["probability"]["5"] == pytest.approx(product[2] / product.sum())
+
+
+def test_full_dependence_makes_many_windows_worth_one():
+    p = np.array([[0.6, 0.3, 0.1]] * 5)
+    result = predict_recordings(Says(), p, np.zeros(5), dependence=1.0)
+    assert_allclose(result.probability, p[:1])
+    assert result.counts == predict_recordings(Says(), p, np.zeros(5), dependence=0).counts
+
+
+def windows_of_recordings(copies, n=3000, seed=0):
+    """Calibrated windows of recordings of two classes: all alike, or each with noise of its own."""
+    random = np.random.default_rng(seed)
+    truth = random.integers(0, 2, n)
+    distinct = 1 if copies else 4
+    seen = np.where(truth, 1.0, -1.0)[:, np.newaxis] + random.normal(scale=1.5, size=(n, distinct))
+    log_odds = np.repeat(2 * seen / 1.5**2, 4 // distinct, axis=1).ravel()
+    p = 1 / (1 + np.exp(-log_odds))
+    return np.column_stack([1 - p, p]), np.repeat(truth, 4), np.repeat(np.arange(n), 4)
+
+
+@pytest.mark.parametrize(("copies", "expected"), [(False, 0.0), (True, 1.0)])
+def test_dependence_is_learned_from_held_out_recordings(copies, expected):
+    proba, rank, member = windows_of_recordings(copies)
+    learned = learn_dependence(proba, rank, member)
+    assert learned == pytest.approx(expected, abs=0.05)
+    combined = combine_proba(proba, member, learned)
+    truth = rank[::4]
+    said = combined.max(axis=1).mean()
+    assert said == pytest.approx(np.mean(combined.argmax(axis=1) == truth), abs=0.02)
+
+
+def test_a_calibrated_counter_hands_its_dependence_over():
+    X, y, groups = assemblies(windows=4, shared=0.5)
+    counter = GroupCalibratedCounter(ExtraTreesClassifier(40, random_state=0)).fit(X, y, groups=groups)
+    # windows share most of their deviation, so that four are worth little more than one
+    assert counter.dependence_ > 0.5
+    new, truth, names = assemblies(windows=4, shared=0.5, seed=5)
+    learned = predict_recordings(counter, new, names)
+    product = predict_recordings(counter, new, names, dependence=0.0)
+    assert learned.dependence == counter.dependence_
+    assert_array_equal(learned.counts, product.counts)
+    of_recording = truth[::4]
+    assert log_loss(of_recording, learned.probability) < log_loss(of_recording, product.probability)
+
+
+@pytest.mark.parametrize(
+    ("groups", "dependence", "message"),
+    [
+        (None, 0.0, "groups must name the recording of every window, got None"),
+        (["a"], 0.0, r"groups must hold one value per window, shape \(2,\), got shape \(1,\)"),
+        ([0.0, np.nan], 0.0, "groups must name the recording of every window, got NaN"),
+        (["a", "a"], 1.5, "dependence must be a number from 0 to 1 or 'auto', got 1.5"),
+        (["a", "a"], "learn", "dependence must be a number from 0 to 1 or 'auto', got 'learn'"),
+    ],
+)
+def test_bad_input_to_recordings(groups, dependence, message):
+    with pytest.raises(ValueError, match=message):
+        predict_recordings(Says(), np.full((2, 3), 1 / 3), groups, dependence=dependence)

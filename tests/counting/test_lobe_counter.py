@@ -1,0 +1,178 @@
+"""Counting lobe by lobe: sets of lobes against enumeration, recordings of assemblies never seen."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from cyclofeat.counting import LobeCounter, passage_of_lobe_zero
+from cyclofeat.counting._lobes import _best_sets, _inclusion, _log_counts
+from cyclofeat.recording import Windower
+
+SPEED = 500 / 60
+PERIOD = 25_600 / (SPEED * 16 / 15)  # of the fold, in samples
+
+
+# Sets of lobes against enumeration
+
+
+def sets_of(n, pattern):
+    """All sets of n of six lobes that a pattern allows, as rows of True and False."""
+    if pattern == "any":
+        chosen = list(combinations(range(6), n))
+    else:
+        chosen = [tuple((first + j) % 6 for j in range(n)) for first in range(6)]
+    rows = np.zeros((len(chosen), 6), dtype=bool)
+    for row, lobes in zip(rows, chosen, strict=True):
+        row[list(lobes)] = True
+    return rows
+
+
+@pytest.mark.parametrize("pattern", ["any", "consecutive"])
+def test_counts_and_sets_against_enumeration(pattern):
+    logits = np.random.default_rng(0).normal(scale=2, size=(3, 6))
+    log_counts, inclusion = _log_counts(logits, pattern), _inclusion(logits, pattern)
+    for window, row in enumerate(logits):
+        for n in range(7):
+            sets = sets_of(n, pattern)
+            weight = np.exp(sets @ row)
+            assert log_counts[window, n] == pytest.approx(np.log(weight.sum()))
+            assert_allclose(inclusion[window, n], weight @ sets / weight.sum(), atol=1e-12)
+            best = _best_sets(row[np.newaxis], np.array([n]), pattern)[0]
+            assert row[best].sum() == pytest.approx((sets @ row).max())
+            assert best.sum() == n
+
+
+def test_lobes_add_up_to_the_count_even_when_sure():
+    logits = np.array([[9.0] * 7 + [-9.0] * 8])
+    inclusion = _inclusion(logits, "any")
+    assert_allclose(inclusion.sum(axis=2)[0], np.arange(16), rtol=1e-9)
+    assert inclusion[0, 7, :7].min() > 0.99
+
+
+# Recordings
+
+
+@pytest.fixture(scope="module")
+def data(surrogates):
+    windows = Windower(input_speed_hz=SPEED).windows(surrogates)
+    worn = np.zeros((len(windows), 15), dtype=bool)
+    for row, lobes in zip(worn, windows.worn_lobes, strict=True):
+        row[list(lobes)] = True
+    return windows.X, windows.y, worn, passage_of_lobe_zero(windows.start_angle)
+
+
+def small(**changes):
+    return LobeCounter(25_600, **{"n_trees": 60, "n_lobe_trees": 40, "n_splits": 3, **changes})
+
+
+@pytest.fixture(scope="module")
+def parts(data):
+    """Six assemblies of each count to train, two to test."""
+    y = data[1]
+    rank = np.array([np.sum(y[:i] == label) for i, label in enumerate(y)])
+    return rank < 6, rank >= 6
+
+
+@pytest.fixture(scope="module")
+def counter(data, parts):
+    X, y, worn, passage = (values[parts[0]] for values in data)
+    return small().fit(X, y, worn, passage)
+
+
+def test_count_and_lobes_of_assemblies_never_seen(data, parts, counter):
+    X, y, worn, passage = (values[parts[1]] for values in data)
+    assert np.mean(counter.predict(X) == y) >= 7 / 8
+    found = counter.predict_lobes(X, passage)
+    assert_array_equal(found.sum(axis=1), counter.predict(X))
+    assert np.mean((found == worn).all(axis=1)) >= 6 / 8
+    proba = counter.predict_lobe_proba(X, passage)
+    assert_allclose(proba.sum(axis=1), counter.predict_proba(X) @ counter.classes_, rtol=1e-6)
+    assert proba[worn].mean() > 0.8
+    assert proba[~worn].mean() < 0.1
+
+
+def test_without_a_tachometer_lobes_are_right_up_to_their_numbering(data, parts, counter):
+    X, _, worn, _ = (values[parts[1]] for values in data)
+    found = counter.predict_lobes(X)
+    turned = [
+        any(np.array_equal(np.roll(a, k), b) for k in range(15)) for a, b in zip(found, worn, strict=True)
+    ]
+    assert np.mean(turned) >= 6 / 8
+
+
+def test_a_window_begun_some_lobes_later_gives_the_same_answers(data, parts, counter):
+    X, _, _, passage = (values[parts[1]] for values in data)
+    later = np.roll(X, -round(4 * PERIOD / 15), axis=1)
+    assert_allclose(counter.predict_proba(later), counter.predict_proba(X), atol=0.15)
+    assert_array_equal(counter.predict_lobes(later, passage - 4 / 15), counter.predict_lobes(X, passage))
+
+
+def test_counts_alone_teach_where_lobes_are_worn(data, parts):
+    """Positions up to rotation, though training knew no position."""
+    X, y, _, _ = (values[parts[0]] for values in data)
+    counter = small(pattern="consecutive").fit(X, y)
+    X, y, worn, passage = (values[parts[1]] for values in data)
+    assert np.mean(counter.predict(X) == y) >= 7 / 8
+    # Their numbering is off by a constant: by the same one for all windows.
+    found = counter.predict_lobes(X, passage)
+    right = [np.mean(np.all(np.roll(found, k, axis=1) == worn, axis=1)[y > 0]) for k in range(15)]
+    assert max(right) >= 5 / 6
+
+
+def test_groups_keep_windows_of_an_assembly_in_one_fold(data, parts):
+    """Windows that are copies: without groups the folds hold copies of themselves, and certainty follows."""
+    X, y, worn, passage = (values[parts[0]] for values in data)
+    twice = [
+        np.concatenate([values, values])
+        for values in (X + 3 * np.random.default_rng(0).normal(size=X.shape), y, worn, passage)
+    ]
+    groups = np.tile(np.arange(len(y)), 2)
+    blind = small(n_trees=30, n_lobe_trees=10).fit(*twice).predict_proba(data[0][parts[1]]).max(axis=1).mean()
+    seeing = (
+        small(n_trees=30, n_lobe_trees=10)
+        .fit(*twice, groups=groups)
+        .predict_proba(data[0][parts[1]])
+        .max(axis=1)
+        .mean()
+    )
+    assert blind > seeing + 0.02
+
+
+def test_equal_seeds_give_equal_answers(data, parts, counter):
+    X, y, worn, passage = (values[parts[0]] for values in data)
+    again = small().fit(X, y, worn, passage)
+    assert_array_equal(again.predict_proba(X), counter.predict_proba(X))
+
+
+def test_labels_that_are_no_counts_have_no_lobes(data):
+    X, y, _, _ = data
+    counter = small(n_trees=5, n_lobe_trees=5).fit(X, np.where(y > 1, "worn", "sound"))
+    assert set(counter.predict(X)) == {"worn", "sound"}
+    with pytest.raises(ValueError, match="y in fit must hold numbers of worn lobes.*'sound', 'worn'"):
+        counter.predict_lobes(X)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"passage": None}, "passage must be given together with worn"),
+        ({"worn": np.ones((32, 14))}, r"worn must have shape .* = \(32, 15\), got \(32, 14\)"),
+        ({"worn": np.ones((32, 15))}, "y must hold the number of lobes that worn marks"),
+        (
+            {"passage": np.zeros(3)},
+            r"passage must hold one value per window, shape \(32,\), got shape \(3,\)",
+        ),
+        ({"passage": np.full(32, np.nan)}, "passage must hold one finite number"),
+        ({"groups": [1, 2]}, "groups must hold one value per window"),
+        ({"y": np.ones(32)}, "y must hold at least two classes, got 1 class"),
+    ],
+)
+def test_bad_input(data, changes, message):
+    X, y, worn, passage = data
+    arguments = {"y": y, "worn": worn, "passage": passage, **changes}
+    with pytest.raises(ValueError, match=message):
+        small().fit(X, **arguments)
+    with pytest.raises(ValueError, match="points_per_lobe must be 1, 2, 4, 8 or 16, got 3"):
+        small(points_per_lobe=3).fit(X, y)
