@@ -105,10 +105,10 @@ class EffectFitter(BaseEstimator):
     always from the same random numbers, theta minimises sum rho(L^-1 (S - s(theta))): rho grows linearly
     beyond three standard errors, and L L' is the covariance of recordings without effect (shrunk towards the
     diagonal: Ledoit and Wolf 2004). Then ``n_interval`` recordings at the optimum give a better mean and
-    each cell's scatter with the effect, for one more Gauss-Newton step theta + H L^-1 (S - s), H = (J'J)^-1 J',
-    with the whitened derivative J. The covariance of theta is that of this step, a "sandwich" H C H' (1/n +
-    1/n_interval) with the scatter C of whitened recordings; intervals take Student's t with n - 1 degrees of
-    freedom for n measured recordings.
+    each cell's scatter with the effect, for one more Gauss-Newton step theta + H L^-1 (S - s),
+    H = (J'J)^-1 J', J the whitened derivative. The covariance of theta is that of this step, a "sandwich"
+    H C H' (1/n + 1/n_interval) with the scatter C of whitened recordings; intervals take Student's t with
+    n - 1 degrees of freedom for n measured recordings.
 
     Examples
     --------

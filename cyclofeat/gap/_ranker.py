@@ -33,6 +33,7 @@ _FOLDS = 5
 _SETS_PER_DRAW = 6
 _FEWEST_SETS = 30
 _NULL_SETS = 1000
+_RIDGE = 0.05  # share of a cell's variance that it has in common with no other
 _SMALLEST = 0.05  # a cell's spread is at least this, in its unit
 
 
@@ -116,7 +117,8 @@ class EffectRanker(BaseEstimator):
     -----
     A set's deviation is the mean change by the effect, recording against recording, plus the mean of
     ``n_recordings`` residuals: the table serves comparisons of any number of recordings. Features are the
-    deviations of means and of spreads over their standard errors, on a logarithmic scale with sign.
+    deviations of means, cell by cell and uncorrelated, and of spreads over their standard errors, on a
+    logarithmic scale with sign.
     ``unknown_`` comes from a Gaussian per effect on their leading components: where the conformal p of every
     effect is below alpha, the library does not hold the effect. The probabilities are conditional on the
     library, and stay below one half where two look-alikes share them.
@@ -330,18 +332,23 @@ class EffectRanker(BaseEstimator):
 
 
 class _Scale:
-    """Deviations in standard errors, on a logarithmic scale with sign."""
+    """Deviations in standard errors, cell by cell and uncorrelated, on a logarithmic scale with sign."""
 
     def __init__(self, null: Float) -> None:
-        self.variance = null.var(axis=0, ddof=1)
-        self.spread = np.sqrt(self.variance + _SMALLEST**2)
+        self.spread = np.sqrt(null.var(axis=0, ddof=1) + _SMALLEST**2)
+        covariance = LedoitWolf(assume_centered=True).fit(null / self.spread).covariance_
+        power, directions = np.linalg.eigh(covariance)
+        # A small change shows in what hardly differs between recordings: the ratio of two cells, say.
+        self._uncorrelated = directions / np.sqrt(power + _RIDGE)
 
     def features(self, mean: Float, variance: Float, n: int) -> Float:
         """Features of sets of n recordings from their means and variances, each (..., n_cells)."""
         of_means = mean / self.spread * np.sqrt(n)
+        together = of_means @ self._uncorrelated
         ratio = np.log((variance + _SMALLEST**2) / self.spread**2)
         # Normal recordings: the logarithm of their variance spreads by sqrt(2 / (n - 1)).
-        return np.concatenate([_scaled(of_means), _scaled(ratio * np.sqrt((n - 1) / 2))], axis=-1)
+        of_spreads = ratio * np.sqrt((n - 1) / 2)
+        return np.concatenate([_scaled(part) for part in (of_means, together, of_spreads)], axis=-1)
 
 
 class _Learned:
