@@ -278,11 +278,11 @@ def test_spectra_before_and_after():
     [
         (row(), "third octave at 400 Hz: 6.0 dB less"),
         (row(name="third octave at 1.26e+03 Hz", effect=12.3), "third octave at 1260 Hz: 12 dB more"),
-        (row("amplitudes", "mean", 0.514, unit="Nm"), "mean: 0.51 Nm more"),
+        (row("amplitudes", "mean", 0.514, unit="Nm"), "mean torque: 0.51 Nm more"),
         (row("amplitudes", "skewness", -0.25, unit="1"), "skewness: 0.25 lower"),
         (
             row("amplitudes", "mean", -6.0206, unit="Nm", of="spread"),
-            "mean: recordings spread 0.5 times as much",
+            "mean torque: recordings spread 0.5 times as much",
         ),
     ],
 )

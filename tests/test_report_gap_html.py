@@ -28,7 +28,7 @@ LOW_PASS = "torque_meter_low_pass"
 
 @pytest.fixture(scope="module")
 def locators(tmp_path_factory):
-    """Of strong hum, and of nothing, by one small bank; the latter stands for what a correction leaves, too."""
+    """Of strong hum, and of nothing, by one small bank; the latter also stands for what a fit leaves."""
     options = {"n_samples": 11_520, "sampling_rate": RATE}
     hum, none = (
         make_bank(
@@ -402,7 +402,7 @@ def test_recordings_that_agreement_would_take():
     ],
 )
 def test_quantities(values, unit, text):
-    assert _quantity(values, unit) == text
+    assert _quantity(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 @pytest.mark.parametrize(("value", "text"), [(7.25, "7.2"), (111.1, "110"), (12_345.0, "12000")])

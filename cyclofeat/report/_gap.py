@@ -789,13 +789,13 @@ def _provenance(findings: GapFindings) -> list[tuple[str, str]]:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * float(share):.0f} %" if math.isfinite(share) else "not defined"
+    return _unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
 
 
 def _range_text(low: float, high: float) -> str:
     if not (math.isfinite(low) and math.isfinite(high)) or low == high:
         return ""
-    return f"{100 * float(low):.0f} to {100 * float(high):.0f} %"
+    return f"{100 * float(low):.0f} to {_percent(high)}"
 
 
 def _quantity(values: Sequence[float], unit: str) -> str:
@@ -803,7 +803,7 @@ def _quantity(values: Sequence[float], unit: str) -> str:
     if unit == "m" and all(abs(value) < 1e-3 for value in values):
         values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
     text = " to ".join("infinite" if math.isinf(value) else f"{value:.3g}" for value in values)
-    return text if unit == "1" else f"{text} {unit}"
+    return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
 
 
 def _signed(value: float) -> str:
