@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ _FAMILY_OF = {
     "speed": "orders", "lobe lines": "orders", "shaft lines": "orders", "averages": "averages",
 }  # fmt: skip
 _SHAPE = "shape"
-_SHARES = (np.arange(64) + 0.5) / 64  # of the quantile function, midpoints of equal parts
+_SHARES = (np.arange(256) + 0.5) / 256  # of the quantile function, midpoints of equal parts
 # The spread of a few measured recordings is steadied by the bank's, as by so many degrees of freedom (Smyth
 # 2004): without it the cell whose few values happen to agree would decide the distance.
 _STEADIED_BY = 4.0
@@ -79,7 +80,7 @@ def _amplitudes(x: NDArray[Any]) -> Float:
     torque: Float = np.asarray(x, dtype=np.float64)
     mean, variance = torque.mean(), torque.var() + RESOLUTION_NM**2
     shape = np.quantile((torque - mean) / np.sqrt(variance), _SHARES)
-    return np.r_[mean, level(variance), shape]
+    return np.asarray(np.r_[mean, level(variance), shape])
 
 
 def cell_weights(parts: list[Part]) -> Float:
@@ -370,6 +371,7 @@ def floors(
     return total / n_splits
 
 
+@functools.cache
 def _studentised(n_free: int) -> float:
     """How much larger (d/s)^2 is expected to be where d is independent of s than where it went into s.
 
@@ -385,20 +387,24 @@ def _studentised(n_free: int) -> float:
 def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) -> Float:
     """Weights of recordings in bootstrap draws, shape (n_draws, n), each row adding up to one.
 
-    From each stratum of n_h recordings n_h - 1 are drawn with replacement, which gives means the variance
-    s^2 / n_h that they have (Rao and Wu 1988); n_h draws would understate it, by half where n_h = 2. The
-    stratum keeps its share. A stratum of one stays as it is.
+    Random half-samples within strata (McCarthy 1969; Saigo, Shao and Sitter 2001): of n_h recordings a random
+    a = n_h / 2 (rounded up or down) get the weight 1 + sqrt((n_h - a) / a), the others
+    1 - sqrt(a / (n_h - a)), over n: 2 and 0 for equal halves. A mean then varies with s^2 / n_h, as it does,
+    and every draw lies as far from the sample. Draws with replacement do not: the few recordings of some of
+    them make the length of a vector of many cells vary far more than it does between samples. A stratum of
+    one stays as it is.
     """
     n = len(groups)
-    chances = np.zeros((n_draws, n))
+    chances = np.full((n_draws, n), 1 / n)
     for group in np.unique(groups):
         members = np.flatnonzero(groups == group)
-        if len(members) == 1:
-            chances[:, members] = 1 / n
+        size = len(members)
+        if size == 1:
             continue
-        drawn = random.integers(len(members), size=(n_draws, len(members) - 1))
-        for k in range(len(members)):
-            chances[:, members[k]] = (drawn == k).mean(axis=1) * len(members) / n
+        ranks = random.permuted(np.tile(np.arange(size), (n_draws, 1)), axis=1)
+        half = (size + random.integers(2, size=(n_draws, 1))) // 2
+        drawn = np.where(ranks < half, np.sqrt((size - half) / half), -np.sqrt(half / (size - half)))
+        chances[:, members] += drawn / n
     return chances
 
 

@@ -274,9 +274,12 @@ class GapReport(BaseEstimator):
     D_floor from measured half against measured half, scaled to the numbers on both sides
     (``cyclofeat/gap/_distance.py`` states how, also where counts have one recording each). The ratio is
     undefined where D_before - D_floor is less than two standard errors, or with fewer than 4 recordings.
-    Errors and intervals come from resampling recordings within their counts, those of counts with fewer than
-    3 recordings within their condition, the same for all alternatives. Intervals tend to be too narrow with
-    fewer than some 8 recordings.
+    Errors and intervals come from random half-samples of recordings within their counts, those of counts with
+    fewer than 3 recordings within their condition, the same for all alternatives. With made-up summaries of
+    4 to 24 recordings, intervals of nominally 90 % held the ratio in 77 to 97 % of cases, and 0 to 4 % of
+    cases without a gap got a ratio; with simulated recordings 3 to 8 % of cases without a gap (6 or 8
+    recordings of 4 to 6 counts), and 20 % with 6 recordings of two counts against a bank of 5 each, whose
+    own error is in the floor but not in the standard error. Whether there is a gap is the locator's question.
 
     Examples
     --------
@@ -437,6 +440,7 @@ class GapReport(BaseEstimator):
             simulated[name] = self._simulation(bank, n_lobes, speeds is not None, data.counts is not None)
         counts, seen = np.zeros(len(measured), dtype=np.int64), None
         if data.counts is not None:
+            assert self.fit_counts_ is not None
             counts, seen = data.counts, np.isin(data.counts, self.fit_counts_)
         scored = compare(measured, counts, simulated, parts, seen, random_state=self.random_state)
         self.distances_, self.comparison_, self.beats_ = scored.distances, scored.comparison, scored.beats
@@ -467,7 +471,7 @@ class GapReport(BaseEstimator):
     def _n_lobes(self) -> int:
         base = self._prior().simulator(self.before).base
         assert isinstance(base, Rig)
-        return base.gearbox.n_lobes
+        return int(base.gearbox.n_lobes)
 
     def _banks(self) -> Banks:
         return Banks(

@@ -1,0 +1,489 @@
+"""The fourth stage: distances by hand, their floor, the ratio's limits, and baselines against the truth."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy import signal, stats
+
+from cyclofeat.gap import Bank, NuisancePrior, make_bank
+from cyclofeat.gap import _baselines as baselines
+from cyclofeat.gap import _distance as distance
+from cyclofeat.gap._distance import Part
+from cyclofeat.gap._report import DownstreamGain, GapReport, Simulation, _share, compare, downstream_gain
+from cyclofeat.simulators import CompositeSimulator, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
+
+FS, N = 6400.0, 11_520
+BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
+ONE = [Part("orders", "lobe lines", "dB"), Part("orders", "lobe lines", "dB")]
+TWO = [*ONE, Part("orders", "shaft lines", "dB"), Part("features", "features", "1")]
+
+
+# Distances
+
+
+def test_weights_by_hand() -> None:
+    """Two lobe lines share half of the orders, one shaft line has the other half, features are a family."""
+    assert distance.families_of(TWO) == ["orders", "features"]
+    assert distance.cell_weights(TWO) == pytest.approx(np.array([[0.25, 0.25, 0.5, 0], [0, 0, 0, 1]]))
+
+
+def test_distance_by_hand() -> None:
+    """Counts 0 and 2 differ by (2, 0) and (0, 4), spreads are 1 and 2: sqrt((4/2 + 4/2) / 2)."""
+    measured = np.array([[2.0, 1.0], [2.0, 1.0], [5.0, 9.0], [5.0, 9.0]])
+    simulated = np.array([[-1.0, 1.0], [1.0, 1.0], [5.0, 4.0], [5.0, 6.0]])
+    counts = np.array([0, 0, 2, 2])
+    found = distance.distances(
+        measured, counts, simulated, counts, np.array([1.0, 2.0]), distance.cell_weights(ONE)
+    )
+    assert found == pytest.approx(np.sqrt((4 / 2 + 4 / 2) / 2))
+
+
+def test_distance_over_many_counts_is_that_of_the_straight_line() -> None:
+    """Constant and linear part: what least squares over the counts explains, and nothing of its residual."""
+    rng = np.random.default_rng(0)
+    counts = np.repeat([0, 1, 3, 7], [1, 2, 1, 3])
+    measured = rng.normal(size=(7, 1)) + counts[:, None]
+    found = distance.distances(
+        measured, counts, np.zeros((4, 1)), np.array([0, 1, 3, 7]), np.ones(1), np.ones((1, 1))
+    )
+    line = np.polyval(np.polyfit(counts, measured[:, 0], 1), counts)
+    assert found[0, 0] == pytest.approx(np.sqrt(np.mean(line**2)))
+
+
+def test_shape_of_amplitudes_is_a_wasserstein_distance() -> None:
+    rng = np.random.default_rng(1)
+    X = 22 + np.vstack([rng.normal(size=20_000), rng.uniform(size=20_000)])
+    standardised = stats.zscore(X, axis=1)
+    parts_at = [distance._amplitudes(x)[2:] for x in X]
+    squared = np.mean((parts_at[0] - parts_at[1]) ** 2)
+    order = np.sort(standardised, axis=1)
+    assert squared == pytest.approx(np.mean((order[0] - order[1]) ** 2), rel=0.1)
+    assert distance._amplitudes(X[0])[:2] == pytest.approx(
+        [X[0].mean(), 10 * np.log10(X[0].var() + 1e-6)], rel=1e-9
+    )
+
+
+def test_deviations_of_replicates_and_of_lone_recordings() -> None:
+    """By hand: 4 and 6 lie 1 from their mean; lone ones differ by 1 and 3 from simulated means."""
+    measured = np.array([[4.0], [6.0], [10.0], [13.0]])
+    counts = np.array([0, 0, 1, 2])
+    simulated, of = np.array([[9.0], [9.0], [10.0], [10.0]]), np.array([1, 1, 2, 2])
+    found, n_free = distance.deviations(measured, counts, simulated, of)
+    assert n_free == 2
+    lone = 1 / np.sqrt(1 + 1 / 2)  # less the error of a mean of two simulations
+    assert found[:, 0] == pytest.approx([-1, 1, -lone, lone])
+
+
+def test_spread_is_steadied_by_the_bank() -> None:
+    measured, counts = np.array([[0.0], [2.0], [5.0], [7.0]]), np.array([0, 0, 1, 1])
+    simulated, of = np.array([[0.0], [4.0], [0.0], [4.0]]), np.array([0, 0, 1, 1])
+    found = distance.replicate_spread(measured, counts, simulated, of, [Part("features", "features", "1")])
+    # Two degrees of freedom with variance 2, and the bank's 8 as by four.
+    assert found == pytest.approx([np.sqrt((2 * 2 + 4 * 8) / 6)])
+
+
+def test_cells_without_spread_play_no_part() -> None:
+    same = np.full((4, 2), 3.0)
+    spread = distance.replicate_spread(same, np.zeros(4), same, np.zeros(4), ONE)
+    assert np.all(np.isinf(spread))
+    assert distance.distances(same + 1, np.zeros(4), same, np.zeros(4), spread, np.ones((1, 2))) == 0
+
+
+@pytest.mark.parametrize("counts", [[0, 0, 0, 4, 4, 4], [0, 0, 2, 2, 5, 5, 7, 7], list(range(8)), [0] * 6])
+def test_floor_is_the_distance_without_a_gap(counts: list[int]) -> None:
+    """On average over data without any gap: halves and lone recordings, scaled, against the bank."""
+    rng = np.random.default_rng(2)
+    of_measured = np.array(counts)
+    of_bank = np.resize(np.unique(of_measured), 48)
+    parts, weights = [Part("features", "features", "1")] * 30, np.full((1, 30), 1 / 30)
+    found = []
+    for _ in range(40):
+        measured, simulated = (
+            0.7 * rng.normal(size=(n, 30)) + 0.7 * rng.normal(size=(n, 1)) for n in (len(counts), 48)
+        )
+        spread = distance.replicate_spread(measured, of_measured, simulated, of_bank, parts)
+        own, n_free = distance.deviations(measured, of_measured, simulated, of_bank)
+        error = distance.bank_error(of_measured, simulated, of_bank, spread, weights)
+        n_trends = len(distance.trends(of_measured))
+        floor = distance.floors(
+            own, of_measured, spread, weights, len(counts), n_trends, error, n_free, 10, rng
+        )
+        reached = distance.distances(measured, of_measured, simulated, of_bank, spread, weights)
+        found.append((floor[0], reached[0, 0]))
+    floors, reached = np.mean(found, axis=0)
+    assert floors == pytest.approx(reached, rel=0.12)
+
+
+def test_bootstrap_varies_means_as_samples_do() -> None:
+    """Half-samples: weights add up, stay in the strata, and give a stratum's mean the variance s^2/n."""
+    rng = np.random.default_rng(3)
+    groups = np.array([0, 0, 0, 0, 0, 1, 1, 2])
+    chances = distance.bootstrap_chances(groups, 4000, rng)
+    for group, share in ((0, 5 / 8), (1, 2 / 8), (2, 1 / 8)):
+        assert chances[:, groups == group].sum(axis=1) == pytest.approx(share)
+    x = rng.normal(size=5)
+    means = chances[:, :5] @ x * 8 / 5
+    assert means.var() == pytest.approx(x.var(ddof=1) / 5, rel=0.1)
+    lengths = np.sum((chances[:, :5] - 1 / 8) ** 2, axis=1)
+    assert lengths == pytest.approx(lengths[0])
+
+
+def test_strata_pool_lone_recordings_apart_by_condition() -> None:
+    counts = np.array([0, 0, 0, 1, 2, 3, 4])
+    found = distance.strata(counts, apart=np.array([1, 1, 1, 1, 1, 0, 0]))
+    assert [len(set(found[part])) for part in (slice(0, 3), slice(3, 5), slice(5, 7))] == [1, 1, 1]
+    assert len(set(found)) == 3
+
+
+# The comparison, from summaries
+
+
+def case(
+    gap: float, left: float, *, seed: int = 0, counts: list[int] | None = None
+) -> tuple[np.ndarray, np.ndarray, dict[str, Simulation], list[Part]]:
+    """Made-up summaries whose gap is closed but for a share that is left."""
+    rng = np.random.default_rng(seed)
+    of = np.array(counts if counts is not None else [0, 0, 0, 3, 3, 3, 6, 6, 6])
+    of_bank = np.resize(np.unique(of), 48)
+    parts = [Part("spectrum", "spectrum", "dB")] * 20 + [Part("features", "features", "1")] * 20
+    pattern = np.repeat([1.0, 0.5], 20)
+    simulated = rng.normal(size=(48, 40)) + of_bank[:, None]
+    measured = rng.normal(size=(len(of), 40)) + of[:, None] + gap * pattern
+    alternatives = {
+        "nothing": Simulation(simulated, of_bank),
+        "after": Simulation(simulated + gap * (1 - left) * pattern, of_bank),
+    }
+    return measured, of, alternatives, parts
+
+
+def ratio(*args: object, condition: str = "all", alternative: str = "after") -> float:
+    rows = compare(*args).comparison  # type: ignore[arg-type]
+    return next(row.grr for row in rows if (row.alternative, row.condition) == (alternative, condition))
+
+
+@pytest.mark.parametrize(("left", "expected"), [(0.0, 1.0), (1.0, 0.0), (2.0, -1.0), (0.5, 0.55)])
+def test_ratio_of_what_is_left(left: float, expected: float) -> None:
+    """Large gap: D is nearly proportional to it; 0.5 left leaves 2.5 of 5 spreads, both over a floor."""
+    assert ratio(*case(5.0, left)) == pytest.approx(expected, abs=0.15)
+
+
+def test_no_gap_has_no_ratio_and_says_so() -> None:
+    undefined = 0
+    for seed in range(12):
+        rows = compare(*case(0.0, 0.0, seed=seed), n_draws=100).comparison
+        undefined += np.isnan(rows[0].grr)
+        if np.isnan(rows[0].grr):
+            assert "does not stand out" in rows[0].undefined
+            assert np.isnan(rows[0].low)
+    assert undefined >= 10
+
+
+@pytest.mark.parametrize(
+    ("counts", "defined"),
+    [([0, 1, 2, 3], True), ([0, 0, 3, 3], True), ([0, 3, 6], False), ([0], False), ([2, 2], False)],
+)
+def test_few_recordings(counts: list[int], defined: bool) -> None:
+    found = compare(*case(6.0, 0.0, counts=counts)).comparison[0]
+    assert np.isnan(found.grr) != defined
+    assert ("at least 4 are needed" in found.undefined) != defined
+
+
+def test_order_units_and_names_of_counts_change_nothing() -> None:
+    measured, of, alternatives, parts = case(4.0, 0.3)
+    plain = ratio(measured, of, alternatives, parts)
+    rng = np.random.default_rng(4)
+    scale, shift = rng.uniform(0.1, 10, 40).repeat(1), rng.normal(size=40)
+    # One scale per part and unit: cells are compared by their own spreads.
+    scale[:20], scale[20:] = scale[0], scale[20]
+    rescaled = {k: Simulation(a.values * scale + shift, a.counts) for k, a in alternatives.items()}
+    assert ratio(measured * scale + shift, of, rescaled, parts) == pytest.approx(plain)
+    within = np.r_[2, 0, 1, 5, 4, 3, 6, 8, 7]
+    assert ratio(measured[within], of[within], alternatives, parts) == pytest.approx(plain, abs=0.01)
+    stretched = {k: Simulation(a.values, 2 * a.counts + 1) for k, a in alternatives.items()}
+    assert ratio(measured, 2 * of + 1, stretched, parts) == pytest.approx(plain)
+
+
+def test_conditions_are_those_of_the_fit() -> None:
+    """A correction that holds for counts seen in fitting only."""
+    measured, of, alternatives, parts = case(5.0, 0.0)
+    after = alternatives["after"]
+    wrong = after.values.copy()
+    wrong[after.counts == 6] = alternatives["nothing"].values[after.counts == 6]
+    alternatives = alternatives | {"box": Simulation(wrong, after.counts)}
+    found = compare(measured, of, alternatives, parts, of != 6)
+    by = {(row.alternative, row.condition): row.grr for row in found.comparison}
+    assert by["box", "seen"] == pytest.approx(1.0, abs=0.1)
+    assert by["box", "unseen"] == pytest.approx(0.0, abs=0.1)
+    assert by["after", "unseen"] == pytest.approx(1.0, abs=0.1)
+    assert found.beats["box"]["unseen"] == 1.0
+    assert found.beats["box"]["seen"] == 0.5  # the same records: every draw is a tie
+    assert {row.condition for row in found.distances} == {"all", "seen", "unseen"}
+
+
+def test_interval_holds_the_ratio_and_errors_fall_with_recordings() -> None:
+    widths = []
+    for n in (3, 12):
+        counts = np.repeat([0, 3, 6], n).tolist()
+        row = compare(*case(3.0, 0.4, counts=counts)).comparison[1]
+        assert row.low <= row.grr <= row.high
+        widths.append(row.high - row.low)
+    assert widths[1] < widths[0]
+
+
+# Baselines
+
+
+def test_equaliser_recovers_a_filter_and_noise() -> None:
+    """White noise through a known filter, and with noise added in the place of it."""
+    rng = np.random.default_rng(5)
+    X = 22 + 0.3 * rng.normal(size=(6, N))
+    b, a = signal.butter(2, 800, fs=FS)
+    filtered = 22.5 + signal.lfilter(b, a, X - 22, axis=1)
+    box = _learned(baselines.Equaliser, filtered, X)
+    changed = np.array([box._changed(x, 0, np.random.default_rng(0)) for x in X])
+    assert changed.mean() == pytest.approx(22.5, abs=0.01)
+    frequencies, wanted = baselines.averaged_psd(filtered, FS)
+    _, got = baselines.averaged_psd(changed, FS)
+    band = (frequencies > 20) & (frequencies < 1500)
+    difference = 10 * np.log10(got.mean(axis=0)[band] / wanted.mean(axis=0)[band])
+    assert abs(np.mean(difference)) < 0.2
+    assert np.std(difference) < 1.0
+    loud = 22 + 3.0 * rng.normal(size=(6, N))  # ten times the amplitude: gain stops at 2, noise does the rest
+    box = _learned(baselines.Equaliser, loud, X)
+    changed = np.array([box._changed(x, 0, np.random.default_rng(k)) for k, x in enumerate(X)])
+    assert changed.std() == pytest.approx(3.0, rel=0.05)
+    assert np.corrcoef(changed[0], X[0])[0, 1] < 0.5
+
+
+def _learned(kind: type, measured: np.ndarray, simulated: np.ndarray) -> baselines._Filtered:
+    box = kind(None)
+    box.sampling_rate_, box.by_count_ = FS, True
+    frequencies, of_measured = baselines.averaged_psd(measured, FS)
+    _, of_simulated = baselines.averaged_psd(simulated, FS)
+    box._learn(
+        frequencies,
+        np.array([0]),
+        of_measured.mean(axis=0)[None],
+        of_simulated.mean(axis=0)[None],
+        np.array([measured.mean() - simulated.mean()]),
+    )
+    return box
+
+
+def test_gaussian_process_extrapolates_over_the_count() -> None:
+    """Gain in dB and offset that are linear in the count: learnt from four counts, asked at another."""
+    rng = np.random.default_rng(6)
+    counts = np.array([0, 1, 2, 4])
+    frequencies, of_simulated = baselines.averaged_psd(0.3 * rng.normal(size=(8, N)), FS)
+    simulated = np.tile(of_simulated.mean(axis=0), (4, 1))
+    measured = simulated * 10 ** (2.0 * counts / 10)[:, None]
+    box = baselines.GaussianProcessGap(None)
+    box.sampling_rate_, box.by_count_ = FS, True
+    box._learn(frequencies, counts, measured, simulated, 0.1 * counts)
+    x = 22 + 0.3 * rng.normal(size=N)
+    changed = box._changed(x, 3, rng)
+    assert 20 * np.log10(changed.std() / x.std()) == pytest.approx(6.0, abs=0.5)
+    assert changed.mean() - x.mean() == pytest.approx(0.3, abs=0.03)
+
+
+def test_retuned_fits_stiffness_and_damping_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the fitter is asked for, and that its simulator is the alternative."""
+    asked: dict[str, object] = {}
+
+    class Fitter:
+        def __init__(self, effect: list[Effect], sampling_rate: float, simulator: object, *rest: object,
+                     **options: object) -> None:  # fmt: skip
+            asked.update(effects=[e.effect_id for e in effect], sampling_rate=sampling_rate)
+            self.simulator_ = CompositeSimulator(simulator, effect)
+
+        def fit(self, X: np.ndarray, y: np.ndarray, groups: np.ndarray, angle: object) -> Fitter:
+            asked.update(y=y.tolist(), groups=groups.tolist())
+            return self
+
+    module = ModuleType("cyclofeat.gap._fitter")
+    module.EffectFitter = Fitter  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "cyclofeat.gap._fitter", module)
+    data = baselines.FitData(np.zeros((3, N)), np.array([0, 0, 1]), np.array([2, 5]))
+    banks = baselines.Banks(NuisancePrior(), FS, 500 / 60, 10)
+    found = baselines.Retuned(BASE).fit(data, banks, 0)
+    assert asked == {
+        "effects": ["contact_stiffness_scale", "contact_damping_scale"],
+        "sampling_rate": FS,
+        "y": [2, 2, 5],
+        "groups": [0, 0, 1],
+    }
+    assert [e.effect_id for e in found.simulator.effects] == asked["effects"]
+
+
+# The report as a whole
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("banks")
+
+
+def bank_of(effects: list[Effect], counts: list[int], n: int, seed: int, cache: Path) -> Bank:
+    return make_bank(
+        CompositeSimulator(BASE, effects), NuisancePrior(), counts, n=n, n_samples=N, sampling_rate=FS,
+        random_state=seed, cache=cache,
+    )  # fmt: skip
+
+
+def report(after: CompositeSimulator, cache: Path, **options: object) -> GapReport:
+    options = {"baselines": ("nothing",), "n_bank": 12, "cache": cache} | options
+    return GapReport(BASE, after, FS, **options)  # type: ignore[arg-type]
+
+
+TRUE = [Noise(0.3)]
+
+
+@pytest.fixture(scope="module")
+def fit(cache: Path) -> Bank:
+    return bank_of(TRUE, [0, 4], 4, 101, cache)
+
+
+@pytest.fixture(scope="module")
+def hold(cache: Path) -> Bank:
+    return bank_of(TRUE, [0, 4, 7], 9, 102, cache)
+
+
+@pytest.fixture(scope="module")
+def scored(fit: Bank, hold: Bank, cache: Path) -> GapReport:
+    found = report(
+        CompositeSimulator(BASE, TRUE),
+        cache,
+        baselines=("equaliser", "gaussian_process"),
+        placebo=CompositeSimulator(BASE, [Hum(0.3)]),
+        oracle=CompositeSimulator(BASE, TRUE),
+    )
+    found.fit(fit.X, y=fit.counts)
+    found.score(hold.X, y=hold.counts)
+    return found
+
+
+def test_the_true_effect_closes_the_gap(scored: GapReport) -> None:
+    assert scored.undefined_ == ""
+    assert scored.grr_ == pytest.approx(1.0, abs=0.1)
+    assert scored.grr_ci_[0] <= scored.grr_ <= scored.grr_ci_[1]
+    by = {(row.alternative, row.condition): row.grr for row in scored.comparison_}
+    for condition in ("all", "seen", "unseen"):
+        assert by["nothing", condition] == 0.0
+        assert by["after", condition] == by["oracle", condition]
+        assert by["placebo", condition] < 0.3
+        assert scored.beats_["nothing"][condition] == scored.beats_["placebo"][condition] == 1.0
+        assert scored.beats_["oracle"][condition] == 0.5
+    assert by["equaliser", "seen"] > 0.6  # a black box closes it where it has learnt
+    assert by["after", "all"] > by["equaliser", "all"]
+
+
+def test_distances_are_complete_and_add_up(scored: GapReport) -> None:
+    names = {"after", "nothing", "equaliser", "gaussian_process", "placebo", "oracle", "floor"}
+    keys = [(row.alternative, row.condition, row.family) for row in scored.distances_]
+    families = (*distance.FAMILIES, "overall")
+    assert sorted(keys) == sorted(
+        (name, condition, family) for name in names for condition in ("all", "seen", "unseen")
+        for family in families
+    )  # fmt: skip
+    by = dict(zip(keys, (row.distance for row in scored.distances_), strict=True))
+    overall = {name: by[name, "all", "overall"] for name in names}
+    assert overall["after"] == pytest.approx(np.mean([by["after", "all", f] for f in distance.FAMILIES]))
+    expected = 1 - (overall["after"] - overall["floor"]) / (overall["nothing"] - overall["floor"])
+    assert scored.grr_ == pytest.approx(expected)
+
+
+def test_same_simulator_wrong_simulator_and_order(fit: Bank, hold: Bank, cache: Path) -> None:
+    same = report(CompositeSimulator(BASE), cache).fit(fit.X, y=fit.counts)
+    assert same.score(hold.X, y=hold.counts) == 0.0
+    worse = report(CompositeSimulator(BASE, [Offset(2.0)]), cache).fit(fit.X, y=fit.counts)
+    expected = worse.score(hold.X, y=hold.counts)
+    assert expected < -0.1
+    # Recordings in another order and under other names, each of two windows.
+    order = np.random.default_rng(7).permutation(len(hold.X)).repeat(2)
+    names = np.array([f"record {9 - k}" for k in order])
+    found = worse.score(hold.X[order], y=hold.counts[order], groups=names)
+    assert found == pytest.approx(expected, abs=0.05)
+
+
+def test_no_gap_is_said(fit: Bank, cache: Path) -> None:
+    null = bank_of([], [0, 4], 8, 107, cache)
+    found = report(CompositeSimulator(BASE, [Hum(0.05)]), cache).fit(null.X[:2], y=null.counts[:2])
+    assert np.isnan(found.score(null.X, y=null.counts))
+    assert "does not stand out" in found.undefined_
+    assert np.isnan(found.grr_ci_).all()
+
+
+@pytest.mark.slow
+def test_counts_may_be_unknown(fit: Bank, hold: Bank, cache: Path) -> None:
+    found = report(
+        CompositeSimulator(BASE, TRUE), cache, nuisance=NuisancePrior(defect_counts=(0, 4, 7)),
+        baselines=("gaussian_process",),
+    )  # fmt: skip
+    assert found.fit(fit.X).score(hold.X) == pytest.approx(1.0, abs=0.15)
+    assert {row.condition for row in found.comparison_} == {"all"}
+
+
+@pytest.mark.slow
+def test_equaliser_closes_a_low_pass_where_it_has_learnt(cache: Path) -> None:
+    effect = [TorqueMeterLowPass(30.0)]
+    fit, hold = (bank_of(effect, [0, 4], n, seed, cache) for n, seed in ((6, 104), (8, 105)))
+    found = report(CompositeSimulator(BASE, effect), cache, baselines=("equaliser",))
+    found.fit(fit.X, y=fit.counts).score(hold.X, y=hold.counts)
+    by = {(row.alternative, row.condition): row.grr for row in found.comparison_}
+    assert by["after", "seen"] > 0.8
+    assert by["equaliser", "seen"] > 0.3
+
+
+def test_held_out_recordings_are_not_seen_in_fitting() -> None:
+    """There is no way to hand them over."""
+    import inspect
+
+    assert list(inspect.signature(GapReport.fit).parameters) == ["self", "X", "y", "groups", "angle"]
+
+
+def test_bad_input(scored: GapReport, hold: Bank) -> None:
+    with pytest.raises(ValueError, match="baselines must be of nothing, retuned, .* got 'gp'"):
+        report(CompositeSimulator(BASE), None, baselines=("gp",)).fit(hold.X)  # type: ignore[arg-type]
+    with pytest.raises(
+        ValueError, match="y must be given to both fit and score or to neither, got it in fit"
+    ):
+        scored.score(hold.X)
+    with pytest.raises(ValueError, match="at least one output turn"):
+        scored.score(hold.X[:, :4000], y=hold.counts)
+    with pytest.raises(ValueError, match="y must hold one count per window"):
+        scored.score(hold.X, y=[1])
+
+
+# Downstream
+
+
+def test_downstream_gain(cache: Path) -> None:
+    prior = NuisancePrior(defect_counts=(0, 7))
+    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
+    truth = CompositeSimulator(BASE, TRUE)
+    found = downstream_gain(
+        BASE, truth, hold.X, hold.counts, FS, oracle=truth, nuisance=prior, n_per_class=6, n_trees=50,
+        cache=cache,
+    )  # fmt: skip
+    assert isinstance(found, DownstreamGain)
+    assert found.n_recordings == 6
+    assert found.accuracy["after"] == found.accuracy["oracle"]
+    low, high = found.interval["after"]
+    assert low < found.accuracy["after"] <= high + 1e-12
+    gain = found.accuracy["oracle"] - found.accuracy["before"]
+    assert found.share == 1.0 if gain > 0 else np.isnan(found.share)
+    plain = downstream_gain(
+        BASE, truth, hold.X, hold.counts, FS, nuisance=prior, n_per_class=6, n_trees=50, cache=cache
+    )
+    assert np.isnan(plain.share)
+    assert set(plain.accuracy) == {"before", "after"}
+
+
+def test_share_of_the_oracles_gain() -> None:
+    found = _share(np.array([0.5, 0.5, 0.5]), np.array([0.7, 0.6, 0.4]), np.array([0.9, 0.5, 0.5]))
+    assert found == pytest.approx([0.5, np.inf, -np.inf])
