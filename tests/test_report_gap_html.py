@@ -322,12 +322,21 @@ def test_nothing_in_the_library(findings, bare, tmp_path):
     text = bare(dataclasses.replace(findings, result=result, effects=(), report=None), tmp_path)
     assert "Missing in the model not known Nothing in the library explains it" in text
     assert "not that one of them is right" in text
+    assert "Nothing was added to the model, so there is nothing to show." in text
+    assert "held out" not in text
     assert "Its size" not in text
     assert "What to measure next" not in text
     assert "Look-alikes" not in text
     result = result | {"unknown": False}
     text = bare(dataclasses.replace(findings, result=result, effects=(), report=None), tmp_path)
     assert "Missing in the model not known No effect was accepted" in text
+
+
+def test_settings_are_told_once(findings, bare, tmp_path):
+    text = bare(dataclasses.replace(findings, settings={"nominal input speed": "480 RPM"}), tmp_path)
+    assert text.count("nominal input speed") == 1
+    assert "nominal input speed 480 RPM" in text
+    assert "nominal input speed 500 RPM" in bare(findings, tmp_path)
 
 
 def test_the_least_there_can_be(locators, bare, tmp_path):

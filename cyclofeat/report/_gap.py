@@ -497,6 +497,9 @@ def _reduction(findings: GapFindings) -> dict[str, Any]:
         "sentences": [], "rows": [], "conditions": [], "picture": None, "explained": [], "distances": [],
         "tile": None,
     }  # fmt: skip
+    if report is None and not findings.result.get("effects"):
+        found["sentences"] = ["Nothing was added to the model, so there is nothing to show."]
+        return found
     if report is None:
         found["sentences"] = [
             "Not tested: no recordings were held out. Give some that the fit does not see, best with a count "
@@ -771,13 +774,14 @@ def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
 def _provenance(findings: GapFindings) -> list[tuple[str, str]]:
     locator = findings.locator
     found = [(str(name), str(value)) for name, value in findings.settings.items()]
-    found += [
+    known = [
         ("recordings", str(len(locator.measured_))),
         ("simulated recordings", str(len(locator.simulated_))),
         ("sampling rate", f"{locator.sampling_rate:g} Hz"),
-        ("input speed", f"{locator.input_speed_hz:.4g} Hz"),
+        ("nominal input speed", f"{60 * locator.input_speed_hz:g} RPM"),
         ("seed of the comparison", str(locator.random_state)),
     ]
+    found += [(name, text) for name, text in known if name not in findings.settings]
     if findings.seconds is not None:
         found.append(("computing time", f"{findings.seconds:.0f} s"))
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "scikit-learn"))
