@@ -54,8 +54,8 @@ def draw_nuisance(random: np.random.Generator, decoy: str = "", common: Sequence
 
     ``decoy`` moves a recording to an edge of that prior: ``"edges"`` puts speed and load at either end,
     ``"speed"``, ``"load"`` and ``"both"`` all recordings of a case at the same end, ``"assembly"`` gives them
-    the same pins, ``"disc"`` the wear on one wheel only, always at the same lobe. ``common`` holds the numbers
-    (0 to 1) that all recordings of a case share.
+    the same pins, ``"disc"`` the wear on one wheel only, always at the same lobe. ``common`` holds the
+    numbers (0 to 1) that all recordings of a case share.
     """
     start = random.uniform(0, 30 * np.pi)
     first = int(random.integers(15))
