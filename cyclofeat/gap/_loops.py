@@ -1,0 +1,676 @@
+"""The gap in torque-deflection loops: which of clearance, friction and compliance a drive's model lacks."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import differential_evolution
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
+from sklearn.utils.validation import check_is_fitted
+
+from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._summary_mode import sign_flip_p
+from cyclofeat.simulators import CycloidalGearbox, torque_deflection
+
+Float = NDArray[np.float64]
+
+# Clearances in m of which the contacts' curve is simulated; it is taken as straight between them.
+_CLEARANCES = (0.0, 2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4)
+# Torque in Nm up to which contacts are simulated: softer or more loaded ones slip over the pins.
+_LARGEST_TORQUE = 115.0
+_HERTZ = 2 / 3  # deflection grows with this power of the torque where contacts begin to carry
+_HERTZ_BELOW = 0.5  # Nm below which that law takes the simulation's place
+_GRID = 400
+_STAGES = 8  # among which the Coulomb friction is spread
+
+# Bounds of each effect's parameters, fitted in their logarithm.
+LOOP_EFFECTS: dict[str, dict[str, tuple[float, float]]] = {
+    "clearance": {"clearance": (1e-6, 4e-4)},
+    "friction": {"coulomb_nm": (0.01, 10.0), "spread": (0.01, 1.0), "load_share": (1e-3, 0.9)},
+    "torsional_compliance": {"stiffness": (30.0, 1e5)},
+    "contact_stiffness_scale": {"factor": (0.35, 20.0)},
+}
+
+
+@dataclass(frozen=True)
+class Subset:
+    """A set of effects and how it predicts loops that it was not fitted on.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        In the order of ``LOOP_EFFECTS``; none is the model alone.
+    error : float
+        Mean over the transfers of the relative error (:func:`relative_error`) on the loops held out.
+    errors : tuple of float
+        That of each transfer.
+    """
+
+    effects: tuple[str, ...]
+    error: float
+    errors: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class LoopShape:
+    """What a test bench states of a loop.
+
+    Attributes
+    ----------
+    area : float
+        Enclosed area in J.
+    lost_motion : float
+        Width in rad between the two crossings of zero torque.
+    stiffness : float
+        Slope in Nm/rad of the loading branches between half and the whole of the peak torque.
+    """
+
+    area: float
+    lost_motion: float
+    stiffness: float
+
+
+def loop_shape(torque: ArrayLike, deflection: ArrayLike) -> LoopShape:
+    """Area, lost motion and stiffness of a loop.
+
+    Parameters
+    ----------
+    torque, deflection : array-like, shape (n,)
+        One cycle in Nm and rad, in its order in time, both counted in the same sense.
+
+    Returns
+    -------
+    LoopShape
+        NaN for a lost motion or stiffness that the loop does not show.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.r_[np.linspace(0, 10, 50), np.linspace(10, -10, 100), np.linspace(-10, 0, 50)]
+    >>> round(loop_shape(t, t / 200).stiffness)
+    200
+    """
+    t, x = _checked_loop(torque, deflection)
+    closed_t, closed_x = np.append(t, t[0]), np.append(x, x[0])
+    area = abs(float(np.trapezoid(closed_t, closed_x)))
+    rising, falling = _branches(t)
+    widths = []
+    for branch in (rising, falling):
+        order = np.argsort(t[branch], kind="stable")
+        widths.append(float(np.interp(0.0, t[branch][order], x[branch][order])))
+    slopes = []
+    for branch, side in ((rising, 1.0), (falling, -1.0)):
+        loading = branch[(side * t[branch] > 0.5 * np.abs(t).max())]
+        if loading.size >= 3 and np.ptp(x[loading]) > 0:
+            slopes.append(np.polyfit(x[loading], t[loading], 1)[0])
+    stiffness = float(np.mean(slopes)) if slopes else math.nan
+    return LoopShape(area, abs(widths[0] - widths[1]), stiffness)
+
+
+def relative_error(measured: ArrayLike, predicted: ArrayLike) -> Float:
+    """Rms of the difference of two deflections over the rms of the first, each centred between its extremes.
+
+    The zero of a deflection is arbitrary. 0 is perfect, 1 is what predicting no deflection gives.
+
+    Parameters
+    ----------
+    measured : array-like, shape (n,)
+    predicted : array-like, shape (..., n)
+
+    Returns
+    -------
+    ndarray, shape (...)
+    """
+    first, second = _centred(np.asarray(measured)), _centred(np.asarray(predicted))
+    return np.asarray(np.sqrt(np.mean((first - second) ** 2, axis=-1) / np.mean(first**2)))
+
+
+def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike) -> Float:
+    r"""Torque that the elastic parts carry behind friction, over one closed cycle.
+
+    .. math:: |T - E| \le T_c + \mu |E|,
+
+    and E changes only where it has to: a play operator whose half width grows with the load (Coulomb friction
+    of the drive and a share of what it carries, as in a mesh of constant efficiency). Rising, E follows
+    T - T_c - mu |E|, falling T + T_c + mu |E|, and it stands still in between.
+
+    Parameters
+    ----------
+    torque : array-like, shape (n,)
+        T in Nm over one cycle, in the order of time.
+    coulomb : float or array-like, shape (...)
+        T_c in Nm, not negative.
+    load_share : float or array-like, shape (...)
+        mu, from 0 to below 1.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+
+    Examples
+    --------
+    >>> elastic_torque([0.0, 5.0, 0.0, -5.0], 1.0, 0.0)
+    array([-1.,  4.,  1., -4.])
+    """
+    t = np.asarray(torque, dtype=np.float64)
+    # At the largest torque of a closed cycle the drive has slipped as far as it ever does.
+    top = int(np.argmax(t))
+    rolled = np.roll(t, -top)
+    friction, share = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (coulomb, load_share))
+    low, high = _slipping(rolled, friction, share), -_slipping(-rolled, friction, share)
+    found = np.empty_like(low)
+    state = low[..., 0]
+    for k in range(t.size):
+        state = np.minimum(np.maximum(state, low[..., k]), high[..., k])
+        found[..., k] = state
+    return np.roll(found, top, axis=-1)
+
+
+def _slipping(torque: Float, coulomb: Float, load_share: Float) -> Float:
+    """E with E + T_c + mu |E| = T: where the drive slips while the torque rises."""
+    left = torque - coulomb
+    return left / np.where(left > 0, 1 + load_share, 1 - load_share)
+
+
+def contact_deflection(
+    gearbox: CycloidalGearbox, torque: ArrayLike, clearance: ArrayLike, factor: ArrayLike = 1.0
+) -> Float:
+    """Deflection of the contacts of a gearbox with held output under a slow torque, without friction.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox
+        Its clearances and friction are replaced.
+    torque : array-like, shape (..., n)
+        Torque that the contacts carry, referred to the output, in Nm.
+    clearance : float or array-like, shape (...)
+        Of pins and output rollers alike, in m.
+    factor : float or array-like, shape (...)
+        On the stiffness of all contacts. Forces are proportional to it, so that the deflection at T is that
+        of the gearbox itself at T / factor.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        In rad, an odd function of the torque: half the play at once where the torque leaves zero, and from
+        there on what the contacts give way.
+
+    Notes
+    -----
+    From :func:`cyclofeat.simulators.torque_deflection` (the branch on which the torque falls, against the
+    torque that reaches the held output), for six clearances, straight between them; below 0.5 Nm Hertz' law
+    a + b T^(2/3) through the values above. It begins with the input at its angle 0: play and stiffness depend
+    on the angle, which is not known of the loops.
+    """
+    t = np.asarray(torque, dtype=np.float64)
+    gap, scale = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (clearance, factor))
+    size = np.abs(t) / scale
+    if size.size and size.max() > _LARGEST_TORQUE:
+        raise ValueError(
+            f"torque over factor must not exceed {_LARGEST_TORQUE:g} Nm, at which the contacts' curve ends, "
+            f"got {size.max():.4g}"
+        )
+    if not ((gap >= 0) & (gap <= _CLEARANCES[-1])).all():
+        raise ValueError(f"clearance must lie between 0 and {_CLEARANCES[-1]:g} m, got {clearance!r}")
+    curves = _curves(gearbox)
+    steps = np.diff(_CLEARANCES)
+    row = np.clip(np.searchsorted(_CLEARANCES, gap, side="right") - 1, 0, steps.size - 1)
+    share = (gap - np.asarray(_CLEARANCES)[row]) / steps[row]
+    place = np.sqrt(size / _LARGEST_TORQUE) * (_GRID - 1)
+    at = np.minimum(place.astype(np.intp), _GRID - 2)
+    rest = place - at
+    below = (1 - rest) * curves[row, at] + rest * curves[row, at + 1]
+    above = (1 - rest) * curves[row + 1, at] + rest * curves[row + 1, at + 1]
+    return np.asarray(np.sign(t) * ((1 - share) * below + share * above))
+
+
+@lru_cache(maxsize=8)
+def _curves(gearbox: CycloidalGearbox) -> Float:
+    """Deflections in rad, (n_clearances, n), at torques evenly spaced in their square root."""
+    # Finer towards zero, where the curve is steep.
+    grid = _LARGEST_TORQUE * np.linspace(0, 1, _GRID) ** 2
+    curves = []
+    for clearance in _CLEARANCES:
+        plain = _without_effects(gearbox).replace(clearance=clearance, pin_clearance=clearance)
+        loop = torque_deflection(plain, peak_torque=1.05 * _LARGEST_TORQUE, n_points=8000, n_cycles=1)
+        n = loop.torque.size
+        falling = slice(n // 4 + 1, n // 2)
+        held, deflection = loop.held_torque[falling][::-1], loop.deflection[falling][::-1]
+        order = np.argsort(held, kind="stable")
+        held, deflection = held[order], deflection[order]
+        near = (held > _HERTZ_BELOW) & (held < 8 * _HERTZ_BELOW)
+        slope, start = np.polyfit(held[near] ** _HERTZ, deflection[near], 1)
+        low = max(start, 0.0) + slope * grid**_HERTZ
+        curve = np.where(grid < _HERTZ_BELOW, low, np.interp(grid, held, deflection))
+        curves.append(np.maximum.accumulate(curve))
+    return np.array(curves)
+
+
+def _without_effects(gearbox: CycloidalGearbox) -> CycloidalGearbox:
+    """The drive without clearance, friction and compliance behind it."""
+    return gearbox.replace(
+        clearance=0.0, pin_clearance=0.0, brake_inertia=0.0, meter_stiffness=0.0, meter_damping=0.0,
+        sleeve_friction=0.0, sleeve_static_friction=0.0, sleeve_viscous_friction=0.0, journal_friction=0.0,
+        input_bearing_torque=0.0, input_bearing_viscosity=0.0, output_bearing_torque=0.0,
+        output_bearing_viscosity=0.0,
+    )  # fmt: skip
+
+
+class LoopModel(RegressorMixin, BaseEstimator):
+    r"""Torque-deflection loops of a held drive: contacts, play, friction and compliance in series.
+
+    .. math:: x = \frac{1}{8} \sum_{i=1}^{8} \left( x_c(E_i / s; c) + E_i / k \right),
+
+    with the contacts' deflection x_c for the clearance c (:func:`contact_deflection`), s the factor on their
+    stiffness, k the torsional stiffness of housing and shafts in series, and E_i the torque behind friction
+    (:func:`elastic_torque`). Friction does not hold all of the drive at once: its Coulomb part is spread
+    evenly over T_c (1 - ``spread``) to T_c (1 + ``spread``) among eight equal stages in series (a sum of
+    play operators, after Prandtl and Ishlinskii), which rounds the loop's corners. Everything is slow: no
+    inertia, no creep.
+
+    Parameters
+    ----------
+    effects : sequence of str, default=("clearance", "friction", "torsional_compliance")
+        Which of ``"clearance"``, ``"friction"``, ``"torsional_compliance"`` and
+        ``"contact_stiffness_scale"`` the model has. None: the frictionless drive without clearance.
+    gearbox : CycloidalGearbox, optional
+        Geometry and contacts. Default: ``CycloidalGearbox.printed_14_pin()``.
+    n_points : int, default=120
+        Points of each loop that the fit looks at, evenly spaced along its torque.
+    max_iter : int, default=40
+        Generations of the search.
+    random_state : int, default=0
+
+    Attributes
+    ----------
+    theta_ : dict from "effect.parameter" to float
+    at_bound_ : dict from "effect.parameter" to bool
+        Whether the fit ended at the edge of what is allowed.
+    loss_ : float
+        Mean relative error of the loops fitted.
+    gearbox_ : CycloidalGearbox
+        The drive with what :func:`cyclofeat.simulators.torque_deflection` can hold of the effects:
+        clearances, compliance as ``meter_stiffness``, Coulomb friction as ``input_bearing_torque``. Its
+        spread and the load's share of it have no parameter there and are left out.
+
+    Notes
+    -----
+    The fit minimises the mean relative error of the loops (:func:`relative_error`) by differential evolution
+    over the logarithms of the parameters: play makes the error a rough function.
+
+    Examples
+    --------
+    >>> from cyclofeat.datasets import load_jelmerv_cycloidal
+    >>> loop = load_jelmerv_cycloidal().loops[2]
+    >>> model = LoopModel(("friction", "torsional_compliance"), max_iter=10).fit([loop])
+    >>> 100 < model.theta_["torsional_compliance.stiffness"] < 1000
+    True
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "effects": [list, tuple],
+        "gearbox": [CycloidalGearbox, None],
+        "n_points": [Interval(Integral, 20, None, closed="left")],
+        "max_iter": [Interval(Integral, 1, None, closed="left")],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(
+        self,
+        effects: Sequence[str] = ("clearance", "friction", "torsional_compliance"),
+        gearbox: CycloidalGearbox | None = None,
+        n_points: int = 120,
+        max_iter: int = 40,
+        random_state: int = 0,
+    ) -> None:
+        self.effects = effects
+        self.gearbox = gearbox
+        self.n_points = n_points
+        self.max_iter = max_iter
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
+        """Fit the effects' parameters to loops of one drive in one state.
+
+        Parameters
+        ----------
+        loops : sequence
+            Each with ``torque`` and ``deflection``, shape (n,), in Nm and rad: one cycle, from and to about
+            zero torque, as :func:`cyclofeat.datasets.load_jelmerv_cycloidal` gives them.
+        y : ignored
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If an effect is unknown, there is no loop, or a loop is no cycle.
+        """
+        names = _known(self.effects)
+        pairs = [_even(*_checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
+        if not pairs:
+            raise ValueError("loops must hold at least one loop, got none")
+        self.plain_ = CycloidalGearbox.printed_14_pin() if self.gearbox is None else self.gearbox
+        parameters = [(f"{name}.{p}", b) for name in names for p, b in LOOP_EFFECTS[name].items()]
+
+        def error(logs: Float) -> Float:
+            theta = {name: np.exp(v) for (name, _), v in zip(parameters, logs, strict=True)}
+            return np.mean([relative_error(x, self._deflection(t, theta)) for t, x in pairs], axis=0)
+
+        if parameters:
+            bounds = [(math.log(low), math.log(high)) for _, (low, high) in parameters]
+            found = differential_evolution(
+                error, bounds, maxiter=self.max_iter, popsize=12, tol=1e-4, seed=self.random_state,
+                init="sobol", vectorized=True, updating="deferred", polish=False,
+            )  # fmt: skip
+            best, self.loss_ = found.x, float(found.fun)
+        else:
+            best, self.loss_ = np.zeros(0), float(error(np.zeros(0)))
+        self.theta_ = {name: math.exp(v) for (name, _), v in zip(parameters, best, strict=True)}
+        self.at_bound_ = {
+            name: bool(min(v - math.log(low), math.log(high) - v) < 0.01 * math.log(high / low))
+            for (name, (low, high)), v in zip(parameters, best, strict=True)
+        }
+        self.gearbox_ = _with_effects(self.plain_, self.theta_)
+        return self
+
+    def predict(self, torque: ArrayLike) -> Float:
+        """Deflection in rad over a cycle of torque in Nm, shape (n,), zero between its extremes."""
+        check_is_fitted(self)
+        return _centred(self._deflection(np.asarray(torque, dtype=np.float64), self.theta_))
+
+    def score(self, loops: Sequence[Any], y: Any = None, sample_weight: Any = None) -> float:
+        """Minus the mean relative error of loops (:func:`relative_error`): higher is better."""
+        check_is_fitted(self)
+        return -_mean_error(self.predict, loops, self.n_points)
+
+    def _deflection(self, torque: Float, theta: Mapping[str, Any]) -> Float:
+        """Deflections (..., n) with parameters of shape (...)."""
+        coulomb, spread, share, clearance, factor, stiffness = (
+            np.asarray(theta.get(name, neutral), dtype=np.float64)[..., np.newaxis]
+            for name, neutral in (
+                ("friction.coulomb_nm", 0.0), ("friction.spread", 0.0), ("friction.load_share", 0.0),
+                ("clearance.clearance", 0.0), ("contact_stiffness_scale.factor", 1.0),
+                ("torsional_compliance.stiffness", math.inf),
+            )
+        )  # fmt: skip
+        place = (2 * np.arange(_STAGES) + 1) / _STAGES - 1
+        elastic = elastic_torque(torque, coulomb * (1 + spread * place), share)
+        x = contact_deflection(self.plain_, elastic, clearance, factor) + elastic / stiffness[..., np.newaxis]
+        return np.asarray(x.mean(axis=-2))
+
+
+class LoopGap(BaseEstimator):
+    """Which effects a drive's model needs so that it predicts loops it was not fitted on.
+
+    Tries every subset of ``library`` of up to ``max_effects`` effects, on transfers from loops fitted to
+    loops held out, and keeps the smallest one that predicts no worse than the best.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox, optional
+        Geometry and contacts. Default: ``CycloidalGearbox.printed_14_pin()``.
+    library : sequence of str, optional
+        Names of ``LOOP_EFFECTS``. Default: all four.
+    max_effects : int, default=3
+    alpha : float, default=0.05
+        One-sided sign-flip p over the transfers up to which a larger subset counts as better.
+    n_points, max_iter, random_state : int
+        Of :class:`LoopModel`.
+
+    Attributes
+    ----------
+    subsets_ : list of Subset
+        All that were tried, smallest error first.
+    effects_ : tuple of str
+        What was named.
+    p_without_ : dict from str to float
+        One-sided sign-flip p over the transfers that the model with an effect predicts no better than the one
+        without it, for each named effect; never below 2^-n.
+    look_alikes_ : list of tuple of str
+        Other subsets of as many effects that predict as well, as far as the transfers tell.
+    models_ : dict from tuple of str to list of LoopModel
+        The fitted models of each subset, one per transfer.
+
+    Notes
+    -----
+    The search begins with the subset of the smallest mean error, if the transfers gain by it at ``alpha``
+    against no effect at all, and takes effects out as long as what is left does not predict worse. It does
+    not begin with single effects: some show only together.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "gearbox": [CycloidalGearbox, None],
+        "library": [list, tuple, None],
+        "max_effects": [Interval(Integral, 1, None, closed="left")],
+        "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "n_points": [Interval(Integral, 20, None, closed="left")],
+        "max_iter": [Interval(Integral, 1, None, closed="left")],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(
+        self,
+        gearbox: CycloidalGearbox | None = None,
+        library: Sequence[str] | None = None,
+        max_effects: int = 3,
+        alpha: float = 0.05,
+        n_points: int = 120,
+        max_iter: int = 40,
+        random_state: int = 0,
+    ) -> None:
+        self.gearbox = gearbox
+        self.library = library
+        self.max_effects = max_effects
+        self.alpha = alpha
+        self.n_points = n_points
+        self.max_iter = max_iter
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, transfers: Sequence[tuple[Sequence[Any], Sequence[Any]]], y: Any = None) -> Self:
+        """Compare all subsets on the transfers.
+
+        Parameters
+        ----------
+        transfers : sequence of (loops, loops)
+            Loops to fit and loops to predict, of one drive in one state each, 2 to 20 of them.
+        y : ignored
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there are too few or too many transfers, or the library names an unknown effect.
+        """
+        if not 2 <= len(transfers) <= 20:
+            raise ValueError(f"transfers must be 2 to 20 pairs of loops, got {len(transfers)}")
+        library = _known(tuple(LOOP_EFFECTS) if self.library is None else self.library)
+        self.models_: dict[tuple[str, ...], list[LoopModel]] = {}
+        errors: dict[tuple[str, ...], Float] = {}
+        for size in range(min(self.max_effects, len(library)) + 1):
+            for effects in itertools.combinations(library, size):
+                models = [self._model(effects).fit(fitted) for fitted, _ in transfers]
+                self.models_[effects] = models
+                errors[effects] = np.array(
+                    [-model.score(held) for model, (_, held) in zip(models, transfers, strict=True)]
+                )
+        self.subsets_ = sorted(
+            (Subset(k, float(v.mean()), tuple(v.tolist())) for k, v in errors.items()),
+            key=lambda subset: subset.error,
+        )
+        self.effects_ = self._search(errors)
+        self.p_without_ = {}
+        for name in self.effects_:
+            less = tuple(other for other in self.effects_ if other != name)
+            self.p_without_[name] = sign_flip_p(errors[less] - errors[self.effects_], "greater")
+        self.look_alikes_ = [
+            subset.effects
+            for subset in self.subsets_
+            if subset.effects != self.effects_
+            and len(subset.effects) == len(self.effects_)
+            and sign_flip_p(errors[subset.effects] - errors[self.effects_]) > self.alpha
+        ]
+        return self
+
+    def _search(self, errors: dict[tuple[str, ...], Float]) -> tuple[str, ...]:
+        # From above: play shows only behind friction, and friction only in front of something that gives way.
+        named = min(errors, key=lambda key: float(errors[key].mean()))
+        if named and sign_flip_p(errors[()] - errors[named], "greater") > self.alpha:
+            return ()
+        while named:
+            smaller = [tuple(other for other in named if other != name) for name in named]
+            best = min(smaller, key=lambda key: float(errors[key].mean()))
+            if sign_flip_p(errors[best] - errors[named], "greater") <= self.alpha:
+                break
+            named = best
+        return named
+
+    def _model(self, effects: Sequence[str]) -> LoopModel:
+        return LoopModel(tuple(effects), self.gearbox, self.n_points, self.max_iter, self.random_state)
+
+
+class LoopSmoother(RegressorMixin, BaseEstimator):
+    """The black box to beat: a Gaussian process of deflection over torque and its direction.
+
+    Deflection is a straight line plus a smooth function of torque, of its direction and of the loop's largest
+    torque, and noise; it knows nothing of clearance or friction.
+
+    Parameters
+    ----------
+    n_points : int, default=120
+        Points of each loop that it sees, evenly spaced along the torque.
+    random_state : int, default=0
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "n_points": [Interval(Integral, 20, None, closed="left")],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
+    }
+
+    def __init__(self, n_points: int = 120, random_state: int = 0) -> None:
+        self.n_points = n_points
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
+        """Fit to loops, as :meth:`LoopModel.fit`."""
+        pairs = [_even(*_checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
+        if not pairs:
+            raise ValueError("loops must hold at least one loop, got none")
+        self.scale_ = float(max(np.abs(t).max() for t, _ in pairs))
+        X = np.vstack([self._features(t) for t, _ in pairs])
+        x = np.concatenate([_centred(x) for _, x in pairs])
+        self.unit_ = float(np.sqrt(np.mean(x**2)))
+        kernel = (
+            ConstantKernel(1.0) * DotProduct(1.0)
+            + ConstantKernel(1.0) * RBF([0.3, 1.0, 1.0], (0.01, 100.0))
+            + WhiteKernel(1e-2, (1e-6, 1.0))
+        )
+        self.process_ = GaussianProcessRegressor(kernel, random_state=self.random_state)
+        with warnings.catch_warnings():
+            # A length scale at its bound means a direction or a largest torque that does not vary.
+            warnings.simplefilter("ignore", ConvergenceWarning)
+            self.process_.fit(X, x / self.unit_)
+        return self
+
+    def predict(self, torque: ArrayLike) -> Float:
+        """Deflection in rad over a cycle of torque in Nm, shape (n,), zero between its extremes."""
+        check_is_fitted(self)
+        found = self.process_.predict(self._features(np.asarray(torque, dtype=np.float64)))
+        return _centred(self.unit_ * np.asarray(found))
+
+    def score(self, loops: Sequence[Any], y: Any = None, sample_weight: Any = None) -> float:
+        """Minus the mean relative error of loops (:func:`relative_error`): higher is better."""
+        check_is_fitted(self)
+        return -_mean_error(self.predict, loops, self.n_points)
+
+    def _features(self, torque: Float) -> Float:
+        rising, _ = _branches(torque)
+        direction = np.full(torque.size, -1.0)
+        direction[rising] = 1.0
+        peak = np.full(torque.size, np.abs(torque).max())
+        return np.column_stack([torque / self.scale_, direction, peak / self.scale_])
+
+
+def _mean_error(predict: Any, loops: Sequence[Any], n_points: int) -> float:
+    errors = []
+    for loop in loops:
+        t, x = _even(*_checked_loop(loop.torque, loop.deflection), n_points)
+        errors.append(float(relative_error(x, predict(t))))
+    return float(np.mean(errors))
+
+
+def _known(effects: Iterable[str]) -> tuple[str, ...]:
+    given = tuple(effects)
+    if any(name not in LOOP_EFFECTS for name in given) or len(set(given)) < len(given):
+        raise ValueError(f"effects must be different names of {', '.join(LOOP_EFFECTS)}, got {given!r}")
+    return tuple(name for name in LOOP_EFFECTS if name in given)
+
+
+def _checked_loop(torque: ArrayLike, deflection: ArrayLike) -> tuple[Float, Float]:
+    t, x = np.asarray(torque, dtype=np.float64), np.asarray(deflection, dtype=np.float64)
+    if t.ndim != 1 or t.shape != x.shape or t.size < 8:
+        raise ValueError(
+            f"torque and deflection must be two sequences of at least 8 numbers, got shapes {t.shape} and "
+            f"{x.shape}"
+        )
+    if not (np.isfinite(t).all() and np.isfinite(x).all()):
+        raise ValueError("torque and deflection must be finite, got NaN or infinity")
+    if not t.min() < 0 < t.max():
+        raise ValueError(f"torque must swing through zero, got {t.min():g} to {t.max():g} Nm")
+    return t, x
+
+
+def _branches(torque: Float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where the torque rises and where it falls, from extreme to extreme, each in the order of time."""
+    top, bottom = int(np.argmax(torque)), int(np.argmin(torque))
+    index = np.arange(torque.size)
+    first, last = min(top, bottom), max(top, bottom)
+    between = index[(index >= first) & (index <= last)]
+    around = np.r_[index[index > last], index[index < first]]
+    return (around, between) if top < bottom else (between, around)
+
+
+def _even(torque: Float, deflection: Float, n: int) -> tuple[Float, Float]:
+    """A loop at points evenly spaced along the path of its torque, extremes kept by the path itself."""
+    path = np.r_[0.0, np.cumsum(np.abs(np.diff(torque)))]
+    # A torque that stands still has one deflection: the last.
+    keep = np.r_[np.diff(path) > 0, True]
+    at = np.linspace(0, path[-1], n)
+    return np.interp(at, path[keep], torque[keep]), np.interp(at, path[keep], deflection[keep])
+
+
+def _centred(deflection: Float) -> Float:
+    extremes = deflection.max(axis=-1, keepdims=True) + deflection.min(axis=-1, keepdims=True)
+    return np.asarray(deflection - 0.5 * extremes)
+
+
+def _with_effects(plain: CycloidalGearbox, theta: dict[str, float]) -> CycloidalGearbox:
+    clearance = theta.get("clearance.clearance", 0.0)
+    changed = _without_effects(plain).replace(
+        clearance=clearance,
+        pin_clearance=clearance,
+        stiffness_scale=plain.stiffness_scale * theta.get("contact_stiffness_scale.factor", 1.0),
+        input_bearing_torque=theta.get("friction.coulomb_nm", 0.0) / plain.n_lobes,
+    )
+    stiffness = theta.get("torsional_compliance.stiffness")
+    return changed if stiffness is None else changed.replace(meter_stiffness=stiffness)
