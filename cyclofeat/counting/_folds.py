@@ -58,7 +58,7 @@ def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:
     check_classification_targets(y)
     classes, rank = np.unique(y, return_inverse=True)
     if classes.size < 2:
-        raise ValueError(f"y must hold at least two classes, got 1 class: {classes[0]!r}")
+        raise ValueError(f"y must hold at least two classes, got 1 class: {classes.tolist()[0]!r}")
     return classes, np.asarray(rank, dtype=np.int64)
 
 

@@ -1,0 +1,88 @@
+"""Ready counters of every kind: parameters, search, recordings of assemblies never seen."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from sklearn.base import clone
+from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes HalvingGridSearchCV importable
+from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
+
+from cyclofeat.counting import GroupCalibratedCounter, LobeCounter, make_lobe_counter
+from cyclofeat.counting._pipelines import KINDS
+
+SAMPLING_RATE = 25_600
+
+
+@pytest.fixture(scope="module")
+def data(surrogates):
+    X = np.stack([r.torque for r in surrogates])
+    y = np.array([r.defect_count for r in surrogates])
+    groups = np.array([r.assembly for r in surrogates])
+    rank = np.array([np.sum(y[:i] == label) for i, label in enumerate(y)])
+    return X, y, groups, rank < 6
+
+
+# A parameter of the last step and one of what comes before it, for each kind
+PARAMETERS = {
+    "lobe_map": {"trees__max_features": 0.5, "lobe_map__ar_order": 12},
+    "features": {"trees__max_features": 0.5, "features__preset": "ripple"},
+    "ladder": {"ladder__column": -1, "entropy__preset": "ripple"},
+    "ordinal": {"ordinal__alpha": 30.0, "lobe_map__n_lines": 30},
+    "lobes": {"min_samples_leaf": 5, "points_per_lobe": 2},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_takes_parameters_and_counts(kind, data):
+    X, y, _, train = data
+    counter = make_lobe_counter(SAMPLING_RATE, kind=kind, n_trees=20).set_params(**PARAMETERS[kind])
+    copy = clone(counter)
+    assert PARAMETERS[kind].items() <= copy.get_params().items()
+    copy.fit(X[train], y[train])
+    proba = copy.predict_proba(X[~train])
+    assert_allclose(proba.sum(axis=1), 1)
+    assert copy.classes_.tolist() == [0, 1, 3, 5]
+    if kind not in (
+        "ladder",
+        "features",
+    ):  # the entropy cannot, and eight assemblies are few for 340 features
+        assert np.mean(copy.predict(X[~train]) == y[~train]) >= 6 / 8
+
+
+def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
+    X, y, groups, train = data
+    search = HalvingGridSearchCV(
+        make_lobe_counter(SAMPLING_RATE, kind="ordinal"),
+        {"ordinal__alpha": [1.0, 1e6], "lobe_map__ar_order": [16]},
+        cv=list(GroupKFold(3).split(X[train], y[train], groups[train])),
+        resource="ordinal__max_iter",
+        max_resources=300,
+        min_resources=100,
+        random_state=0,
+    ).fit(X[train], y[train])
+    # a penalty of a million leaves nothing but the shares of the classes
+    assert search.best_params_["ordinal__alpha"] == 1.0
+    assert search.score(X[~train], y[~train]) >= 6 / 8
+
+
+def test_calibrated_pipelines_and_the_one_that_is_so_already():
+    counter = make_lobe_counter(SAMPLING_RATE, calibrated=True, n_trees=7)
+    assert type(counter) is GroupCalibratedCounter
+    assert counter.get_params()["counter__trees__n_estimators"] == 7
+    assert type(make_lobe_counter(SAMPLING_RATE, kind="lobes", calibrated=True)) is LobeCounter
+    with pytest.raises(ValueError, match=r"kind must be one of \('lobe_map'.*got 'forest'"):
+        make_lobe_counter(SAMPLING_RATE, kind="forest")
+
+
+def test_calibration_raises_the_probability_of_right_counts(data):
+    """Shares of trees are far below the accuracy: with folds by assembly probabilities come up to it."""
+    X, y, groups, train = data
+    plain = make_lobe_counter(SAMPLING_RATE, n_trees=60).fit(X[train], y[train])
+    calibrated = make_lobe_counter(SAMPLING_RATE, n_trees=60, calibrated=True)
+    calibrated.fit(X[train], y[train], groups=groups[train])
+    right = plain.predict(X[~train]) == y[~train]
+    before = plain.predict_proba(X[~train]).max(axis=1).mean()
+    after = calibrated.predict_proba(X[~train]).max(axis=1).mean()
+    assert right.mean() >= 7 / 8
+    assert before < 0.75
+    assert abs(after - right.mean()) < abs(before - right.mean()) / 2

@@ -1,0 +1,278 @@
+"""Protocols of evaluation, scores by hand, intervals against the binomial law."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import binom
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.dummy import DummyClassifier
+from sklearn.metrics import f1_score
+from sklearn.naive_bayes import GaussianNB
+
+from cyclofeat.counting import ConformalCounter, evaluate, learning_curve, noise_sweep
+from cyclofeat.counting._scores import (
+    at_the_ends,
+    calibration_sums,
+    expected_calibration_error,
+    macro_f1,
+    rule_of_three,
+)
+
+
+class Recorder(ClassifierMixin, BaseEstimator):
+    """Predicts what the windows hold; remembers which windows it was fitted to and asked about."""
+
+    calls: list = []  # noqa: RUF012 - shared by clones on purpose
+
+    def fit(self, X, y, groups=None):
+        self.classes_ = np.unique(y)
+        self.seen_ = set(np.asarray(X)[:, 2].astype(int))
+        self.groups_ = None if groups is None else set(groups)
+        return self
+
+    def predict(self, X):
+        Recorder.calls.append((self.seen_, set(X[:, 2].astype(int)), self.groups_))
+        return X[:, 0]
+
+    def predict_proba(self, X):
+        right = np.equal.outer(X[:, 0], self.classes_)
+        return np.where(right, 0.8, 0.2 / (len(self.classes_) - 1))
+
+    def predict_lobes(self, X, passage):
+        return np.arange(4) < (X[:, 0] + passage)[:, np.newaxis]
+
+
+def held(answers, groups):
+    """Windows that hold the answer, noise and their number."""
+    n = len(answers)
+    return np.column_stack([answers, np.random.default_rng(0).normal(size=n), np.arange(n)])
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    Recorder.calls = []
+
+
+GROUPS = np.repeat(np.arange(24), 2)
+COUNTS = GROUPS % 3
+
+
+# Protocols
+
+
+def test_one_assembly_is_left_out_at_a_time_and_groups_are_handed_over():
+    result = evaluate(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol="leave-one-assembly-out")
+    assert len(Recorder.calls) == 24
+    for k, (seen, asked, groups) in enumerate(Recorder.calls):
+        assert asked == {2 * k, 2 * k + 1}
+        assert not seen & asked
+        assert groups == set(range(24)) - {k}
+    assert result.protocol == "leave-one-assembly-out"
+    assert result.accuracy == 1
+
+
+def test_a_condition_is_left_out_together_with_its_assemblies():
+    """Assembly 0 ran under both loads: when 18 Nm is tested, its windows at 22 Nm do not train."""
+    load = np.where(GROUPS < 12, 18, 22)
+    load[1] = 22
+    result = evaluate(
+        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol="leave-one-condition-out", conditions=load
+    )
+    (seen_18, asked_18, _), (seen_22, asked_22, _) = Recorder.calls
+    assert asked_18 == set(np.flatnonzero(load == 18))
+    assert asked_22 == set(np.flatnonzero(load == 22))
+    assert seen_18 == set(range(24, 48))
+    assert 0 not in seen_22
+    assert result.by_condition == {18: 1.0, 22: 1.0}
+
+
+def test_trained_here_tested_there():
+    other = evaluate(
+        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS,
+        training=(held(COUNTS % 2, GROUPS) + np.array([0, 0, 100]), COUNTS, GROUPS + 100),
+    )  # fmt: skip
+    ((seen, asked, groups),) = Recorder.calls
+    assert seen == set(range(100, 148))
+    assert asked == set(range(48))
+    assert groups == set(range(100, 124))
+    assert other.protocol == "train-test"
+
+
+def test_training_elsewhere_may_know_counts_that_the_test_lacks():
+    test = COUNTS < 2
+    result = evaluate(
+        Recorder(), held(COUNTS, GROUPS)[test], COUNTS[test], GROUPS[test],
+        training=(held(COUNTS, GROUPS), COUNTS, GROUPS + 100),
+    )  # fmt: skip
+    assert_array_equal(result.classes, [0, 1, 2])
+    assert result.probabilities.shape == (32, 3)
+    assert result.accuracy == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"groups": None}, "groups must name the assembly.*recognises the recording"),
+        ({"protocol": "shuffled"}, r"protocol must be one of \('stratified'.*got 'shuffled'"),
+        ({"protocol": "leave-one-condition-out"}, "conditions must name the condition of every window"),
+        ({"protocol": "leave-one-condition-out", "conditions": np.ones(48)}, "at least two conditions"),
+        (
+            {"protocol": "leave-one-condition-out", "conditions": COUNTS},
+            "condition 0 holds count 0, which no assembly of another condition has",
+        ),
+        ({"conditions": [1, 2]}, "conditions must hold one value per window"),
+        ({"training": (held(COUNTS, GROUPS), COUNTS, GROUPS)}, "must not share assemblies, but both hold 0"),
+        ({"training": (held(COUNTS, GROUPS), COUNTS)}, r"training must be a tuple \(X, y, groups\).*of 2"),
+        ({"training": (held(COUNTS, GROUPS), COUNTS, None)}, "groups must name the assembly"),
+        ({"worn": np.ones((48, 4))}, "worn and passage must be given together"),
+        ({"worn": np.ones(48), "passage": np.ones(48)}, r"worn must have shape \(n_windows, n_lobes\)"),
+    ],
+)
+def test_bad_input(changes, message):
+    arguments = {"X": held(COUNTS, GROUPS), "y": COUNTS, "groups": GROUPS, **changes}
+    with pytest.raises(ValueError, match=message):
+        evaluate(Recorder(), **arguments)
+
+
+# Scores
+
+
+def test_scores_by_hand():
+    """Assemblies 0 and 1 wrong by one in both windows, the others right; 0.8 said each time."""
+    answers = COUNTS.copy()
+    answers[GROUPS == 0] = 1
+    answers[GROUPS == 1] = 2
+    passage = np.where(np.arange(48) % 2, 0, 1)  # every second window places one lobe too many
+    result = evaluate(
+        Recorder(), held(answers, GROUPS), COUNTS, GROUPS,
+        worn=np.arange(4) < COUNTS[:, np.newaxis], passage=passage,
+    )  # fmt: skip
+    assert result.accuracy == pytest.approx(22 / 24)
+    assert result.mean_absolute_error == pytest.approx(2 / 24)
+    assert result.macro_f1 == pytest.approx(f1_score(COUNTS, answers, average="macro"))
+    assert result.calibration_error == pytest.approx(22 / 24 - 0.8)
+    assert result.exact_lobes == pytest.approx(22 / 48)
+    assert result.coverage is None
+    scores = json.loads(json.dumps(result.to_dict()))
+    assert scores["exact_lobes"] == pytest.approx(22 / 48)
+    assert "coverage" not in scores
+
+
+def test_coverage_of_sets():
+    random = np.random.default_rng(0)
+    groups = np.arange(300)
+    y = groups % 3
+    X = y[:, np.newaxis] + random.normal(scale=0.5, size=(300, 2))
+    result = evaluate(ConformalCounter(GaussianNB(), domain=None), X, y, groups)
+    assert 0.84 <= result.coverage <= 0.96
+    low, high = result.coverage_interval
+    assert low < result.coverage < high
+    assert_allclose(result.class_coverage.mean(), result.coverage)
+    assert 1 <= result.set_size <= 2
+    assert 0 <= result.refused < 0.05
+
+
+def test_macro_f1_is_scikit_learns():
+    random = np.random.default_rng(0)
+    y, p = random.integers(0, 4, 100), random.integers(0, 4, 100)
+    cells = np.zeros((4, 4))
+    np.add.at(cells, (y, p), 1)
+    assert macro_f1(cells) == pytest.approx(f1_score(y, p, average="macro"))
+
+
+def test_calibration_error_by_hand():
+    """Two bins: 0.9 said and 0.5 right in half of the weight; 0.6 said and all right in the other."""
+    said = np.array([0.91, 0.91, 0.61, 0.61])
+    right = np.array([True, False, True, True])
+    sums = calibration_sums(said, right, np.ones(4), np.arange(4))
+    assert expected_calibration_error(sums.sum(axis=0)) == pytest.approx(0.5 * 0.41 + 0.5 * 0.39)
+    # an assembly of many windows weighs no more than one of few
+    member = np.array([0, 1, 1, 1])
+    sums = calibration_sums(said, right, np.array([1, 1 / 3, 1 / 3, 1 / 3]), member)
+    expected = (abs(0.91 * 4 / 3 - 1) + abs(0.61 * 2 / 3 - 2 / 3)) / 2
+    assert expected_calibration_error(sums.sum(axis=0)) == pytest.approx(expected)
+
+
+# Intervals
+
+
+def test_without_a_single_error_the_rule_of_three_bounds_the_accuracy():
+    result = evaluate(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS)
+    bound = rule_of_three(24, 0.95)
+    assert bound == pytest.approx(3 / 24, abs=0.01)
+    assert binom.pmf(0, 24, bound) == pytest.approx(0.05)
+    assert result.accuracy_interval == (1 - bound, 1.0)
+    assert result.macro_f1_interval == (1 - bound, 1.0)
+    assert result.mean_absolute_error_interval == (0.0, bound)
+    wrong = evaluate(Recorder(), held((COUNTS + 1) % 3, GROUPS), COUNTS, GROUPS)
+    assert wrong.accuracy_interval == (0.0, bound)
+    assert at_the_ends(0.5, (0.4, 0.6), 24, 0.95) == (0.4, 0.6)
+
+
+def test_intervals_are_of_assemblies_not_of_windows():
+    """Twelve windows each, right or wrong together: 24 assemblies, not 288 windows."""
+    groups = np.repeat(np.arange(24), 12)
+    y = groups % 3
+    answers = np.where(groups < 12, y, (y + 1) % 3)
+    result = evaluate(Recorder(), held(answers, groups), y, groups, n_bootstrap=4000)
+    expected = binom.ppf([0.025, 0.975], 24, 0.5) / 24
+    assert_allclose(result.accuracy_interval, expected, atol=0.021)
+
+
+# Curves
+
+
+def clouds(n=48, spread=0.8, n_features=30):
+    random = np.random.default_rng(0)
+    groups = np.repeat(np.arange(n), 2)
+    y = groups % 2
+    X = 0.5 * y[:, np.newaxis] + random.normal(scale=spread, size=(len(groups), n_features))
+    return X, y, groups
+
+
+def test_more_training_assemblies_count_better_on_the_same_held_out_ones():
+    X, y, groups = clouds()
+    curve = learning_curve(GaussianNB(), X, y, groups, n_assemblies=(2, 18), n_splits=4)
+    assert list(curve) == [2, 18]
+    assert curve[18].accuracy > curve[2].accuracy
+    everything = learning_curve(GaussianNB(), X, y, groups, n_assemblies=[18], n_splits=4)[18]
+    assert_array_equal(everything.predictions, evaluate(GaussianNB(), X, y, groups, n_splits=4).predictions)
+
+
+def test_the_curve_trains_on_as_many_assemblies_as_it_says():
+    learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=(1, 3), n_splits=4)
+    sizes = [len(groups) for _, _, groups in Recorder.calls]
+    assert sizes == [3] * 4 + [9] * 4
+    for (small, _, _), (large, _, _) in zip(Recorder.calls[:4], Recorder.calls[4:], strict=True):
+        assert small < large
+    with pytest.raises(ValueError, match="asks for 99 training assemblies per class, but class 0 has 6"):
+        learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=[99], n_splits=4)
+
+
+def test_noise_costs_accuracy_most_where_training_did_not_hear_it():
+    X, y, groups = clouds(n=120, spread=0.3)
+    sweep = noise_sweep(GaussianNB(), X, y, groups, noise_nm=(0.0, 1.5), n_splits=3)
+    assert sweep[0.0].accuracy > sweep[1.5].accuracy > 0.5
+    assert_array_equal(sweep[0.0].predictions, evaluate(GaussianNB(), X, y, groups, n_splits=3).predictions)
+    fixed = noise_sweep(GaussianNB(), X, y, groups, noise_nm=[1.5], training_noise_nm=0.0, n_splits=3)
+    assert fixed[1.5].calibration_error > sweep[1.5].calibration_error
+    with pytest.raises(ValueError, match="noise_nm must hold finite numbers from 0 on, got -1"):
+        noise_sweep(GaussianNB(), X, y, groups, noise_nm=[-1])
+    with pytest.raises(ValueError, match="training_noise_nm must be a number or 'same', got 'none'"):
+        noise_sweep(GaussianNB(), X, y, groups, training_noise_nm="none")
+
+
+def test_counters_without_probabilities_have_no_calibration_error():
+    class Plain(BaseEstimator):
+        def fit(self, X, y):
+            return self
+
+        def predict(self, X):
+            return np.zeros(len(X))
+
+    result = evaluate(Plain(), held(COUNTS, GROUPS), COUNTS, GROUPS)
+    assert result.calibration_error is None
+    assert result.probabilities is None
+    assert evaluate(DummyClassifier(), held(COUNTS, GROUPS), COUNTS, GROUPS).calibration_error is not None
