@@ -502,8 +502,8 @@ def _training(training: tuple[Any, ...], data: _Windows) -> _Windows:
     both = np.intersect1d(windows.groups, data.groups)
     if both.size:
         raise ValueError(
-            f"training and test must not share assemblies, but both hold {both.tolist()[0]!r}: what the counter "
-            "remembers of an assembly is no measure of what it says of others"
+            f"training and test must not share assemblies, but both hold {both.tolist()[0]!r}: what the "
+            "counter remembers of an assembly is no measure of what it says of others"
         )
     return windows
 

@@ -113,7 +113,7 @@ def test_mondrian_covers_the_hard_class_too():
         counter = ConformalCounter(GaussianNB(), per_class=per_class, domain=None).fit(X[::2], y[::2])
         sets, truth = counter.predict_set(X[1::2]), y[1::2]
         by_class[per_class] = min(sets[truth == c, c].mean() for c in range(3))
-    assert by_class[False] < 0.8
+    assert by_class[False] < 0.85
     assert by_class[True] > 0.86
 
 
