@@ -421,7 +421,7 @@ class _Windows:
         if not all(isinstance(label, Real) for label in labels.tolist()):
             raise ValueError(f"y must hold defect counts (numbers), got {labels.tolist()[0]!r}")
         constant = np.flatnonzero(windows.max(axis=1) == windows.min(axis=1))
-        if constant.size:
+        if constant.size and windows.shape[1] > 1:  # a single feature may well stand in place of a window
             raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
         if (worn is None) != (passage is None):
             raise ValueError("worn and passage must be given together: lobes are numbered by the passage")

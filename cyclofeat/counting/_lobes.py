@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit, logsumexp
 from sklearn.base import BaseEstimator
-from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
@@ -33,6 +32,7 @@ from cyclofeat.counting._folds import (
     shares,
     softmax,
 )
+from cyclofeat.counting._trees import CountingTrees
 from cyclofeat.features import LobeMap
 
 Bool = NDArray[np.bool_]
@@ -88,9 +88,9 @@ class LobeCounter(MostProbable, BaseEstimator):
         Counts in training, in order.
     weights_ : ndarray, shape (2,)
         Exponents of the two opinions of the count: trees on the lobe map, and lobes.
-    lobe_trees_ : ExtraTreesClassifier or None
+    lobe_trees_ : CountingTrees or None
         None where the classes are no counts from 0 to ``n_lobes``: then there are no lobes to find.
-    count_trees_ : ExtraTreesClassifier
+    count_trees_ : CountingTrees
     lobe_map_ : LobeMap
     mesh_phase_ : float
         Phase of line ``n_lobes`` at the beginning of a slot, in turns.
@@ -365,11 +365,11 @@ class LobeCounter(MostProbable, BaseEstimator):
             raise ValueError("passage must hold one finite number per window, got NaN or infinity")
         return begins
 
-    def _count_trees(self, seed: int) -> ExtraTreesClassifier:
-        return ExtraTreesClassifier(self.n_trees, random_state=seed)
+    def _count_trees(self, seed: int) -> CountingTrees:
+        return CountingTrees(self.n_trees, random_state=seed)
 
-    def _lobe_trees(self, seed: int) -> ExtraTreesClassifier:
-        return ExtraTreesClassifier(
+    def _lobe_trees(self, seed: int) -> CountingTrees:
+        return CountingTrees(
             self.n_lobe_trees,
             min_samples_leaf=self.min_samples_leaf,
             max_features=self.max_features,
@@ -486,7 +486,7 @@ def _counts(classes: NDArray[Any], n_lobes: int) -> Int | None:
     return counts if np.all(counts == classes) and counts[0] >= 0 and counts[-1] <= n_lobes else None
 
 
-def _lobe_logits(trees: ExtraTreesClassifier, views: Float) -> Float:
+def _lobe_logits(trees: CountingTrees, views: Float) -> Float:
     proba = trees.predict_proba(views.reshape(-1, views.shape[-1]))[:, 1].reshape(views.shape[:2])
     # as many trees as there are cannot tell less than half a tree from none
     least = 0.5 / len(trees.estimators_)

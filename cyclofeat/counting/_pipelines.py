@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from sklearn.base import BaseEstimator
-from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
@@ -13,22 +12,10 @@ from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._ladder import EntropyLadder
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
+from cyclofeat.counting._trees import CountingTrees
 from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
 
 KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
-
-
-class CountingTrees(ExtraTreesClassifier):
-    """Extremely randomised trees over features of windows; parameters as in scikit-learn.
-
-    Says of itself that it scores poorly on arbitrary data, so that scikit-learn's conformance suite does not
-    ask it to tell clouds of points with two coordinates apart, of which no lobe map can be made.
-    """
-
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.classifier_tags.poor_score = True
-        return tags
 
 
 def make_lobe_counter(

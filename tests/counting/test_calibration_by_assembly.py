@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import log_loss
+from sklearn.model_selection import GroupKFold, cross_validate
 from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -46,8 +48,8 @@ def test_the_temperature_is_scikit_learns_on_the_same_folds():
 @pytest.mark.parametrize("method", ["temperature", "isotonic"])
 def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
-    X, y, groups = assemblies(n=160, windows=2, n_classes=8, shared=0.2, n_features=12)
-    trees = ExtraTreesClassifier(30, random_state=0)
+    X, y, groups = assemblies(n=240, windows=2, n_classes=8, shared=0.1, n_features=12)
+    trees = ExtraTreesClassifier(40, random_state=0)
     plain = evaluate(trees, X, y, groups, n_bootstrap=50)
     ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, n_bootstrap=50)
     assert plain.calibration_error > 0.1
@@ -181,3 +183,21 @@ def test_a_calibrated_counter_hands_its_dependence_over():
 def test_bad_input_to_recordings(groups, dependence, message):
     with pytest.raises(ValueError, match=message):
         predict_recordings(Says(), np.full((2, 3), 1 / 3), groups, dependence=dependence)
+
+
+def test_groups_come_through_scikit_learns_metadata_routing():
+    X, y, groups = assemblies(n=60)
+    counter = GroupCalibratedCounter(GaussianNB())
+    with config_context(enable_metadata_routing=True):
+        result = cross_validate(
+            counter.set_fit_request(groups=True),
+            X,
+            y,
+            params={"groups": groups},
+            cv=GroupKFold(3),
+            return_estimator=True,
+            return_indices=True,
+        )
+    for fitted, train in zip(result["estimator"], result["indices"]["train"], strict=True):
+        again = GroupCalibratedCounter(GaussianNB()).fit(X[train], y[train], groups=groups[train])
+        assert fitted.temperature_ == pytest.approx(again.temperature_)

@@ -8,7 +8,7 @@ from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes 
 from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
 
 from cyclofeat.counting import GroupCalibratedCounter, LobeCounter, make_lobe_counter
-from cyclofeat.counting._pipelines import KINDS
+from cyclofeat.counting._pipelines import KINDS, CountingTrees
 
 SAMPLING_RATE = 25_600
 
@@ -20,6 +20,23 @@ def data(surrogates):
     groups = np.array([r.assembly for r in surrogates])
     rank = np.array([np.sum(y[:i] == label) for i, label in enumerate(y)])
     return X, y, groups, rank < 6
+
+
+def test_trees_asked_together_answer_as_one_by_one():
+    random = np.random.default_rng(0)
+    X = random.normal(size=(300, 6)).round(1)  # many values on thresholds
+    y = random.integers(0, 4, 300)
+    trees = CountingTrees(40, random_state=0, min_samples_leaf=2).fit(
+        X, y, sample_weight=random.uniform(size=300)
+    )
+    new = random.normal(size=(50, 6)).round(1)
+    assert trees.side_by_side_ is not None
+    together = trees.predict_proba(new)
+    assert_allclose(together, np.mean([tree.predict_proba(new) for tree in trees.estimators_], axis=0))
+    # the many go the other way, and say the same
+    many = trees.predict_proba(np.repeat(new, 20, axis=0))
+    assert_allclose(many[::20], together)
+    assert np.array_equal(trees.predict(new), trees.classes_[together.argmax(axis=1)])
 
 
 # A parameter of the last step and one of what comes before it, for each kind
