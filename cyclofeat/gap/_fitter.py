@@ -13,17 +13,16 @@ import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
-from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from sklearn.base import BaseEstimator
-from sklearn.covariance import LedoitWolf
 from sklearn.utils.validation import validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import smallest_spreads
 from cyclofeat.gap._null import NuisancePrior, machine, make_bank, summaries_of_bank
-from cyclofeat.gap._recordings import mean_speeds, per_recording, recordings_of, registered
+from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import Cell, summarise_all
+from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import (
     CompositeSimulator,
     CycloidalGearbox,
@@ -37,13 +36,16 @@ from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
 Float = NDArray[np.float64]
 
 _PER_STEP = 8  # simulated recordings behind one evaluation
-_STEP = 0.06  # of a finite difference: in logarithms, or in standard deviations of the prior
+_STEP = 0.02  # of a finite difference: in logarithms, or in standard deviations of the prior
 _BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
 _SPARE = 0.06
 _OUTLIER = 3.0  # whitened residual from which a cell counts less
 _AT_BOUND = 0.01  # share of the searched range
+_ROUNDS = 3
+_RANDOM_STARTS = 2
 _CORRECTIONS = 2
-_RIDGE = 0.05  # of variance that no two cells share: no difference of cells is known to better than that
+_FITS = 2.0  # loss below which nothing is left to search for
+_LEAST_LEFT = 0.5  # of variance: few recordings do not show that something hardly scatters at all
 _FAR = 2.0  # standard deviations from which a correction is repeated
 _FAILED = 50.0  # whitened residual of every cell where the simulation fails
 _BANK = 200
@@ -68,8 +70,8 @@ class EffectFitter(BaseEstimator):
         Simulated recordings that the search may take; those for the interval come on top.
     n_interval : int, default=48
         Simulated recordings at the optimum, for weights and interval.
-    n_starts : int, default=3
-        Places from which is searched: the one given, and others from the prior.
+    starts : sequence of (Effect or sequence of Effect), optional
+        Further places to search from; the best of all is taken. Default: two from the prior.
     alpha : float, default=0.1
         The intervals hold the parameter with a chance of 1 - alpha.
     random_state : int, default=0
@@ -129,7 +131,7 @@ class EffectFitter(BaseEstimator):
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "n_sims": [Interval(Integral, 1, None, closed="left")],
         "n_interval": [Interval(Integral, 4, None, closed="left")],
-        "n_starts": [Interval(Integral, 1, None, closed="left")],
+        "starts": [list, tuple, None],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
         "n_jobs": [Integral],
@@ -145,7 +147,7 @@ class EffectFitter(BaseEstimator):
         input_speed_hz: float = 500 / 60,
         n_sims: int = 400,
         n_interval: int = 48,
-        n_starts: int = 3,
+        starts: Sequence[Effect | Sequence[Effect]] | None = None,
         alpha: float = 0.1,
         random_state: int = 0,
         n_jobs: int = 1,
@@ -158,7 +160,7 @@ class EffectFitter(BaseEstimator):
         self.input_speed_hz = input_speed_hz
         self.n_sims = n_sims
         self.n_interval = n_interval
-        self.n_starts = n_starts
+        self.starts = starts
         self.alpha = alpha
         self.random_state = random_state
         self.n_jobs = n_jobs
@@ -227,22 +229,45 @@ class EffectFitter(BaseEstimator):
         null = self._null_scatter(model, counts)
         whitener = _Whitener(null, null, cells)
         start = self._start(model, at, target, whitener)
-        best, derivative = _search(model, at, start, target, whitener, self.n_sims)
-        for _ in range(_CORRECTIONS):
-            # A mean of more recordings than the search had, and weights by how far those with the effect
-            # scatter (under drift the slow part does far more). What hangs together is taken from the
-            # others: correlations fitted to the recordings that they weigh would make the interval too small.
-            found = model.summaries(best, self.n_interval)
-            scatter = model.centred(found)
-            whitener = _Whitener(null, scatter, cells)
-            estimate = _Estimate(whitener, derivative, target - found.mean(axis=0), scatter, n)
-            moved = at.clipped(best + estimate.step)
-            far = np.any(np.abs(moved - best) > _FAR * estimate.deviation)
-            best = moved
-            if not far:
-                break
+        best, estimate = self._optimum(model, at, start, target, null, whitener, cells, n)
         self._settle(model, at, best, estimate, n)
         return self
+
+    def _optimum(
+        self,
+        model: _Model,
+        at: _Space,
+        start: Float,
+        target: Float,
+        null: Float,
+        whitener: _Whitener,
+        cells: list[Cell],
+        n_measured: int,
+    ) -> tuple[Float, _Estimate]:
+        """Search and correct, anew from where it ended as long as the fit is bad and simulations are left."""
+        place, found = start, []
+        for _ in range(_ROUNDS):
+            place, derivative = _search(model, at, place, target, whitener, self.n_sims - model.n_asked)
+            for _ in range(_CORRECTIONS):
+                # A mean of more recordings than the search had, and weights by how far those with the effect
+                # scatter (under drift the slow part does far more). What hangs together is taken from the
+                # others: correlations fitted to the recordings that they weigh would make the interval small.
+                simulated = model.summaries(place, self.n_interval)
+                scatter = model.centred(simulated)
+                whitener = _Whitener(null, scatter, cells)
+                estimate = _Estimate(
+                    whitener, derivative, target - simulated.mean(axis=0), scatter, n_measured
+                )
+                moved = at.clipped(place + estimate.step)
+                far = np.any(np.abs(moved - place) > _FAR * estimate.deviation)
+                found.append((estimate.loss, moved, estimate))
+                place = moved
+                if not far:
+                    break
+            if estimate.loss < _FITS or model.n_asked >= self.n_sims:
+                break
+        _, best, estimate = min(found, key=lambda one: one[0])
+        return best, estimate
 
     def _effects(self) -> tuple[Effect, ...]:
         given = (self.effect,) if isinstance(self.effect, Effect) else tuple(self.effect)
@@ -258,7 +283,7 @@ class EffectFitter(BaseEstimator):
         bank = make_bank(
             self.simulator,
             model.nuisance,
-            None if counts is None else np.sort(counts).tolist(),
+            None if counts is None else mixed(counts, _BANK),
             n=_BANK,
             n_samples=model.n_samples,
             sampling_rate=self.sampling_rate,
@@ -277,9 +302,14 @@ class EffectFitter(BaseEstimator):
         return _less_means(values, bank.counts if counts is not None else np.zeros(len(values), dtype=int))
 
     def _start(self, model: _Model, at: _Space, target: Float, whitener: _Whitener) -> Float:
-        """The best of the place given and of some from the prior."""
-        random = np.random.default_rng([self.random_state, 3])
-        places = [at.given, *(at.from_prior(random) for _ in range(self.n_starts - 1))]
+        """The best of the place given and of some others."""
+        if self.starts is None:
+            random = np.random.default_rng([self.random_state, 3])
+            others = [at.from_prior(random) for _ in range(_RANDOM_STARTS)]
+        else:
+            given = [(start,) if isinstance(start, Effect) else tuple(start) for start in self.starts]
+            others = [_Space(start).given for start in given]
+        places = [at.given, *others]
         losses = [_loss(_residuals(whitener, target, model.mean(place))) for place in places]
         return places[int(np.argmin(losses))]
 
@@ -329,11 +359,13 @@ class _Model:
     random_state: int
     n_jobs: int
     n_calls: int = 0
+    n_asked: int = 0
     n_failed: int = 0
     _runs: dict[bytes, list[MachineRun | None]] = field(default_factory=dict, repr=False)
 
     def mean(self, place: Float) -> Float:
         """Mean over the recordings behind one evaluation, NaN if none could be simulated."""
+        self.n_asked += _PER_STEP
         values = self._values(place, _PER_STEP)
         return np.asarray(values.mean(axis=0)) if len(values) else np.full(1, np.nan)
 
@@ -457,15 +489,15 @@ class _Whitener:
 
     def __init__(self, correlated: Float, scatter: Float, cells: list[Cell]) -> None:
         smallest = smallest_spreads(cells)
-        self.scale = np.sqrt(scatter.var(axis=0) + smallest**2)
-        scaled = correlated / np.sqrt(correlated.var(axis=0) + smallest**2)
-        covariance = LedoitWolf(assume_centered=True).fit(scaled).covariance_
-        self._root = np.linalg.cholesky(covariance + _RIDGE * np.eye(len(self.scale)))
+        self._scale = np.sqrt(scatter.var(axis=0) + smallest**2)
+        self._turn = uncorrelating(correlated / np.sqrt(correlated.var(axis=0) + smallest**2))
+        # What hangs together may hang together otherwise with the effect.
+        left = np.mean(self(scatter) ** 2, axis=0)
+        self._turn = self._turn / np.sqrt(np.maximum(left, _LEAST_LEFT))
 
     def __call__(self, values: Float) -> Float:
         """Whitened along the last axis, which is that of the cells."""
-        flat = np.reshape(values / self.scale, (-1, self.scale.size))
-        return np.asarray(solve_triangular(self._root, flat.T, lower=True).T.reshape(np.shape(values)))
+        return np.asarray((values / self._scale) @ self._turn)
 
 
 class _Estimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -17,8 +18,9 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._null import NuisancePrior, make_bank, summaries_of_bank
 from cyclofeat.gap._phase import PhaseMap, phase_maps
-from cyclofeat.gap._recordings import mean_speeds, per_recording, recordings_of, registered
+from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import FAMILIES, Cell, summarise_all
+from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Rig
 
 Float = NDArray[np.float64]
@@ -30,6 +32,9 @@ _SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 _EQUIVALENT_SPREADS = 0.5  # of one recording's replicate noise, for cells that are no levels
 # Permutations in which the classifier is refitted; its p is no smaller than one over this.
 _REFITS = 99
+SPREADS = "spreads"
+# The differences of all cells at once, in standard errors beyond those of equal sets.
+TOGETHER = Cell("together", "all cells together", "1")
 _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
 
 
@@ -97,12 +102,13 @@ class GapLocator(BaseEstimator):
     Attributes
     ----------
     table_ : list of Row
-        All cells, means and spreads, in the order of the families.
+        All cells: means in the order of the families, then spreads, then all means together.
     verdict_ : {"disagree", "equivalent", "unresolved"}
         ``"disagree"``: some adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
         1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
     family_p_ : dict from str to float
-        Smallest p of each family, adjusted within and across families.
+        Smallest p of each family, adjusted within and across families; ``"spreads"`` and ``"together"`` are
+        families of their own.
     p_global_ : dict from str to float
         Energy distance of all cells, and a classifier that tries to tell measured from simulated (folds by
         recording, refitted under each permutation); not part of the verdict.
@@ -118,8 +124,10 @@ class GapLocator(BaseEstimator):
     -----
     The statistic of a cell is the difference of means over its standard error with the pooled variance, as
     exchangeability has it under the hypothesis; that of spreads the logarithm of the ratio of variances over
-    its standard deviation under permuted labels; p = (b + 1) / (m + 1), never 0. A cell's spread is taken as
-    at least 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions), below which a difference has no consequence.
+    its standard deviation under permuted labels; the family "together" has one statistic, the root mean
+    square of all differences after a shrunk, label-free decorrelation. p = (b + 1) / (m + 1), never 0. A
+    cell's spread is taken as at least 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions), below which a difference
+    has no consequence.
 
     Examples
     --------
@@ -217,7 +225,7 @@ class GapLocator(BaseEstimator):
         self.bank_ = make_bank(
             self.simulator,
             nuisance,
-            None if counts is None else np.sort(counts).tolist(),
+            None if counts is None else mixed(counts, self.n_bank),
             n=self.n_bank,
             n_samples=windows.shape[1],
             sampling_rate=self.sampling_rate,
@@ -315,30 +323,28 @@ class GapLocator(BaseEstimator):
         smallest = smallest_spreads(self.cells_)
         statistics = _Permuted(measured, simulated, self.n_permutations, random, smallest)
         n_cells = len(self.cells_)
-        self.table_, raw = [], {}
+        rows: list[tuple[str, Row]] = []
+        raw: dict[str, float] = {}
         for family, at in _families(self.cells_).items():
             adjusted = statistics.step_down(at)
             raw[family] = float(adjusted.min())
             reach = statistics.largest_quantile(at, 1 - self.alpha)
             for k, p in zip(at, adjusted, strict=True):
                 error = statistics.errors[k]
-                self.table_.append(
-                    Row(
-                        cell=self.cells_[k % n_cells],
-                        of="mean" if k < n_cells else "spread",
-                        effect=float(statistics.effects[k]),
-                        low=float(statistics.effects[k] - reach * error),
-                        high=float(statistics.effects[k] + reach * error),
-                        p=float(p),
-                        detectable=float((reach + _POWER_Z) * error),
-                        spread=float(statistics.spreads[k]),
-                    )
+                row = Row(
+                    cell=TOGETHER if family == TOGETHER.family else self.cells_[k % n_cells],
+                    of="spread" if family == SPREADS else "mean",
+                    effect=float(statistics.effects[k]),
+                    low=float(statistics.effects[k] - reach * error),
+                    high=float(statistics.effects[k] + reach * error),
+                    p=float(p),
+                    detectable=float((reach + _POWER_Z) * error),
+                    spread=float(statistics.spreads[k]),
                 )
+                rows.append((family, row))
         self.family_p_ = _holm(raw)
         across = {family: self.family_p_[family] / raw[family] for family in raw}
-        self.table_ = [
-            Row(**{**vars(row), "p": min(row.p * across[row.cell.family], 1.0)}) for row in self.table_
-        ]
+        self.table_ = [dataclasses.replace(row, p=min(row.p * across[family], 1.0)) for family, row in rows]
         self.verdict_ = self._verdict()
         self._compared = (measured, simulated)
         self._p_global: dict[str, float] | None = None
@@ -350,7 +356,7 @@ class GapLocator(BaseEstimator):
             max(-row.low, row.high)
             <= (_EQUIVALENT_DB if row.cell.unit == "dB" else _EQUIVALENT_SPREADS * row.spread)
             for row in self.table_
-            if row.of == "mean"
+            if row.of == "mean" and row.cell is not TOGETHER
         )
         return "equivalent" if within else "unresolved"
 
@@ -358,8 +364,8 @@ class GapLocator(BaseEstimator):
 class _Permuted:
     """Studentised differences, and what they are under permuted labels.
 
-    The first half of the statistics are differences of means, the second half logarithms of the ratio of
-    spreads in dB, each over its standard deviation under permuted labels.
+    One per cell are differences of means, as many more logarithms of the ratio of spreads in dB, each over
+    its standard deviation under permuted labels; the last is that of all means together.
     """
 
     def __init__(
@@ -397,10 +403,18 @@ class _Permuted:
         # A ratio of variances of few recordings leans to small values: it is taken about its median.
         ratios = ratios - np.median(ratios[1:], axis=0)
         deviation = np.maximum(ratios.std(axis=0), 1e-9)
-        self.effects = np.concatenate([effects[0], ratios[0]])
-        self.errors = np.concatenate([errors[0], deviation])
-        self.t = np.abs(np.hstack([t, np.where(deviation > 1e-6, ratios / deviation, 0.0)]))
-        self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation])
+        # All means together, uncorrelated by a covariance that knows no labels: Hotelling's, shrunk.
+        scale = np.sqrt(squares / (total - 2) + floor)
+        turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
+        together = np.sqrt(np.mean((effects / np.where(scale > 0, scale, 1.0) @ turn) ** 2, axis=1) / share)
+        together = (together - np.median(together[1:]))[:, np.newaxis]
+        beyond = max(float(together[1:].std()), 1e-9)
+        self.effects = np.concatenate([effects[0], ratios[0], together[0]])
+        self.errors = np.concatenate([errors[0], deviation, [beyond]])
+        ratios = np.where(deviation > 1e-6, ratios / deviation, 0.0)
+        # One-sided: less than usual is no disagreement.
+        self.t = np.hstack([np.abs(t), np.abs(ratios), np.maximum(together, 0.0) / beyond])
+        self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation, [beyond]])
 
     def step_down(self, at: NDArray[np.intp]) -> Float:
         """Adjusted p of the chosen cells (Westfall and Young 1993, step-down maximum)."""
@@ -421,9 +435,17 @@ class _Permuted:
 
 
 def _families(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
-    """Statistics of each family: the cells' means, then their spreads."""
-    names = np.array([cell.family for cell in cells] * 2)
-    return {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
+    """Statistics of each family: the cells' means, then the spreads of all, then all means together.
+
+    Spreads are a family of their own: of few recordings they have long tails, which would raise the bar for
+    the means beside them.
+    """
+    names = np.array([cell.family for cell in cells])
+    found = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
+    return found | {
+        SPREADS: np.arange(len(cells), 2 * len(cells)),
+        TOGETHER.family: np.array([2 * len(cells)]),
+    }
 
 
 def smallest_spreads(cells: list[Cell]) -> Float:

@@ -23,6 +23,7 @@ from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior
 from cyclofeat.gap._table import EffectTable, make_table
+from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
 
 Float = NDArray[np.float64]
@@ -33,7 +34,6 @@ _FOLDS = 5
 _SETS_PER_DRAW = 6
 _FEWEST_SETS = 30
 _NULL_SETS = 1000
-_RIDGE = 0.05  # share of a cell's variance that it has in common with no other
 _SMALLEST = 0.05  # a cell's spread is at least this, in its unit
 
 
@@ -277,7 +277,7 @@ class EffectRanker(BaseEstimator):
         self.next_measurement_ = self.ranking_[0].next_measurement
         return self.ranking_
 
-    def nearest(self, name: str, locator: GapLocator, n: int = 1) -> list[Effect]:
+    def nearest(self, name: str, locator: GapLocator, n_nearest: int = 1) -> list[Effect]:
         """Draws of an effect that change the summaries most like what a locator has found: where to start.
 
         Parameters
@@ -286,19 +286,17 @@ class EffectRanker(BaseEstimator):
             Effect.
         locator : GapLocator
             Fitted.
-        n : int
+        n_nearest : int
             How many, the nearest first.
         """
         scale = self._learn(len(locator.measured_)).scale
         wanted, _ = self._deviation(locator)
         shifts = self.table_.shifts(name)
         usable = np.flatnonzero(np.all(np.isfinite(shifts), axis=1))
-        # The compressed scale again: a few huge cells would outvote all others.
-        distance = np.linalg.norm(
-            _scaled(shifts[usable] / scale.spread) - _scaled(wanted / scale.spread), axis=1
-        )
+        n = len(locator.measured_)
+        distance = np.linalg.norm(scale.of_means(shifts[usable], n) - scale.of_means(wanted, n), axis=1)
         kind = effect_library()[name]()
-        vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n]]]
+        vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n_nearest]]]
         return [kind.from_vector(vector) for vector in vectors]
 
     def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:
@@ -336,19 +334,19 @@ class _Scale:
 
     def __init__(self, null: Float) -> None:
         self.spread = np.sqrt(null.var(axis=0, ddof=1) + _SMALLEST**2)
-        covariance = LedoitWolf(assume_centered=True).fit(null / self.spread).covariance_
-        power, directions = np.linalg.eigh(covariance)
-        # A small change shows in what hardly differs between recordings: the ratio of two cells, say.
-        self._uncorrelated = directions / np.sqrt(power + _RIDGE)
+        self._uncorrelating = uncorrelating(null / self.spread)
 
     def features(self, mean: Float, variance: Float, n: int) -> Float:
         """Features of sets of n recordings from their means and variances, each (..., n_cells)."""
-        of_means = mean / self.spread * np.sqrt(n)
-        together = of_means @ self._uncorrelated
         ratio = np.log((variance + _SMALLEST**2) / self.spread**2)
         # Normal recordings: the logarithm of their variance spreads by sqrt(2 / (n - 1)).
-        of_spreads = ratio * np.sqrt((n - 1) / 2)
-        return np.concatenate([_scaled(part) for part in (of_means, together, of_spreads)], axis=-1)
+        of_spreads = _scaled(ratio * np.sqrt((n - 1) / 2))
+        return np.concatenate([self.of_means(mean, n), of_spreads], axis=-1)
+
+    def of_means(self, mean: Float, n: int) -> Float:
+        """The part that comes from the means."""
+        alone = mean / self.spread * np.sqrt(n)
+        return np.concatenate([_scaled(alone), _scaled(alone @ self._uncorrelating)], axis=-1)
 
 
 class _Learned:

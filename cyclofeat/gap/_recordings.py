@@ -48,6 +48,20 @@ def recordings_of(
     return of_window, first
 
 
+def mixed(counts: NDArray[np.int64], n: int) -> list[int]:
+    """The counts in an order whose every beginning holds them in about equal shares.
+
+    Each once where there are more of them than the n recordings that will be simulated.
+    """
+    if len(counts) > n:
+        counts = np.unique(counts)
+    known, repeats = np.unique(counts, return_counts=True)
+    places = [
+        ((k + 0.5) / total, count) for count, total in zip(known, repeats, strict=True) for k in range(total)
+    ]
+    return [int(count) for _, count in sorted(places)]
+
+
 def per_recording(values: Float, of_window: NDArray[np.intp]) -> Float:
     """Mean over the windows of each recording, shape (n_recordings, n_columns)."""
     n = int(of_window.max()) + 1

@@ -38,6 +38,7 @@ _SURE = 0.98  # probability from which no other candidate is fitted
 _NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
 # How much a unit of the fit's mean square counts against the ranker's odds.
 _EVIDENCE = 4.0
+_STARTS = 3  # places from which a fit is searched
 _EXPLAINED = 0.75  # share of the loss to which a second effect has to bring it
 _UNEXPLAINED = 4.0  # loss from which even the best effects leave too much to be the whole truth
 
@@ -399,9 +400,9 @@ class DiscrepancyWorkflow(BaseEstimator):
         found = []
         for row in likely:
             self._say(f"fitting {' and '.join([*(e.effect_id for e in given), row.effect_id])}")
-            (start,) = self.ranker_.nearest(row.effect_id, locator)
+            starts = self.ranker_.nearest(row.effect_id, locator, _STARTS)
             try:
-                fitter = self._fit_effects((*given, start), windows, data)
+                fitter = self._fit_effects([(*given, start) for start in starts], windows, data)
             except SimulationFailed as failure:
                 self.warnings_.append(f"{row.effect_id} could not be fitted: {failure}")
                 continue
@@ -423,10 +424,15 @@ class DiscrepancyWorkflow(BaseEstimator):
         ]
 
     def _fit_effects(
-        self, effects: tuple[Effect, ...], windows: NDArray[Any], data: dict[str, Any]
+        self, starts: list[tuple[Effect, ...]], windows: NDArray[Any], data: dict[str, Any]
     ) -> EffectFitter:
         fitter = EffectFitter(
-            effects, self.sampling_rate, self.simulator, n_sims=self.n_sims, **self._common()
+            starts[0],
+            self.sampling_rate,
+            self.simulator,
+            starts=starts[1:],
+            n_sims=self.n_sims,
+            **self._common(),
         )
         if self.cache is None:
             return fitter.fit(windows, **data)
@@ -470,9 +476,9 @@ class DiscrepancyWorkflow(BaseEstimator):
         for row in self.ranker_.ranking_:
             if row.effect_id not in named | alike:
                 self._say(f"fitting {row.effect_id} as a placebo")
-                (start,) = self.ranker_.nearest(row.effect_id, self.locator_)
+                starts = self.ranker_.nearest(row.effect_id, self.locator_, _STARTS)
                 try:
-                    return self._fit_effects((start,), windows, data).simulator_
+                    return self._fit_effects([(start,) for start in starts], windows, data).simulator_
                 except SimulationFailed:
                     continue
         return None
@@ -548,9 +554,9 @@ def _fit(
 
 def _stated(fitter: EffectFitter) -> str:
     """All that a fit depends on besides the data."""
-    left_out = ("n_jobs", "cache", "simulator", "effect")
+    left_out = ("n_jobs", "cache", "simulator", "effect", "starts")
     rig = _composite(fitter.simulator).to_rig().to_text()
-    effects = [effect.to_dict() for effect in fitter.effect]
+    effects = [[effect.to_dict() for effect in start] for start in (fitter.effect, *fitter.starts)]
     nuisance = dataclasses.asdict(fitter.nuisance or NuisancePrior())
     own = {name: value for name, value in fitter.get_params(deep=False).items() if name not in left_out}
     return repr((rig, effects, nuisance, sorted(own.items(), key=lambda item: item[0])))
