@@ -36,15 +36,17 @@ class CountingTrees(ExtraTreesClassifier):
         self.side_by_side_ = _SideBySide.of(self) if self.n_outputs_ == 1 else None
         return self
 
-    def predict_proba(self, X: ArrayLike) -> NDArray[np.float64]:
+    def predict_proba(self, X: ArrayLike) -> Any:
         """As in scikit-learn, equal but for rounding."""
         check_is_fitted(self)
         together = self.side_by_side_
-        if together is None or issparse(X) or np.shape(X)[:1] > (_MOST_PATHS // len(self.estimators_),):
-            return np.asarray(super().predict_proba(X))
+        if together is None or issparse(X):
+            return super().predict_proba(X)
         features = validate_data(self, X, reset=False, dtype=np.float32, ensure_all_finite=False)
-        if not np.isfinite(features).all():  # refused, or sent the way of missing values
-            return np.asarray(super().predict_proba(X))
+        few = len(features) * len(self.estimators_) <= _MOST_PATHS
+        # those that are not finite are refused, or sent the way of missing values
+        if not few or not np.isfinite(features).all():
+            return super().predict_proba(X)
         return together.predict_proba(features)
 
 
