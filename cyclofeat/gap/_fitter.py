@@ -13,7 +13,7 @@ import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
-from scipy.optimize import least_squares
+from scipy.stats import qmc
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import validate_data
 
@@ -36,13 +36,15 @@ from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
 Float = NDArray[np.float64]
 
 _PER_STEP = 8  # simulated recordings behind one evaluation
-_STEP = 0.02  # of a finite difference: in logarithms, or in standard deviations of the prior
 _BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
 _SPARE = 0.06
 _OUTLIER = 3.0  # whitened residual from which a cell counts less
 _AT_BOUND = 0.01  # share of the searched range
-_ROUNDS = 3
+_ROUNDS = 4
 _RANDOM_STARTS = 2
+_PER_ROUND = 3
+_WIDEST = 0.25  # radius of the first round, in widths of the prior
+_NEAR = 0.01  # distance below which places weigh alike
 _CORRECTIONS = 2
 _FITS = 2.0  # loss below which nothing is left to search for
 _LEAST_LEFT = 0.5  # of variance: few recordings do not show that something hardly scatters at all
@@ -228,37 +230,35 @@ class EffectFitter(BaseEstimator):
         target, n = measured.mean(axis=0), len(measured)
         null = self._null_scatter(model, counts)
         whitener = _Whitener(null, null, cells)
-        start = self._start(model, at, target, whitener)
-        best, estimate = self._optimum(model, at, start, target, null, whitener, cells, n)
+        search = _Search(model, at, target, np.random.default_rng([self.random_state, 3]))
+        for place in self._starts(at, search.random):
+            search.visit(place)
+        # Weights by how far recordings with about this effect scatter: under drift the slow part does far
+        # more than without.
+        start = search.best(whitener)
+        whitener = _Whitener(null, model.centred(model.summaries(start, self.n_interval // 2)), cells)
+        best, estimate = self._optimum(search, null, whitener, cells, n)
         self._settle(model, at, best, estimate, n)
         return self
 
     def _optimum(
-        self,
-        model: _Model,
-        at: _Space,
-        start: Float,
-        target: Float,
-        null: Float,
-        whitener: _Whitener,
-        cells: list[Cell],
-        n_measured: int,
+        self, search: _Search, null: Float, whitener: _Whitener, cells: list[Cell], n_measured: int
     ) -> tuple[Float, _Estimate]:
         """Search and correct, anew from where it ended as long as the fit is bad and simulations are left."""
-        place, found = start, []
-        for _ in range(_ROUNDS):
-            place, derivative = _search(model, at, place, target, whitener, self.n_sims - model.n_asked)
+        model, at, found = search.model, search.at, []
+        while True:
+            place = search.run(whitener, self.n_sims)
             for _ in range(_CORRECTIONS):
-                # A mean of more recordings than the search had, and weights by how far those with the effect
-                # scatter (under drift the slow part does far more). What hangs together is taken from the
-                # others: correlations fitted to the recordings that they weigh would make the interval small.
+                # A mean of more recordings than the search had, and weights by their own scatter. What hangs
+                # together is taken from those without effect: correlations fitted to the recordings that
+                # they weigh would make the interval too small.
                 simulated = model.summaries(place, self.n_interval)
                 scatter = model.centred(simulated)
                 whitener = _Whitener(null, scatter, cells)
-                estimate = _Estimate(
-                    whitener, derivative, target - simulated.mean(axis=0), scatter, n_measured
-                )
-                moved = at.clipped(place + estimate.step)
+                _, slope = search.line(place)
+                difference = search.target - simulated.mean(axis=0)
+                estimate = _Estimate(whitener, slope, difference, scatter, n_measured)
+                moved = at.clipped(place + np.clip(estimate.step, -search.radius, search.radius))
                 far = np.any(np.abs(moved - place) > _FAR * estimate.deviation)
                 found.append((estimate.loss, moved, estimate))
                 place = moved
@@ -266,6 +266,7 @@ class EffectFitter(BaseEstimator):
                     break
             if estimate.loss < _FITS or model.n_asked >= self.n_sims:
                 break
+            search.visit(place)
         _, best, estimate = min(found, key=lambda one: one[0])
         return best, estimate
 
@@ -301,17 +302,12 @@ class EffectFitter(BaseEstimator):
         )
         return _less_means(values, bank.counts if counts is not None else np.zeros(len(values), dtype=int))
 
-    def _start(self, model: _Model, at: _Space, target: Float, whitener: _Whitener) -> Float:
-        """The best of the place given and of some others."""
+    def _starts(self, at: _Space, random: np.random.Generator) -> list[Float]:
+        """The place given and some others."""
         if self.starts is None:
-            random = np.random.default_rng([self.random_state, 3])
-            others = [at.from_prior(random) for _ in range(_RANDOM_STARTS)]
-        else:
-            given = [(start,) if isinstance(start, Effect) else tuple(start) for start in self.starts]
-            others = [_Space(start).given for start in given]
-        places = [at.given, *others]
-        losses = [_loss(_residuals(whitener, target, model.mean(place))) for place in places]
-        return places[int(np.argmin(losses))]
+            return [at.given, *(at.from_prior(random) for _ in range(_RANDOM_STARTS))]
+        given = [(start,) if isinstance(start, Effect) else tuple(start) for start in self.starts]
+        return [at.given, *(_Space(start).given for start in given)]
 
     def _settle(self, model: _Model, at: _Space, best: Float, estimate: _Estimate, n_measured: int) -> None:
         reach = float(stats.t.ppf(1 - self.alpha / 2, n_measured - 1)) * estimate.deviation
@@ -439,9 +435,6 @@ class _Space:
         beyond = _BEYOND_PRIOR * self.widths
         self.low = np.maximum(ends[:, 0] - beyond, lowest)
         self.high = np.minimum(ends[:, 1] + beyond, highest)
-        self.steps = np.array(
-            [_STEP if p.log else _STEP * w / 4 for p, w in zip(self._parameters, self.widths, strict=True)]
-        )
 
     @property
     def given(self) -> Float:
@@ -524,46 +517,68 @@ def _weights(residuals: Float) -> Float:
     return np.asarray((1 + (residuals / _OUTLIER) ** 2) ** -0.25)
 
 
-def _search(
-    model: _Model, at: _Space, start: Float, target: Float, whitener: _Whitener, n_sims: int
-) -> tuple[Float, Float]:
-    """Optimum from a start, and the derivative of the mean summary there, (n_cells, n_parameters)."""
-    known: dict[bytes, Float] = {}
+class _Search:
+    """Search by rounds of places around the best so far, and straight lines through what they gave.
 
-    def mean(place: Float) -> Float:
-        key = place.tobytes()
-        if key not in known:
-            known[key] = model.mean(place)
-        return known[key]
+    Contacts make the summaries rough on the scale of a finite difference: a line through several places says
+    where it goes down, a difference of two neighbours does not.
+    """
 
-    def derivative(place: Float) -> Float:
-        here, columns = mean(place), []
-        for k, step in enumerate(at.steps):
-            signed = step if place[k] + step <= at.high[k] else -step
-            moved = place.copy()
-            moved[k] += signed
-            column = (mean(moved) - here) / signed
-            # Where a simulation fails nothing is known of the slope.
-            columns.append(np.where(np.isfinite(column), column, 0.0) * np.ones(target.size))
-        return np.column_stack(columns)
+    def __init__(self, model: _Model, at: _Space, target: Float, random: np.random.Generator) -> None:
+        self.model, self.at, self.target, self.random = model, at, target, random
+        self.radius = _WIDEST * at.widths
+        self._places: list[Float] = []
+        self._means: list[Float] = []
 
-    def residuals(place: Float) -> Float:
-        return _residuals(whitener, target, mean(place))
+    def visit(self, place: Float) -> None:
+        """Simulate at a place, if it is a new one."""
+        place = self.at.clipped(place)
+        if not any(np.array_equal(place, known) for known in self._places):
+            self._places.append(place)
+            self._means.append(self.model.mean(place))
 
-    found = least_squares(
-        residuals,
-        start,
-        jac=lambda place: -whitener(derivative(place).T).T * math.sqrt(_PER_STEP),
-        bounds=(at.low, at.high),
-        loss="soft_l1",
-        f_scale=_OUTLIER,
-        x_scale=at.widths / 4,
-        xtol=2e-3,
-        ftol=1e-3,
-        max_nfev=max(n_sims // ((1 + start.size) * _PER_STEP), 2),
-    )
-    best = np.asarray(found.x, dtype=float)
-    return best, derivative(best)
+    def best(self, whitener: _Whitener) -> Float:
+        """The place of the smallest loss so far."""
+        losses = [_loss(_residuals(whitener, self.target, mean)) for mean in self._means]
+        return self._places[int(np.argmin(losses))]
+
+    def run(self, whitener: _Whitener, n_sims: int) -> Float:
+        """Rounds with a radius that shrinks; the last best place."""
+        self.radius = _WIDEST * self.at.widths
+        size = self.at.widths.size
+        for _ in range(_ROUNDS):
+            centre = self.best(whitener)
+            offsets = qmc.Halton(size, rng=self.random).random(_PER_ROUND + 2 * size) * 2 - 1
+            for offset in offsets:
+                self.visit(centre + offset * self.radius)
+            centre = self.best(whitener)
+            mean, slope = self.line(centre)
+            residuals = whitener(self.target - mean) * math.sqrt(_PER_STEP)
+            step = _descent(whitener(slope.T).T, residuals / math.sqrt(_PER_STEP), _weights(residuals))
+            self.visit(centre + np.clip(step, -self.radius, self.radius))
+            self.radius = self.radius / 2
+            if self.model.n_asked >= n_sims:
+                break
+        return self.best(whitener)
+
+    def line(self, centre: Float) -> tuple[Float, Float]:
+        """Mean summary at a place and its slope there, (n_cells,) and (n_cells, n_parameters)."""
+        usable = [k for k, mean in enumerate(self._means) if np.all(np.isfinite(mean))]
+        if len(usable) < 2:
+            raise SimulationFailed("the simulations fail: the effect's size cannot be searched for")
+        offsets = (np.array([self._places[k] for k in usable]) - centre) / self.at.widths
+        distance = np.linalg.norm(offsets, axis=1)
+        nearest = np.argsort(distance)[: 3 * offsets.shape[1] + 3]
+        weights = 1 / (distance[nearest] + _NEAR)
+        design = np.column_stack([np.ones(nearest.size), offsets[nearest]]) * weights[:, None]
+        values = np.array([self._means[usable[k]] for k in nearest]) * weights[:, None]
+        found = np.linalg.lstsq(design, values, rcond=1e-6)[0]
+        return found[0], found[1:].T / self.at.widths
+
+
+def _descent(jacobian: Float, residuals: Float, weights: Float) -> Float:
+    """Step of Gauss and Newton with weights."""
+    return np.asarray(np.linalg.pinv(weights[:, None] * jacobian) @ (weights * residuals))
 
 
 def _residuals(whitener: _Whitener, target: Float, found: Float) -> Float:
