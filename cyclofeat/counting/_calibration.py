@@ -130,7 +130,7 @@ class GroupCalibratedCounter(MostProbable, BaseEstimator):
             Number of worn lobes.
         groups : array-like, shape (n_windows,), optional
             Assembly of each window. Without groups every window is taken for an assembly of its own; where
-            windows share one, probabilities then come out too high.
+            windows share one, what is learned is how sure the counter is of what it has seen.
 
         Returns
         -------

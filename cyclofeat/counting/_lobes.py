@@ -117,8 +117,8 @@ class LobeCounter(MostProbable, BaseEstimator):
     to begin in the window.
 
     *Without known lobes* (``worn`` not given) those worn are taken for neighbours, at first about the centre
-    of the fold's energy, then thrice where held-out trees see them most. Their numbering may then be off by a
-    constant.
+    of the fold's energy, then thrice where held-out trees see them most. Counting gains by it; the positions
+    themselves are not to be relied on: rows can be off by some lobes, differently for each count.
 
     Examples
     --------
@@ -205,8 +205,8 @@ class LobeCounter(MostProbable, BaseEstimator):
         passage : array-like, shape (n_windows,), optional
             When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window is taken for an assembly of its own; windows
-            that share an assembly then make the counter surer of itself than it should be.
+            Assembly of each window. Without groups every window is taken for an assembly of its own; where
+            windows share one, the counter then learns how sure it is of what it has seen.
 
         Returns
         -------
