@@ -117,7 +117,7 @@ class LobeCounter(MostProbable, BaseEstimator):
     to begin in the window.
 
     *Without known lobes* (``worn`` not given) those worn are taken for neighbours, at first about the centre
-    of the fold's energy, then thrice where held-out trees see them most. Counting gains by it; the positions
+    of the fold's energy, then thrice where held-out trees see them most. It serves the count; the positions
     themselves are not to be relied on: rows can be off by some lobes, differently for each count.
 
     Examples
