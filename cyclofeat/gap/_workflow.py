@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import os
 import time
@@ -20,9 +21,9 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior
+from cyclofeat.gap._null import NuisancePrior, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
-from cyclofeat.gap._recordings import recordings_of
+from cyclofeat.gap._recordings import mixed, recordings_of
 from cyclofeat.gap._report import GapReport
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
 from cyclofeat.simulators.campaign import made_with
@@ -79,6 +80,9 @@ class DiscrepancyWorkflow(BaseEstimator):
     library : sequence of str, optional
         Effects that are considered. Default: all of :func:`cyclofeat.simulators.effect_library` that fit the
         model.
+    ranker : EffectRanker, optional
+        One that has been fitted for the same model, prior, rate and window length, so that several sets of
+        recordings share it. Default: one is made for ``library``.
     max_effects : {1, 2}, default=2
     n_candidates : int, default=3
         Explanations that are fitted before one is chosen; look-alikes count as one.
@@ -86,10 +90,14 @@ class DiscrepancyWorkflow(BaseEstimator):
         What the corrected model is compared with (:class:`GapReport`).
     with_placebo : bool, default=True
         Whether the best wrong effect outside the group of look-alikes is compared too.
+    oracle : CompositeSimulator, Rig or CycloidalGearbox, optional
+        The truth, where it is known (in a benchmark): compared in the last stage, and never looked at before.
     n_bank : int, default=200
         Simulated recordings of a comparison.
     n_after : int, default=96
         The same for the corrected model.
+    n_report : int, default=64
+        Simulated recordings of each alternative on the recordings held out.
     n_draws, n_null : int, default=60 and 160
         Size of the ranker's table (:class:`EffectRanker`).
     n_sims : int, default=400
@@ -150,12 +158,15 @@ class DiscrepancyWorkflow(BaseEstimator):
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "library": [list, tuple, None],
+        "ranker": [EffectRanker, None],
         "max_effects": [Interval(Integral, 1, 2, closed="both")],
         "n_candidates": [Interval(Integral, 1, None, closed="left")],
         "baselines": [list, tuple],
         "with_placebo": ["boolean"],
         "n_bank": [Interval(Integral, 10, None, closed="left")],
         "n_after": [Interval(Integral, 10, None, closed="left")],
+        "n_report": [Interval(Integral, 10, None, closed="left")],
+        "oracle": [CompositeSimulator, Rig, CycloidalGearbox, None],
         "n_draws": [Interval(Integral, 5, None, closed="left")],
         "n_null": [Interval(Integral, 16, None, closed="left")],
         "n_sims": [Interval(Integral, 1, None, closed="left")],
@@ -174,12 +185,15 @@ class DiscrepancyWorkflow(BaseEstimator):
         input_speed_hz: float = 500 / 60,
         alpha: float = 0.03,
         library: Sequence[str] | None = None,
+        ranker: EffectRanker | None = None,
         max_effects: int = 2,
         n_candidates: int = 3,
         baselines: Sequence[str] = ("nothing", "retuned", "equaliser", "gaussian_process"),
         with_placebo: bool = True,
+        oracle: CompositeSimulator | Rig | CycloidalGearbox | None = None,
         n_bank: int = 200,
         n_after: int = 96,
+        n_report: int = 64,
         n_draws: int = 60,
         n_null: int = 160,
         n_sims: int = 400,
@@ -195,12 +209,15 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.input_speed_hz = input_speed_hz
         self.alpha = alpha
         self.library = library
+        self.ranker = ranker
         self.max_effects = max_effects
         self.n_candidates = n_candidates
         self.baselines = baselines
         self.with_placebo = with_placebo
+        self.oracle = oracle
         self.n_bank = n_bank
         self.n_after = n_after
+        self.n_report = n_report
         self.n_draws = n_draws
         self.n_null = n_null
         self.n_sims = n_sims
@@ -272,6 +289,34 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.result_ = self._result()
         return self
 
+    def prepare(self, counts: Sequence[int] | None, n_samples: int) -> EffectRanker:
+        """Simulate what does not depend on the recordings, and keep it in the cache.
+
+        Parameters
+        ----------
+        counts : sequence of int or None
+            Counts of worn lobes of the recordings to come; None where they are not known.
+        n_samples : int
+            Length of their windows.
+
+        Returns
+        -------
+        EffectRanker
+            Fitted; may be given to other workflows as ``ranker``.
+        """
+        make_bank(
+            self.simulator,
+            NuisancePrior() if self.nuisance is None else self.nuisance,
+            None if counts is None else mixed(np.asarray(counts), self.n_bank),
+            n=self.n_bank,
+            n_samples=n_samples,
+            sampling_rate=self.sampling_rate,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            cache=self.cache,
+        )
+        return self._fitted_ranker(n_samples)
+
     def to_html(self, path: str | os.PathLike[str], **options: Any) -> Path:
         """Write the report that a test engineer reads.
 
@@ -338,18 +383,23 @@ class DiscrepancyWorkflow(BaseEstimator):
             **self._common(),
         )
 
-    def _name(self, windows: NDArray[Any], data: dict[str, Any]) -> None:
-        """Name, fit and add what is missing."""
-        self._say("naming what is missing")
-        self.ranker_ = EffectRanker(
+    def _fitted_ranker(self, n_samples: int) -> EffectRanker:
+        if self.ranker is not None and hasattr(self.ranker, "table_"):
+            return copy.copy(self.ranker)  # its ranking is set anew
+        return EffectRanker(
             self.sampling_rate,
             self.simulator,
             library=self.library,
-            duration_s=windows.shape[1] / self.sampling_rate,
+            duration_s=n_samples / self.sampling_rate,
             n_draws=self.n_draws,
             n_null=self.n_null,
             **self._common(),
         ).fit()
+
+    def _name(self, windows: NDArray[Any], data: dict[str, Any]) -> None:
+        """Name, fit and add what is missing."""
+        self._say("naming what is missing")
+        self.ranker_ = self._fitted_ranker(windows.shape[1])
         if self.ranker_.table_.n_failed:
             self.warnings_.append(
                 f"{self.ranker_.table_.n_failed} simulations of the table of effects failed and are left out"
@@ -459,6 +509,8 @@ class DiscrepancyWorkflow(BaseEstimator):
             self.sampling_rate,
             baselines=tuple(self.baselines),
             placebo=placebo,
+            oracle=self.oracle,
+            n_bank=self.n_report,
             **self._common(),
         )
         self.report_.fit(windows, **data).score(X_hold, **hold)
@@ -512,6 +564,7 @@ class DiscrepancyWorkflow(BaseEstimator):
                 if name != "after"
             },
             "warnings": list(self.warnings_),
+            "seconds": round(self.seconds_, 1),
         }
 
     def _unknown_score(self) -> float:
