@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields, replace
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import resample_poly
+from scipy.signal import firwin, resample_poly
 
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
@@ -538,9 +539,9 @@ def simulate(
     if decimation == "pick" or ratio == 1:
         torque_out, torque_in = done.torques[steps].T
     else:
-        torque_out, torque_in = resample_poly(done.torques.T, ratio.numerator, ratio.denominator, axis=1)[
-            :, :n_samples
-        ]
+        up, down = ratio.numerator, ratio.denominator
+        resampled = resample_poly(done.torques.T, up, down, axis=1, window=_anti_alias_filter(up, down))
+        torque_out, torque_in = resampled[:, :n_samples]
     # Every sample falls on a half step or between two: the driver is smooth there.
     input_angle = np.interp(time, half_steps, phi)
     z = gearbox.n_lobes
@@ -634,6 +635,20 @@ def _relaxed(
     if gearbox.brake_inertia > 0:
         state[3] = state[2] + course[3][0] / gearbox.meter_stiffness
     return state
+
+
+@functools.cache
+def _anti_alias_filter(up: int, down: int) -> Float:
+    """Low-pass for ``resample_poly``: its own design, with the same gain at 0 Hz in each of its phases.
+
+    By that design the phases' gains differ by some 1e-5, which puts a comb of 0.4 mNm on 22 Nm.
+    """
+    largest = max(up, down)
+    taps = firwin(20 * largest + 1, 1 / largest, window=("kaiser", 5.0))
+    for phase in range(up):
+        taps[phase::up] /= taps[phase::up].sum() * up
+    taps.setflags(write=False)
+    return np.asarray(taps)
 
 
 def _external_points(gearbox: CycloidalGearbox, external: Float) -> Complex:
