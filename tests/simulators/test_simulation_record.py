@@ -223,7 +223,7 @@ def test_resampling_leaves_a_constant_torque_constant(up: int, down: int) -> Non
 
     from cyclofeat.simulators.simulation import _anti_alias_filter
 
-    constant = np.full(40 * max(up, down), 22.0)
+    constant = np.full(400 * max(up, down), 22.0)
     found = resample_poly(constant, up, down, window=_anti_alias_filter(up, down))
     inside = found[40:-40]  # away from the ends
     assert np.ptp(inside) < 1e-11
