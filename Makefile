@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-gap bench-gap-full clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -92,6 +92,12 @@ RUNS ?= 1000
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
 	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
+
+bench-gap: $(INSTALLED)  ## the gap workflow on 440 hidden cases; writes benchmarks/gap.md
+	$(BIN)/python -m benchmarks.gap
+
+bench-gap-full: $(INSTALLED)  ## the same on all 640
+	$(BIN)/python -m benchmarks.gap --full
 
 clean:  ## remove what the commands made (.venv stays)
 	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

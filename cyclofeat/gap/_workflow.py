@@ -41,7 +41,9 @@ _NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
 _EVIDENCE = 4.0
 _STARTS = 3  # places from which a fit is searched
 _EXPLAINED = 0.75  # share of the loss to which a second effect has to bring it
-_UNEXPLAINED = 4.0  # loss from which even the best effects leave too much to be the whole truth
+# Loss from which even the best effects leave too much to be the whole truth, and from which they do so
+# where the ranker has not seen such a case either.
+_UNEXPLAINED, _DOUBTFUL = 2.5, 1.6
 
 
 @dataclass(frozen=True)
@@ -413,7 +415,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         self._take(self.candidates_[0], windows, data)
         first = self.candidates_[0]
         assert self.locator_after_ is not None
-        if self.max_effects > 1 and self.locator_after_.verdict_ == "disagree":
+        unexplained = self.locator_after_.verdict_ == "disagree" or first.fitter.loss_ > _DOUBTFUL
+        if self.max_effects > 1 and unexplained:
             self._say("looking for a second effect")
             others = self.ranker_.rank(self.locator_after_, without=first.names)
             pairs = self._fitted(others, first.fitter.effects_, self.locator_after_, windows, data)
@@ -423,7 +426,7 @@ class DiscrepancyWorkflow(BaseEstimator):
                 self.candidates_ = [better[0], *self.candidates_]
             self.ranker_.rank(self.locator_)
         loss = self.candidates_[0].fitter.loss_
-        self.unknown_ = (self.ranker_.unknown_ and loss > _EXPLAINED * _UNEXPLAINED) or loss > _UNEXPLAINED
+        self.unknown_ = loss > _UNEXPLAINED or (self.ranker_.unknown_ and loss > _DOUBTFUL)
 
     def _fitted(
         self,
