@@ -370,7 +370,8 @@ class LoopModel(RegressorMixin, BaseEstimator):
 
         def error(logs: Float) -> Float:
             theta = {name: np.exp(v) for (name, _), v in zip(parameters, logs, strict=True)}
-            return np.mean([relative_error(x, self._deflection(t, theta)) for t, x in pairs], axis=0)
+            errors = [relative_error(x, self._deflection(t, theta)) for t, x in pairs]
+            return np.asarray(np.mean(errors, axis=0))
 
         if parameters:
             bounds = [(math.log(low), math.log(high)) for _, (low, high) in parameters]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -16,6 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 from scipy.stats import qmc
 from sklearn.base import BaseEstimator
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._density import shannon_entropy
@@ -37,11 +42,15 @@ from cyclofeat.simulators.effects import EffectParameter, Normal
 Float = NDArray[np.float64]
 Set = tuple[str, ...]
 
+# A clock that is off by parts in a thousand changes no minimum, maximum, mean or deviation.
+_UNSEEN = ("clock_error",)
 STATISTICS = ("mean", "std", "up", "down")
 SET_POINT = "brake_set_point"
 _REPLICATES = 2
 _TOLERANCE = 0.5  # spreads over the discs by which the score grows when a rig's weight falls to 1/e
 _SAMPLES = 400
+_DENSE = 512  # rigs between the simulated ones, a power of two
+_NEAR = 4  # simulated rigs whose noise one of them takes
 
 # Within a group the torque is the same to these statistics: the search goes on with the first member.
 _SAME_TORQUE = (("sensor_drift", "load_drift"), ("offset", "gain", SET_POINT))
@@ -89,7 +98,9 @@ class Step:
     p : float
         One-sided sign-flip p over the discs of that improvement, of this candidate alone.
     look_alikes : tuple of str
-        Candidates that would have done as well, as far as these discs can tell.
+        Candidates that would have done as well, as far as these discs can tell, after those whose torque is
+        the same to these statistics by what they are (a drift of sensor or load; an offset, gain or
+        set-point).
     next_measurement : str
         What would tell it from them.
     """
@@ -142,6 +153,21 @@ class _Table:
 
     theta: Float
     values: Float
+
+
+@dataclass(frozen=True)
+class _Dense:
+    """Many rigs between the simulated ones.
+
+    ``theta`` (n, n_parameters); ``middle`` (n, n_counts, 4) expected; ``noise`` (n, m, 4) how records
+    of rigs nearby lie around theirs; ``nearest`` (n, k) those rigs; ``log_weight`` (n, n_discs).
+    """
+
+    theta: Float
+    middle: Float
+    noise: Float
+    nearest: NDArray[np.intp]
+    log_weight: Float
 
 
 def sign_flip_p(differences: ArrayLike, alternative: str = "two-sided") -> float:
@@ -238,7 +264,7 @@ class SummaryGap(BaseEstimator):
         What differs between discs without being a missing effect.
     library : sequence of str, optional
         Effects that are considered, of :func:`cyclofeat.simulators.effect_library`, and
-        ``"brake_set_point"``. Default: all.
+        ``"brake_set_point"``. Default: all but ``"clock_error"``, which leaves these statistics as they are.
     max_effects : int, default=3
     max_simulated : int, default=1
         How many of them may be effects that the gearbox answers: each set of those needs simulations of its
@@ -270,9 +296,9 @@ class SummaryGap(BaseEstimator):
     dropped_ : tuple of str
         Effects that were added and taken out again.
     effects_ : tuple of Effect
-        With the parameters of the simulated rig that the discs speak most for.
+        With the parameters of the rig that the discs speak most for.
     theta_, theta_ci_ : dict from "effect.parameter" to float and to (low, high)
-        The same, and the weighted 5 % and 95 % quantiles over all simulated rigs.
+        The same, and the weighted 5 % and 95 % quantiles over all rigs.
     simulator_ : CompositeSimulator
         The model with the effects.
     held_out_ : list of HeldOut
@@ -284,11 +310,12 @@ class SummaryGap(BaseEstimator):
     -----
     A simulated rig has one set of parameters for all its discs; assemblies, first worn lobe, wheel, start
     and noise differ between discs, with the same random numbers for all effects. Rigs of a set are a Latin
-    hypercube over the priors. Each predicts a disc by its mean over two records and their noise. A rig's
-    weight is exp(-sum of CRPS / half the measured spread over the discs), summed over the discs fitted and
-    the statistics: a generalised posterior (Bissiri et al. 2016), in which a statistic that no effect reaches
-    does not decide alone as it would in a likelihood. A disc left out is scored by the CRPS of the
-    weighted prediction, each statistic divided by its measured spread over the discs.
+    hypercube over the priors; between them a Gaussian process gives the statistics that are expected of 512
+    more, and the rigs nearby their noise. A rig's weight is exp(-sum over the discs fitted of the mean CRPS
+    of the four statistics / half the measured spread over the discs): a generalised posterior (Bissiri et al.
+    2016), in which a statistic that no effect reaches does not decide alone as it would in a likelihood. A
+    disc left out is scored by the CRPS of the weighted prediction, each statistic divided by its measured
+    spread over the discs.
 
     The p of a step is that of the best of all candidates, hence optimistic; ``held_out_`` repeats the whole
     search without each disc and is not.
@@ -385,7 +412,7 @@ class SummaryGap(BaseEstimator):
         if (self.scales_ <= 0).any():
             raise ValueError("X must hold discs that differ in every statistic: their spread is the scale")
         self._scores: dict[tuple[Set, Set | tuple[int, ...]], Float] = {}
-        self._fits: dict[Set, tuple[Float, Float, Float]] = {}
+        self._fits: dict[Set, _Dense] = {}
         discs = tuple(range(n))
         self.discrepancies_ = self._locate()
         singles = {(name,): name for name in self.library_}
@@ -434,8 +461,7 @@ class SummaryGap(BaseEstimator):
     # Where.
 
     def _locate(self) -> list[Discrepancy]:
-        _, values, _ = self._fitted(())
-        expected = values.mean(axis=0)  # of each disc's count
+        expected = self._bench.table(()).values.mean(axis=(0, 1))  # of each disc's count
         differences = {name: self.measured_[:, k] - expected[:, k] for k, name in enumerate(STATISTICS)}
         differences["range"] = np.log(np.exp(self.measured_[:, 2:]).sum(axis=1)) - np.log(
             np.exp(expected[:, 2:]).sum(axis=1)
@@ -494,7 +520,10 @@ class SummaryGap(BaseEstimator):
             ]
             alone = next((g for g in _SAME_TORQUE if best in g and g[0] in alike), None)
             going_on = best if alone is None else alone[0]
-            others = tuple(name for name in (best, *alike) if name != going_on)
+            # Physics says these are the same here, even where few rigs were simulated of one of them.
+            same = [name for group in _SAME_TORQUE if going_on in group for name in group]
+            same = [name for name in same if name in self.library_]
+            others = tuple(dict.fromkeys(n for n in (best, *same, *alike) if n != going_on))
             steps.append(
                 Step(
                     effect_id=going_on,
@@ -543,18 +572,16 @@ class SummaryGap(BaseEstimator):
     def _scored(self, sample: Float, disc: int) -> float:
         return float(np.mean(crps(sample.T, self.measured_[disc]) / self.scales_))
 
-    def _fitted(self, key: Set) -> tuple[Float, Float, Float]:
-        """Log weight of each disc under each rig (n_rigs, n_discs), means of rigs, noise of rigs."""
+    def _fitted(self, key: Set) -> _Dense:
         if key not in self._fits:
-            middle, noise = _of_rigs(self._bench.table(key).values)
-            samples = middle[:, :, np.newaxis] + noise[:, np.newaxis]
+            dense = _interpolated(self._bench.table(key), self._bench.bounds(key), self.random_state)
+            samples = dense.middle[:, :, np.newaxis] + dense.noise[:, np.newaxis]
             loss = crps(np.moveaxis(samples, 2, -1), self.measured_) / self.scales_
-            density = -loss.sum(axis=-1) / _TOLERANCE
-            self._fits[key] = density, middle, noise
+            self._fits[key] = dataclasses.replace(dense, log_weight=-loss.mean(axis=-1) / _TOLERANCE)
         return self._fits[key]
 
     def _weights(self, key: Set, discs: Sequence[int]) -> Float:
-        total = self._fitted(key)[0][:, list(discs)].sum(axis=1)
+        total = self._fitted(key).log_weight[:, list(discs)].sum(axis=1)
         weights = np.exp(total - total.max())
         return np.asarray(weights / weights.sum())
 
@@ -562,29 +589,29 @@ class SummaryGap(BaseEstimator):
         self, key: Set, discs: Sequence[int], disc: int, n: int = _SAMPLES
     ) -> tuple[Float, NDArray[np.intp]]:
         """Predictions of one disc by the rigs weighted with others, (n, 4), and the rig of each."""
-        _, middle, noise = self._fitted(key)
+        dense = self._fitted(key)
         random = np.random.default_rng([self.random_state, disc])
         # Systematic: each rig as often as its weight says, but for rounding.
         at = (np.arange(n) + random.random()) / n
-        rigs = np.searchsorted(np.cumsum(self._weights(key, discs)), at).clip(max=len(middle) - 1)
-        error = noise[rigs, random.integers(noise.shape[1], size=n)]
-        return middle[rigs, disc] + error, rigs
+        rigs = np.searchsorted(np.cumsum(self._weights(key, discs)), at).clip(max=len(dense.middle) - 1)
+        error = dense.noise[rigs, random.integers(dense.noise.shape[1], size=n)]
+        return dense.middle[rigs, disc] + error, rigs
 
     # Add and show.
 
     def _add(self, named: Set) -> None:
-        table = self._bench.table(named)
+        theta = self._fitted(named).theta
         weights = self._weights(named, range(len(self.measured_)))
         best = int(np.argmax(weights))
         self.theta_, self.theta_ci_ = {}, {}
         for k, name in enumerate(self._bench.parameter_names(named)):
-            order = np.argsort(table.theta[:, k])
+            order = np.argsort(theta[:, k])
             reached = np.cumsum(weights[order])
-            ends = [table.theta[order[int(np.searchsorted(reached, q))], k] for q in (0.05, 0.95)]
-            self.theta_[name] = float(table.theta[best, k])
-            self.theta_ci_[name] = (float(ends[0]), float(ends[1]))
+            at = [min(int(np.searchsorted(reached, q)), len(order) - 1) for q in (0.05, 0.95)]
+            self.theta_[name] = float(theta[best, k])
+            self.theta_ci_[name] = (float(theta[order[at[0]], k]), float(theta[order[at[1]], k]))
         self.weights_ = weights
-        self.effects_ = self._bench.effects(named, table.theta[best])
+        self.effects_ = self._bench.effects(named, theta[best])
         self.simulator_ = self._bench.composite(self.effects_)
 
     def _key_of(self, effects: Iterable[Effect]) -> Set:
@@ -611,7 +638,8 @@ class SummaryGap(BaseEstimator):
                     )
                 )
             if entropies is not None:
-                simulated = self._bench.entropies(named)[rigs, :, disc].ravel()
+                near = self._fitted(named).nearest[rigs]
+                simulated = self._bench.entropies(named)[near, :, disc].ravel()
                 alone = self._bench.entropies(())[:, :, disc].ravel()
                 rows.append(
                     self._row(
@@ -686,6 +714,15 @@ class _Bench:
 
     def parameter_names(self, key: Set) -> list[str]:
         return [f"{name}.{parameter}" for name in key for parameter in _parameters(name)]
+
+    def bounds(self, key: Set) -> list[tuple[float, float, bool]]:
+        """Smallest and largest value of each parameter in the table, and whether it counts in logarithms."""
+        theta = self.table(key).theta
+        kinds = [_kind(name).parameters[p] for name in key for p in _parameters(name)]
+        return [
+            (float(column.min()), float(column.max()), kind.log)
+            for column, kind in zip(theta.T, kinds, strict=True)
+        ]
 
     def effects(self, key: Set, theta: Float) -> tuple[Effect, ...]:
         found, at = [], 0
@@ -819,7 +856,7 @@ class _Bench:
         arrays: dict[str, Any] = {"stated": np.array(self.stated)}
         for key, table in self.tables.items():
             arrays["values:" + "+".join(key)] = table.values.astype(np.float16)
-            arrays["theta:" + "+".join(key)] = table.theta
+            arrays["theta:" + "+".join(key)] = table.theta.astype(np.float32)
         for key, entropy in self.entropy.items():
             arrays["entropy:" + "+".join(key)] = entropy.astype(np.float16)
         write_whole(path, lambda stream: np.savez_compressed(stream, **arrays))
@@ -835,7 +872,9 @@ class _Bench:
                 kind, _, joined = name.partition(":")
                 key = tuple(joined.split("+")) if joined else ()
                 if kind == "values":
-                    self.tables[key] = _Table(stored["theta:" + joined], stored[name].astype(np.float64))
+                    self.tables[key] = _Table(
+                        stored["theta:" + joined].astype(np.float64), stored[name].astype(np.float64)
+                    )
                 elif kind == "entropy":
                     self.entropy[key] = stored[name].astype(np.float64)
 
@@ -880,7 +919,7 @@ def _gear(key: Iterable[str]) -> Set:
 
 def _names(library: Sequence[str] | None) -> Set:
     known = (*effect_library(), SET_POINT)
-    chosen = known if library is None else tuple(library)
+    chosen = tuple(n for n in known if n not in _UNSEEN) if library is None else tuple(library)
     unknown = [name for name in chosen if name not in known]
     if unknown or not chosen or len(set(chosen)) < len(chosen):
         raise ValueError(f"library must name different effects of {', '.join(known)}, got {library!r}")
@@ -936,16 +975,55 @@ def _statistics_of(torque: Float) -> Float:
     return np.array([torque.min(), torque.max(), torque.mean(), torque.std()])
 
 
-def _of_rigs(values: Float) -> tuple[Float, Float]:
-    """Mean of the two replicates of each rig and count, and each rig's own noise.
+def _interpolated(table: _Table, bounds: Sequence[tuple[float, float, bool]], seed: int) -> _Dense:
+    """Statistics between the simulated rigs, by a Gaussian process over their parameters.
 
-    Returns shapes (n_rigs, n_counts, 4) and (n_rigs, 2 n_counts, 4): how far another record would lie from
-    that mean, with both signs, since which replicate is the first is arbitrary.
+    One process, its length scales shared by all statistics and counts, takes means over the replicates; noise
+    is what the records of the nearest rigs leave.
     """
-    first, second = values[:, 0], values[:, 1]
-    # The noise of one record, and that of a mean of two.
-    noise = np.sqrt(1.5) * (first - second) / np.sqrt(2)
-    return (first + second) / 2, np.concatenate([noise, -noise], axis=1)
+    values = table.values
+    n, n_replicates, n_counts, n_statistics = values.shape
+    none = np.zeros((0, 0))
+    if table.theta.shape[1] == 0:
+        middle = values.mean(axis=(0, 1))[np.newaxis]
+        noise = (values - middle).reshape(1, -1, n_statistics)
+        return _Dense(np.zeros((1, 0)), middle, noise, np.arange(n)[np.newaxis], none)
+
+    def place(theta: Float) -> Float:
+        columns = []
+        for column, (low, high, log) in zip(theta.T, bounds, strict=True):
+            ends = (np.log(low), np.log(high)) if log else (low, high)
+            columns.append(((np.log(column) if log else column) - ends[0]) / (ends[1] - ends[0]))
+        return np.column_stack(columns)
+
+    at = place(table.theta)
+    means = values.mean(axis=1).reshape(n, -1)
+    spread = np.maximum(means.std(axis=0), 1e-9)
+    scaled = (means - means.mean(axis=0)) / spread
+    kernel = ConstantKernel(1.0, (0.1, 100.0)) * RBF(np.full(at.shape[1], 0.5), (0.05, 20.0))
+    process = GaussianProcessRegressor(kernel + WhiteKernel(0.1, (1e-4, 2.0)))
+    with warnings.catch_warnings():
+        # A length scale at its upper bound means a parameter that changes nothing.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        process.fit(at, scaled)
+
+    def expected(places: Float) -> Float:
+        found = np.asarray(process.predict(places)) * spread + means.mean(axis=0)
+        return np.asarray(found.reshape(len(places), n_counts, n_statistics))
+
+    left = (values - expected(at)[:, np.newaxis]).reshape(n, n_replicates * n_counts, n_statistics)
+    # Between the smallest and the largest values simulated: nothing is extrapolated.
+    low, high = at.min(axis=0), at.max(axis=0)
+    shares = qmc.Sobol(at.shape[1], seed=seed).random(_DENSE)
+    places = low + (high - low) * shares
+    nearest = np.argsort(((places[:, np.newaxis] - at) ** 2).sum(axis=-1), axis=1)[:, :_NEAR]
+    theta = np.column_stack(
+        [
+            np.exp(np.log(a) + (np.log(b) - np.log(a)) * x) if log else a + (b - a) * x
+            for x, (a, b, log) in zip(places.T, bounds, strict=True)
+        ]
+    )
+    return _Dense(theta, expected(places), left[nearest].reshape(_DENSE, -1, n_statistics), nearest, none)
 
 
 def _constant(others: Float) -> Float:

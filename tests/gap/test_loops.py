@@ -80,7 +80,7 @@ def test_a_factor_on_the_contacts_is_that_factor_in_the_simulation(factor):
 
 
 def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
-    """The series of parts against the integration of the whole drive, with friction in the input's bearing."""
+    """The series of parts against the integration of the whole drive; friction in the input's bearing."""
     model = LoopModel().fit([loop_of({"torsional_compliance.stiffness": 300.0}, 10.0)])
     theta = {"clearance.clearance": 5e-5, "friction.coulomb_nm": 1.5, "torsional_compliance.stiffness": 400.0}
     drive = DRIVE.replace(
