@@ -79,6 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
     windower = Windower(input_speed_hz=speed)
     given = _windows(windower, fit)
     held = None if hold is None else _windows(windower, hold)
+    if held is not None and held["rate"] != given["rate"]:
+        raise ValueError(
+            f"--hold-out must hold recordings of {given['rate']:g} Hz like those fitted, got {held['rate']:g} Hz"
+        )
     workflow = DiscrepancyWorkflow(
         given["rate"],
         None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator),
@@ -190,10 +194,10 @@ def _windows(windower: Any, recordings: list[Recording]) -> dict[str, Any]:
     """Windows, the recording of each, counts and angles where all recordings have them."""
     cut = windower.windows(recordings)
     angle: NDArray[np.float64] | None = None
-    if all(recording.angle is not None for recording in recordings):
+    # The tachometer may have been on a disc: what is compared is the input's angle.
+    angles = [turned for recording in recordings if (turned := recording.input_angle()) is not None]
+    if len(angles) == len(recordings):
         n = cut.X.shape[1]
         starts = np.round(cut.start_s * cut.sampling_rate).astype(int)
-        angle = np.array(
-            [recordings[i].angle[k : k + n] for i, k in zip(cut.recording, starts, strict=True)]  # type: ignore[index]
-        )
+        angle = np.array([angles[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
     return {"X": cut.X, "y": cut.y, "groups": cut.recording, "angle": angle, "rate": cut.sampling_rate}
