@@ -93,6 +93,8 @@ class GapLocator(BaseEstimator):
     n_bank : int, default=200
         Simulated recordings.
     n_permutations : int, default=999
+        Relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for: fewer than
+        219 can never "disagree" at 0.05.
     random_state : int, default=0
     n_jobs : int, default=1
         Worker processes of the simulations.
@@ -134,7 +136,7 @@ class GapLocator(BaseEstimator):
     >>> from cyclofeat.datasets import make_rig_recordings
     >>> records = make_rig_recordings(2, [0, 3], rig="R0", random_state=1)
     >>> X = [record.torque for record in records]
-    >>> locator = GapLocator(25_600, n_bank=24, n_permutations=199).fit(X, y=[0, 3, 0, 3])
+    >>> locator = GapLocator(25_600, n_bank=24, n_permutations=499).fit(X, y=[0, 3, 0, 3])
     >>> locator.verdict_
     'disagree'
     """
