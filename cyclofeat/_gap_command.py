@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     held = None if hold is None else _windows(windower, hold)
     if held is not None and held["rate"] != given["rate"]:
         raise ValueError(
-            f"--hold-out must hold recordings of {given['rate']:g} Hz like those fitted, got {held['rate']:g} Hz"
+            f"--hold-out must have the sampling rate of MEASURED, {given['rate']:g} Hz, got {held['rate']:g} Hz"
         )
     workflow = DiscrepancyWorkflow(
         given["rate"],
