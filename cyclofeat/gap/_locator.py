@@ -219,6 +219,8 @@ class GapLocator(BaseEstimator):
         windows = windows.astype(np.float32)
         windows = registered(windows, self.sampling_rate, self.input_speed_hz, gearbox.n_lobes)
         of_window, counts = recordings_of(len(windows), y, groups)
+        if counts is not None and counts.max() > gearbox.n_lobes:
+            raise ValueError(f"y must hold counts from 0 to the {gearbox.n_lobes} lobes, got {counts.max()}")
         n_recordings = int(of_window.max()) + 1
         if n_recordings < 2:
             raise ValueError(

@@ -44,7 +44,7 @@ def recordings_of(
     first = np.array([counts[of_window == k][0] for k in range(of_window.max() + 1)])
     if np.any(first[of_window] != counts):
         at = int(np.flatnonzero(first[of_window] != counts)[0])
-        raise ValueError(f"y must be the same within a recording, got two counts in {names[at]!r}")
+        raise ValueError(f"y must be the same within a recording, got two counts in {names.tolist()[at]!r}")
     return of_window, first
 
 
