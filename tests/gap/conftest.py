@@ -1,0 +1,41 @@
+"""What the tests of the gap workflow share: short records, one folder of simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from cyclofeat.gap import Bank, NuisancePrior, make_bank
+from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig
+
+# One turn of the output at a quarter of the usual rate: as long to simulate, four times quicker to summarise.
+RATE, N_SAMPLES = 6400.0, 11_520
+
+Recorder = Callable[..., Bank]
+
+
+@pytest.fixture(scope="session")
+def simulations(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of simulations."""
+    return tmp_path_factory.mktemp("simulations")
+
+
+@pytest.fixture(scope="session")
+def recorded(simulations: Path) -> Recorder:
+    """Recordings of a gearbox or rig with effects in it, in the place of measured ones."""
+
+    def record(
+        effects: Sequence[Effect] = (),
+        counts: Sequence[int] = (0, 3),
+        n: int = 6,
+        seed: int = 101,
+        base: CycloidalGearbox | Rig | None = None,
+    ) -> Bank:
+        return make_bank(
+            CompositeSimulator(base, effects), NuisancePrior(), counts, n=n, n_samples=N_SAMPLES,
+            sampling_rate=RATE, random_state=seed, cache=simulations,
+        )  # fmt: skip
+
+    return record
