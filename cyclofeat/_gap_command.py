@@ -80,9 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     given = _windows(windower, fit)
     held = None if hold is None else _windows(windower, hold)
     if held is not None and held["rate"] != given["rate"]:
-        raise ValueError(
-            f"--hold-out must have the sampling rate of MEASURED, {given['rate']:g} Hz, got {held['rate']:g} Hz"
-        )
+        rates = f"{given['rate']:g} Hz, got {held['rate']:g} Hz"
+        raise ValueError(f"--hold-out must hold recordings with the rate of MEASURED, {rates}")
     workflow = DiscrepancyWorkflow(
         given["rate"],
         None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator),
