@@ -45,10 +45,11 @@ def main() -> None:
     results.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     kinds = arguments.kinds or ["null", "single", "pair", "outside"]
-    hidden = [kind for kind in kinds if kind != "null"]
+    hidden = [kind for kind in ("single", "outside", "pair") if kind in kinds]
     names: list[str] = []
     if hidden:
-        names += case_names(hidden, subset=None if arguments.full else SUBSET)
+        subset = None if arguments.full else SUBSET
+        names += [name for kind in hidden for name in case_names(kind, subset=subset)]
     if "null" in kinds:
         names += case_names("null")[: arguments.nulls]
     missing = [name for name in names if not (results / f"{name}.json").exists()]
@@ -88,7 +89,7 @@ def _ranker(cache: Path) -> EffectRanker:
 
 def _workflow(cache: Path, n_jobs: int, **options: Any) -> DiscrepancyWorkflow:
     return DiscrepancyWorkflow(
-        SAMPLING_RATE, n_draws=48, n_after=64, n_report=32, n_sims=300, n_jobs=n_jobs, cache=cache, **options
+        SAMPLING_RATE, n_draws=48, n_after=64, n_report=32, n_sims=200, n_jobs=n_jobs, cache=cache, **options
     )
 
 

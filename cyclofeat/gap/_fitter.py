@@ -35,7 +35,7 @@ from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
 
 Float = NDArray[np.float64]
 
-_PER_STEP = 8  # simulated recordings behind one evaluation
+_PER_STEP = 4  # simulated recordings behind one evaluation
 _BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
 _SPARE = 0.06
 _OUTLIER = 3.0  # whitened residual from which a cell counts less
@@ -73,7 +73,7 @@ class EffectFitter(BaseEstimator):
     input_speed_hz : float, default=500 / 60
     n_sims : int, default=400
         Simulated recordings that the search may take; those for the interval come on top.
-    n_interval : int, default=48
+    n_interval : int, default=32
         Simulated recordings at the optimum, for weights and interval.
     starts : sequence of (Effect or sequence of Effect), optional
         Further places to search from; the best of all is taken. Default: two from the prior.
@@ -152,7 +152,7 @@ class EffectFitter(BaseEstimator):
         nuisance: NuisancePrior | None = None,
         input_speed_hz: float = 500 / 60,
         n_sims: int = 400,
-        n_interval: int = 48,
+        n_interval: int = 32,
         starts: Sequence[Effect | Sequence[Effect]] | None = None,
         alpha: float = 0.1,
         random_state: int = 0,

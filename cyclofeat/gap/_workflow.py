@@ -36,9 +36,11 @@ FORMAT = "cyclofeat gap 1"
 _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
 _SURE = 0.98  # probability from which no other candidate is fitted
+_LIKELY = 0.7  # probability from which others are fitted only if it fits badly
 _NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
 # How much a unit of the fit's mean square counts against the ranker's odds.
 _EVIDENCE = 4.0
+_PLACEBO_SIMS = 100
 _STARTS = 3  # places from which a fit is searched
 _EXPLAINED = 0.75  # share of the loss to which a second effect has to bring it
 # Loss from which even the best effects leave too much to be the whole truth, and from which they do so
@@ -86,7 +88,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         One that has been fitted for the same model, prior, rate and window length, so that several sets of
         recordings share it. Default: one is made for ``library``.
     max_effects : {1, 2}, default=2
-    n_candidates : int, default=3
+    n_candidates : int, default=2
         Explanations that are fitted before one is chosen; look-alikes count as one.
     baselines : sequence of str
         What the corrected model is compared with (:class:`GapReport`).
@@ -189,7 +191,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         library: Sequence[str] | None = None,
         ranker: EffectRanker | None = None,
         max_effects: int = 2,
-        n_candidates: int = 3,
+        n_candidates: int = 2,
         baselines: Sequence[str] = ("nothing", "retuned", "equaliser", "gaussian_process"),
         with_placebo: bool = True,
         oracle: CompositeSimulator | Rig | CycloidalGearbox | None = None,
@@ -439,17 +441,17 @@ class DiscrepancyWorkflow(BaseEstimator):
         """The most probable explanations, fitted together with what is given; best first."""
         assert self.ranker_ is not None
         likely: list[Ranked] = []
-        left = 1.0
         for row in ranking:
             seen = {name for chosen in likely for name in (chosen.effect_id, *chosen.look_alikes)}
             if row.effect_id in seen:
                 continue
-            if likely and (len(likely) >= self.n_candidates or row.probability < _NEGLIGIBLE):
+            # After a first effect the odds are worth less: they were learned on single effects.
+            negligible = row.probability < _NEGLIGIBLE and not given
+            if likely and (len(likely) >= self.n_candidates or negligible):
                 break
             likely.append(row)
             if not given and row.probability >= _SURE:
                 break
-            left -= row.probability
         found = []
         for row in likely:
             self._say(f"fitting {' and '.join([*(e.effect_id for e in given), row.effect_id])}")
@@ -460,6 +462,9 @@ class DiscrepancyWorkflow(BaseEstimator):
                 self.warnings_.append(f"{row.effect_id} could not be fitted: {failure}")
                 continue
             found.append((row, fitter))
+            # One that is likely and fits leaves nothing for others to explain.
+            if row.probability >= _LIKELY and fitter.loss_ < _DOUBTFUL:
+                break
         if not found:
             return []
         losses = np.array([fitter.loss_ for _, fitter in found])
@@ -477,14 +482,18 @@ class DiscrepancyWorkflow(BaseEstimator):
         ]
 
     def _fit_effects(
-        self, starts: list[tuple[Effect, ...]], windows: NDArray[Any], data: dict[str, Any]
+        self,
+        starts: list[tuple[Effect, ...]],
+        windows: NDArray[Any],
+        data: dict[str, Any],
+        n_sims: int | None = None,
     ) -> EffectFitter:
         fitter = EffectFitter(
             starts[0],
             self.sampling_rate,
             self.simulator,
             starts=starts[1:],
-            n_sims=self.n_sims,
+            n_sims=self.n_sims if n_sims is None else n_sims,
             **self._common(),
         )
         if self.cache is None:
@@ -533,7 +542,9 @@ class DiscrepancyWorkflow(BaseEstimator):
                 self._say(f"fitting {row.effect_id} as a placebo")
                 starts = self.ranker_.nearest(row.effect_id, self.locator_, _STARTS)
                 try:
-                    return self._fit_effects([(start,) for start in starts], windows, data).simulator_
+                    return self._fit_effects(
+                        [(start,) for start in starts], windows, data, _PLACEBO_SIMS
+                    ).simulator_
                 except SimulationFailed:
                     continue
         return None
