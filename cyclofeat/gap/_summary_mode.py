@@ -293,6 +293,8 @@ class SummaryGap(BaseEstimator):
         ``"constant"`` (mean of the other discs) among them.
     steps_ : list of Step
         The effects named, in the order in which they were added, with their look-alikes.
+    rejected_ : list of (str, float, float)
+        What the search would have added next: effect, score with it, and one-sided p of the improvement.
     dropped_ : tuple of str
         Effects that were added and taken out again.
     effects_ : tuple of Effect
@@ -420,6 +422,7 @@ class SummaryGap(BaseEstimator):
         ranked |= {"nothing": self._score((), discs).mean(), "constant": self._constant_score(discs).mean()}
         self.ranking_ = sorted(((k, float(v)) for k, v in ranked.items()), key=lambda row: row[1])
         named, self.steps_, self.dropped_ = self._name(discs)
+        self.rejected_ = self._rejected(named, discs)
         self._add(named)
         self.held_out_ = self._hold_out(entropies)
         self.n_simulated_, self.n_failed_ = self._bench.n_simulated, self._bench.n_failed
@@ -542,6 +545,16 @@ class SummaryGap(BaseEstimator):
                     dropped.append(name)
         kept = [step for step in steps if step.effect_id in named]
         return named, kept, tuple(dropped)
+
+    def _rejected(self, named: Set, discs: tuple[int, ...]) -> list[tuple[str, float, float]]:
+        if len(named) >= self.max_effects:
+            return []
+        before, found = self._score(named, discs), []
+        for name in self.library_:
+            if name not in named and not self._excluded(named, name):
+                score = self._score(self._ordered((*named, name)), discs)
+                found.append((name, float(score.mean()), sign_flip_p(before - score, "greater")))
+        return sorted(found, key=lambda row: row[1])
 
     def _excluded(self, named: Set, name: str) -> bool:
         """Too many to simulate, or a second member of a group that these statistics cannot tell apart."""

@@ -156,7 +156,8 @@ def test_a_table_saves_the_simulations(drift, simulated):
     again = SummaryGap(**simulated).fit(made, entropy=np.linspace(1, 2, 8))
     assert again.n_simulated_ == 0
     assert [step.effect_id for step in again.steps_] == [step.effect_id for step in gap.steps_]
-    assert again.theta_ == gap.theta_
+    # Half precision, through a fitted interpolation.
+    assert again.theta_ == pytest.approx(gap.theta_, rel=0.05)
     with pytest.raises(ValueError, match="was made with another"):
         SummaryGap(**{**simulated, "random_state": 1}).fit(made)
 
