@@ -1,16 +1,17 @@
-"""The ``cyclofeat`` command: simulate, inspect, train, count, evaluate, campaign, gap, demo."""
+"""The ``cyclofeat`` command: simulate, inspect, train, count, watch, evaluate, campaign, gap, demo."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__, _campaign_command, _gap_command, _inspect_command
+from cyclofeat import __version__, _campaign_command, _gap_command, _inspect_command, _watch_command
 from cyclofeat._progress import Progress
 from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments
 
@@ -132,21 +133,24 @@ def _rig(arguments: argparse.Namespace, default: str | None = None) -> Rig:
 def _train(arguments: argparse.Namespace) -> int:
     from cyclofeat.counting import LobeModel, score_text
     from cyclofeat.datasets import make_rig_recordings
-    from cyclofeat.persistence import save_model
+    from cyclofeat.persistence import check_model_path, save_model
 
-    folder = Path(arguments.out).parent
-    if not folder.is_dir():  # found out now rather than after the simulation
-        raise FileNotFoundError(f"folder {folder} for --out does not exist: make it first")
+    check_model_path(arguments.out)  # found out now rather than after the simulation
     if arguments.recordings:
         recordings = _read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
     else:
         rig = _rig(arguments, default="r2")
+        if arguments.windows < 1:
+            raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
+        sampling_rate = arguments.sampling_rate or 25_600.0
+        turn_s = rig.gearbox.n_lobes * 2 * math.pi / rig.gearbox.input_speed
         recordings = make_rig_recordings(
             arguments.assemblies,
             range(arguments.max_count + 1),
             rig=rig,
-            sampling_rate=arguments.sampling_rate or 25_600.0,
+            duration_s=arguments.windows * math.ceil(turn_s * sampling_rate - 1e-6) / sampling_rate,
+            sampling_rate=sampling_rate,
             random_state=arguments.seed,
             n_jobs=arguments.jobs,
             with_angle=True,
@@ -175,9 +179,8 @@ def _train(arguments: argparse.Namespace) -> int:
 
 def _count(arguments: argparse.Namespace) -> int:
     from cyclofeat.datasets import one_line
-    from cyclofeat.persistence import load_model
 
-    model = load_model(arguments.model, trusted=arguments.trust_model)
+    model = _watch_command.read_model(arguments)
     results: list[dict[str, Any]] = []
     failed = False
     options = reading_arguments(arguments)
@@ -188,7 +191,7 @@ def _count(arguments: argparse.Namespace) -> int:
             recording = entry.read(**options)
             if not arguments.json:
                 print(f"{path}: {one_line(recording)}")
-            recording = _without_start(recording, arguments.skip)
+            recording = _watch_command.without_start(recording, arguments.skip)
             result = model.count(recording)
         except (ValueError, TypeError, OSError, ImportError) as error:
             failed = True
@@ -207,19 +210,10 @@ def _count(arguments: argparse.Namespace) -> int:
     return _BAD_INPUT if failed else 0
 
 
-def _without_start(recording: Recording, seconds: float) -> Recording:
-    first = round(seconds * recording.sampling_rate)
-    if first == 0:
-        return recording
-    if not 0 < first < recording.n_samples - 1:
-        raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
-    angle = None if recording.angle is None else recording.angle[first:]
-    return recording.replace(torque=recording.torque[first:], angle=angle)
-
-
 def _print_count(result: dict[str, Any]) -> None:
     count = result["defect_count"]
-    print(f"  worn lobes: {count} (probability {result['probability'][str(count)]:.2f})")
+    refused = f", refused: {result['reason']}" if result["refused"] else ""
+    print(f"  worn lobes: {count} (probability {result['probability'][str(count)]:.2f}){refused}")
     if result["lobes"]:
         # People count from 1.
         print(f"  positions:  {', '.join(str(lobe + 1) for lobe in result['lobes'])} (counted from 1)")
@@ -316,9 +310,12 @@ def _parser() -> argparse.ArgumentParser:
     _inspect_command.add_arguments(_command(commands, "inspect", _inspect_command.run, _inspect_command.TEXT))
 
     train = _command(commands, "train", _train, "train a model and write it to a file")
-    train.add_argument("--out", required=True, help="model file to write, e.g. model.joblib")
+    train.add_argument(
+        "--out", required=True, help="model file to write: model.skops (safe) or model.joblib (a pickle)"
+    )
     train.add_argument("recordings", nargs="*", help="labelled recordings or folders; default: simulate them")
     train.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
+    train.add_argument("--windows", type=int, default=2, help="output turns of each simulated assembly (2)")
     train.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
     train.add_argument("--sampling-rate", type=float, help="Hz; of simulated recordings 25600 by default")
     train.add_argument("--seed", type=int, default=0)
@@ -328,10 +325,10 @@ def _parser() -> argparse.ArgumentParser:
 
     count = _command(commands, "count", _count, "count the worn lobes of recordings")
     count.add_argument("files", nargs="+", metavar="FILE", help=FILES)
-    count.add_argument("--model", required=True, help="model file that train wrote")
-    count.add_argument("--trust-model", action="store_true", help="a joblib model is code: say you trust it")
-    count.add_argument("--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up)")
+    _watch_command.add_model_options(count)
     add_reading_options(count)
+
+    _watch_command.add_arguments(_command(commands, "watch", _watch_command.run, _watch_command.TEXT))
 
     evaluate = _command(commands, "evaluate", _evaluate, "cross-validate with whole assemblies held out")
     evaluate.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")

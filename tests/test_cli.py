@@ -27,7 +27,7 @@ def run(capsys, *arguments):
 def folder(tmp_path_factory, surrogates):
     """A model and some recordings as files."""
     folder = tmp_path_factory.mktemp("cli")
-    save_model(folder / "model.joblib", LobeModel.train(surrogates[8:], input_speed_hz=500 / 60))
+    save_model(folder / "model.joblib", LobeModel.train(surrogates[8:], input_speed_hz=500 / 60, n_splits=0))
     for recording in surrogates[:8]:
         write_recording(folder / f"{recording.assembly}.npz", recording)
     write_recording(folder / "worn.csv", surrogates[3])
@@ -49,7 +49,7 @@ def test_the_module_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "cyclofeat", "--help"], capture_output=True, text=True, check=True
     )
-    for command in ("simulate", "inspect", "train", "count", "evaluate", "demo"):
+    for command in ("simulate", "inspect", "train", "count", "watch", "evaluate", "demo"):
         assert command in done.stdout
 
 
@@ -119,7 +119,7 @@ def test_train_and_count(capsys, folder, tmp_path):
     code, out, _ = run(capsys, "train", folder, "--out", model)
     assert code == 0
     assert "counts [0, 1, 3, 5]" in out
-    code, out, err = run(capsys, "count", folder / "worn.csv", "--model", model, "--trust-model", "--json")
+    code, out, err = run(capsys, "count", folder / "worn.csv", "--model", model, "--trust", "--json")
     assert code == 0
     assert err == ""
     (result,) = json.loads(out)
@@ -132,9 +132,7 @@ def test_train_and_count(capsys, folder, tmp_path):
 
 
 def test_count_for_people_counts_lobes_from_one(capsys, folder):
-    code, out, _ = run(
-        capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust-model"
-    )
+    code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust")
     assert code == 0
     recording = read_recording(folder / "worn.csv")
     assert f"worn lobes: {recording.defect_count}" in out
@@ -152,7 +150,7 @@ def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_
     (tmp_path / "empty.csv").touch()
     code, out, err = run(
         capsys, "count", tmp_path / "empty.csv", folder / "worn.csv",
-        "--model", folder / "model.joblib", "--trust-model", "--json",
+        "--model", folder / "model.joblib", "--trust", "--json",
     )  # fmt: skip
     assert code == 2
     bad, good = json.loads(out)
@@ -170,7 +168,7 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
     )
     code, out, _ = run(
         capsys, "count", tmp_path / "late.npz", "--skip", 0.1, "--model", folder / "model.joblib",
-        "--trust-model", "--json",
+        "--trust", "--json",
     )  # fmt: skip
     assert code == 0
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
@@ -197,7 +195,7 @@ def test_evaluate_measured_vibration(capsys):
 
 
 def test_a_folder_counts_as_its_files(capsys, folder):
-    code, out, _ = run(capsys, "count", folder, "--model", folder / "model.joblib", "--trust-model", "--json")
+    code, out, _ = run(capsys, "count", folder, "--model", folder / "model.joblib", "--trust", "--json")
     names = {result["file"] for result in json.loads(out)}
     assert str(folder / "worn.csv") in names
     assert len(names) >= 9
@@ -267,7 +265,7 @@ def other_speed(folder):
     ],
 )
 def test_bad_recordings(capsys, folder, make, message):
-    code, out, err = run(capsys, *make(folder), "--model", folder / "model.joblib", "--trust-model", "--json")
+    code, out, err = run(capsys, *make(folder), "--model", folder / "model.joblib", "--trust", "--json")
     assert code == 2
     assert err.startswith("cyclofeat: error: ")
     assert err.count("\n") == 1, "one clear line"
@@ -278,11 +276,11 @@ def test_bad_recordings(capsys, folder, make, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["count", "x.csv", "--model", "absent.joblib", "--trust-model"], "absent.joblib does not exist"),
-        (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust-model"),
+        (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
+        (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
         (
-            ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust-model"],
-            "cannot be read as a joblib model",
+            ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust"],
+            "is no model file: those end in .skops or .joblib",
         ),
         (
             ["simulate", "--worn", "three", "--out", "x.npz"],
@@ -296,7 +294,7 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--rig", "r3", "--out", "x.npz"], "--rig must be r0, r1, r2 or .* no such file: r3"),
         (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be r0, r1, r2 or .* no such file: r3"),
         (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
-        (["train", "--out", "absent/model.joblib"], "folder absent .* does not exist"),
+        (["train", "--out", "absent/model.joblib"], "folder absent does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
         (["evaluate"], "labelled recording files, or --dataset oedi"),
         (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
@@ -360,7 +358,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
 def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, command, options, message):
     (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n")
     more = {
-        "count": ["--model", folder / "model.joblib", "--trust-model"],
+        "count": ["--model", folder / "model.joblib", "--trust"],
         "train": ["--out", tmp_path / "m"],
     }
     code, _, err = run(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []))
@@ -379,9 +377,7 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
         )  # fmt: skip
         lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
     (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n")
-    code, out, err = run(
-        capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust-model", "--json"
-    )
+    code, out, err = run(capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust", "--json")
     assert code == 0, err
     assert len(json.loads(out)) == 3
     (tmp_path / "recordings.csv").write_text("\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n")

@@ -1,5 +1,7 @@
 """Models on disk: round trip, trust, damage."""
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -9,12 +11,12 @@ import numpy as np
 import pytest
 
 from cyclofeat.counting import LobeModel
-from cyclofeat.persistence import ModelFileError, load_model, save_model
+from cyclofeat.persistence import ModelFileError, card_path, load_model, save_model
 
 
 @pytest.fixture(scope="module")
 def model(surrogates):
-    return LobeModel.train(surrogates[::2], input_speed_hz=500 / 60)
+    return LobeModel.train(surrogates[::2], input_speed_hz=500 / 60, n_splits=0)
 
 
 @pytest.fixture
@@ -40,18 +42,21 @@ def test_a_model_survives_the_way_to_another_process(model, stored, surrogates, 
 
 
 def test_a_file_is_loaded_only_when_trusted(stored):
-    with pytest.raises(ModelFileError, match=r"can run any code.*trusted=True \(--trust-model"):
+    with pytest.raises(ModelFileError, match=r"can run any code.*trusted=True \(--trust on"):
         load_model(stored)
 
 
-def test_an_untrusted_file_runs_nothing(tmp_path):
+def test_an_untrusted_file_runs_nothing(stored, tmp_path):
     marker = tmp_path / "ran"
     evil = tmp_path / "evil.joblib"
     joblib.dump(Touch(str(marker)), evil)
+    digest = hashlib.sha256(evil.read_bytes()).hexdigest()
+    card = json.loads(card_path(stored).read_text()) | {"sha256": digest}
+    card_path(evil).write_text(json.dumps(card))  # who can write the one file can write the other
     with pytest.raises(ModelFileError):
         load_model(evil)
     assert not marker.exists()
-    with pytest.raises(ModelFileError, match="not a cyclofeat LobeModel"):
+    with pytest.raises(ModelFileError, match="holds no cyclofeat counter: .* got NoneType"):
         load_model(evil, trusted=True)
     assert marker.exists()  # which is why trust must be stated
 
@@ -72,6 +77,12 @@ class Touch:
 def test_a_truncated_file_is_a_clear_error(stored, kept):
     whole = stored.read_bytes()
     stored.write_bytes(whole[: int(kept if kept >= 1 or kept == 0 else kept * len(whole))])
+    with pytest.raises(ModelFileError, match="is not the file that its card describes"):
+        load_model(stored, trusted=True)
+    # a card that agrees, as of a file that was cut before it was written
+    card = json.loads(card_path(stored).read_text())
+    card["sha256"] = hashlib.sha256(stored.read_bytes()).hexdigest()
+    card_path(stored).write_text(json.dumps(card))
     with pytest.raises(ModelFileError, match="cannot be read as a joblib model"):
         load_model(stored, trusted=True)
 
@@ -81,6 +92,6 @@ def test_other_mistakes(model, tmp_path):
         load_model(tmp_path / "absent.joblib", trusted=True)
     with pytest.raises(FileNotFoundError, match="folder .* does not exist: make it first"):
         save_model(tmp_path / "absent" / "model.joblib", model)
-    with pytest.raises(TypeError, match="must be a LobeModel, got dict"):
+    with pytest.raises(TypeError, match="must be a LobeModel or a classifier with predict_proba, got dict"):
         save_model(tmp_path / "model.joblib", {})
     assert list(tmp_path.iterdir()) == []

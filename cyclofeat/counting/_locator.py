@@ -7,10 +7,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat import lobes
+from cyclofeat.counting._trees import CountingTrees
 from cyclofeat.features import LobeMap
 
 
@@ -60,7 +60,7 @@ class LobeLocator(BaseEstimator):
     ----------
     lobe_map_ : LobeMap
         Finds the lobe lines.
-    trees_ : ExtraTreesClassifier
+    trees_ : CountingTrees
     """
 
     def __init__(
@@ -108,10 +108,10 @@ class LobeLocator(BaseEstimator):
         self.lobe_map_ = LobeMap(
             self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
         ).fit(windows)
-        self.trees_ = ExtraTreesClassifier(
+        self.trees_ = CountingTrees(
             self.n_trees, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
         )
-        self.trees_.fit(self._views(windows, passage), target.ravel())
+        self.trees_.fit(self._views(self.lobe_map_.lines(windows), passage), target.ravel())
         return self
 
     def predict_proba(self, X: ArrayLike, passage: ArrayLike) -> NDArray[np.float64]:
@@ -130,17 +130,22 @@ class LobeLocator(BaseEstimator):
         """
         check_is_fitted(self)
         windows: NDArray[Any] = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
-        proba = self.trees_.predict_proba(self._views(windows, passage))[:, 1]
-        return np.asarray(proba.reshape(len(windows), self.n_lobes))
+        return self._from_lines(self.lobe_map_.lines(windows), passage)
 
-    def _views(self, X: NDArray[Any], passage: ArrayLike) -> NDArray[np.float64]:
+    def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
+        """The same of lobe lines, where another has made them already."""
+        proba = self.trees_.predict_proba(self._views(found, passage))[:, 1]
+        return np.asarray(proba.reshape(len(found.lines), self.n_lobes))
+
+    def _views(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
         """The fold seen from each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
         begins = np.asarray(passage, dtype=float)
-        if begins.shape != (len(X),) or not np.isfinite(begins).all():
+        if begins.shape != (len(found.lines),) or not np.isfinite(begins).all():
             raise ValueError(
-                f"passage must hold one finite number per window ({len(X)}), got shape {begins.shape}"
+                f"passage must hold one finite number per window ({len(found.lines)}), "
+                f"got shape {begins.shape}"
             )
-        lines = lobes.shift(self.lobe_map_.lines(X).lines, begins)
+        lines = lobes.shift(found.lines, begins)
         folded = lobes.fold(lines, self.n_lobes)
         slots = np.stack([folded.mean(axis=2), folded.std(axis=2)], axis=1)
         turn = (np.arange(self.n_lobes) + np.arange(self.n_lobes)[:, np.newaxis]) % self.n_lobes

@@ -13,19 +13,26 @@ import numpy as np
 import scipy
 import sklearn
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
+from sklearn.pipeline import Pipeline
 
 from cyclofeat import __version__
+from cyclofeat.counting._calibration import GroupCalibratedCounter
+from cyclofeat.counting._combine import RecordingCounts, predict_recordings
+from cyclofeat.counting._conformal import OUTSIDE, features_seen
+from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
+from cyclofeat.counting._folds import fewest_assemblies
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
-from cyclofeat.lobes import lobe_frequency
+from cyclofeat.features import LobeMap
+from cyclofeat.lobes import LobeLines, lobe_frequency
 from cyclofeat.recording import Recording, Windower, WindowSet
+
+Float = NDArray[np.float64]
 
 # Relative deviation of a stated speed from the model's beyond which the speed search would not find it.
 _SPEED_TOLERANCE = 0.015
-# A tree ensemble's zero is "never seen among the trees", not "impossible".
-_LEAST_PROBABILITY = 1e-3
 # Places between two lobes at which a recording without an absolute angle is assumed to begin.
 _BEGINNINGS = 4
 
@@ -51,6 +58,14 @@ class LobeCount:
         Windows that were combined.
     warnings : tuple of str
         What the reader should know.
+    refused : bool
+        Whether most of the windows lie outside what the model was trained on: the count then stands on
+        nothing but trust.
+    reason : str
+        Why refused, else empty.
+    distance : float
+        Median over windows of the distance from the training windows, in units of the largest distance
+        inside; NaN where the model has no domain.
     """
 
     defect_count: int
@@ -60,6 +75,9 @@ class LobeCount:
     absolute: bool
     n_windows: int
     warnings: tuple[str, ...] = ()
+    refused: bool = False
+    reason: str = ""
+    distance: float = float("nan")
 
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types, for JSON."""
@@ -70,6 +88,10 @@ class LobeCount:
             "lobe_probability": list(self.lobe_probability),
             "lobes_absolute": self.absolute,
             "n_windows": self.n_windows,
+            "refused": self.refused,
+            "reason": self.reason,
+            # JSON has no NaN
+            "distance": None if np.isnan(self.distance) else self.distance,
             "warnings": list(self.warnings),
         }
 
@@ -78,12 +100,13 @@ class LobeCount:
 class LobeModel:
     """Counter and locator of worn lobes, for recordings of one sampling rate and nominal speed.
 
-    Build it with :meth:`train`.
+    Build it with :meth:`train`, or of a counter that is fitted already with :meth:`of_counter`.
 
     Attributes
     ----------
     counter : estimator
-        Fitted classifier of windows, classes are defect counts.
+        Fitted classifier of windows, classes are defect counts. That of :meth:`train` has the steps
+        ``"lobe_map"`` and ``"trees"``, the latter in a :class:`GroupCalibratedCounter`.
     locator : LobeLocator or None
         Fitted; None where the training recordings did not state angle and worn lobes.
     sampling_rate : float
@@ -93,6 +116,8 @@ class LobeModel:
     n_lobes : int
     card : dict
         What the model was made from: training data, versions.
+    domain : TrainingDomain or None
+        Fitted to the features that the counter sees; None where there was one assembly only.
     """
 
     counter: BaseEstimator
@@ -101,6 +126,7 @@ class LobeModel:
     input_speed_hz: float
     n_lobes: int
     card: dict[str, Any] = field(repr=False)
+    domain: TrainingDomain | None = None
 
     @classmethod
     def train(
@@ -119,7 +145,8 @@ class LobeModel:
         ----------
         recordings : sequence of Recording
             With ``defect_count``; where all of them also state ``worn_lobes`` and an absolute angle, the
-            model learns to locate lobes too.
+            model learns to locate lobes too. Probabilities are calibrated on held-out assemblies; recordings
+            that do not all state theirs are taken for one assembly each.
         input_speed_hz : float, optional
             Nominal input speed; default the one that the recordings share.
         n_lobes : int
@@ -149,28 +176,92 @@ class LobeModel:
         assert speed is not None  # the windower would have raised
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        counter = make_lobe_counter(
+        plain = make_lobe_counter(
             windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
         )
-        scores = _cross_validation(counter, windows, n_splits, random_state)
-        counter.fit(windows.X, windows.y)
+        lobe_map = plain["lobe_map"]
+        # A lobe map learns nothing from other windows: made once, it serves every fold.
+        features = lobe_map.fit_transform(windows.X)
+        member = windows.recording if windows.groups is None else windows.groups
+        trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
+        # One power of all probabilities never changes the count: the plain trees' scores are the model's.
+        scores = _cross_validation(plain["trees"], features, windows, n_splits, random_state)
+        trees.fit(features, windows.y, groups=member)
+        domain = None
+        if np.unique(member).size > 1:
+            domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
         locator = None
         worn = _worn_lobes(windows, n_lobes)
         if worn is not None and worn.any() and not worn.all():
             locator = LobeLocator(
                 windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
             ).fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
-        sources = sorted({str(r.source) for r in recordings})
         card = {
             "description": description,
             "n_recordings": len(recordings),
             "n_windows": len(windows),
-            "sources": sources,
+            "sources": sorted({str(r.source) for r in recordings}),
+            "assemblies": None if windows.groups is None else np.unique(windows.groups).tolist(),
             "classes": np.unique(windows.y).tolist(),
+            "calibrated": fewest_assemblies(member, windows.y) > 1,
             "cross_validation": scores,
             "versions": versions(),
         }
-        return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card)
+        counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
+        return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card, domain)
+
+    @classmethod
+    def of_counter(
+        cls,
+        counter: BaseEstimator,
+        *,
+        sampling_rate: float,
+        input_speed_hz: float = 500 / 60,
+        n_lobes: int = 15,
+        description: str = "",
+    ) -> LobeModel:
+        """A model of a counter that is fitted already, for whole recordings; it locates no lobes.
+
+        Parameters
+        ----------
+        counter : classifier
+            Fitted to windows of one output turn, with ``predict_proba``; classes are defect counts. What a
+            :class:`ConformalCounter` refuses, the model refuses.
+        sampling_rate : float
+            Of those windows, in Hz.
+        input_speed_hz : float
+            Nominal input speed in turns per second.
+        n_lobes : int
+            Number of lobes of a disc.
+        description : str
+            For the card.
+
+        Returns
+        -------
+        LobeModel
+
+        Raises
+        ------
+        ValueError
+            Where the counter was fitted to windows of another length.
+        """
+        samples = round(sampling_rate * n_lobes / input_speed_hz)
+        fitted = int(counter.n_features_in_)
+        if fitted != samples:
+            raise ValueError(
+                f"counter must be fitted to windows of one output turn, {samples} samples at "
+                f"{sampling_rate:g} Hz and {60 * input_speed_hz:g} RPM, got one fitted to {fitted} samples"
+            )
+        calibrated = any(hasattr(part, "dependence_") for part in (counter, getattr(counter, "counter_", 0)))
+        card = {
+            "description": description,
+            "classes": np.asarray(counter.classes_).tolist(),
+            "calibrated": calibrated,
+            "cross_validation": None,
+            "versions": versions(),
+        }
+        domain = getattr(counter, "domain_", None)
+        return cls(counter, None, sampling_rate, input_speed_hz, n_lobes, card, domain)
 
     def check(self, recording: Recording) -> None:
         """Raise ``ValueError`` where a recording does not suit the model: sampling rate, speed, length."""
@@ -198,7 +289,10 @@ class LobeModel:
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
 
-        Windows of whole output turns are classified one by one, and their probabilities multiplied.
+        Windows of whole output turns are classified one by one and their probabilities combined, see
+        :func:`predict_recordings`; a counter that has not learned how much windows of one assembly err
+        together is taken to be no surer of many than of one. The recording is refused where more than half
+        of its windows lie outside the training domain; it still has a count.
 
         Parameters
         ----------
@@ -215,23 +309,27 @@ class LobeModel:
         """
         self.check(recording)
         windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
-        by_window = np.maximum(self.counter.predict_proba(windows.X), _LEAST_PROBABILITY)
-        joint = np.log(by_window).sum(axis=0)
-        probability = np.exp(joint - joint.max())
-        probability /= probability.sum()
-        classes = [int(c) for c in self.counter.classes_]
-        count = classes[int(np.argmax(probability))]
+        combined, features, found = self._combined(windows.X)
+        probability = combined.probability[0]
+        count = int(combined.counts[0])
         notes = []
         if recording.input_speed_hz is None:
             notes.append(
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
+            )
+        distance, n_outside = self._distance(features)
+        refused = n_outside > len(windows) / 2
+        if n_outside:
+            notes.append(
+                f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
+                f"{distance:.3g} times the largest distance inside{' (median)' if len(windows) > 1 else ''}"
             )
         lobes: tuple[int, ...] = ()
         by_lobe: tuple[float, ...] = ()
         absolute = False
         if self.locator is not None:
             absolute = bool(windows.absolute.all())
-            share = self._lobe_probability(windows, absolute)
+            share = self._lobe_probability(windows, found, absolute)
             lobes = tuple(sorted(int(lobe) for lobe in np.argsort(-share, kind="stable")[:count]))
             by_lobe = tuple(float(p) for p in share)
             if not absolute and lobes:
@@ -240,32 +338,65 @@ class LobeModel:
                     "at the first sample counted"
                 )
         if probability.max() < 0.5:
-            notes.append(
-                f"uncertain: {count} is most probable with {probability.max():.3f} only (share of the trees, "
-                "not calibrated); more output turns decide better"
-            )
+            notes.append(f"uncertain: {count} is most probable with {probability.max():.3f} only")
+        if not self.card.get("calibrated", False):
+            notes.append("probabilities are not calibrated: training had a count with one assembly only")
         return LobeCount(
             defect_count=count,
-            probability={c: float(p) for c, p in zip(classes, probability, strict=True)},
+            probability={int(c): float(p) for c, p in zip(combined.classes, probability, strict=True)},
             lobes=lobes,
             lobe_probability=by_lobe,
             absolute=absolute,
             n_windows=len(windows),
             warnings=tuple(notes),
+            refused=refused,
+            reason=OUTSIDE if refused else "",
+            distance=distance,
         )
 
-    def _lobe_probability(self, windows: WindowSet, absolute: bool) -> NDArray[np.float64]:
+    def _combined(self, X: Float) -> tuple[RecordingCounts, Float | None, LobeLines | None]:
+        """Windows counted together; the features that the domain knows; lobe lines where they were made."""
+        found = None
+        features = None
+        deciding, seen = self.counter, X
+        if isinstance(self.counter, Pipeline) and isinstance(self.counter[0], LobeMap):
+            # Lobe lines are most of the work: made once for counter, domain and locator.
+            found = self.counter[0].lines(X)
+            features = self.counter[0]._from_lines(found)
+            deciding, seen = self.counter[1:], features
+            if len(deciding) == 1:
+                deciding = deciding[0]
+            elif self.domain is not None:
+                features = np.asarray(deciding[:-1].transform(features))
+        elif self.domain is not None:
+            features = features_seen(self.counter, X)
+        learned = getattr(deciding, "dependence_", None)
+        combined = predict_recordings(
+            deciding, seen, np.zeros(len(X), dtype=int), dependence=1.0 if learned is None else learned
+        )
+        return combined, features, found
+
+    def _distance(self, features: Float | None) -> tuple[float, int]:
+        """Median distance of windows in units of the largest inside, and how many are outside."""
+        if self.domain is None or features is None:
+            return float("nan"), 0
+        largest = max(self.domain.threshold_, np.finfo(float).tiny)
+        distance = self.domain.distance(features) / largest
+        return float(np.median(distance)), int(np.sum(distance > 1))
+
+    def _lobe_probability(self, windows: WindowSet, found: LobeLines | None, absolute: bool) -> Float:
         """Mean over windows of each lobe's probability, numbered as on the disc or from the first sample."""
         assert self.locator is not None
+        if found is None:
+            found = self.locator.lobe_map_.lines(windows.X)
         if absolute:
             passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
-            return np.asarray(self.locator.predict_proba(windows.X, passage).mean(axis=0))
+            return np.asarray(self.locator._from_lines(found, passage).mean(axis=0))
         # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
         # Where between two lobes the recording begins is not known: the most decided answer tells.
-        speed = self.locator.lobe_map_.lines(windows.X).input_speed_hz
-        again = -windows.start_s * lobe_frequency(1.0, self.n_lobes) * speed
+        again = -windows.start_s * lobe_frequency(1.0, self.n_lobes) * found.input_speed_hz
         answers = [
-            self.locator.predict_proba(windows.X, again + begin / (_BEGINNINGS * self.n_lobes)).mean(axis=0)
+            self.locator._from_lines(found, again + begin / (_BEGINNINGS * self.n_lobes)).mean(axis=0)
             for begin in range(_BEGINNINGS)
         ]
         return np.asarray(max(answers, key=lambda share: float(np.abs(share - 0.5).sum())))
@@ -285,17 +416,18 @@ def versions() -> dict[str, str]:
 
 
 def _cross_validation(
-    counter: BaseEstimator, windows: WindowSet, n_splits: int, random_state: int
+    trees: BaseEstimator, features: Float, windows: WindowSet, n_splits: int, random_state: int
 ) -> dict[str, Any] | None:
-    """Scores with whole assemblies held out; None where too few are known."""
+    """Scores of counts with whole assemblies held out; None where too few are known."""
     if n_splits == 0 or windows.y is None or windows.groups is None:
         return None
-    fewest = min(np.unique(windows.groups[windows.y == label]).size for label in np.unique(windows.y))
-    if fewest < n_splits:
+    if fewest_assemblies(windows.groups, windows.y) < n_splits:
         return None
-    return evaluate(
-        counter, windows.X, windows.y, windows.groups, n_splits=n_splits, random_state=random_state
+    scores = evaluate(
+        clone(trees), features, windows.y, windows.groups, n_splits=n_splits, random_state=random_state
     ).to_dict()
+    # that of the plain trees is not the model's
+    return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
 
 
 def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
