@@ -145,3 +145,6 @@ for design in DESIGNS:
 # torque (creep), which no effect here explains. Play is in the drives (their makers state 50 um of
 # clearance), but these transfers do not need it once friction is spread: a loop in which friction lets go
 # by and by looks much the same.
+#
+# The friction's spread and the way the sets are searched were chosen with these loops in view
+# (``docs/notes/gap_measured_loops.md``): the p above are too small, and other drives would be the test.
