@@ -11,6 +11,8 @@ name                     what it does
 ``EffectFitter``         how large the effect is, with intervals, and the simulator with it
 ``GapReport``            how far the gap shrank on recordings held out, against each alternative
 ``downstream_gain``      what the corrected simulator is worth to a counter that is trained on it
+``SummaryGap``           the same questions of published statistics, where there are no recordings
+``LoopGap``              the same questions of torque-deflection loops with held output
 ``summarise``            the numbers that are compared, in families: speed, slow part, amplitudes, third
                          octaves, lines of lobes and shaft, floor, synchronous averages, features
 =======================  ===================================================================================
@@ -18,11 +20,13 @@ name                     what it does
 
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._locator import GapLocator, Row
+from cyclofeat.gap._loops import LoopGap, LoopModel, LoopSmoother, loop_shape
 from cyclofeat.gap._null import Bank, NuisancePrior, make_bank
 from cyclofeat.gap._phase import PhaseMap
 from cyclofeat.gap._ranker import EffectRanker, Ranked
 from cyclofeat.gap._report import ComparisonRow, DistanceRow, DownstreamGain, GapReport, downstream_gain
 from cyclofeat.gap._summaries import Cell, summarise
+from cyclofeat.gap._summary_mode import SummaryGap
 from cyclofeat.gap._table import EffectTable
 from cyclofeat.gap._workflow import Candidate, DiscrepancyWorkflow
 
@@ -39,11 +43,16 @@ __all__ = [
     "EffectTable",
     "GapLocator",
     "GapReport",
+    "LoopGap",
+    "LoopModel",
+    "LoopSmoother",
     "NuisancePrior",
     "PhaseMap",
     "Ranked",
     "Row",
+    "SummaryGap",
     "downstream_gain",
+    "loop_shape",
     "make_bank",
     "summarise",
 ]
