@@ -6,15 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import N_SAMPLES, RATE, Recorder
 from sklearn.model_selection import StratifiedKFold
 
-from cyclofeat.gap import EffectRanker, GapLocator, NuisancePrior, make_bank
-from cyclofeat.gap._ranker import _sharpened, _temperature, _ties, _Typical
-from cyclofeat.simulators import CompositeSimulator, Effect, Gain, Hum, Offset, Rig, TorqueMeterLowPass
+from cyclofeat.gap import EffectRanker, EffectTable, GapLocator, NuisancePrior, _table, summarise
+from cyclofeat.gap._ranker import _SETS_PER_DRAW, _sets, _sharpened, _temperature, _ties, _Typical
+from cyclofeat.gap._table import _used, make_table
+from cyclofeat.simulators import Effect, Gain, Hum, Offset, Rig, SimulationFailed, TorqueMeterLowPass
 
-FS = 25_600
+FS = RATE
 BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
-COUNTS = [0, 3]
+PRIOR = NuisancePrior(defect_counts=(0, 3))
+SMALL = {"nuisance": PRIOR, "n_draws": 10, "n_simulations": 2, "n_null": 16, "n_recordings": 6, "n_trees": 60}
 
 # Parts
 
@@ -42,7 +45,8 @@ def test_typical_cases_are_rarely_refused_and_strange_ones_are() -> None:
     centres = rng.normal(0, 3, (3, 30))
     labels = np.repeat(np.arange(3), 60)
     features = centres[labels] + rng.normal(0, 1, (180, 30))
-    typical = _Typical(features, labels, StratifiedKFold(5, shuffle=True, random_state=0))
+    folds = StratifiedKFold(5, shuffle=True, random_state=0).split(features, labels)
+    typical = _Typical(features, labels, list(folds))
     fresh = centres[0] + rng.normal(0, 1, (400, 30))
     p = typical.conformal_p(fresh)[:, 0]
     assert np.mean(p <= 0.1) == pytest.approx(0.1, abs=0.06)
@@ -61,32 +65,166 @@ def test_a_rig_with_a_brake_has_no_second_one() -> None:
     assert "brake_rotor" in names[1]
 
 
+# The table
+
+
+@pytest.mark.parametrize("n_classes", [1, 2, 4, 8])
+@pytest.mark.parametrize("n_recordings", [2, 4, 8])
+def test_recordings_without_effect_are_used_alike(n_classes: int, n_recordings: int) -> None:
+    """A draw has as many different counts as it can have, no recording twice; all serve about as often."""
+    n_null = 16
+    used = _used(40, n_recordings, n_null, n_classes)
+    assert used.shape == (40, n_recordings)
+    counts = np.arange(n_null) % n_classes
+    for row in used:
+        assert len(set(row)) == n_recordings
+        assert len(set(counts[row])) == min(n_classes, n_recordings)
+    often = np.bincount(used.ravel(), minlength=n_null)
+    assert often.min() >= 0.5 * used.size / n_null
+
+
+@pytest.fixture(scope="module")
+def table(simulations: Path) -> EffectTable:
+    return make_table(
+        None, PRIOR, ["offset", "gain", "quantisation"], n_draws=5, n_recordings=2, n_null=16,
+        n_samples=N_SAMPLES, sampling_rate=RATE, input_speed_hz=500 / 60, cache=simulations,
+    )  # fmt: skip
+
+
+def test_the_table_is_paired(table: EffectTable, recorded: Recorder) -> None:
+    """With and without an effect it is the same recording: an offset moves its mean and nothing else."""
+    _, cells = summarise(recorded([], (0, 3), n=1).X, RATE, 500 / 60)
+    names = [cell.name for cell in cells]
+    mean, level = names.index("mean"), names.index("third octave at 100 Hz")
+    offsets, gains = (table.vectors[name][:, 0] for name in ("offset", "gain"))
+    assert table.shifts("offset")[:, mean] == pytest.approx(offsets, abs=1e-4)
+    assert table.shifts("offset")[:, level] == pytest.approx(np.zeros(5), abs=1e-3)
+    assert table.shifts("gain")[:, level] == pytest.approx(20 * np.log10(np.exp(gains)), abs=1e-3)
+    assert table.n_failed == 0
+    # Without effect nothing is left but what recordings differ by anyway, about the mean of their count.
+    left = table.null_deviations()
+    for count in (0, 3):
+        assert left[table.counts == count].mean(axis=0) == pytest.approx(0, abs=1e-9)
+
+
+def test_sets_are_the_change_and_what_recordings_differ_by() -> None:
+    """Of recordings without a count's influence: means by the shift, variances by the scatter."""
+    rng = np.random.default_rng(3)
+    null, used = rng.normal(size=(64, 2)), _used(30, 8, 64, 1)
+    values = {"a": null[used] + [5.0, 0.0] + 0.1 * rng.normal(size=(30, 8, 2))}
+    made = EffectTable(("a",), {"a": np.zeros((30, 1))}, values, used, null, np.zeros(64, dtype=int))
+    for n in (2, 16):
+        means, variances = _sets(made, "a", n, rng)
+        assert means.shape == (30 * _SETS_PER_DRAW, 2)
+        assert means.mean(axis=0) == pytest.approx([5, 0], abs=0.15)
+        assert means.std(axis=0) == pytest.approx(np.full(2, 1 / np.sqrt(n)), rel=0.25)
+        assert variances.mean(axis=0) == pytest.approx(null.var(axis=0, ddof=1), rel=0.2)
+
+
+def test_simulations_that_fail_are_counted_and_not_learned(
+    simulations: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = _table.machine
+
+    def machine(simulator, *arguments):
+        if simulator.effects:
+            raise SimulationFailed("it diverges")
+        return real(simulator, *arguments)
+
+    monkeypatch.setattr(_table, "machine", machine)
+    arguments = {"n_null": 16, "n_samples": N_SAMPLES, "sampling_rate": RATE, "input_speed_hz": 500 / 60}
+    made = make_table(BASE, PRIOR, ["offset", "clearance"], n_draws=5, n_recordings=2, **arguments)
+    assert made.n_failed == 10
+    assert np.all(np.isnan(made.values["clearance"]))
+    assert np.all(np.isfinite(made.values["offset"]))
+    monkeypatch.setattr(_table, "machine", lambda *_: machine(Failing()))
+    with pytest.raises(SimulationFailed, match="without any effect"):
+        make_table(BASE, PRIOR, ["offset"], n_draws=5, n_recordings=2, **arguments)
+
+
+class Failing:
+    effects = (Hum(0.1),)
+
+
 # The stage as a whole
 
 
-@pytest.mark.slow
-def test_hidden_effects_are_named_and_look_alikes_are_said(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def ranker(simulations: Path) -> EffectRanker:
     library = ["hum", "offset", "gain", "torque_meter_low_pass"]
-    options = {"n_draws": 24, "n_recordings": 3, "counts": COUNTS, "n_jobs": 2, "cache": tmp_path}
-    ranker = EffectRanker(FS, BASE, library=library, **options).fit()
-    again = EffectRanker(FS, BASE, library=library, **options).fit()  # from the cache
-    assert np.array_equal(again.confusion_, ranker.confusion_)
-    assert ranker.tie_groups_ == [("offset", "gain")]  # one load and one direction
-    locator = GapLocator(FS, BASE, n_bank=40, n_permutations=199, cache=tmp_path, n_jobs=2)
-    hidden: list[tuple[Effect, set[str]]] = [
-        (Hum(0.4), {"hum"}),
-        (TorqueMeterLowPass(120.0), {"torque_meter_low_pass"}),
-        (Offset(1.0), {"offset", "gain"}),
-        (Gain(1.04), {"offset", "gain"}),
-    ]
-    for effect, names in hidden:
-        bank = make_bank(
-            CompositeSimulator(BASE, [effect]), NuisancePrior(), COUNTS, n=6, random_state=9, n_jobs=2
-        )
-        locator.fit(bank.X, y=bank.counts)
-        assert locator.verdict_ == "disagree", effect
+    return EffectRanker(RATE, BASE, library=library, cache=simulations, **SMALL).fit()
+
+
+@pytest.fixture(scope="module")
+def locators(recorded: Recorder, simulations: Path) -> dict[str, GapLocator]:
+    """What the first stage says of recordings with an effect hidden in them."""
+    hidden: list[Effect] = [Hum(0.4), TorqueMeterLowPass(120.0), Offset(1.0), Gain(1.04)]
+    found = {}
+    for effect in hidden:
+        bank = recorded([effect], (0, 3), n=6, seed=9, base=BASE)
+        locator = GapLocator(RATE, BASE, PRIOR, n_bank=40, n_permutations=499, cache=simulations)
+        found[effect.effect_id] = locator.fit(bank.X, y=bank.counts)
+    return found
+
+
+def test_hidden_effects_are_named(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
+    for name, locator in locators.items():
+        # One load and one direction: both move the mean.
+        alike = {"offset", "gain"} if name in ("offset", "gain") else {name}
+        assert locator.verdict_ == "disagree", name
         ranking = ranker.rank(locator)
-        assert ranking[0].effect_id in names, effect
-        assert {ranking[0].effect_id, *ranking[0].look_alikes} == names
+        assert ranking[0].effect_id in alike, name
         assert sum(ranker.proba_.values()) == pytest.approx(1.0)
-        assert ranker.next_measurement_ == ranking[0].next_measurement
+        assert [row.probability for row in ranking] == sorted(ranker.proba_.values(), reverse=True)
+        assert ranker.next_measurement_ == ranking[0].next_measurement != ""
+
+
+def test_look_alikes_are_those_of_the_confusion(
+    ranker: EffectRanker, locators: dict[str, GapLocator], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ranker.tie_groups_ == _ties(ranker.confusion_, ranker.classes_)
+    learned = ranker._learn(len(locators["hum"].measured_))
+    monkeypatch.setattr(learned, "tie_groups", [("offset", "gain")])
+    alike = {row.effect_id: row.look_alikes for row in ranker.rank(locators["hum"])}
+    assert alike == {"hum": (), "torque_meter_low_pass": (), "offset": ("gain",), "gain": ("offset",)}
+
+
+def test_what_is_left_out_is_not_named(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
+    names = [row.effect_id for row in ranker.rank(locators["hum"], without=["hum"])]
+    assert sorted(names) == ["gain", "offset", "torque_meter_low_pass"]
+    assert sum(row.probability for row in ranker.ranking_) == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="without must leave an effect"):
+        ranker.rank(locators["hum"], without=ranker.classes_)
+
+
+def test_a_search_starts_near_the_truth(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
+    """Of ten draws between 0.01 and 2 Nm the nearest to 0.4 lie within a factor of three or so."""
+    nearest = ranker.nearest("hum", locators["hum"], 2)
+    drawn = np.exp(ranker.table_.vectors["hum"][:, 0])
+    best = np.sort(np.abs(np.log(drawn / 0.4)))[:3]
+    assert all(abs(np.log(effect.amplitude_nm / 0.4)) <= best[-1] + 1e-9 for effect in nearest)
+
+
+def test_a_table_from_the_cache_is_learned_alike(
+    ranker: EffectRanker, locators: dict[str, GapLocator], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_table, "machine", None)  # nothing is simulated
+    again = EffectRanker(**ranker.get_params()).fit()
+    assert np.array_equal(again.confusion_, ranker.confusion_)
+    assert again.rank(locators["offset"]) == ranker.rank(locators["offset"])
+    assert again.conformal_p_ == ranker.conformal_p_
+
+
+def test_what_is_never_found_still_has_a_name(ranker: EffectRanker) -> None:
+    """At least the strongest sets of an effect are learned."""
+    assert set(ranker.detectable_) == set(ranker.classes_)
+    assert all(0 <= share <= 1 for share in ranker.detectable_.values())
+    assert np.allclose(ranker.confusion_.sum(axis=1), 1)
+
+
+def test_summaries_of_another_rate_are_refused(ranker: EffectRanker, recorded: Recorder) -> None:
+    bank = recorded([], (0, 3), n=4, seed=10, base=BASE)
+    other = GapLocator(RATE / 2, BASE, PRIOR, n_bank=10, n_permutations=19)
+    other.fit(bank.X[:, ::2], y=bank.counts)
+    with pytest.raises(ValueError, match="same sampling_rate"):
+        ranker.rank(other)
