@@ -36,6 +36,9 @@ def main() -> None:
     parser.add_argument("--full", action="store_true", help="all cases instead of the stratified subset")
     parser.add_argument("--kinds", nargs="+", choices=("null", "single", "pair", "outside"))
     parser.add_argument("--nulls", type=int, default=400)
+    parser.add_argument(
+        "--quick", action="store_true", help="without the alternatives that need a fit of their own"
+    )
     parser.add_argument("--out", default="build/gap", help="folder of results and simulations")
     parser.add_argument("--score", default="benchmarks/gap.md", help="file to write")
     parser.add_argument("--jobs", type=int, default=2)
@@ -58,14 +61,15 @@ def main() -> None:
     print(
         f"{len(missing)} of {len(names)} cases to do; simulations ready after {_minutes(began)}", flush=True
     )
+    jobs = (joblib.delayed(run)(name, results, cache, arguments.quick) for name in missing)
     work = joblib.Parallel(n_jobs=arguments.jobs, return_as="generator_unordered")
-    for k, name in enumerate(work(joblib.delayed(run)(name, results, cache) for name in missing), start=1):
+    for k, name in enumerate(work(jobs), start=1):
         print(f"{k} of {len(missing)}: {name}, {_minutes(began)}", flush=True)
     print(f"{len(missing)} cases in {_minutes(began)}")
     print(score_folder(results, Path(arguments.score)))
 
 
-def run(name: str, results: Path, cache: Path) -> str:
+def run(name: str, results: Path, cache: Path, quick: bool) -> str:
     """One case, from recordings to a file of results."""
     case = make_case(name)
     known = truth()[name]["effects"]
@@ -73,7 +77,10 @@ def run(name: str, results: Path, cache: Path) -> str:
     if known and all(effect["id"] in effect_library() for effect in known):
         effects = [effect_library()[effect["id"]](**effect["theta"]) for effect in known]
         oracle = CompositeSimulator(effects=effects)
-    workflow = _workflow(cache, 1, oracle=oracle, ranker=_ranker(cache))
+    options: dict[str, Any] = {"oracle": oracle, "ranker": _ranker(cache)}
+    if quick:
+        options |= {"baselines": ("nothing", "equaliser", "gaussian_process"), "with_placebo": False}
+    workflow = _workflow(cache, 1, **options)
     hold = case.X_hold if len(case.X_hold) else None
     workflow.fit(case.X_fit, hold, y_fit=case.y_fit, y_hold=case.y_hold if hold is not None else None)
     content = json.dumps(workflow.result_, indent=1).encode()
@@ -89,7 +96,7 @@ def _ranker(cache: Path) -> EffectRanker:
 
 def _workflow(cache: Path, n_jobs: int, **options: Any) -> DiscrepancyWorkflow:
     return DiscrepancyWorkflow(
-        SAMPLING_RATE, n_draws=48, n_after=64, n_report=32, n_sims=200, n_jobs=n_jobs, cache=cache, **options
+        SAMPLING_RATE, n_draws=48, n_after=64, n_report=32, n_sims=120, n_jobs=n_jobs, cache=cache, **options
     )
 
 

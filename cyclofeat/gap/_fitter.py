@@ -277,7 +277,7 @@ class EffectFitter(BaseEstimator):
         return best, estimate
 
     def _effects(self) -> tuple[Effect, ...]:
-        given = (self.effect,) if isinstance(self.effect, Effect) else tuple(self.effect)
+        given = as_effects(self.effect)
         if not given or not all(isinstance(effect, Effect) for effect in given):
             raise TypeError(f"effect must be an Effect or a sequence of them, got {self.effect!r}")
         for effect in given:
@@ -312,8 +312,7 @@ class EffectFitter(BaseEstimator):
         """The place given and some others."""
         if self.starts is None:
             return [at.given, *(at.from_prior(random) for _ in range(_RANDOM_STARTS))]
-        given = [(start,) if isinstance(start, Effect) else tuple(start) for start in self.starts]
-        return [at.given, *(_Space(start).given for start in given)]
+        return [at.given, *(_Space(as_effects(start)).given for start in self.starts)]
 
     def _settle(self, model: _Model, at: _Space, best: Float, estimate: _Estimate, n_measured: int) -> None:
         quantile = float(stats.t.ppf(1 - self.alpha / 2, n_measured - 1))
@@ -344,6 +343,11 @@ class EffectFitter(BaseEstimator):
         if isinstance(given, Rig):
             return given.replace(effects=())
         return CycloidalGearbox.steel() if given is None else given
+
+
+def as_effects(effect: Effect | Sequence[Effect]) -> tuple[Effect, ...]:
+    """One effect or several, as several."""
+    return (effect,) if isinstance(effect, Effect) else tuple(effect)
 
 
 @dataclass

@@ -154,6 +154,10 @@ class GapLocator(BaseEstimator):
         "cache": [str, os.PathLike, None],
     }
 
+    # Made when they are first asked for.
+    _phase: dict[str, PhaseMap] | None
+    _p_global: dict[str, float] | None
+
     def __init__(
         self,
         sampling_rate: float,
@@ -256,7 +260,7 @@ class GapLocator(BaseEstimator):
         )
         self._compare(measured, simulated)
         self._folded = (windows, gearbox.n_lobes)
-        self._phase: dict[str, PhaseMap] | None = None
+        self._phase = None
         return self
 
     @property
@@ -351,7 +355,7 @@ class GapLocator(BaseEstimator):
         self.table_ = [dataclasses.replace(row, p=min(row.p * across[family], 1.0)) for family, row in rows]
         self.verdict_ = self._verdict()
         self._compared = (measured, simulated)
-        self._p_global: dict[str, float] | None = None
+        self._p_global = None
 
     def _verdict(self) -> str:
         if min(self.family_p_.values()) <= self.alpha:

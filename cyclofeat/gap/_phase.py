@@ -69,12 +69,15 @@ def phase_maps(
         reference = _mean_wave(folded[1])
         aligned = [np.array([_turned(wave, reference) for wave in waves]) for waves in folded]
         p = stats.ttest_ind(*aligned, equal_var=False, axis=0).pvalue
+        ours, theirs = aligned
         maps[name] = PhaseMap(
             name,
-            (np.arange(_BINS) + 0.5) / _BINS,
-            *(waves.mean(axis=0) for waves in aligned),
-            *(waves.std(axis=0, ddof=1) for waves in aligned),
-            np.asarray(p * _BINS <= alpha),
+            phase=(np.arange(_BINS) + 0.5) / _BINS,
+            measured=ours.mean(axis=0),
+            simulated=theirs.mean(axis=0),
+            measured_spread=ours.std(axis=0, ddof=1),
+            simulated_spread=theirs.std(axis=0, ddof=1),
+            flagged=np.asarray(p * _BINS <= alpha),
         )
     return maps
 

@@ -19,7 +19,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._fitter import EffectFitter
+from cyclofeat.gap._fitter import EffectFitter, as_effects
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
@@ -272,14 +272,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
         windows = check_array(X_fit, dtype=[np.float64, np.float32])
         self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
-        self.ranker_: EffectRanker | None = None
-        self.candidates_: list[Candidate] = []
-        self.fitter_: EffectFitter | None = None
-        self.locator_after_: GapLocator | None = None
-        self.report_: GapReport | None = None
-        self.effects_: tuple[Effect, ...] = ()
-        self.simulator_ = _composite(self.simulator)
-        self.unknown_ = False
+        self._begin()
         self._say("comparing measurement and model")
         self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)
         if self.locator_.bank_.n_failed:
@@ -364,6 +357,17 @@ class DiscrepancyWorkflow(BaseEstimator):
             ),
         )
 
+    def _begin(self) -> None:
+        """Nothing found yet."""
+        self.ranker_: EffectRanker | None = None
+        self.candidates_: list[Candidate] = []
+        self.fitter_: EffectFitter | None = None
+        self.locator_after_: GapLocator | None = None
+        self.report_: GapReport | None = None
+        self.effects_: tuple[Effect, ...] = ()
+        self.simulator_ = _composite(self.simulator)
+        self.unknown_ = False
+
     def _say(self, text: str) -> None:
         if self.progress is not None:
             self.progress(text)
@@ -390,7 +394,7 @@ class DiscrepancyWorkflow(BaseEstimator):
     def _fitted_ranker(self, n_samples: int) -> EffectRanker:
         if self.ranker is not None and hasattr(self.ranker, "table_"):
             return copy.copy(self.ranker)  # its ranking is set anew
-        return EffectRanker(
+        ranker = EffectRanker(
             self.sampling_rate,
             self.simulator,
             library=self.library,
@@ -398,7 +402,9 @@ class DiscrepancyWorkflow(BaseEstimator):
             n_draws=self.n_draws,
             n_null=self.n_null,
             **self._common(),
-        ).fit()
+        )
+        ranker.fit()
+        return ranker
 
     def _name(self, windows: NDArray[Any], data: dict[str, Any]) -> None:
         """Name, fit and add what is missing."""
@@ -497,7 +503,8 @@ class DiscrepancyWorkflow(BaseEstimator):
             **self._common(),
         )
         if self.cache is None:
-            return fitter.fit(windows, **data)
+            fitter.fit(windows, **data)
+            return fitter
         memory = joblib.Memory(Path(self.cache) / "fits", verbose=0)
         fitted: EffectFitter = memory.cache(_fit, ignore=["fitter"])(
             fitter, _stated(fitter), made_with(), windows, data
@@ -616,14 +623,16 @@ def _fit(
     fitter: EffectFitter, stated: str, version: Any, windows: NDArray[Any], data: dict[str, Any]
 ) -> EffectFitter:
     """Fit; the arguments that are not used are those by which it is remembered."""
-    return fitter.fit(windows, **data)
+    fitter.fit(windows, **data)
+    return fitter
 
 
 def _stated(fitter: EffectFitter) -> str:
     """All that a fit depends on besides the data."""
     left_out = ("n_jobs", "cache", "simulator", "effect", "starts")
     rig = _composite(fitter.simulator).to_rig().to_text()
-    effects = [[effect.to_dict() for effect in start] for start in (fitter.effect, *fitter.starts)]
+    starts = [fitter.effect, *(fitter.starts or ())]
+    effects = [[effect.to_dict() for effect in as_effects(start)] for start in starts]
     nuisance = dataclasses.asdict(fitter.nuisance or NuisancePrior())
     own = {name: value for name, value in fitter.get_params(deep=False).items() if name not in left_out}
     return repr((rig, effects, nuisance, sorted(own.items(), key=lambda item: item[0])))
