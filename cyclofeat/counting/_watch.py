@@ -10,7 +10,6 @@ import os
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 # A file that cannot be read is bad, not just half written, once it has not changed for this many times the
 # time to settle.
@@ -143,7 +142,7 @@ class DoneList:
 
     def __init__(self, path: Path | None = None) -> None:
         self._done: dict[str, tuple[int, int]] = {}
-        self._file: IO[bytes] | None = None
+        self._path = path
         if path is None:
             return
         if not path.parent.is_dir():
@@ -160,9 +159,8 @@ class DoneList:
                 raise ValueError(
                     f"{path} is not a list that watch wrote (line {number}): name a new file for --done"
                 ) from None
-        self._file = path.open("r+b" if path.exists() else "x+b", buffering=0)
-        self._file.truncate(len(whole))
-        self._file.seek(len(whole))
+        with path.open("ab") as file:  # which also tells now whether it can be written
+            file.truncate(len(whole))
 
     def holds(self, name: str, signature: Signature) -> bool:
         """Whether this file, in this state, is done; a restored copy with another inode is the same."""
@@ -171,6 +169,7 @@ class DoneList:
     def add(self, name: str, signature: Signature) -> None:
         """Remember a file in this state."""
         self._done[name] = signature[:2]
-        if self._file is not None:
+        if self._path is not None:
             entry = {"file": name, "size": signature[0], "mtime_ns": signature[1]}
-            self._file.write(json.dumps(entry).encode() + b"\n")
+            with self._path.open("ab") as file:
+                file.write(json.dumps(entry).encode() + b"\n")
