@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from short_records import N_SAMPLES, RATE, Recorder
 
 from cyclofeat.gap import Bank, NuisancePrior, make_bank
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig
-
-# One turn of the output at a quarter of the usual rate: as long to simulate, four times quicker to summarise.
-RATE, N_SAMPLES = 6400.0, 11_520
-
-Recorder = Callable[..., Bank]
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import RATE, Recorder
+from short_records import RATE, Recorder
 
 import cyclofeat.gap
 from cyclofeat.cli import main

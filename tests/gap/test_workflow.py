@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import N_SAMPLES, RATE, Recorder
+from short_records import N_SAMPLES, RATE, Recorder
 
 from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fitter, _null, _table
 from cyclofeat.gap._workflow import _doubts
