@@ -2,7 +2,7 @@
 
     python -m benchmarks.gap                    # 400 nulls and the stratified subset of 40
     python -m benchmarks.gap --full             # 400 nulls and all 240 cases with something hidden
-    python -m benchmarks.gap --kinds null
+    python -m benchmarks.gap --full --names-only   # where and what, without fits
 
 Results are kept case by case in ``--out``: an interrupted run goes on. The score is written to
 ``benchmarks/gap.md``. The workflow is given recordings and counts; the truth goes to the oracle alone, which
@@ -23,7 +23,7 @@ import joblib
 from benchmarks.hidden_effects._cases import FIT_COUNTS, N_SAMPLES, case_names, make_case, truth
 from benchmarks.hidden_effects._score import score_folder
 from cyclofeat._files import write_whole
-from cyclofeat.gap import DiscrepancyWorkflow, EffectRanker
+from cyclofeat.gap import DiscrepancyWorkflow, EffectRanker, GapLocator
 from cyclofeat.simulators import CompositeSimulator, effect_library
 
 SAMPLING_RATE = 25_600.0
@@ -39,12 +39,15 @@ def main() -> None:
     parser.add_argument(
         "--quick", action="store_true", help="without the alternatives that need a fit of their own"
     )
+    parser.add_argument(
+        "--names-only", action="store_true", help="where and what, without fits: minutes instead of hours"
+    )
     parser.add_argument("--out", default="build/gap", help="folder of results and simulations")
     parser.add_argument("--score", default="benchmarks/gap.md", help="file to write")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     out = Path(arguments.out)
-    results, cache = out / "results", out / "simulations"
+    results, cache = out / ("names" if arguments.names_only else "results"), out / "simulations"
     results.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     kinds = arguments.kinds or ["null", "single", "pair", "outside"]
@@ -61,7 +64,8 @@ def main() -> None:
     print(
         f"{len(missing)} of {len(names)} cases to do; simulations ready after {_minutes(began)}", flush=True
     )
-    jobs = (joblib.delayed(run)(name, results, cache, arguments.quick) for name in missing)
+    one = named if arguments.names_only else functools.partial(run, quick=arguments.quick)
+    jobs = (joblib.delayed(one)(name, results, cache) for name in missing)
     work = joblib.Parallel(n_jobs=arguments.jobs, return_as="generator_unordered")
     for k, name in enumerate(work(jobs), start=1):
         print(f"{k} of {len(missing)}: {name}, {_minutes(began)}", flush=True)
@@ -83,9 +87,33 @@ def run(name: str, results: Path, cache: Path, quick: bool) -> str:
     workflow = _workflow(cache, 1, **options)
     hold = case.X_hold if len(case.X_hold) else None
     workflow.fit(case.X_fit, hold, y_fit=case.y_fit, y_hold=case.y_hold if hold is not None else None)
-    content = json.dumps(workflow.result_, indent=1).encode()
-    write_whole(results / f"{name}.json", lambda stream: stream.write(content))
+    _write(results, name, workflow.result_)
     return name
+
+
+def named(name: str, results: Path, cache: Path) -> str:
+    """The first two stages of a case alone: the verdict, and the ranker's names."""
+    case, ranker = make_case(name), _ranker(cache)
+    locator = GapLocator(SAMPLING_RATE, alpha=_workflow(cache, 1).alpha, cache=cache)
+    locator.fit(case.X_fit, y=case.y_fit)
+    result: dict[str, Any] = {
+        "format": "cyclofeat gap 1", "verdict": locator.verdict_, "p": min(locator.family_p_.values()),
+        "effects": [], "ranking": [], "tie_group": [], "unknown": False,
+    }  # fmt: skip
+    if locator.verdict_ == "disagree":
+        ranking = ranker.rank(locator)
+        result["ranking"] = [{"id": row.effect_id, "probability": row.probability} for row in ranking]
+        alike = ranking[0].look_alikes
+        result["tie_group"] = [ranking[0].effect_id, *alike] if alike else []
+        result["unknown"] = ranker.unknown_
+        result["unknown_score"] = 1 - max(ranker.conformal_p_.values())
+    _write(results, name, result)
+    return name
+
+
+def _write(results: Path, name: str, result: dict[str, Any]) -> None:
+    content = json.dumps(result, indent=1).encode()
+    write_whole(results / f"{name}.json", lambda stream: stream.write(content))
 
 
 @functools.cache

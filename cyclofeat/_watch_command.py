@@ -120,6 +120,9 @@ class _Stop:
             raise KeyboardInterrupt
         self.asked = True
 
+    def is_asked(self) -> bool:
+        return self.asked
+
     def wait(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while not self.asked and (left := end - time.monotonic()) > 0:
@@ -134,7 +137,7 @@ def _loop(
     began = time.monotonic()
     now = began
     lost = False
-    while not stop.asked:
+    while not stop.is_asked():
         try:
             ready = watch.poll(now)
             lost = False
@@ -143,7 +146,7 @@ def _loop(
                 _say(f"error: folder cannot be read, trying on: {' '.join(str(error).split())}")
             lost, ready = True, []
         for path in ready:
-            if stop.asked:
+            if stop.is_asked():  # by now, that is: signals come between any two lines
                 break
             try:
                 result = _counted(path, model, options, arguments.skip)

@@ -417,7 +417,7 @@ def _card(
     found = versions()
     if target.suffix == ".skops":
         found["skops"] = _skops().__version__
-    card = {
+    card: dict[str, Any] = {
         "format": FORMAT,
         "file": target.name,
         "holds": f"{type(counter).__module__}.{type(counter).__qualname__}",

@@ -111,7 +111,8 @@ def test_the_hum_is_flagged_and_as_many_marks_are_drawn_as_rows_are_flagged(loca
         [found.cell.low_hz for found in bands],
     )
     overview = GapDisplay.from_locator(locator, "families")
-    assert len(overview.flags_) == sum(p <= locator.alpha for p in locator.family_p_.values())
+    families = {cell.family for cell in locator.cells_}
+    assert len(overview.flags_) == sum(locator.family_p_[name] <= locator.alpha for name in families)
     phases = GapDisplay.of_locator(locator).plot("phase", phase="input")
     assert len(phases.flags_) == int(locator.phase_["input"].flagged.sum())
 
@@ -137,7 +138,7 @@ def test_names_and_words_of_the_clearest_are_in_the_pictures(locator):
     families = GapDisplay.from_locator(locator, "families")
     labels = [label.get_text() for label in families.ax_.get_yticklabels()]
     assert "lines of the input shaft" in labels
-    assert len(labels) == len(locator.family_p_)
+    assert len(labels) == len({cell.family for cell in locator.cells_})
     assert "input order 6: " in all_texts(families)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -25,6 +26,7 @@ from cyclofeat.gap._null import NuisancePrior, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
 from cyclofeat.gap._recordings import mixed, recordings_of
 from cyclofeat.gap._report import GapReport
+from cyclofeat.gap._summaries import FAMILIES
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
 from cyclofeat.simulators.campaign import made_with
 
@@ -149,7 +151,7 @@ class DiscrepancyWorkflow(BaseEstimator):
     >>> fit, hold = (make_bank(truth, NuisancePrior(), [0, 3], n=4, random_state=s) for s in (5, 6))
     >>> workflow = DiscrepancyWorkflow(
     ...     25_600, library=["hum", "offset"], n_bank=24, n_after=24, n_draws=8, n_null=16,
-    ...     n_permutations=199, baselines=("nothing",), with_placebo=False,
+    ...     n_permutations=499, baselines=("nothing",), with_placebo=False,
     ... )  # fmt: skip
     >>> workflow.fit(fit.X, hold.X, y_fit=fit.counts, y_hold=hold.counts).result_["effects"][0]["id"]
     'hum'
@@ -270,8 +272,14 @@ class DiscrepancyWorkflow(BaseEstimator):
         """
         began = time.monotonic()
         data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
-        windows = check_array(X_fit, dtype=[np.float64, np.float32])
+        windows = check_array(X_fit, dtype=[np.float64, np.float32], input_name="X_fit")
         self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
+        families = len(FAMILIES) + 2
+        if families > self.alpha * (self.n_permutations + 1):
+            raise ValueError(
+                f"n_permutations must be at least {math.ceil(families / self.alpha) - 1} for alpha="
+                f"{self.alpha:g}: with fewer nothing can disagree, got {self.n_permutations}"
+            )
         self._begin()
         self._say("comparing measurement and model")
         self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)

@@ -126,7 +126,7 @@ class GapDisplay:
     >>> from cyclofeat.plotting import GapDisplay
     >>> time = np.arange(11_520) / 6400
     >>> X = 22 + 0.3 * np.sin(2 * np.pi * 50 * time) + np.random.default_rng(0).normal(0, 0.05, (3, 11_520))
-    >>> locator = GapLocator(6400, n_bank=10, n_permutations=199).fit(X, y=[0, 0, 0])
+    >>> locator = GapLocator(6400, n_bank=10, n_permutations=499).fit(X, y=[0, 0, 0])
     >>> display = GapDisplay.from_locator(locator, kind="spectrum")  # doctest: +SKIP
     >>> display.plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
     """
@@ -173,12 +173,14 @@ class GapDisplay:
             What the recordings are called.
         """
         columns = {cell: k for k, cell in enumerate(_keys(locator.cells_))}
-        at = [columns[key] for key in _keys([row.cell for row in locator.table_])]
+        # The test of all cells together is no cell.
+        table = [row for row in locator.table_ if _keys([row.cell])[0] in columns]
+        at = [columns[key] for key in _keys([row.cell for row in table])]
         # Spread about the mean of the own count of worn lobes, which is no spread of recordings.
         measured = locator.centred(locator.measured_, locator.counts_)[:, at]
         simulated = locator.centred(locator.simulated_, locator.bank_.counts)[:, at]
         return cls(
-            table=locator.table_,
+            table=table,
             mean=locator.measured_[:, at].mean(axis=0),
             spread=measured.std(axis=0, ddof=1),
             simulated_spread=simulated.std(axis=0, ddof=1),

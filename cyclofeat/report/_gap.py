@@ -142,7 +142,7 @@ def write_gap_report(path: str | os.PathLike[str], findings: GapFindings) -> Pat
     >>> from cyclofeat.gap import GapLocator
     >>> time = np.arange(11_520) / 6400
     >>> X = 22 + 0.3 * np.sin(2 * np.pi * 50 * time) + np.random.default_rng(0).normal(0, 0.05, (3, 11_520))
-    >>> locator = GapLocator(6400, n_bank=12, n_permutations=199).fit(X, y=[0, 0, 0])
+    >>> locator = GapLocator(6400, n_bank=12, n_permutations=499).fit(X, y=[0, 0, 0])
     >>> findings = GapFindings({"verdict": locator.verdict_}, locator, sources=["surrogate"] * 3)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = write_gap_report(pathlib.Path(folder, "report.html"), findings)
@@ -285,8 +285,13 @@ def _margin_spreads() -> float:
     return _EQUIVALENT_SPREADS
 
 
+def _single(locator: GapLocator) -> list[Row]:
+    """Rows of single numbers, without the test of all of them together."""
+    return [row for row in locator.table_ if row.cell in locator.cells_]
+
+
 def _means(locator: GapLocator, family: str | None = None) -> list[Row]:
-    rows = (row for row in locator.table_ if row.of == "mean")
+    rows = (row for row in _single(locator) if row.of == "mean")
     return [row for row in rows if family in (None, row.cell.family)]
 
 
@@ -334,6 +339,8 @@ def _tiles(missing: dict[str, Any] | None, reduction: dict[str, Any] | None) -> 
 
 
 def _where(locator: GapLocator, flagged: Sequence[Row]) -> str:
+    if not flagged and locator.verdict_ == "disagree":
+        return "No single number differs more than chance explains; all of them together do."
     if not flagged:
         return "No group of numbers differs more than chance explains."
     families = list(dict.fromkeys(row.cell.family for row in flagged))
@@ -343,7 +350,7 @@ def _where(locator: GapLocator, flagged: Sequence[Row]) -> str:
 
 def _flagged(locator: GapLocator) -> list[Row]:
     """Rows that differ, the clearest first."""
-    return sorted((row for row in locator.table_ if row.p <= locator.alpha), key=lambda row: -clarity(row))
+    return sorted((row for row in _single(locator) if row.p <= locator.alpha), key=lambda row: -clarity(row))
 
 
 def _plain_row(row: Row) -> dict[str, str]:
@@ -637,7 +644,7 @@ def _remaining(findings: GapFindings, label: str) -> dict[str, Any] | None:
         text = "Not looked at: the recordings were not compared with the corrected simulator."
         return {"sentences": [text], "rows": [], "picture": None}
     flagged = _flagged(after)
-    n = len(after.table_)
+    n = len(_single(after))
     if flagged:
         rest = "clearest first" if len(flagged) <= _N_REMAINING else f"the {_N_REMAINING} clearest"
         verb = "differs" if len(flagged) == 1 else "differ"
