@@ -394,7 +394,11 @@ class _Model:
         runs = [run for run in self._machines(in_machine, n) if run is not None]
         if not runs:
             return np.empty((0, 0))
-        records = [run.record(on_torque) for run in runs]
+        try:
+            records = [run.record(on_torque) for run in runs]
+        except ValueError:  # a filter beyond half of the sampling rate, say: no such rig
+            self.n_failed += len(runs)
+            return np.empty((0, 0))
         X = np.array([record.torque_out for record in records], dtype=np.float32)
         angles = np.array([[record.input_angle[0], record.input_angle[-1]] for record in records])
         X = registered(X, self.sampling_rate, self.input_speed_hz, self.n_lobes)
