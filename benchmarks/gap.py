@@ -5,7 +5,7 @@
     python -m benchmarks.gap --full --names-only   # where and what, without fits
 
 Results are kept case by case in ``--out``: an interrupted run goes on. The score is written to
-``benchmarks/gap.md``. The workflow is given recordings and counts; the truth goes to the oracle alone, which
+``benchmarks/gap.md`` (``gap_names.md`` without fits). The workflow is given recordings and counts; the truth goes to the oracle alone, which
 it compares in its last stage.
 """
 
@@ -43,7 +43,7 @@ def main() -> None:
         "--names-only", action="store_true", help="where and what, without fits: minutes instead of hours"
     )
     parser.add_argument("--out", default="build/gap", help="folder of results and simulations")
-    parser.add_argument("--score", default="benchmarks/gap.md", help="file to write")
+    parser.add_argument("--score", help="file to write (default: benchmarks/gap.md or gap_names.md)")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     out = Path(arguments.out)
@@ -70,7 +70,8 @@ def main() -> None:
     for k, name in enumerate(work(jobs), start=1):
         print(f"{k} of {len(missing)}: {name}, {_minutes(began)}", flush=True)
     print(f"{len(missing)} cases in {_minutes(began)}")
-    print(score_folder(results, Path(arguments.score)))
+    score = arguments.score or ("benchmarks/gap_names.md" if arguments.names_only else "benchmarks/gap.md")
+    print(score_folder(results, Path(score)))
 
 
 def run(name: str, results: Path, cache: Path, quick: bool) -> str:
