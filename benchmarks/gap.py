@@ -5,8 +5,8 @@
     python -m benchmarks.gap --full --names-only   # where and what, without fits
 
 Results are kept case by case in ``--out``: an interrupted run goes on. The score is written to
-``benchmarks/gap.md`` (``gap_names.md`` without fits). The workflow is given recordings and counts; the truth goes to the oracle alone, which
-it compares in its last stage.
+``benchmarks/gap.md`` (``gap_names.md`` without fits). The workflow is given recordings and counts; the truth
+goes to the oracle alone, which it compares in its last stage.
 """
 
 from __future__ import annotations
