@@ -71,7 +71,9 @@ def main() -> None:
         print(f"{k} of {len(missing)}: {name}, {_minutes(began)}", flush=True)
     print(f"{len(missing)} cases in {_minutes(began)}")
     score = arguments.score or ("benchmarks/gap_names.md" if arguments.names_only else "benchmarks/gap.md")
-    print(score_folder(results, Path(score)))
+    text = score_folder(results, results.with_name(f"{results.name} score"))
+    Path(score).write_text(text.rstrip() + "\n", encoding="utf-8")
+    print(text)
 
 
 def run(name: str, results: Path, cache: Path, quick: bool) -> str:
