@@ -108,6 +108,7 @@ def test_two_effects_are_fitted_together(recorded: Recorder, simulations: Any) -
 # Repeats
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bits_for_any_number_of_workers(with_hum: Bank, simulations: Any) -> None:
     first, again, two, other = (
         fitter(BrakeRotor(0.01, 2e4, 0.05), simulations, n_sims=16, n_interval=8, **options).fit(
@@ -185,6 +186,7 @@ def test_simulations_that_fail_are_counted_and_left_out(
     assert found.theta_["hum.amplitude_nm"] == pytest.approx(0.3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_place_where_all_simulations_fail_is_left(
     recorded: Recorder, simulations: Any, failing: Any
 ) -> None:

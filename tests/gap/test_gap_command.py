@@ -86,6 +86,7 @@ def folders(banks: tuple[Bank, Bank], tmp_path_factory: pytest.TempPathFactory) 
 # What it writes
 
 
+@pytest.mark.slow
 def test_folders_in_names_a_report_and_a_model_out(
     folders: tuple[Path, Path], simulations: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ from cyclofeat.gap import DiscrepancyWorkflow, EffectRanker  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
-RATE, STEP = 6400.0, 4  # every fourth sample of the generator's: what lies higher is 1e-7 Nm^2 and less
+RATE = 25_600.0  # the generator's: a filter is another one at another rate
 SEED = 471_100
 LIBRARY = [
     "load_drift", "sensor_drift", "brake_rotor", "torque_meter_low_pass", "contact_damping_scale",
@@ -36,7 +36,7 @@ def recordings(effect: str, case: int, part: int, counts: tuple[int, ...]) -> np
     found = []
     for i, count in enumerate(counts):
         nuisance, seed = nuisance_and_seed([SEED, case, part, i])
-        found.append(record(count, [strong(effect)] if effect else [], seed, nuisance)[::STEP])
+        found.append(record(count, [strong(effect)] if effect else [], seed, nuisance))
     return np.array(found)
 
 
@@ -49,7 +49,7 @@ def workflow(folder: Path, **options: Any) -> DiscrepancyWorkflow:
 
 @pytest.fixture(scope="module")
 def ranker(simulations: Path) -> EffectRanker:
-    return workflow(simulations).prepare(FIT_COUNTS, 46_080 // STEP)
+    return workflow(simulations).prepare(FIT_COUNTS, 46_080)
 
 
 def run(effect: str, case: int, ranker: EffectRanker, folder: Path) -> dict[str, Any]:
