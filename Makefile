@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-gap bench-gap-full clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign test-gap bench-gap bench-gap-full clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -39,8 +39,8 @@ demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
 test test-slow test-nojit: export OPENBLAS_NUM_THREADS = 1
 
-test: $(INSTALLED)  ## the tests, without those marked slow
-	$(BIN)/pytest -m "not slow"
+test: $(INSTALLED)  ## the tests, without those marked slow or bench
+	$(BIN)/pytest -m "not slow and not bench"
 
 test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
 	$(BIN)/pytest -m slow || [ $$? -eq 5 ]  # 5: there are none
@@ -92,6 +92,9 @@ RUNS ?= 1000
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
 	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
+
+test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
+	$(BIN)/pytest -m bench tests/gap
 
 bench-gap: $(INSTALLED)  ## the gap workflow on 440 hidden cases; writes benchmarks/gap.md
 	$(BIN)/python -m benchmarks.gap

@@ -56,7 +56,7 @@ def with_hum(recorded: Recorder) -> Bank:
         (Offset(0.6), Offset(-0.3), 0.15),
         (TorqueMeterLowPass(150.0), TorqueMeterLowPass(1000.0), 0.1),
         (Noise(0.2), Noise(0.02), 0.1),
-        pytest.param(ContactDampingScale(2.5), ContactDampingScale(1.0), 0.25, marks=pytest.mark.slow),
+        pytest.param(ContactDampingScale(2.5), ContactDampingScale(1.0), 0.25, marks=pytest.mark.bench),
     ],
     ids=lambda value: value.effect_id if isinstance(value, Effect) else "",
 )
@@ -108,7 +108,7 @@ def test_two_effects_are_fitted_together(recorded: Recorder, simulations: Any) -
 # Repeats
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_equal_seeds_give_equal_bits_for_any_number_of_workers(with_hum: Bank, simulations: Any) -> None:
     first, again, two, other = (
         fitter(BrakeRotor(0.01, 2e4, 0.05), simulations, n_sims=16, n_interval=8, **options).fit(
@@ -186,7 +186,7 @@ def test_simulations_that_fail_are_counted_and_left_out(
     assert found.theta_["hum.amplitude_nm"] == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_a_place_where_all_simulations_fail_is_left(
     recorded: Recorder, simulations: Any, failing: Any
 ) -> None:

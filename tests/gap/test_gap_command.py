@@ -86,7 +86,7 @@ def folders(banks: tuple[Bank, Bank], tmp_path_factory: pytest.TempPathFactory) 
 # What it writes
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_folders_in_names_a_report_and_a_model_out(
     folders: tuple[Path, Path], simulations: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -303,7 +303,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_a_killed_run_goes_on_and_ends_the_same(
     folders: tuple[Path, Path], tmp_path: Path, simulations: Path
 ) -> None:

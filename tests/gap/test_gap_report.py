@@ -418,7 +418,7 @@ def test_no_gap_is_said(fit: Bank, cache: Path) -> None:
     assert np.isnan(found.grr_ci_).all()
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_counts_may_be_unknown(fit: Bank, hold: Bank, cache: Path) -> None:
     found = report(
         CompositeSimulator(BASE, TRUE), cache, nuisance=NuisancePrior(defect_counts=(0, 4, 7)),
@@ -428,7 +428,7 @@ def test_counts_may_be_unknown(fit: Bank, hold: Bank, cache: Path) -> None:
     assert {row.condition for row in found.comparison_} == {"all"}
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_equaliser_closes_a_low_pass_where_it_has_learnt(cache: Path) -> None:
     effect = [TorqueMeterLowPass(30.0)]
     fit, hold = (bank_of(effect, [0, 4], n, seed, cache) for n, seed in ((6, 104), (8, 105)))

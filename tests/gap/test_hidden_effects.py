@@ -79,7 +79,7 @@ def test_settling_is_the_simulators() -> None:
     assert _rig.settling(Machine()) == pytest.approx(settling_time(CycloidalGearbox.steel()))
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_summaries_agree_in_distribution() -> None:
     here, there, cells, counts = _equivalence.distributions(80)
     z = _equivalence.standardised(here, there, counts)
@@ -89,7 +89,7 @@ def test_summaries_agree_in_distribution() -> None:
     assert np.mean(np.abs(z[below]) > 3) < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_locator_finds_nothing_where_nothing_is_hidden() -> None:
     alarms, _ = _equivalence.false_alarms(30)
     assert alarms <= 5  # 1.5 expected; more than 5 has a chance of 0.3 %

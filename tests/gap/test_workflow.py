@@ -319,7 +319,7 @@ def test_a_wrong_condition_is_a_finding(
 # Whole chains that take longer
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_a_wrong_load_goes_through_the_whole_chain(recorded: Recorder, simulations: Path) -> None:
     """At one load it looks like an offset: the model with that predicts others of that load."""
     base = dataclasses.replace(STEEL, load_torque=23.0)
@@ -331,7 +331,7 @@ def test_a_wrong_load_goes_through_the_whole_chain(recorded: Recorder, simulatio
     assert found.result_["grr"]["all"] > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_two_effects_that_cancel_in_the_mean_are_no_crash(recorded: Recorder, simulations: Path) -> None:
     bank = recorded([Gain(1.05), Offset(-1.1)], COUNTS, seed=108)
     options = {**SMALL, "library": ["gain", "offset", "hum"]}
@@ -342,7 +342,7 @@ def test_two_effects_that_cancel_in_the_mean_are_no_crash(recorded: Recorder, si
     json.dumps(found.result_, allow_nan=False)
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_all_alternatives_are_compared(done: Done) -> None:
     names = ("nothing", "retuned", "equaliser", "gaussian_process")
     options = {**SMALL, "baselines": names, "with_placebo": True}
@@ -354,7 +354,7 @@ def test_all_alternatives_are_compared(done: Done) -> None:
         assert found.result_["alternatives"][name]["all"] < grr, name
 
 
-@pytest.mark.slow
+@pytest.mark.bench
 def test_with_a_tachometer_the_whole_chain_uses_it(done: Done) -> None:
     banks = (done.fit, done.hold)
     angles = [2 * np.pi * bank.speeds[:, None] * np.arange(N_SAMPLES) for bank in banks]
