@@ -359,7 +359,7 @@ def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, 
     (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n")
     more = {
         "count": ["--model", folder / "model.joblib", "--trust"],
-        "train": ["--out", tmp_path / "m"],
+        "train": ["--out", tmp_path / "m.skops"],
     }
     code, _, err = run(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []))
     assert code == 2
