@@ -122,7 +122,8 @@ class CompositeSimulator(BaseEstimator):
         >>> gearbox.brake_inertia == brake.inertia
         True
         """
-        gearbox, steps = self._assembled(_sequence(seed))
+        sequence = _sequence(seed)
+        gearbox, steps = self._assembled(sequence, library.child(sequence, _ASSEMBLY))
         return gearbox, tuple(effect for effect, _ in steps)
 
     def simulate(
@@ -183,6 +184,7 @@ class CompositeSimulator(BaseEstimator):
         duration: float = 1.8,
         sampling_rate: float = 25_600.0,
         seed: int | np.random.SeedSequence = 0,
+        assembly: int | np.random.SeedSequence | None = None,
         start_angle: float | None = None,
         settled: bool = True,
         spare_s: float = 0.0,
@@ -194,6 +196,9 @@ class CompositeSimulator(BaseEstimator):
         ----------
         defects, duration, sampling_rate, seed, start_angle, settled, **options
             As in :meth:`simulate`.
+        assembly : int or numpy.random.SeedSequence, optional
+            Source of what a rig draws for an assembly: runs with the same one are of the same assembly.
+            Default: from ``seed``.
         spare_s : float, default 0
             How much longer the machine runs, in s, for chains whose converter runs slow
             (:class:`cyclofeat.simulators.ClockError`).
@@ -225,7 +230,8 @@ class CompositeSimulator(BaseEstimator):
         if n_samples < 1:
             raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
         sequence = _sequence(seed)
-        gearbox, steps = self._assembled(sequence)
+        of_assembly = library.child(sequence, _ASSEMBLY) if assembly is None else _sequence(assembly)
+        gearbox, steps = self._assembled(sequence, of_assembly)
         n_settling = _settling_samples(gearbox, sampling_rate) if settled else 0
         n_run = _samples_needed(steps, n_samples) + math.ceil(spare_s * sampling_rate)
         total = (n_settling + n_run) / sampling_rate
@@ -239,7 +245,9 @@ class CompositeSimulator(BaseEstimator):
         )
         stated = None if isinstance(seed, np.random.SeedSequence) else int(seed)
         run = dataclasses.replace(run, seed=stated)
-        return MachineRun(self, run, sequence, n_samples, n_settling, sampling_rate, from_rest=not settled)
+        return MachineRun(
+            self, run, sequence, of_assembly, n_samples, n_settling, sampling_rate, from_rest=not settled
+        )
 
     def to_rig(self) -> Rig:
         """The same as a rig with effects; a bare gearbox is a rig without spread, drift and noise.
@@ -321,11 +329,13 @@ class CompositeSimulator(BaseEstimator):
         found = {"load_fluctuation": loads, "speed_fluctuation": speeds}
         return {name: _total(parts) for name, parts in found.items() if parts}
 
-    def _assembled(self, seed: np.random.SeedSequence) -> tuple[CycloidalGearbox, list[Step]]:
+    def _assembled(
+        self, seed: np.random.SeedSequence, of_assembly: np.random.SeedSequence
+    ) -> tuple[CycloidalGearbox, list[Step]]:
         """Gearbox, and effects in the order of the chain with the seeds of their random numbers."""
         given = self._given()
         if isinstance(self.base, Rig):
-            gearbox = self.base.assemble(library.child(seed, _ASSEMBLY))
+            gearbox = self.base.assemble(of_assembly)
         else:
             gearbox = CycloidalGearbox.steel() if self.base is None else self.base
         seeds = [library.child(seed, *key) for key in library.stream_keys(given)]
@@ -348,8 +358,8 @@ class MachineRun:
         What ran.
     run : SimulationRun
         From the start, settling included.
-    seed : numpy.random.SeedSequence
-        Source of all that is random in the measurement.
+    seed, assembly : numpy.random.SeedSequence
+        Sources of all that is random in the measurement, and in the assembly.
     n_samples, n_settling : int
         Length of a record, and samples before it.
     sampling_rate : float
@@ -361,6 +371,7 @@ class MachineRun:
     simulator: CompositeSimulator
     run: SimulationRun = dataclasses.field(repr=False)
     seed: np.random.SeedSequence = dataclasses.field(repr=False)
+    assembly: np.random.SeedSequence = dataclasses.field(repr=False)
     n_samples: int
     n_settling: int
     sampling_rate: float
@@ -390,7 +401,7 @@ class MachineRun:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
         whole = CompositeSimulator(self.simulator.base, (*self.simulator.effects, *effects))
-        gearbox, steps = whole._assembled(self.seed)
+        gearbox, steps = whole._assembled(self.seed, self.assembly)
         needed = _samples_needed(steps, self.n_samples)
         channels = {
             item.name: getattr(self.run, item.name)[self.n_settling :]
