@@ -16,6 +16,7 @@ from sklearn.model_selection import StratifiedKFold, cross_val_predict
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
 from cyclofeat.gap._null import NuisancePrior, make_bank, summaries_of_bank
 from cyclofeat.gap._phase import PhaseMap, phase_maps
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
@@ -32,6 +33,8 @@ _SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 _EQUIVALENT_SPREADS = 0.5  # of one recording's replicate noise, for cells that are no levels
 # Permutations in which the classifier is refitted; its p is no smaller than one over this.
 _REFITS = 99
+# Simulated to learn how alike recordings of one assembly are.
+_ASSEMBLIES, _PER_ASSEMBLY = 32, 4
 SPREADS = "spreads"
 # The differences of all cells at once, in standard errors beyond those of equal sets.
 TOGETHER = Cell("together", "all cells together", "1")
@@ -78,6 +81,9 @@ class GapLocator(BaseEstimator):
     recordings, never among windows of one: windows of a recording are no replicates (as replicates they
     raise false alarms in 99.8 % of cases without a difference).
 
+    The measured recordings may share a speed or a load that the prior allows. What follows a recording's own
+    speed and mean torque is therefore taken out on both sides, as far as simulated recordings go.
+
     Parameters
     ----------
     sampling_rate : float
@@ -92,6 +98,12 @@ class GapLocator(BaseEstimator):
         Chance of a false "disagree" over all families together.
     n_bank : int, default=200
         Simulated recordings.
+    one_assembly : bool, default=False
+        Whether the measured recordings are all of one assembly: the same gearbox, not taken apart between
+        them. They then have its errors in common, and count as fewer: by how many, 128 more simulated
+        recordings tell, four of each assembly. Default: each is of an assembly of its own.
+    alike : array-like, shape (n_cells,), optional
+        How alike recordings of one assembly are, where another locator has learned it (``alike_``).
     n_permutations : int, default=999
         Relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for: fewer than
         219 can never "disagree" at 0.05.
@@ -117,6 +129,8 @@ class GapLocator(BaseEstimator):
     phase_ : dict from str to PhaseMap
         Torque folded over the input's turn and over the passage of the lobes, for a picture.
     bank_ : Bank
+    alike_ : ndarray, shape (n_cells,)
+        Share of each cell's variance that recordings of one assembly have in common.
     cells_ : list of Cell
     measured_, simulated_ : ndarray, shape (n_recordings, n_cells) and (n_bank, n_cells)
         Summaries, one row per recording.
@@ -148,6 +162,8 @@ class GapLocator(BaseEstimator):
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "n_bank": [Interval(Integral, 10, None, closed="left")],
+        "one_assembly": ["boolean"],
+        "alike": ["array-like", None],
         "n_permutations": [Interval(Integral, 19, None, closed="left")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
         "n_jobs": [Integral],
@@ -166,6 +182,8 @@ class GapLocator(BaseEstimator):
         input_speed_hz: float = 500 / 60,
         alpha: float = 0.05,
         n_bank: int = 200,
+        one_assembly: bool = False,
+        alike: ArrayLike | None = None,
         n_permutations: int = 999,
         random_state: int = 0,
         n_jobs: int = 1,
@@ -177,6 +195,8 @@ class GapLocator(BaseEstimator):
         self.input_speed_hz = input_speed_hz
         self.alpha = alpha
         self.n_bank = n_bank
+        self.one_assembly = one_assembly
+        self.alike = alike
         self.n_permutations = n_permutations
         self.random_state = random_state
         self.n_jobs = n_jobs
@@ -254,10 +274,11 @@ class GapLocator(BaseEstimator):
             cache=self.cache,
         )
         self.counts_ = counts
-        measured, simulated = (
-            self.centred(self.measured_, counts),
-            self.centred(self.simulated_, self.bank_.counts),
-        )
+        simulated = self.centred(self.simulated_, self.bank_.counts)
+        trend = SpeedAndLoad(simulated, self.cells_, smallest_spreads(self.cells_))
+        self.alike_ = self._alikeness(nuisance, trend, windows.shape[1], angle is not None)
+        simulated = trend.without(simulated)
+        measured = trend.without(self.centred(self.measured_, counts))
         self._compare(measured, simulated)
         self._folded = (windows, gearbox.n_lobes)
         self._phase = None
@@ -311,7 +332,7 @@ class GapLocator(BaseEstimator):
         """
         check_is_fitted(self)
         random = np.random.default_rng([self.random_state, 1])
-        values = self.centred(self.simulated_, self.bank_.counts)
+        _, values = self._compared
         n = len(self.measured_)
         alarms = 0
         for _ in range(n_trials):
@@ -321,6 +342,36 @@ class GapLocator(BaseEstimator):
         self.null_rate_ = alarms / n_trials
         return self.null_rate_
 
+    def _alikeness(
+        self, nuisance: NuisancePrior, trend: SpeedAndLoad, n_samples: int, with_tachometer: bool
+    ) -> Float:
+        """How alike recordings of one assembly are, cell by cell."""
+        n_cells = len(self.cells_)
+        if self.alike is not None and self.one_assembly:
+            given = np.asarray(self.alike, dtype=float)
+            if given.shape != (n_cells,):
+                raise ValueError(f"alike must hold a share per cell: shape ({n_cells},), got {given.shape}")
+            return given
+        if not self.one_assembly:
+            return np.zeros(n_cells)
+        bank = make_bank(
+            self.simulator,
+            nuisance,
+            sorted(set(self.bank_.counts.tolist())),
+            n=_ASSEMBLIES * _PER_ASSEMBLY,
+            n_samples=n_samples,
+            sampling_rate=self.sampling_rate,
+            n_assemblies=_ASSEMBLIES,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            cache=self.cache,
+        )
+        values = summaries_of_bank(
+            bank, self.sampling_rate, self.input_speed_hz, self._gearbox(nuisance).n_lobes,
+            with_tachometer=with_tachometer, cache=self.cache,
+        )  # fmt: skip
+        return alikeness(trend.without(self.centred(values, bank.counts)), bank.assemblies)
+
     def _gearbox(self, nuisance: NuisancePrior) -> CycloidalGearbox:
         base = nuisance.simulator(self.simulator).base
         assert isinstance(base, Rig)
@@ -329,7 +380,8 @@ class GapLocator(BaseEstimator):
     def _compare(self, measured: Float, simulated: Float) -> None:
         random = np.random.default_rng([self.random_state, 0])
         smallest = smallest_spreads(self.cells_)
-        statistics = _Permuted(measured, simulated, self.n_permutations, random, smallest)
+        wider = widening(self.alike_, len(measured))
+        statistics = _Permuted(measured, simulated, self.n_permutations, random, smallest, wider)
         n_cells = len(self.cells_)
         rows: list[tuple[str, Row]] = []
         raw: dict[str, float] = {}
@@ -383,6 +435,7 @@ class _Permuted:
         n: int,
         random: np.random.Generator,
         smallest: Float | float = 0.0,
+        wider: Float | float = 1.0,
     ) -> None:
         pooled = np.vstack([measured, simulated])
         first = len(measured)
@@ -414,14 +467,18 @@ class _Permuted:
         # All means together, uncorrelated by a covariance that knows no labels: Hotelling's, shrunk.
         scale = np.sqrt(squares / (total - 2) + floor)
         turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
-        together = np.sqrt(np.mean((effects / np.where(scale > 0, scale, 1.0) @ turn) ** 2, axis=1) / share)
+        # Permuted sets are of many assemblies, the measured one perhaps of one.
+        t[0] /= wider
+        in_scales = effects / np.where(scale > 0, scale, 1.0)
+        in_scales[0] /= wider
+        together = np.sqrt(np.mean((in_scales @ turn) ** 2, axis=1) / share)
         together = (together - np.median(together[1:]))[:, np.newaxis]
         beyond = max(float(together[1:].std()), 1e-9)
         self.effects = np.concatenate([effects[0], ratios[0], together[0]])
-        self.errors = np.concatenate([errors[0], deviation, [beyond]])
+        self.errors = np.concatenate([errors[0] * wider, deviation, [beyond]])
         ratios = np.where(deviation > 1e-6, ratios / deviation, 0.0)
-        # One-sided: less than usual is no disagreement.
-        self.t = np.hstack([np.abs(t), np.abs(ratios), np.maximum(together, 0.0) / beyond])
+        # One-sided: recordings that share speed, load or assembly spread less, and that is no disagreement.
+        self.t = np.hstack([np.abs(t), np.maximum(ratios, 0.0), np.maximum(together, 0.0) / beyond])
         self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation, [beyond]])
 
     def step_down(self, at: NDArray[np.intp]) -> Float:

@@ -31,8 +31,9 @@ from cyclofeat.simulators.campaign import made_with
 
 Float = NDArray[np.float64]
 # One evaluation per step instead of two: what it does otherwise lies below the summaries' resolution.
+_STORED = ("X", "counts", "input_angle", "assemblies")
 _INTEGRATOR = "adams_bashforth"
-_LAYOUT = 2  # raise it when the bank's content changes for other reasons than the simulator's code
+_LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,8 @@ class Bank:
         Worn lobes of each.
     input_angle : ndarray, shape (n, 2)
         Input angle in rad at the first and the last sample.
+    assemblies : ndarray of int, shape (n,)
+        Assembly of each.
     n_failed : int
         Recordings asked for whose simulation failed; they are left out.
     key : str
@@ -114,6 +117,7 @@ class Bank:
     X: NDArray[np.float32] = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
     input_angle: Float = field(repr=False)
+    assemblies: NDArray[np.int64] = field(repr=False)
     n_failed: int = 0
     key: str = ""
 
@@ -131,6 +135,7 @@ def make_bank(
     n: int = 200,
     n_samples: int = 46_080,
     sampling_rate: float = 25_600.0,
+    n_assemblies: int | None = None,
     random_state: int = 0,
     n_jobs: int = 1,
     cache: str | os.PathLike[str] | None = None,
@@ -147,6 +152,8 @@ def make_bank(
         Number of recordings.
     n_samples, sampling_rate : int, float
         Length of each, and its rate in Hz.
+    n_assemblies : int, optional
+        Recordings i and i + n_assemblies are of the same assembly. Default: each is of its own.
     random_state : int
         Seed. Recording i depends on it and on i alone.
     n_jobs : int
@@ -165,20 +172,26 @@ def make_bank(
     """
     composite = nuisance.simulator(simulator)
     classes = tuple(int(count) for count in (nuisance.defect_counts if counts is None else counts))
-    stated = (classes, n_samples, sampling_rate, random_state, _LAYOUT)
+    stated = (classes, n_samples, sampling_rate, n_assemblies, random_state, _LAYOUT)
     key = f"{cache_key(composite, nuisance, *stated)}-{n}"
     file = None if cache is None else Path(cache) / f"bank-{key}.npz"
     if file is not None and file.exists():
         with np.load(file) as stored:
-            kept = {name: stored[name] for name in ("X", "counts", "input_angle")}
+            kept = {name: stored[name] for name in _STORED}
             return Bank(**kept, n_failed=n - len(kept["X"]), key=key)
-    seeds = (np.random.SeedSequence(random_state, spawn_key=(i,)) for i in range(n))
-    work = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(_record_or_reason)(
-            composite, nuisance, classes[i % len(classes)], n_samples, sampling_rate, seed
-        )
-        for i, seed in enumerate(seeds)
-    )
+    repeat, assemblies = np.divmod(np.arange(n), n if n_assemblies is None else n_assemblies)
+    # Recordings of one assembly differ in their counts.
+    wanted = np.array(classes)[(assemblies + repeat) % len(classes)]
+
+    def one(i: int) -> tuple[NDArray[np.float32], tuple[float, float]] | str:
+        seed = np.random.SeedSequence(random_state, spawn_key=(i,))
+        shared = None if n_assemblies is None else np.random.SeedSequence([random_state, int(assemblies[i])])
+        try:
+            return record(composite, nuisance, int(wanted[i]), n_samples, sampling_rate, seed, shared)
+        except SimulationFailed as failure:
+            return str(failure)
+
+    work = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(one)(i) for i in range(n))
     run = [i for i, found in enumerate(work) if not isinstance(found, str)]
     if len(run) <= n // 2:
         raise SimulationFailed(
@@ -187,24 +200,17 @@ def make_bank(
         )
     bank = Bank(
         X=np.array([work[i][0] for i in run], dtype=np.float32),
-        counts=np.array([classes[i % len(classes)] for i in run]),
+        counts=wanted[run],
         input_angle=np.array([work[i][1] for i in run]),
+        assemblies=assemblies[run],
         n_failed=n - len(run),
         key=key,
     )
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(
-            file, lambda stream: np.savez(stream, X=bank.X, counts=bank.counts, input_angle=bank.input_angle)
-        )
+        content: dict[str, Any] = {name: getattr(bank, name) for name in _STORED}
+        write_whole(file, lambda stream: np.savez(stream, **content))
     return bank
-
-
-def _record_or_reason(*arguments: Any) -> tuple[NDArray[np.float32], tuple[float, float]] | str:
-    try:
-        return record(*arguments)
-    except SimulationFailed as failure:
-        return str(failure)
 
 
 def record(
@@ -214,9 +220,10 @@ def record(
     n_samples: int,
     sampling_rate: float,
     seed: np.random.SeedSequence,
+    assembly: np.random.SeedSequence | None = None,
 ) -> tuple[NDArray[np.float32], tuple[float, float]]:
     """Torque in Nm of one recording of the prior's simulator, and its first and last input angle in rad."""
-    run = machine(composite, nuisance, count, n_samples, sampling_rate, seed).record()
+    run = machine(composite, nuisance, count, n_samples, sampling_rate, seed, assembly).record()
     return run.torque_out.astype(np.float32), (float(run.input_angle[0]), float(run.input_angle[-1]))
 
 
@@ -227,6 +234,7 @@ def machine(
     n_samples: int,
     sampling_rate: float,
     seed: np.random.SeedSequence,
+    assembly: np.random.SeedSequence | None = None,
     spare: float = 0.0,
 ) -> MachineRun:
     """One run of the prior's simulator, before it is measured; longer by a share ``spare``."""
@@ -243,6 +251,7 @@ def machine(
         duration=duration,
         sampling_rate=sampling_rate,
         seed=for_run,
+        assembly=assembly,
         motion=False,
         integrator=_INTEGRATOR,
         spare_s=spare * duration,

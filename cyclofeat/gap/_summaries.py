@@ -220,8 +220,8 @@ def _orders(
 ) -> tuple[Float, list[Cell]]:
     """Lines of lobes and shaft over their floor, and that floor.
 
-    Every window is cut to one output turn of its own speed and transformed at exactly the multiples of
-    1/n_lobes of it, with a Hann window over two such lines.
+    Every window is cut to one output turn of its own speed (or is a little shorter) and transformed at exactly
+    the multiples of 1/n_lobes of it, with a Hann window over two such lines.
     """
     n_bins = (n_lobes + 1) * (_LOBE_LINES + 1)
     power = np.array(
@@ -259,10 +259,15 @@ def _orders(
 
 def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int, n_bins: int) -> Float:
     """Power at the multiples of 1/n_lobes of the input's speed, shape (n_bins,), in Nm^2."""
-    # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.
-    n_cut = min(round(n_lobes / speed * sampling_rate), x.size)
-    piece = x[:n_cut] - x[:n_cut].mean()
-    lines = np.fft.rfft(piece * signal.windows.hann(n_cut, sym=False))[:n_bins]
+    n_turn = n_lobes / speed * sampling_rate
+    n_cut = min(round(n_turn), x.size)
+    piece = (x[:n_cut] - x[:n_cut].mean()) * signal.windows.hann(n_cut, sym=False)
+    if n_cut < round(n_turn):
+        # The window ends before the turn does: its bins lie beside the multiples.
+        lines = signal.czt(piece, n_bins, np.exp(-2j * np.pi / n_turn))
+    else:
+        # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.
+        lines = np.fft.rfft(piece)[:n_bins]
     power = 8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2
     return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
