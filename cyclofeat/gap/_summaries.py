@@ -220,8 +220,8 @@ def _orders(
 ) -> tuple[Float, list[Cell]]:
     """Lines of lobes and shaft over their floor, and that floor.
 
-    Every window is cut to one output turn of its own speed (or is a little shorter) and transformed at exactly
-    the multiples of 1/n_lobes of it, with a Hann window over two such lines.
+    Every window is cut to one output turn of its own speed, or is a little shorter, and transformed at the
+    exact multiples of 1/n_lobes of it, with a Hann window over two such lines.
     """
     n_bins = (n_lobes + 1) * (_LOBE_LINES + 1)
     power = np.array(
