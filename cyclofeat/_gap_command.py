@@ -37,6 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--effects", metavar="NAMES", help="effects considered, with commas (default: all)")
     parser.add_argument("--max-effects", type=int, default=2, choices=(1, 2))
     parser.add_argument("--alpha", type=float, default=0.03, help='chance of a false "disagree"')
+    parser.add_argument(
+        "--one-assembly",
+        action="store_true",
+        help="all recordings are of one gearbox that was not taken apart between them",
+    )
     parser.add_argument("--draws", type=int, default=60, help="simulated parameter sets per effect")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
@@ -87,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator),
         input_speed_hz=speed,
         alpha=arguments.alpha,
+        one_assembly=arguments.one_assembly,
         library=None if arguments.effects is None else arguments.effects.split(","),
         max_effects=arguments.max_effects,
         n_draws=arguments.draws,

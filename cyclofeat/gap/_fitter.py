@@ -19,7 +19,7 @@ from sklearn.utils.validation import validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import smallest_spreads
-from cyclofeat.gap._null import NuisancePrior, machine, make_bank, summaries_of_bank
+from cyclofeat.gap._null import SPARE, NuisancePrior, machine, make_bank, summaries_of_bank
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import Cell, summarise_all
 from cyclofeat.gap._whitening import uncorrelating
@@ -37,7 +37,6 @@ Float = NDArray[np.float64]
 
 _PER_STEP = 4  # simulated recordings behind one evaluation
 _BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
-_SPARE = 0.06
 _OUTLIER = 3.0  # whitened residual from which a cell counts less
 _AT_BOUND = 0.01  # share of the searched range
 _ROUNDS = 4
@@ -427,7 +426,9 @@ class _Model:
         seed = np.random.SeedSequence([self.random_state, 1], spawn_key=(i,))
         count = int(self.counts[i % len(self.counts)])
         try:
-            return machine(simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, _SPARE)
+            return machine(
+                simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, spare=SPARE
+            )
         except SimulationFailed:
             return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -35,6 +36,7 @@ _EQUIVALENT_SPREADS = 0.5  # of one recording's replicate noise, for cells that 
 _REFITS = 99
 # Simulated to learn how alike recordings of one assembly are.
 _ASSEMBLIES, _PER_ASSEMBLY = 32, 4
+_N_FAMILIES = len(FAMILIES) + 2  # and spreads, and all together
 SPREADS = "spreads"
 # The differences of all cells at once, in standard errors beyond those of equal sets.
 TOGETHER = Cell("together", "all cells together", "1")
@@ -106,7 +108,7 @@ class GapLocator(BaseEstimator):
         How alike recordings of one assembly are, where another locator has learned it (``alike_``).
     n_permutations : int, default=999
         Relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for: fewer than
-        219 can never "disagree" at 0.05.
+        219 can never "disagree" at 0.05, and are refused.
     random_state : int, default=0
     n_jobs : int, default=1
         Worker processes of the simulations.
@@ -233,9 +235,16 @@ class GapLocator(BaseEstimator):
         ------
         ValueError
             If there are fewer than two recordings, windows are too short, ``y`` has a count that the wheel
-            cannot have, a recording has two counts, or ``angle`` does not belong to ``X``.
+            cannot have, a recording has two counts, ``angle`` does not belong to ``X``, or ``n_permutations``
+            is too small for ``alpha``.
         """
         windows = validate_data(self, X, dtype=[np.float64, np.float32])
+        fewest = math.ceil(_N_FAMILIES / self.alpha) - 1
+        if self.n_permutations < fewest:
+            raise ValueError(
+                f"n_permutations must be at least {fewest} for alpha={self.alpha:g}: with fewer nothing can "
+                f"disagree, got {self.n_permutations}"
+            )
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
         gearbox = self._gearbox(nuisance)
         speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)

@@ -33,6 +33,7 @@ Float = NDArray[np.float64]
 # One evaluation per step instead of two: what it does otherwise lies below the summaries' resolution.
 _STORED = ("X", "counts", "input_angle", "assemblies")
 _INTEGRATOR = "adams_bashforth"
+SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
 _LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
 
@@ -235,6 +236,7 @@ def machine(
     sampling_rate: float,
     seed: np.random.SeedSequence,
     assembly: np.random.SeedSequence | None = None,
+    *,
     spare: float = 0.0,
 ) -> MachineRun:
     """One run of the prior's simulator, before it is measured; longer by a share ``spare``."""

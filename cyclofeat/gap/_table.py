@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
-from cyclofeat.gap._null import NuisancePrior, cache_key, machine
+from cyclofeat.gap._null import SPARE, NuisancePrior, cache_key, machine
 from cyclofeat.gap._recordings import registered
 from cyclofeat.gap._summaries import summarise_all
 from cyclofeat.simulators import (
@@ -27,7 +27,6 @@ from cyclofeat.simulators import (
 
 Float = NDArray[np.float64]
 
-_SPARE = 0.06  # share by which the machine runs longer, for the slowest converter of the library
 _LAYOUT = 2  # raise it when the table's content changes for other reasons than the code that makes it
 
 
@@ -125,9 +124,9 @@ def make_table(
         assert isinstance(base, Rig)
         n_lobes = base.gearbox.n_lobes
         seed = np.random.SeedSequence(random_state, spawn_key=(i,))
-        spare = 0.0 if effect is not None else _SPARE
+        spare = 0.0 if effect is not None else SPARE
         try:
-            run = machine(changed, nuisance, int(counts[i]), n_samples, sampling_rate, seed, spare)
+            run = machine(changed, nuisance, int(counts[i]), n_samples, sampling_rate, seed, spare=spare)
             torque = [run.record(chain).torque_out.astype(np.float32) for chain in measured_by]
         except SimulationFailed:
             return None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -26,7 +25,6 @@ from cyclofeat.gap._null import NuisancePrior, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
 from cyclofeat.gap._recordings import mixed, recordings_of
 from cyclofeat.gap._report import GapReport
-from cyclofeat.gap._summaries import FAMILIES
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
 from cyclofeat.simulators.campaign import made_with
 
@@ -83,6 +81,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         Nominal input speed.
     alpha : float, default=0.03
         Chance of a false "disagree".
+    one_assembly : bool, default=False
+        Whether the measured recordings are all of one assembly (:class:`GapLocator`).
     library : sequence of str, optional
         Effects that are considered. Default: all of :func:`cyclofeat.simulators.effect_library` that fit the
         model.
@@ -164,6 +164,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         "nuisance": [NuisancePrior, None],
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
+        "one_assembly": ["boolean"],
         "library": [list, tuple, None],
         "ranker": [EffectRanker, None],
         "max_effects": [Interval(Integral, 1, 2, closed="both")],
@@ -191,6 +192,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         nuisance: NuisancePrior | None = None,
         input_speed_hz: float = 500 / 60,
         alpha: float = 0.03,
+        one_assembly: bool = False,
         library: Sequence[str] | None = None,
         ranker: EffectRanker | None = None,
         max_effects: int = 2,
@@ -215,6 +217,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.nuisance = nuisance
         self.input_speed_hz = input_speed_hz
         self.alpha = alpha
+        self.one_assembly = one_assembly
         self.library = library
         self.ranker = ranker
         self.max_effects = max_effects
@@ -275,12 +278,6 @@ class DiscrepancyWorkflow(BaseEstimator):
         data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
         windows = check_array(X_fit, dtype=[np.float64, np.float32], input_name="X_fit")
         self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
-        families = len(FAMILIES) + 2
-        if families > self.alpha * (self.n_permutations + 1):
-            raise ValueError(
-                f"n_permutations must be at least {math.ceil(families / self.alpha) - 1} for alpha="
-                f"{self.alpha:g}: with fewer nothing can disagree, got {self.n_permutations}"
-            )
         self._begin()
         self._say("comparing measurement and model")
         self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)
@@ -390,12 +387,14 @@ class DiscrepancyWorkflow(BaseEstimator):
             "cache": self.cache,
         }
 
-    def _locator(self, simulator: Any, n_bank: int) -> GapLocator:
+    def _locator(self, simulator: Any, n_bank: int, alike: Float | None = None) -> GapLocator:
         return GapLocator(
             self.sampling_rate,
             simulator,
             alpha=self.alpha,
             n_bank=n_bank,
+            one_assembly=self.one_assembly,
+            alike=alike,
             n_permutations=self.n_permutations,
             **self._common(),
         )
@@ -525,7 +524,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.effects_ = candidate.fitter.effects_
         self.simulator_ = candidate.fitter.simulator_
         self._say("comparing measurement and corrected model")
-        self.locator_after_ = self._locator(self.simulator_, self.n_after).fit(windows, **data)
+        after = self._locator(self.simulator_, self.n_after, self.locator_.alike_)
+        self.locator_after_ = after.fit(windows, **data)
 
     def _judge(
         self, windows: NDArray[Any], data: dict[str, Any], X_hold: ArrayLike, hold: dict[str, Any]

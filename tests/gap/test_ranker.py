@@ -224,7 +224,7 @@ def test_what_is_never_found_still_has_a_name(ranker: EffectRanker) -> None:
 
 def test_summaries_of_another_rate_are_refused(ranker: EffectRanker, recorded: Recorder) -> None:
     bank = recorded([], (0, 3), n=4, seed=10, base=BASE)
-    other = GapLocator(RATE / 2, BASE, PRIOR, n_bank=10, n_permutations=19)
+    other = GapLocator(RATE / 2, BASE, PRIOR, n_bank=10, n_permutations=219)
     other.fit(bank.X[:, ::2], y=bank.counts)
     with pytest.raises(ValueError, match="same sampling_rate"):
         ranker.rank(other)
