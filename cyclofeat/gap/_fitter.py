@@ -206,9 +206,7 @@ class EffectFitter(BaseEstimator):
         windows = validate_data(self, X, dtype=[np.float64, np.float32]).astype(np.float32)
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
         composite = nuisance.simulator(self.simulator)
-        base = composite.base
-        assert isinstance(base, Rig)
-        n_lobes = base.gearbox.n_lobes
+        n_lobes = nuisance.gearbox(self.simulator).n_lobes
         speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
         windows = registered(windows, self.sampling_rate, self.input_speed_hz, n_lobes)
         of_window, counts = recordings_of(len(windows), y, groups)
@@ -318,9 +316,7 @@ class EffectFitter(BaseEstimator):
         reach = _CONFORMED * quantile * estimate.deviation
         low, high = at.clipped(best - reach), at.clipped(best + reach)
         self.effects_ = at.effects(best)
-        self.simulator_ = CompositeSimulator(
-            self._model_without(model), (*model.composite.effects, *self.effects_)
-        )
+        self.simulator_ = CompositeSimulator(self._base(), (*model.composite.effects, *self.effects_))
         names, bottom, top = at.names, at.natural(low), at.natural(high)
         self.theta_ = dict(zip(names, at.natural(best).tolist(), strict=True))
         self.theta_ci_ = {
@@ -334,7 +330,7 @@ class EffectFitter(BaseEstimator):
         self.loss_ = estimate.loss
         self.n_calls_, self.n_failed_ = model.n_calls, model.n_failed
 
-    def _model_without(self, model: _Model) -> CycloidalGearbox | Rig:
+    def _base(self) -> CycloidalGearbox | Rig:
         """Base of the model as it was given: the nuisance prior's tolerances are not part of it."""
         given = self.simulator
         if isinstance(given, CompositeSimulator):

@@ -246,14 +246,14 @@ class GapLocator(BaseEstimator):
                 f"disagree, got {self.n_permutations}"
             )
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
-        gearbox = self._gearbox(nuisance)
+        n_lobes = nuisance.gearbox(self.simulator).n_lobes
         speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
         # In the precision of the bank, or the share of distinct values would tell them apart.
         windows = windows.astype(np.float32)
-        windows = registered(windows, self.sampling_rate, self.input_speed_hz, gearbox.n_lobes)
+        windows = registered(windows, self.sampling_rate, self.input_speed_hz, n_lobes)
         of_window, counts = recordings_of(len(windows), y, groups)
-        if counts is not None and counts.max() > gearbox.n_lobes:
-            raise ValueError(f"y must hold counts from 0 to the {gearbox.n_lobes} lobes, got {counts.max()}")
+        if counts is not None and counts.max() > n_lobes:
+            raise ValueError(f"y must hold counts from 0 to the {n_lobes} lobes, got {counts.max()}")
         n_recordings = int(of_window.max()) + 1
         if n_recordings < 2:
             raise ValueError(
@@ -270,15 +270,13 @@ class GapLocator(BaseEstimator):
             n_jobs=self.n_jobs,
             cache=self.cache,
         )
-        values, self.cells_ = summarise_all(
-            windows, self.sampling_rate, self.input_speed_hz, gearbox.n_lobes, speeds
-        )
+        values, self.cells_ = summarise_all(windows, self.sampling_rate, self.input_speed_hz, n_lobes, speeds)
         self.measured_ = per_recording(values, of_window)
         self.simulated_ = summaries_of_bank(
             self.bank_,
             self.sampling_rate,
             self.input_speed_hz,
-            gearbox.n_lobes,
+            n_lobes,
             with_tachometer=angle is not None,
             cache=self.cache,
         )
@@ -289,7 +287,7 @@ class GapLocator(BaseEstimator):
         simulated = trend.without(simulated)
         measured = trend.without(self.centred(self.measured_, counts))
         self._compare(measured, simulated)
-        self._folded = (windows, gearbox.n_lobes)
+        self._folded = (windows, n_lobes)
         self._phase = None
         return self
 
@@ -376,15 +374,10 @@ class GapLocator(BaseEstimator):
             cache=self.cache,
         )
         values = summaries_of_bank(
-            bank, self.sampling_rate, self.input_speed_hz, self._gearbox(nuisance).n_lobes,
+            bank, self.sampling_rate, self.input_speed_hz, nuisance.gearbox(self.simulator).n_lobes,
             with_tachometer=with_tachometer, cache=self.cache,
         )  # fmt: skip
         return alikeness(trend.without(self.centred(values, bank.counts)), bank.assemblies)
-
-    def _gearbox(self, nuisance: NuisancePrior) -> CycloidalGearbox:
-        base = nuisance.simulator(self.simulator).base
-        assert isinstance(base, Rig)
-        return base.gearbox
 
     def _compare(self, measured: Float, simulated: Float) -> None:
         random = np.random.default_rng([self.random_state, 0])

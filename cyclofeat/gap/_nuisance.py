@@ -11,6 +11,7 @@ from cyclofeat.gap._summaries import Cell
 
 Float = NDArray[np.float64]
 
+_MARGIN = 2.0
 _LOAD = "mean"
 _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # the first that is there
 
@@ -28,7 +29,8 @@ class SpeedAndLoad:
         Summaries of simulated recordings less the mean of their count.
     cells : list of Cell
     smallest : ndarray, shape (n_cells,)
-        What is no difference of consequence in each cell: as much farther than simulated recordings go.
+        What is no difference of consequence in each cell: twice as much farther than simulated recordings go
+        counts as explained too.
     """
 
     def __init__(self, simulated: Float, cells: list[Cell], smallest: Float) -> None:
@@ -36,7 +38,7 @@ class SpeedAndLoad:
         speed = next(name for name in _SPEEDS if name in names)
         self._at = [names.index(speed), names.index(_LOAD)]
         own = simulated[:, self._at]
-        margin = smallest[self._at]
+        margin = _MARGIN * smallest[self._at]
         self._low, self._middle, self._high = (
             own.min(axis=0) - margin,
             own.mean(axis=0),

@@ -88,6 +88,15 @@ class NuisancePrior:
         rig = composite.to_rig()
         return CompositeSimulator(rig.replace(effects=(), tolerances=self.tolerances), rig.effects)
 
+    def gearbox(self, simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CycloidalGearbox:
+        """The simulator's gearbox, before an assembly's own errors.
+
+        Parameters
+        ----------
+        simulator : CompositeSimulator, Rig, CycloidalGearbox or None
+        """
+        return self.simulator(simulator).to_rig().gearbox
+
     def draw_defects(self, count: int, n_lobes: int, random: np.random.Generator) -> LobeDefects:
         """Consecutive worn lobes with a random first one, on random wheels."""
         first = int(random.integers(n_lobes))
@@ -244,9 +253,8 @@ def machine(
     for_defects, for_run = (
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(2)
     )
-    rig = composite.base
-    assert isinstance(rig, Rig)
-    defects = nuisance.draw_defects(count, rig.gearbox.n_lobes, np.random.default_rng(for_defects))
+    n_lobes = nuisance.gearbox(composite).n_lobes
+    defects = nuisance.draw_defects(count, n_lobes, np.random.default_rng(for_defects))
     duration = n_samples / sampling_rate
     return composite.run_machine(
         defects,

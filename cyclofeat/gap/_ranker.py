@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from sklearn.utils.validation import check_is_fitted
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior
+from cyclofeat.gap._summaries import Cell
 from cyclofeat.gap._table import EffectTable, make_table
 from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
@@ -34,6 +36,7 @@ _FOLDS = 5
 _SETS_PER_DRAW = 6
 _FEWEST_SETS = 30
 _NULL_SETS = 1000
+_REFINED = 20  # pairs of draws whose distance is taken in all combinations of cells
 _SMALLEST = 0.05  # a cell's spread is at least this, in its unit
 
 
@@ -299,15 +302,60 @@ class EffectRanker(BaseEstimator):
         vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n_nearest]]]
         return [kind.from_vector(vector) for vector in vectors]
 
+    def nearest_pairs(self, locator: GapLocator, n_pairs: int = 1) -> list[tuple[Effect, Effect]]:
+        """Two effects whose draws together change the summaries most like what a locator has found.
+
+        What two draws change together is taken from what each changes alone: levels that both raise add up as
+        powers, all else as it is.
+
+        Parameters
+        ----------
+        locator : GapLocator
+            Fitted.
+        n_pairs : int
+            How many pairs of names, the nearest first, each with its nearest draws.
+        """
+        scale = self._learn(len(locator.measured_)).scale
+        wanted, _ = self._deviation(locator)
+        n = len(locator.measured_)
+        target = scale.of_means(wanted, n)
+        in_db = np.array([cell.unit == "dB" for cell in self._table_cells(locator)])
+        shifts = {name: self.table_.shifts(name) for name in self.classes_}
+        found = []
+        for first, second in itertools.combinations(self.classes_, 2):
+            a, b = np.broadcast_arrays(shifts[first][:, None], shifts[second][None])
+            together = _together(a.reshape(-1, a.shape[-1]), b.reshape(-1, b.shape[-1]), in_db)
+            coarse = np.linalg.norm(
+                _scaled(together / scale.spread * np.sqrt(n)) - target[: len(in_db)], axis=1
+            )
+            near = np.argsort(coarse)[:_REFINED]  # NaN, of failed simulations, comes last
+            distance = np.linalg.norm(scale.of_means(together[near], n) - target, axis=1)
+            best = int(np.nanargmin(distance))
+            found.append((float(distance[best]), first, second, int(near[best])))
+        kinds = effect_library()
+        pairs = []
+        for _, first, second, at in sorted(found)[:n_pairs]:
+            at_first, at_second = np.unravel_index(at, (len(shifts[first]), len(shifts[second])))
+            pairs.append(
+                (
+                    kinds[first]().from_vector(self.table_.vectors[first][at_first]),
+                    kinds[second]().from_vector(self.table_.vectors[second][at_second]),
+                )
+            )
+        return pairs
+
     def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:
         """Deviation of the measured means from the locator's own bank, and the variances over recordings."""
-        n_cells = self.table_.null.shape[1]
-        # The tachometer's cells come last in their family, and are no part of the table.
-        kept = [k for k, cell in enumerate(locator.cells_) if "tachometer" not in cell.name]
-        assert len(kept) == n_cells
+        kept = [locator.cells_.index(cell) for cell in self._table_cells(locator)]
         simulated = locator.centred(locator.simulated_, locator.bank_.counts)[:, kept]
         measured = locator.centred(locator.measured_, locator.counts_)[:, kept]
         return measured.mean(axis=0) - simulated.mean(axis=0), measured.var(axis=0, ddof=1)
+
+    def _table_cells(self, locator: GapLocator) -> list[Cell]:
+        """Cells of the table: all but those of the tachometer."""
+        cells = [cell for cell in locator.cells_ if "tachometer" not in cell.name]
+        assert len(cells) == self.table_.null.shape[1]
+        return cells
 
     def _names(self, composite: CompositeSimulator) -> list[str]:
         known = effect_library()
@@ -316,9 +364,8 @@ class EffectRanker(BaseEstimator):
             if unknown or not self.library:
                 raise ValueError(f"library must name effects of {', '.join(known)}, got {self.library!r}")
             return list(self.library)
-        base = composite.base
-        assert isinstance(base, Rig)
-        braked = base.has_brake or any(effect.effect_id == "brake_rotor" for effect in composite.effects)
+        rig = composite.to_rig()
+        braked = rig.has_brake or any(effect.effect_id == "brake_rotor" for effect in rig.effects)
         return [name for name in known if not (braked and name == "brake_rotor")]
 
     def _learn(self, n_recordings: int) -> _Learned:
@@ -327,6 +374,15 @@ class EffectRanker(BaseEstimator):
                 self.table_, n_recordings, self.n_trees, self.alpha, self.random_state, self.n_jobs
             )
         return self._learned[n_recordings]
+
+
+def _together(first: Float, second: Float, in_db: NDArray[np.bool_]) -> Float:
+    """What two effects change together, from what each changes alone; each (..., n_cells)."""
+    total = first + second
+    both = in_db & (first > 0) & (second > 0)
+    with np.errstate(over="ignore"):
+        powers = 10 * np.log10(10 ** (first / 10) + 10 ** (second / 10) - 1)
+    return np.where(both, powers, total)
 
 
 class _Scale:
@@ -360,21 +416,21 @@ class _Learned:
         self.names = table.names
         self.scale = _Scale(null)
         of_null = null[random.integers(len(null), size=(_NULL_SETS, n))]
-        threshold = self._gate(of_null, n, alpha)
+        # What sets without effect exceed with a share alpha.
+        threshold = np.quantile(self._largest(of_null.mean(axis=1), n), 1 - alpha)
         features, labels, draws = [], [], []
         self.detectable: dict[str, float] = {}
         for k, name in enumerate(table.names):
-            own = _sets(table, name, n, random)
-            found = np.abs(own[0] / self.scale.spread).max(axis=1) * np.sqrt(n) > threshold
+            means, variances, of_draw = _sets(table, null, name, n, random)
+            size = self._largest(means, n)
+            found = size > threshold
             self.detectable[name] = float(found.mean())
-            draw = np.repeat(np.arange(len(found) // _SETS_PER_DRAW), _SETS_PER_DRAW)
             # An effect that is never found is learned from its strongest sets: it has to have a name.
             if found.sum() < _FEWEST_SETS:
-                size = np.abs(own[0] / self.scale.spread).max(axis=1)
                 found = size >= np.sort(size)[-_FEWEST_SETS]
-            features.append(self.scale.features(own[0][found], own[1][found], n))
+            features.append(self.scale.features(means[found], variances[found], n))
             labels.append(np.full(found.sum(), k))
-            draws.append(draw[found] + 10_000 * k)
+            draws.append(of_draw[found] + k * len(table.used))
         X, y, groups = np.vstack(features), np.concatenate(labels), np.concatenate(draws)
         # As if every effect came equally often, whatever share of its draws can be found.
         forest = ExtraTreesClassifier(
@@ -397,17 +453,20 @@ class _Learned:
         group = next((group for group in self.tie_groups if name in group), (name,))
         return tuple(other for other in group if other != name)
 
-    def _gate(self, of_null: Float, n: int, alpha: float) -> float:
-        """Largest deviation in standard errors that a share alpha of sets without effect exceeds."""
-        largest = np.abs(of_null.mean(axis=1) / self.scale.spread).max(axis=1) * np.sqrt(n)
-        return float(np.quantile(largest, 1 - alpha))
+    def _largest(self, means: Float, n: int) -> Float:
+        """Largest deviation of each set of n recordings, in standard errors."""
+        return np.asarray(np.abs(means / self.scale.spread).max(axis=1) * np.sqrt(n))
 
 
-def _sets(table: EffectTable, name: str, n: int, random: np.random.Generator) -> tuple[Float, Float]:
-    """Means and variances of sets of n recordings with an effect, _SETS_PER_DRAW for each of its draws."""
-    means, variances = [], []
-    null = table.null_deviations()
-    for values, used in zip(table.deviations(name), table.used, strict=True):
+def _sets(
+    table: EffectTable, null: Float, name: str, n: int, random: np.random.Generator
+) -> tuple[Float, Float, NDArray[np.intp]]:
+    """Means and variances of sets of n recordings with an effect, and the draw of each set.
+
+    There are _SETS_PER_DRAW for each draw of which at least two recordings could be simulated.
+    """
+    means, variances, draws = [], [], []
+    for k, (values, used) in enumerate(zip(table.deviations(name), table.used, strict=True)):
         usable = np.isfinite(values[:, 0])
         if usable.sum() < 2:
             continue
@@ -417,7 +476,8 @@ def _sets(table: EffectTable, name: str, n: int, random: np.random.Generator) ->
         drawn = residuals[random.integers(len(values), size=(_SETS_PER_DRAW, n))]
         means.append(shift + drawn.mean(axis=1))
         variances.append(drawn.var(axis=1, ddof=1))
-    return np.vstack(means), np.vstack(variances)
+        draws.append(np.full(_SETS_PER_DRAW, k))
+    return np.vstack(means), np.vstack(variances), np.concatenate(draws)
 
 
 class _Typical:

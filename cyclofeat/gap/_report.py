@@ -469,9 +469,7 @@ class GapReport(BaseEstimator):
         return NuisancePrior() if self.nuisance is None else self.nuisance
 
     def _n_lobes(self) -> int:
-        base = self._prior().simulator(self.before).base
-        assert isinstance(base, Rig)
-        return int(base.gearbox.n_lobes)
+        return int(self._prior().gearbox(self.before).n_lobes)
 
     def _banks(self) -> Banks:
         return Banks(
@@ -573,9 +571,7 @@ def downstream_gain(
     (4, True)
     """
     prior = NuisancePrior() if nuisance is None else nuisance
-    composite = prior.simulator(before)
-    assert isinstance(composite.base, Rig)
-    n_lobes = composite.base.gearbox.n_lobes
+    n_lobes = prior.gearbox(before).n_lobes
     windows = check_array(X_hold, dtype=[np.float64, np.float32]).astype(np.float32)
     of_window, counts = recordings_of(len(windows), y_hold, groups)
     assert counts is not None

@@ -116,13 +116,12 @@ def make_table(
                 values = {name: stored[f"values_{name}"] for name in names}
                 return EffectTable(tuple(names), vectors, values, used, stored["null"], counts)
 
+    n_lobes = nuisance.gearbox(simulator).n_lobes
+
     def summaries(i: int, effect: Effect | None, measured_by: Sequence[Sequence[Effect]]) -> Float | None:
         changed = composite
         if effect is not None:
             changed = CompositeSimulator(composite.base, (*composite.effects, effect))
-        base = changed.base
-        assert isinstance(base, Rig)
-        n_lobes = base.gearbox.n_lobes
         seed = np.random.SeedSequence(random_state, spawn_key=(i,))
         spare = 0.0 if effect is not None else SPARE
         try:

@@ -66,6 +66,18 @@ class Candidate:
     fitter: EffectFitter
 
 
+@dataclass(frozen=True)
+class _Proposal:
+    """An explanation before it is fitted: its probability, and places to search from."""
+
+    probability: float
+    starts: list[tuple[Effect, ...]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(effect.effect_id for effect in self.starts[0])
+
+
 class DiscrepancyWorkflow(BaseEstimator):
     """Where do model and measurement disagree, what is missing, how large is it, and is the model better?
 
@@ -422,78 +434,77 @@ class DiscrepancyWorkflow(BaseEstimator):
             self.warnings_.append(
                 f"{self.ranker_.table_.n_failed} simulations of the table of effects failed and are left out"
             )
-        ranking = self.ranker_.rank(self.locator_)
-        self.candidates_ = self._fitted(ranking, (), self.locator_, windows, data)
+        self.candidates_ = self._fitted(self._singles(self.ranker_.rank(self.locator_)), windows, data)
         if not self.candidates_:
             self.unknown_ = True
             self.warnings_.append("no candidate could be fitted: its simulations fail")
             return
-        self._take(self.candidates_[0], windows, data)
         first = self.candidates_[0]
+        self._take(first, windows, data)
         assert self.locator_after_ is not None
         unexplained = self.locator_after_.verdict_ == "disagree" or first.fitter.loss_ > _DOUBTFUL
         if self.max_effects > 1 and unexplained:
             self._say("looking for a second effect")
-            others = self.ranker_.rank(self.locator_after_, without=first.names)
-            pairs = self._fitted(others, first.fitter.effects_, self.locator_after_, windows, data)
-            better = [pair for pair in pairs if pair.fitter.loss_ < _EXPLAINED * first.fitter.loss_]
-            if better:
-                self._take(better[0], windows, data)
-                self.candidates_ = [better[0], *self.candidates_]
-            self.ranker_.rank(self.locator_)
+            pairs = self._fitted(self._pairs(first), windows, data)
+            if pairs and pairs[0].fitter.loss_ < _EXPLAINED * first.fitter.loss_:
+                self._take(pairs[0], windows, data)
+                self.candidates_ = [pairs[0], *self.candidates_]
         loss = self.candidates_[0].fitter.loss_
         self.unknown_ = loss > _UNEXPLAINED or (self.ranker_.unknown_ and loss > _DOUBTFUL)
 
-    def _fitted(
-        self,
-        ranking: list[Ranked],
-        given: tuple[Effect, ...],
-        locator: GapLocator,
-        windows: NDArray[Any],
-        data: dict[str, Any],
-    ) -> list[Candidate]:
-        """The most probable explanations, fitted together with what is given; best first."""
+    def _singles(self, ranking: list[Ranked]) -> list[_Proposal]:
+        """The most probable effects, of look-alikes one."""
         assert self.ranker_ is not None
-        likely: list[Ranked] = []
+        found: list[_Proposal] = []
+        seen: set[str] = set()
         for row in ranking:
-            seen = {name for chosen in likely for name in (chosen.effect_id, *chosen.look_alikes)}
             if row.effect_id in seen:
                 continue
-            # After a first effect the odds are worth less: they were learned on single effects.
-            negligible = row.probability < _NEGLIGIBLE and not given
-            if likely and (len(likely) >= self.n_candidates or negligible):
+            if found and (len(found) >= self.n_candidates or row.probability < _NEGLIGIBLE):
                 break
-            likely.append(row)
-            if not given and row.probability >= _SURE:
+            seen |= {row.effect_id, *row.look_alikes}
+            starts = self.ranker_.nearest(row.effect_id, self.locator_, _STARTS)
+            found.append(_Proposal(row.probability, [(start,) for start in starts]))
+            if row.probability >= _SURE:
                 break
+        return found
+
+    def _pairs(self, first: Candidate) -> list[_Proposal]:
+        """The first effect with what its remainder looks like, and the pairs that look like all of it."""
+        assert self.ranker_ is not None
+        assert self.locator_after_ is not None
+        rest = copy.copy(self.ranker_).rank(self.locator_after_, without=first.names)[0]
+        starts = self.ranker_.nearest(rest.effect_id, self.locator_after_, _STARTS)
+        found = [[(*first.fitter.effects_, start) for start in starts]]
+        found += [[pair] for pair in self.ranker_.nearest_pairs(self.locator_, self.n_candidates)]
+        # The odds were learned on single effects: of pairs the fits decide.
+        of_names = {frozenset(effect.effect_id for effect in starts[0]): starts for starts in found[::-1]}
+        return [_Proposal(1 / len(of_names), starts) for starts in of_names.values()]
+
+    def _fitted(
+        self, proposals: list[_Proposal], windows: NDArray[Any], data: dict[str, Any]
+    ) -> list[Candidate]:
+        """Proposals with their sizes; the most probable first, by odds and fit."""
         found = []
-        for row in likely:
-            self._say(f"fitting {' and '.join([*(e.effect_id for e in given), row.effect_id])}")
-            starts = self.ranker_.nearest(row.effect_id, locator, _STARTS)
+        for proposal in proposals:
+            self._say(f"fitting {' and '.join(proposal.names)}")
             try:
-                fitter = self._fit_effects([(*given, start) for start in starts], windows, data)
+                fitter = self._fit_effects(proposal.starts, windows, data)
             except SimulationFailed as failure:
-                self.warnings_.append(f"{row.effect_id} could not be fitted: {failure}")
+                self.warnings_.append(f"{' and '.join(proposal.names)} could not be fitted: {failure}")
                 continue
-            found.append((row, fitter))
+            found.append((proposal, fitter))
             # One that is likely and fits leaves nothing for others to explain.
-            if row.probability >= _LIKELY and fitter.loss_ < _DOUBTFUL:
+            if proposal.probability >= _LIKELY and fitter.loss_ < _DOUBTFUL:
                 break
         if not found:
             return []
         losses = np.array([fitter.loss_ for _, fitter in found])
-        weights = np.array([row.probability for row, _ in found])
-        weights = weights * np.exp(-_EVIDENCE * (losses - losses.min()))
+        odds = np.array([proposal.probability for proposal, _ in found])
+        weights = odds * np.exp(-_EVIDENCE * (losses - losses.min()))
         # What was not fitted keeps its share.
-        weights = weights / weights.sum() * sum(row.probability for row, _ in found)
-        return [
-            Candidate(
-                (*(effect.effect_id for effect in given), found[k][0].effect_id),
-                float(weights[k]),
-                found[k][1],
-            )
-            for k in np.argsort(-weights)
-        ]
+        weights = weights / weights.sum() * odds.sum()
+        return [Candidate(found[k][0].names, float(weights[k]), found[k][1]) for k in np.argsort(-weights)]
 
     def _fit_effects(
         self,
@@ -569,7 +580,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         ranking = [] if self.ranker_ is None else self.ranker_.ranking_
         probability = {row.effect_id: row.probability for row in ranking}
         for candidate in self.candidates_[::-1]:
-            probability[candidate.names[-1]] = candidate.probability
+            probability |= dict.fromkeys(candidate.names, candidate.probability)
         first = self.effects_[0].effect_id if self.effects_ else None
         alike = next((row.look_alikes for row in ranking if row.effect_id == first), ())
         return {

@@ -114,7 +114,7 @@ def test_sets_are_the_change_and_what_recordings_differ_by() -> None:
     values = {"a": null[used] + [5.0, 0.0] + 0.1 * rng.normal(size=(30, 8, 2))}
     made = EffectTable(("a",), {"a": np.zeros((30, 1))}, values, used, null, np.zeros(64, dtype=int))
     for n in (2, 16):
-        means, variances = _sets(made, "a", n, rng)
+        means, variances, _ = _sets(made, made.null_deviations(), "a", n, rng)
         assert means.shape == (30 * _SETS_PER_DRAW, 2)
         assert means.mean(axis=0) == pytest.approx([5, 0], abs=0.15)
         assert means.std(axis=0) == pytest.approx(np.full(2, 1 / np.sqrt(n)), rel=0.25)
