@@ -64,6 +64,27 @@ class Ranked:
     next_measurement: str
 
 
+@dataclass(frozen=True)
+class RankedPair:
+    """Two effects in the order of their probability.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+        With the parameters of the draws that come nearest.
+    probability : float
+        Among all pairs; no more than a weight by distance, to choose what is fitted.
+    """
+
+    effects: tuple[Effect, ...]
+    probability: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(effect.effect_id for effect in self.effects)
+
+
 class EffectRanker(BaseEstimator):
     """Which effect of the library would explain a disagreement?
 
@@ -302,8 +323,8 @@ class EffectRanker(BaseEstimator):
         vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n_nearest]]]
         return [kind.from_vector(vector) for vector in vectors]
 
-    def nearest_pairs(self, locator: GapLocator, n_pairs: int = 1) -> list[tuple[Effect, Effect]]:
-        """Two effects whose draws together change the summaries most like what a locator has found.
+    def nearest_pairs(self, locator: GapLocator) -> list[RankedPair]:
+        """Pairs of effects in the order of how much two of their draws together look like what was found.
 
         What two draws change together is taken from what each changes alone: levels that both raise add up as
         powers, all else as it is.
@@ -312,37 +333,39 @@ class EffectRanker(BaseEstimator):
         ----------
         locator : GapLocator
             Fitted.
-        n_pairs : int
-            How many pairs of names, the nearest first, each with its nearest draws.
+
+        Returns
+        -------
+        list of RankedPair
+            The most probable first; each has the draws that come nearest.
         """
         scale = self._learn(len(locator.measured_)).scale
         wanted, _ = self._deviation(locator)
         n = len(locator.measured_)
         target = scale.of_means(wanted, n)
         in_db = np.array([cell.unit == "dB" for cell in self._table_cells(locator)])
-        shifts = {name: self.table_.shifts(name) for name in self.classes_}
-        found = []
-        for first, second in itertools.combinations(self.classes_, 2):
-            a, b = np.broadcast_arrays(shifts[first][:, None], shifts[second][None])
-            together = _together(a.reshape(-1, a.shape[-1]), b.reshape(-1, b.shape[-1]), in_db)
-            coarse = np.linalg.norm(
-                _scaled(together / scale.spread * np.sqrt(n)) - target[: len(in_db)], axis=1
-            )
-            near = np.argsort(coarse)[:_REFINED]  # NaN, of failed simulations, comes last
-            distance = np.linalg.norm(scale.of_means(together[near], n) - target, axis=1)
-            best = int(np.nanargmin(distance))
-            found.append((float(distance[best]), first, second, int(near[best])))
+        in_errors = (scale.spread / np.sqrt(n)).astype(np.float32)
+        coarse_target = target[: in_db.size].astype(np.float32)
+        usable, shifts = {}, {}
+        for name in self.classes_:
+            found = self.table_.shifts(name)
+            usable[name] = np.flatnonzero(np.all(np.isfinite(found), axis=1))
+            shifts[name] = found[usable[name]].astype(np.float32)
         kinds = effect_library()
-        pairs = []
-        for _, first, second, at in sorted(found)[:n_pairs]:
-            at_first, at_second = np.unravel_index(at, (len(shifts[first]), len(shifts[second])))
-            pairs.append(
-                (
-                    kinds[first]().from_vector(self.table_.vectors[first][at_first]),
-                    kinds[second]().from_vector(self.table_.vectors[second][at_second]),
-                )
-            )
-        return pairs
+        nearest = []
+        for names in itertools.combinations([name for name in self.classes_ if usable[name].size], 2):
+            together = _together(shifts[names[0]], shifts[names[1]], in_db).reshape(-1, in_db.size)
+            coarse = np.linalg.norm(_scaled(together / in_errors) - coarse_target, axis=1)
+            near = np.argsort(coarse)[:_REFINED]
+            distance = np.linalg.norm(scale.of_means(together[near], n) - target, axis=1)
+            at = np.unravel_index(near[distance.argmin()], [len(shifts[name]) for name in names])
+            vectors = [self.table_.vectors[name][usable[name][k]] for name, k in zip(names, at, strict=True)]
+            effects = tuple(kinds[name]().from_vector(v) for name, v in zip(names, vectors, strict=True))
+            nearest.append((float(distance.min()), effects))
+        nearest.sort(key=lambda one: one[0])
+        odds = np.exp([nearest[0][0] - distance for distance, _ in nearest])
+        odds /= odds.sum()
+        return [RankedPair(effects, float(share)) for (_, effects), share in zip(nearest, odds, strict=True)]
 
     def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:
         """Deviation of the measured means from the locator's own bank, and the variances over recordings."""
@@ -376,13 +399,12 @@ class EffectRanker(BaseEstimator):
         return self._learned[n_recordings]
 
 
-def _together(first: Float, second: Float, in_db: NDArray[np.bool_]) -> Float:
-    """What two effects change together, from what each changes alone; each (..., n_cells)."""
-    total = first + second
-    both = in_db & (first > 0) & (second > 0)
-    with np.errstate(over="ignore"):
-        powers = 10 * np.log10(10 ** (first / 10) + 10 ** (second / 10) - 1)
-    return np.where(both, powers, total)
+def _together(first: NDArray[Any], second: NDArray[Any], in_db: NDArray[np.bool_]) -> NDArray[Any]:
+    """What two effects change together, from what each changes alone: (n_first, n_second, n_cells)."""
+    a, b = first[:, None], second[None]
+    power = 10 ** (a / 10) + 10 ** (b / 10) - 1
+    as_powers = in_db & (a > 0) & (b > 0)
+    return np.where(as_powers, 10 * np.log10(np.maximum(power, 1)), a + b)
 
 
 class _Scale:

@@ -473,13 +473,15 @@ class DiscrepancyWorkflow(BaseEstimator):
         """The first effect with what its remainder looks like, and the pairs that look like all of it."""
         assert self.ranker_ is not None
         assert self.locator_after_ is not None
+        ranked = self.ranker_.nearest_pairs(self.locator_)
+        found = [_Proposal(pair.probability, [pair.effects]) for pair in ranked[: self.n_candidates]]
         rest = copy.copy(self.ranker_).rank(self.locator_after_, without=first.names)[0]
-        starts = self.ranker_.nearest(rest.effect_id, self.locator_after_, _STARTS)
-        found = [[(*first.fitter.effects_, start) for start in starts]]
-        found += [[pair] for pair in self.ranker_.nearest_pairs(self.locator_, self.n_candidates)]
-        # The odds were learned on single effects: of pairs the fits decide.
-        of_names = {frozenset(effect.effect_id for effect in starts[0]): starts for starts in found[::-1]}
-        return [_Proposal(1 / len(of_names), starts) for starts in of_names.values()]
+        names = {*first.names, rest.effect_id}
+        if not any(names == set(proposal.names) for proposal in found):
+            starts = self.ranker_.nearest(rest.effect_id, self.locator_after_, _STARTS)
+            share = next(pair.probability for pair in ranked if names == set(pair.names))
+            found.append(_Proposal(share, [(*first.fitter.effects_, start) for start in starts]))
+        return found
 
     def _fitted(
         self, proposals: list[_Proposal], windows: NDArray[Any], data: dict[str, Any]
