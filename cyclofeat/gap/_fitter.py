@@ -255,12 +255,14 @@ class EffectFitter(BaseEstimator):
                 simulated = model.summaries(place, self.n_interval)
                 scatter = model.centred(simulated)
                 # Weights by one half, the interval by the other: weights fitted to the recordings whose
-                # scatter they reduce would promise too much.
-                whitener = _Whitener(null, scatter[::2], cells)
+                # scatter they reduce would promise too much. Counts follow each other in turn: both halves
+                # have them all.
+                half = len(scatter) // 2
+                whitener = _Whitener(null, scatter[:half], cells)
                 _, slope = search.line(place)
                 difference = search.target - simulated.mean(axis=0)
                 variance = 1 / n_measured + 1 / len(scatter)
-                estimate = _Estimate(whitener, slope, difference, scatter[1::2], variance)
+                estimate = _Estimate(whitener, slope, difference, scatter[half:], variance)
                 moved = at.clipped(place + np.clip(estimate.step, -search.radius, search.radius))
                 far = np.any(np.abs(moved - place) > _FAR * estimate.deviation)
                 found.append((estimate.loss, moved, estimate))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import hashlib
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -446,6 +447,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         if self.max_effects > 1 and unexplained:
             self._say("looking for a second effect")
             pairs = self._fitted(self._pairs(first), windows, data)
+            pairs = [pair for pair in pairs if _both_told(pair.fitter)]
             if pairs and pairs[0].fitter.loss_ < _EXPLAINED * first.fitter.loss_:
                 self._take(pairs[0], windows, data)
                 self.candidates_ = [pairs[0], *self.candidates_]
@@ -481,7 +483,10 @@ class DiscrepancyWorkflow(BaseEstimator):
             starts = self.ranker_.nearest(rest.effect_id, self.locator_after_, _STARTS)
             share = next(pair.probability for pair in ranked if names == set(pair.names))
             found.append(_Proposal(share, [(*first.fitter.effects_, start) for start in starts]))
-        return found
+        # Distances say what is worth a fit; among those that are fitted, fits decide.
+        total = sum(proposal.probability for proposal in found)
+        found = [_Proposal(proposal.probability / total, proposal.starts) for proposal in found]
+        return sorted(found, key=lambda proposal: -proposal.probability)
 
     def _fitted(
         self, proposals: list[_Proposal], windows: NDArray[Any], data: dict[str, Any]
@@ -528,7 +533,7 @@ class DiscrepancyWorkflow(BaseEstimator):
             return fitter
         memory = joblib.Memory(Path(self.cache) / "fits", verbose=0)
         fitted: EffectFitter = memory.cache(_fit, ignore=["fitter"])(
-            fitter, _stated(fitter), made_with(), windows, data
+            fitter, _stated(fitter), _version(), windows, data
         )
         return fitted
 
@@ -647,6 +652,20 @@ def _fit(
     """Fit; the arguments that are not used are those by which it is remembered."""
     fitter.fit(windows, **data)
     return fitter
+
+
+def _both_told(fitter: EffectFitter) -> bool:
+    """Whether the recordings tell a parameter of every effect."""
+    told = {name.partition(".")[0] for name, yes in fitter.identifiable_.items() if yes}
+    return all(effect.effect_id in told for effect in fitter.effects_)
+
+
+def _version() -> dict[str, str]:
+    """Versions of all that decides about a fit."""
+    code = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        code.update(path.read_bytes())
+    return made_with() | {"gap_sha256": code.hexdigest()}
 
 
 def _stated(fitter: EffectFitter) -> str:
