@@ -443,7 +443,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         first = self.candidates_[0]
         self._take(first, windows, data)
         assert self.locator_after_ is not None
-        unexplained = self.locator_after_.verdict_ == "disagree" or first.fitter.loss_ > _DOUBTFUL
+        unexplained = self.locator_after_.verdict_ == "disagree" or first.fitter.loss_ > _UNEXPLAINED
         if self.max_effects > 1 and unexplained:
             self._say("looking for a second effect")
             pairs = self._fitted(self._pairs(first), windows, data)
