@@ -1,4 +1,4 @@
-"""Simulated assemblies of the rigs, made once and kept: the torque without sensor noise, which is added later.
+"""Simulated assemblies of the rigs, made once and kept, without sensor noise: that is added later.
 
 All of them are surrogates on assumed rigs; nothing here was recorded on a machine.
 """
@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, LobeDefec
 SAMPLING_RATE = 25_600.0
 N_LOBES = 15
 # One evaluation of the contacts per step: half the time. A row of the table has the midpoint rule instead.
-OPTIONS = {"integrator": "adams_bashforth"}
+OPTIONS = (("integrator", "adams_bashforth"),)
 _CHUNK = 80
 
 
@@ -51,7 +51,9 @@ class Design:
         Nominal load and input speed, and depth of the wear.
     law : str
         Contact law.
-    options : dict
+    consecutive : bool
+        Whether worn lobes are neighbours, else any.
+    options : tuple of (str, value)
         For the simulation.
     """
 
@@ -66,7 +68,8 @@ class Design:
     speed_rpm: float = 500.0
     depth: float = 1.0
     law: str = "paper"
-    options: dict[str, Any] = field(default_factory=lambda: dict(OPTIONS))
+    consecutive: bool = True
+    options: tuple[tuple[str, Any], ...] = OPTIONS
 
     @property
     def classes(self) -> int:
@@ -136,7 +139,10 @@ class Windows:
 
 def load(design: Design, folder: Path, n_jobs: int = 1) -> Windows:
     """The windows of a design, simulated where they are missing; an interrupted simulation goes on."""
-    text = json.dumps(design.__dict__, sort_keys=True, default=list)
+    content = design.__dict__ | {"options": dict(design.options)}
+    if design.consecutive:
+        del content["consecutive"]
+    text = json.dumps(content, sort_keys=True, default=list)
     home = folder / f"{design.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     home.mkdir(parents=True, exist_ok=True)
     (home / "design.json").write_text(text + "\n", encoding="utf-8")
@@ -176,11 +182,13 @@ def _assembly(design: Design, index: int) -> dict[str, Any]:
         lobes = [(lobe + turn) % N_LOBES for lobe in design.patterns[k]]
         defects = LobeDefects.worn(lobes, wheels=wheels, depth=design.depth)
     else:
-        defects = LobeDefects.drawn(design.counts[k], N_LOBES, random, depth=design.depth)
+        defects = LobeDefects.drawn(
+            design.counts[k], N_LOBES, random, depth=design.depth, consecutive=design.consecutive
+        )
     n = design.n_samples
     run = design.simulator().simulate(
         defects, duration=design.n_windows * n / SAMPLING_RATE, sampling_rate=SAMPLING_RATE, seed=seed,
-        **design.options,
+        **dict(design.options),
     )  # fmt: skip
     worn = np.zeros(N_LOBES, dtype=bool)
     worn[list(defects.worn_lobes)] = True
