@@ -22,14 +22,14 @@ _RIDGE = 1e-3
 class Twins:
     """Normal law of the complex lobe lines of each count on one or both wheels, the pose marginalised.
 
-    The law of each cell (count, wheels) has the mean and covariance of simulated twins: assemblies of the same
-    rig and noise, whose true pose - when lobe 0 passes, which lobe is the first worn one - is known. So it
-    knows rig, tolerances and noise, and pin errors, contacts, speed and drift are integrated over by the
+    The law of each cell (count, wheels) has mean and covariance of simulated twins: assemblies of the
+    same rig and noise, whose true pose (when lobe 0 passes, which lobe is the first worn one) is known. So
+    it knows rig, tolerances and noise, and pin errors, contacts, speed and drift are integrated over by the
     twins. A window judged is given no pose: the mesh line tells where slots begin, and the likelihood is
     summed over the 15 lobes that may come first and over one or both wheels.
 
     It is the best that means and covariances of the 42 lines can tell, with ``_POOLED`` of each covariance
-    taken from the mean over the cells; a law that is not normal, or lines between the lobes', could tell more.
+    taken from the mean over the cells. A law that is not normal, or other lines, could tell more.
     """
 
     def fit(self, lines: Complex, windows: Windows) -> Self:

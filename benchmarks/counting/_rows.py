@@ -257,7 +257,7 @@ def latency(work: Work) -> dict[str, Any]:
 
 
 def shares(right: NDArray[np.float64], assembly: Any = None) -> dict[str, Any]:
-    """Mean of windows' hits with its interval over assemblies, as :func:`cyclofeat.counting.evaluate` has it."""
+    """Mean of windows' hits with its interval over assemblies, as in ``evaluate``."""
     member = np.arange(right.size) if assembly is None else np.unique(assembly, return_inverse=True)[1]
     sums = sums_by_assembly(np.stack([right, np.ones(right.size)], axis=1), member)
     value, limits = interval(ratio, sums, draws(len(sums), 1000, 0), 0.95)
