@@ -12,7 +12,10 @@ JUDGED = {rig: Design(rig, rig) for rig in RIGS}
 EIGHT = Design("R1-eight", "R1", n_assemblies=10, n_windows=8)
 # Only trained on: other seeds, so other assemblies, and a step twice as long, which halves their price.
 COARSE = (*OPTIONS, ("dt", 2e-5))
-MORE = {rig: Design(f"{rig}-more", rig, n_assemblies=120, seed=1, options=COARSE) for rig in RIGS}
+MORE = {
+    rig: Design(f"{rig}-more", rig, n_assemblies=n, seed=1, options=COARSE)
+    for rig, n in (("R0", 60), ("R1", 120), ("R2", 60))
+}
 
 # What differs between training and test, rig R1.
 FINER = Design("R1-midpoint", "R1", 10, seed=2, options=(("integrator", "midpoint"), ("dt", 5e-6)))

@@ -80,17 +80,24 @@ class Work:
 
     def kept(self, key: str, work: Callable[[], Any]) -> Any:
         """The result of ``work``, from its file where there is one."""
-        results = self.folder / ("results-quick" if self.quick else "results")
-        path = results / f"{key.replace('/', '_')}.json"
-        if path.exists():
-            return json.loads(path.read_text(encoding="utf-8"))
-        began = time.process_time()
-        found = work()
-        results.mkdir(parents=True, exist_ok=True)
-        content = (json.dumps(found, indent=1) + "\n").encode()
-        write_whole(path, lambda stream: stream.write(content))
-        print(f"{key}: {time.process_time() - began:.0f} s", flush=True)
+        found = self.found(key)
+        if found is None:
+            began = time.process_time()
+            found = work()
+            path = self._path(key)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            content = (json.dumps(found, indent=1) + "\n").encode()
+            write_whole(path, lambda stream: stream.write(content))
+            print(f"{key}: {time.process_time() - began:.0f} s", flush=True)
         return found
+
+    def found(self, key: str) -> Any:
+        """A result that is kept already, else None."""
+        path = self._path(key)
+        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+
+    def _path(self, key: str) -> Path:
+        return self.folder / ("results-quick" if self.quick else "results") / f"{key}.json"
 
 
 @functools.lru_cache(maxsize=3)
