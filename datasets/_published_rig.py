@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.simulators.effects import Effect, EffectParameter, LogUniform, Offset, Place, _noise
-from cyclofeat.simulators.effects._base import Fluctuation, check_whole
-from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.rig import Rig
+from cyclofeat.simulators import CycloidalGearbox, Rig
+from cyclofeat.simulators.effects import Effect, EffectParameter, LoadDrift, LogUniform, Offset, Place
+
+Float = NDArray[np.float64]
 
 NAME = "published"
 TABLE = "published_rig.csv"
@@ -55,9 +55,7 @@ class ProportionalDrift(Effect):
     place: ClassVar[Place] = Place.LOAD_AND_SPEED
     parameters: ClassVar[Mapping[str, EffectParameter]] = {
         "relative": EffectParameter("1", 0.0, 1.0, 0.0, LogUniform(0.005, 0.3), log=True),
-        "cutoff_hz": EffectParameter(
-            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 400.0), log=True
-        ),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, LogUniform(0.2, 400.0), log=True),
     }
     separated_by: ClassVar[str] = "another set-point of the brake"
 
@@ -67,21 +65,20 @@ class ProportionalDrift(Effect):
         self.order = order
 
     def check_settings(self) -> None:
-        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+        LoadDrift(order=self.order).check_settings()
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
-    ) -> Fluctuation | None:
-        (stream,) = _noise.streams(random, 1)
-        if self.relative == 0:
-            return None
-        end = duration + _noise.MARGIN
-        logarithm = _noise.sum_of(
-            [_noise.low_passed_noise(stream, self.relative, self.cutoff_hz, self.order, end)], end
+    ) -> Callable[[Float], Float] | None:
+        # The same process as the additive drift's; its unit is then no newton metre but the logarithm's.
+        logarithm = LoadDrift(self.relative, self.cutoff_hz, self.order).load_fluctuation(
+            gearbox, duration, random
         )
+        if logarithm is None:
+            return None
         load, shift = gearbox.load_torque, 0.5 * float(self.relative) ** 2
 
-        def fluctuation(time: NDArray[np.float64]) -> NDArray[np.float64]:
+        def fluctuation(time: Float) -> Float:
             return np.asarray(load * np.expm1(logarithm(time) - shift))
 
         return fluctuation

@@ -406,9 +406,9 @@ def _rig(rig: Any) -> Rig:
 
 
 def _with_effects(rig: Rig, effects: Any) -> Rig:
-    from cyclofeat.simulators.effects._library import checked_effects
-
-    added = checked_effects(effects)
+    if isinstance(effects, (str, bytes)) or not isinstance(effects, Iterable):
+        return rig.replace(effects=effects)  # which says what is wrong with it
+    added = tuple(effects)
     return rig.replace(effects=(*rig.effects, *added)) if added else rig
 
 

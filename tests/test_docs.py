@@ -65,7 +65,6 @@ def blocks(path: Path) -> list[Block]:
     found, number, skip = [], 0, False
     while number < len(lines):
         line = lines[number]
-        skip = bool(NOT_RUN.match(line)) or (skip and not line.strip())
         fence = re.match(r"^( *)```(\w*)$", line) if path.suffix == ".md" else None
         directive = re.match(r"^( *)\.\. code-block:: (\w+)$", line) if path.suffix == ".rst" else None
         begin = number + 1
@@ -85,6 +84,7 @@ def blocks(path: Path) -> list[Block]:
             language = directive[2]
             number -= 1
         else:
+            skip = bool(NOT_RUN.match(line)) or (skip and not line.strip())
             number += 1
             continue
         found.append(Block(language, "\n".join(body).strip("\n") + "\n", begin, not skip))
@@ -108,6 +108,8 @@ def commands(block: Block) -> list[tuple[list[str], str]]:
 def test_every_page_is_looked_at():
     assert {"README.md", "tutorial.rst", "campaigns.md", "nested.rst"} <= {path.name for path in RUN}
     assert sum(len(blocks(path)) for path in RUN) > 30
+    workflow = blocks(ROOT / "docs" / "howto" / "gap.rst")
+    assert [block.runs for block in workflow] == [False, True, True, False, False]
 
 
 def named(path: Path) -> str:
