@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign test-gap bench-gap bench-gap-full clean
+.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting test-gap bench-gap bench-gap-full clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -92,6 +92,13 @@ RUNS ?= 1000
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
 	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
+
+# aeon pins libraries older than ours: an environment of its own.
+bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writes benchmarks/counting.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,report]'
+	@test -d build/counting/venv/lib/python*/site-packages/aeon || \
+		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
 	$(BIN)/pytest -m bench tests/gap

@@ -1,4 +1,4 @@
-"""The ``cyclofeat`` command: simulate, inspect, train, count, watch, evaluate, campaign, gap, demo."""
+"""The ``cyclofeat`` command: simulate, inspect, train, count, watch, evaluate, plan, campaign, gap, demo."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__, _campaign_command, _gap_command, _inspect_command, _watch_command
+from cyclofeat import (
+    __version__,
+    _campaign_command,
+    _gap_command,
+    _inspect_command,
+    _plan_command,
+    _watch_command,
+)
 from cyclofeat._progress import Progress
 from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments
 
@@ -337,6 +344,8 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--folds", type=int, default=5)
     evaluate.add_argument("--seed", type=int, default=0)
     add_reading_options(evaluate)
+
+    _plan_command.add_arguments(_command(commands, "plan", _plan_command.run, _plan_command.TEXT))
 
     _campaign_command.add_arguments(
         _command(commands, "campaign", _campaign_command.run, _campaign_command.TEXT)

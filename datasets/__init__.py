@@ -3,7 +3,7 @@
 from cyclofeat.datasets._jelmerv import load_jelmerv_cycloidal
 from cyclofeat.datasets._oedi import load_oedi_gearbox
 from cyclofeat.datasets._published import load_published_tables
-from cyclofeat.datasets._surrogate import make_rig_recording, make_rig_recordings
+from cyclofeat.datasets._surrogate import make_rig_recording, make_rig_recordings, rig_preset
 from cyclofeat.datasets.readers import (
     describe,
     describe_recording,
@@ -24,5 +24,6 @@ __all__ = [
     "one_line",
     "read_folder",
     "read_recording",
+    "rig_preset",
     "write_recording",
 ]

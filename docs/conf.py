@@ -1,6 +1,7 @@
 """Sphinx configuration: "make docs". Nothing is fetched from the network."""
 
 import os
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -39,8 +40,9 @@ numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
 sphinx_gallery_conf = {
-    "examples_dirs": "../examples",
-    "gallery_dirs": "gallery",
+    # The scripts in examples/counting have no pictures: the how-tos show them.
+    "examples_dirs": ["../examples/features", "../examples/gap"],
+    "gallery_dirs": ["gallery/features", "gallery/gap"],
     "filename_pattern": r"[/\\]plot_",
     "ignore_pattern": "_surrogates",
     "doc_module": ("cyclofeat",),
@@ -54,3 +56,26 @@ sphinx_gallery_conf = {
 
 # Examples share a helper module that lies beside them.
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "features"))
+
+
+def escape_bars_and_powers(app, what, name, obj, options, lines):
+    """Docstrings write |u| for a size and ``rms``^2 for a power: reST takes both for markup of its own."""
+    inside = None  # indent of the directive (an equation) that the line belongs to
+    for number, line in enumerate(lines):
+        text = line.lstrip()
+        indent = len(line) - len(text)
+        if inside is not None and text and indent <= inside:
+            inside = None
+        if text.startswith(".. "):
+            inside = indent
+        if inside is not None or text.startswith((">>>", "...", "| ", "+")):
+            continue
+        line = re.sub(r"(``[^`]+``)(?=\^)", r"\1\\ ", line)
+        parts = re.split(r"(``[^`]*``|:math:`[^`]*`)", line)
+        parts[::2] = [re.sub(r"(?<!\\)\|(?=\S)", r"\\|", part) for part in parts[::2]]
+        lines[number] = "".join(parts)
+
+
+def setup(app):
+    # After numpydoc, which has put the sections in order by then.
+    app.connect("autodoc-process-docstring", escape_bars_and_powers, priority=900)

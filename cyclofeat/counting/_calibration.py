@@ -6,24 +6,22 @@ from numbers import Integral
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat.counting._base import Counter
 from cyclofeat.counting._combine import learn_dependence
 from cyclofeat.counting._folds import (
     Float,
     Int,
-    MostProbable,
     aligned_proba,
     assemblies_of,
     fit_grouped,
     grouped_folds,
     held_out_proba,
-    ordered_classes,
     pool_weights,
     pooled,
     safe_log,
@@ -31,7 +29,7 @@ from cyclofeat.counting._folds import (
 )
 
 
-class GroupCalibratedCounter(MostProbable, BaseEstimator):
+class GroupCalibratedCounter(Counter):
     """A counter whose probabilities are corrected by what it says of held-out assemblies.
 
     The probabilities of a forest are shares of trees: far below the accuracy where classes are many, far
@@ -112,12 +110,6 @@ class GroupCalibratedCounter(MostProbable, BaseEstimator):
         self.n_splits = n_splits
         self.random_state = random_state
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        # as good or bad as the counter
-        tags.classifier_tags.poor_score = True
-        return tags
-
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Fit the counter and correct its probabilities.
@@ -141,8 +133,7 @@ class GroupCalibratedCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or shapes do not match.
         """
-        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        self.classes_, rank = ordered_classes(labels)
+        windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
         seed = int(check_random_state(self.random_state).randint(2**31 - 1))
         folds = grouped_folds(rank, member, self.n_splits, seed)
@@ -192,6 +183,5 @@ class GroupCalibratedCounter(MostProbable, BaseEstimator):
         -------
         ndarray, shape (n_windows, n_classes)
         """
-        check_is_fitted(self)
-        windows: NDArray[Any] = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        windows = self._windows(X)
         return self._corrected(aligned_proba(self.counter_, windows, self.classes_))

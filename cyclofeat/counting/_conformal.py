@@ -11,20 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat.counting._base import Counter
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._folds import (
     Float,
     Int,
-    MostProbable,
     aligned_proba,
     assemblies_of,
     fit_grouped,
     grouped_folds,
     held_out_proba,
-    ordered_classes,
 )
 
 Bool = NDArray[np.bool_]
@@ -57,7 +55,7 @@ class CountSet:
         return f"refused: {self.reason}" if self.refused else "{" + ", ".join(map(str, self.counts)) + "}"
 
 
-class ConformalCounter(MostProbable, BaseEstimator):
+class ConformalCounter(Counter):
     """A counter that answers with a set of counts, and refuses windows unlike its training.
 
     A class belongs to the set unless its probability is lower than what the true class had in all but a share
@@ -173,12 +171,6 @@ class ConformalCounter(MostProbable, BaseEstimator):
         self.domain = domain
         self.random_state = random_state
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        # as good or bad as the counter
-        tags.classifier_tags.poor_score = True
-        return tags
-
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Fit the counter, the thresholds and the domain.
@@ -202,8 +194,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or shapes do not match.
         """
-        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        self.classes_, rank = ordered_classes(labels)
+        windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
         seed = int(check_random_state(self.random_state).randint(2**31 - 1))
         proba = self._calibrate(windows, labels, rank, member, seed)
@@ -256,7 +247,7 @@ class ConformalCounter(MostProbable, BaseEstimator):
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Probability of each class by the counter, refused or not; shape (n_windows, n_classes)."""
-        return self._proba(self._validated(X))
+        return self._proba(self._windows(X))
 
     def predict_set(self, X: ArrayLike) -> Bool:
         """Which classes cannot be excluded.
@@ -271,17 +262,17 @@ class ConformalCounter(MostProbable, BaseEstimator):
         ndarray of bool, shape (n_windows, n_classes)
             Rows without any are refusals.
         """
-        windows = self._validated(X)
+        windows = self._windows(X)
         inside = self._scores(self._proba(windows)) <= self.thresholds_
         return np.asarray(inside & ~self._outside(windows)[:, np.newaxis])
 
     def outside(self, X: ArrayLike) -> Bool:
         """Whether windows, shape (n_windows, n_samples), lie outside the training domain; (n_windows,)."""
-        return self._outside(self._validated(X))
+        return self._outside(self._windows(X))
 
     def predict_counts(self, X: ArrayLike) -> list[CountSet]:
         """The same in words: one :class:`CountSet` per window of ``X``, shape (n_windows, n_samples)."""
-        windows = self._validated(X)
+        windows = self._windows(X)
         inside = self._scores(self._proba(windows)) <= self.thresholds_
         distance = self._distance(windows)
         answers = []
@@ -290,10 +281,6 @@ class ConformalCounter(MostProbable, BaseEstimator):
             counts = () if reason else tuple(self.classes_[row].tolist())
             answers.append(CountSet(counts, bool(reason), reason, float(far)))
         return answers
-
-    def _validated(self, X: ArrayLike) -> NDArray[Any]:
-        check_is_fitted(self)
-        return np.asarray(validate_data(self, X, reset=False, dtype=[np.float64, np.float32]))
 
     def _proba(self, X: NDArray[Any]) -> Float:
         return aligned_proba(self.counter_, X, self.classes_)

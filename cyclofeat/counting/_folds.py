@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp
-from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import has_fit_parameter
@@ -19,28 +19,6 @@ Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
 
 # A tree ensemble's zero is "never seen among the trees", not "impossible".
 LEAST_PROBABILITY = 1e-3
-
-
-class MostProbable(ClassifierMixin):
-    """``predict`` from ``predict_proba``."""
-
-    classes_: NDArray[Any]
-
-    def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Most probable class of each window.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-            As for ``predict_proba``.
-
-        Returns
-        -------
-        ndarray, shape (n_windows,)
-            The first of equally probable ones.
-        """
-        proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
-        return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 
 
 def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:

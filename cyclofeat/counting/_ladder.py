@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.counting._folds import MostProbable, ordered_classes, softmax
+from cyclofeat.counting._base import Counter
+from cyclofeat.counting._folds import softmax
 
 Float = NDArray[np.float64]
 
 
-class EntropyLadder(MostProbable, BaseEstimator):
+class EntropyLadder(Counter):
     """Count by one number per window that rises, or falls, with the number of worn lobes.
 
     The papers read the number of worn lobes off the Shannon entropy of the spectrum, which falls from 1 to 7
@@ -78,12 +78,6 @@ class EntropyLadder(MostProbable, BaseEstimator):
         self.feature = feature
         self.column = column
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        # one column of clouds of points in a plane does not tell three of them apart
-        tags.classifier_tags.poor_score = True
-        return tags
-
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Place the rungs.
@@ -104,8 +98,7 @@ class EntropyLadder(MostProbable, BaseEstimator):
         ValueError
             If there is one class only, or no such column.
         """
-        values, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
-        self.classes_, rank = ordered_classes(labels)
+        values, labels, rank = self._labelled(X, y)
         self.feature_ = None if self.feature is None else clone(self.feature).fit(values, labels)
         z = self._read(values)
         size = np.bincount(rank)
@@ -137,8 +130,7 @@ class EntropyLadder(MostProbable, BaseEstimator):
         -------
         ndarray, shape (n_windows, n_classes)
         """
-        check_is_fitted(self)
-        z = self._read(validate_data(self, X, reset=False, dtype=[np.float64, np.float32]))
+        z = self._read(self._windows(X))
         # Windows of a class all alike leave no spread: then the nearest rung is as good as certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)
         return softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2)

@@ -9,23 +9,21 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit, logsumexp
-from sklearn.base import BaseEstimator
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils import check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat import lobes
 from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat.counting._base import Counter
 from cyclofeat.counting._folds import (
     Float,
     Folds,
     Int,
-    MostProbable,
     aligned_proba,
     assemblies_of,
     grouped_folds,
     of_windows,
-    ordered_classes,
     pool_weights,
     pooled,
     safe_log,
@@ -46,7 +44,7 @@ _MESH_PHASE = 0.5
 _GUESSES = 3
 
 
-class LobeCounter(MostProbable, BaseEstimator):
+class LobeCounter(Counter):
     """Count and positions of worn lobes together, from a probability of each lobe of being worn.
 
     The whitened torque, folded at the lobe frequency, gives each lobe a slot (:mod:`cyclofeat.lobes`). A slot
@@ -177,12 +175,6 @@ class LobeCounter(MostProbable, BaseEstimator):
         self.n_splits = n_splits
         self.random_state = random_state
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        # of clouds of points with two coordinates no lobe map can be made
-        tags.classifier_tags.poor_score = True
-        return tags
-
     @fit_context(prefer_skip_nested_validation=True)
     def fit(
         self,
@@ -218,10 +210,9 @@ class LobeCounter(MostProbable, BaseEstimator):
             If there is one class only, shapes do not match, ``worn`` is given without ``passage`` or
             disagrees with ``y``, or ``points_per_lobe`` does not divide 16.
         """
-        windows, labels = validate_data(self, X, y, dtype=[np.float64, np.float32])
+        windows, labels, rank = self._labelled(X, y)
         if 16 % self.points_per_lobe:
             raise ValueError(f"points_per_lobe must be 1, 2, 4, 8 or 16, got {self.points_per_lobe}")
-        self.classes_, rank = ordered_classes(labels)
         counts = _counts(self.classes_, self.n_lobes)
         known = self._known_lobes(labels, worn, passage, counts)
         begins = None if passage is None else self._begins(passage, len(windows))
@@ -260,7 +251,6 @@ class LobeCounter(MostProbable, BaseEstimator):
         -------
         ndarray, shape (n_windows, n_classes)
         """
-        check_is_fitted(self)
         found = self._lines(X)
         return self._count_proba(found, self._logits(found, None))
 
@@ -325,7 +315,7 @@ class LobeCounter(MostProbable, BaseEstimator):
         return proba, self._logits(found, self._begins(passage, len(found.lines)))
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
-        windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        windows = self._windows(X)
         found: lobes.LobeLines = self.lobe_map_.lines(windows)
         return found
 

@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
-from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.counting._folds import MostProbable, ordered_classes
+from cyclofeat.counting._base import Counter
 
 Float = NDArray[np.float64]
 
 
-class OrdinalCounter(MostProbable, BaseEstimator):
+class OrdinalCounter(Counter):
     """Ordinal regression: one weighted sum of the features, and a threshold between each two classes.
 
     P(y <= c_j | x) = 1 / (1 + exp(-(t_j - x b))) with t_1 < t_2 < ...: the cumulative logit or proportional
@@ -71,16 +69,12 @@ class OrdinalCounter(MostProbable, BaseEstimator):
         "tol": [Interval(Real, 0, None, closed="neither")],
     }
 
+    _kinds: ClassVar[list[type]] = [np.float64]
+
     def __init__(self, alpha: float = 1.0, max_iter: int = 1000, tol: float = 1e-6) -> None:
         self.alpha = alpha
         self.max_iter = max_iter
         self.tol = tol
-
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        # one weighted sum does not tell clouds of points that lie in no order apart
-        tags.classifier_tags.poor_score = True
-        return tags
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
@@ -102,8 +96,7 @@ class OrdinalCounter(MostProbable, BaseEstimator):
         ValueError
             If there is one class only.
         """
-        features, labels = validate_data(self, X, y, dtype=np.float64)
-        self.classes_, rank = ordered_classes(labels)
+        features, _, rank = self._labelled(X, y)
         n_features = features.shape[1]
         # From weights 0, where the thresholds of the largest likelihood are the logits of the shares.
         below = np.cumsum(np.bincount(rank))[:-1] / rank.size
@@ -140,8 +133,7 @@ class OrdinalCounter(MostProbable, BaseEstimator):
         -------
         ndarray, shape (n_windows, n_classes)
         """
-        check_is_fitted(self)
-        features = validate_data(self, X, reset=False, dtype=np.float64)
+        features = self._windows(X)
         distance = self.thresholds_ - (features @ self.coef_)[:, np.newaxis]
         at_most = expit(distance)
         # the last class from the other tail: 1 - (1 - tiny) would leave nothing

@@ -1,0 +1,1 @@
+"""Benchmark of the counters; ``python -m benchmarks.counting`` writes ``benchmarks/counting.md``."""

@@ -1,0 +1,111 @@
+"""Probability of detection: exact counts against depth of wear, noise and output turns, rig R1."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedGroupKFold
+
+from benchmarks.counting import _designs as designs
+from benchmarks.counting._rows import default_trees, shares
+from benchmarks.counting._work import JUDGED_NOISE, Work
+from cyclofeat.counting._combine import combine_proba
+from cyclofeat.counting._folds import aligned_proba
+
+Float = NDArray[np.float64]
+
+NOISES = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
+TURNS = (1, 2, 4)
+COLUMNS = ("rig", "depth", "noise_nm", "turns", "worn", "assemblies", "right")
+
+
+def detection(work: Work, noise: float) -> dict[str, Any]:
+    """Rows of the plan's table and points of the curves at one noise.
+
+    One counter for all depths, since a customer does not know how deep the wear is; folds by assembly.
+    """
+
+    def run() -> dict[str, Any]:
+        X, y, member, depths, number = [], [], [], [], []
+        first = 0
+        for depth, design in (designs.DEPTHS | {1.0: designs.EIGHT}).items():
+            F, windows = work.features(design, noise, JUDGED_NOISE, n_windows=max(TURNS))
+            X.append(F)
+            y.append(windows.y)
+            member.append(windows.assembly + first)
+            depths.append(np.full(len(windows.y), depth))
+            number.append(windows.number)
+            first += int(windows.assembly.max()) + 1
+        data, counts, members = np.concatenate(X), np.concatenate(y), np.concatenate(member)
+        deep, order = np.concatenate(depths), np.concatenate(number)
+        classes = np.unique(counts)
+        proba = np.zeros((len(counts), classes.size))
+        for train, test in StratifiedGroupKFold(5, shuffle=True, random_state=0).split(data, counts, members):
+            fitted = default_trees().fit(data[train], counts[train])
+            proba[test] = aligned_proba(fitted, data[test], classes)
+        return _summary(proba, counts, members, deep, order)
+
+    return work.kept(f"detection-{noise:g}", run)
+
+
+def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -> dict[str, Any]:
+    rows, points = [], []
+    for turns in TURNS:
+        # blocks of as many windows in a row: each a recording of its own
+        _, block = np.unique(members * 100 + order // turns, return_inverse=True)
+        combined = combine_proba(proba, block, 0.0)
+        first = np.unique(block, return_index=True)[1]
+        truth, member, depth = counts[first], members[first], deep[first]
+        for value in np.unique(depth):
+            at = depth == value
+            found = shares((np.argmax(combined[at], axis=1) == truth[at]).astype(float), member[at])
+            points.append({"depth": float(value), "turns": turns} | found)
+            for n in range(int(truth.max())):
+                pair = at & ((truth == n) | (truth == n + 1))
+                right = (combined[pair, n + 1] > combined[pair, n]) == (truth[pair] == n + 1)
+                names, which = np.unique(member[pair], return_inverse=True)
+                by_assembly = np.bincount(which, weights=right) / np.bincount(which)
+                rows.append([float(value), turns, n, int(names.size), round(float(by_assembly.sum()), 4)])
+    return {"rows": rows, "points": points}
+
+
+def write_table(work: Work, path: Path) -> None:
+    """The plan's table, from what is kept."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for noise in NOISES:
+            for depth, turns, worn, assemblies, right in detection(work, noise)["rows"]:
+                writer.writerow(["R1", f"{depth:g}", f"{noise:g}", turns, worn, assemblies, f"{right:g}"])
+
+
+def draw(work: Work, path: Path) -> None:
+    """Exact counts against depth, one panel per number of output turns, one line per noise."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(1, len(TURNS), figsize=(10, 3.6), sharey=True, layout="constrained")
+    colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, len(NOISES)))
+    for panel, turns in zip(panels, TURNS, strict=True):
+        for noise, colour in zip(NOISES, colours, strict=True):
+            points = [p for p in detection(work, noise)["points"] if p["turns"] == turns]
+            depth, value = [p["depth"] for p in points], [p["value"] for p in points]
+            low, high = zip(*(p["interval"] for p in points), strict=True)
+            panel.plot(depth, value, marker="o", ms=3, color=colour, label=f"{noise:g} Nm")
+            panel.fill_between(depth, low, high, color=colour, alpha=0.12, lw=0)
+        panel.axhline(1 / 8, color="0.5", lw=0.8, ls=":")
+        panel.set(
+            title=f"{turns} output turn{'s' if turns > 1 else ''} ({turns * 1.8:g} s)", xlim=(0.05, 1.02)
+        )
+        panel.set_xlabel("depth of the wear (share of the lobe's width)")
+    panels[0].set(ylabel="share of exact counts", ylim=(0, 1.02))
+    panels[0].text(0.98, 1 / 8 + 0.01, "chance", ha="right", va="bottom", color="0.4", fontsize=8)
+    panels[-1].legend(title="white noise", fontsize=8, loc="lower right")
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

@@ -1,0 +1,265 @@
+"""The rows of the table but for the peers': each a figure with its goal, kept once worked out."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+
+from benchmarks.counting import _designs as designs
+from benchmarks.counting._data import SAMPLING_RATE, Design, Windows
+from benchmarks.counting._oracle import Twins
+from benchmarks.counting._work import (
+    JUDGED_NOISE,
+    REDUCED_RATE,
+    TRAINING_NOISE,
+    WithMore,
+    Work,
+    reduced,
+    share,
+)
+from cyclofeat.counting import (
+    ConformalCounter,
+    GroupCalibratedCounter,
+    LobeCounter,
+    evaluate,
+    make_lobe_counter,
+    predict_recordings,
+)
+from cyclofeat.counting._scores import at_the_ends, draws, interval, ratio, sums_by_assembly
+from cyclofeat.lobes import lobe_lines
+
+GOALS: dict[str, dict[float, float]] = {
+    "R1": {0.05: 0.99, 0.2: 0.98, 0.5: 0.96, 1.0: 0.92, 2.0: 0.85},
+    "R2": {0.05: 0.92, 0.2: 0.88},
+    "R0": {0.05: 0.995, 0.2: 0.98, 0.5: 0.85},
+}
+
+
+def default_trees() -> BaseEstimator:
+    """The step of the default counter behind the lobe map."""
+    return make_lobe_counter(REDUCED_RATE)[-1]
+
+
+def accuracy(work: Work, rig: str, noise: float, more: bool) -> dict[str, Any]:
+    """Default counter, one window, folds by assembly; with more training assemblies or without."""
+
+    def run() -> dict[str, Any]:
+        X, judged = work.features(designs.JUDGED[rig], noise, JUDGED_NOISE)
+        counter = default_trees()
+        if more:
+            further, truth = work.features(designs.MORE[rig], noise, TRAINING_NOISE)
+            counter = WithMore(counter, further, truth.y, truth.assembly)
+        result = evaluate(counter, X, judged.y, judged.assembly)
+        return share(result) | {"macro_f1": result.macro_f1, "confusion": result.confusion.tolist()}
+
+    return work.kept(f"accuracy-{rig}-{noise:g}{'-more' if more else ''}", run)
+
+
+def shuffled(work: Work, noise: float) -> dict[str, Any]:
+    """The same on R1 with counts dealt out anew among assemblies: must fall to chance."""
+
+    def run() -> dict[str, Any]:
+        X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
+        of_assembly = judged.y[judged.number == 0]
+        counts = np.random.default_rng(0).permutation(of_assembly)[judged.assembly]
+        return share(evaluate(default_trees(), X, counts, judged.assembly))
+
+    return work.kept(f"shuffled-{noise:g}", run)
+
+
+def recordings(work: Work, noise: float = 1.0) -> dict[str, Any]:
+    """Eight windows of a recording together; trained on two windows each of other assemblies."""
+
+    def run() -> dict[str, Any]:
+        # EIGHT continues the first assemblies of JUDGED: those must not be trained on.
+        X, judged = work.features(designs.EIGHT, noise, JUDGED_NOISE)
+        further, truth = work.features(designs.MORE["R1"], noise, TRAINING_NOISE)
+        counter = GroupCalibratedCounter(default_trees()).fit(further, truth.y, groups=truth.assembly)
+        counted = predict_recordings(counter, X, judged.assembly)
+        right = (counted.counts == judged.y[judged.number == 0]).astype(float)
+        return shares(right)
+
+    return work.kept(f"eight-{noise:g}", run)
+
+
+def lobe_sets(work: Work, noise: float = 0.2) -> dict[str, Any]:
+    """Exactly the right set of lobes, by the tachometer."""
+
+    def run() -> dict[str, Any]:
+        judged = work.windows(designs.JUDGED["R1"])
+        X = reduced(judged, noise, JUDGED_NOISE)
+        counter = LobeCounter(REDUCED_RATE, n_splits=2)
+        found = evaluate(
+            counter, X, judged.y, judged.assembly, worn=judged.worn, passage=judged.passage, n_splits=3
+        )
+        assert found.exact_lobes is not None
+        return {
+            "value": found.exact_lobes,
+            "interval": list(found.exact_lobes_interval or ()),
+            "count": found.accuracy,
+            "count_interval": list(found.accuracy_interval),
+        }
+
+    return work.kept(f"lobes-{noise:g}", run)
+
+
+def patterns(work: Work, noise: float = 0.2) -> dict[str, Any]:
+    """Count and positions of lobes that are no neighbours; trained on neighbours and on any lobes."""
+
+    def run() -> dict[str, Any]:
+        training = Windows.joined([work.windows(designs.JUDGED["R1"]), work.windows(designs.ANY)])
+        judged = work.windows(designs.PATTERNS)
+        counter = LobeCounter(REDUCED_RATE, n_splits=3).fit(
+            reduced(training, noise, TRAINING_NOISE),
+            training.y,
+            worn=training.worn,
+            passage=training.passage,
+            groups=training.assembly,
+        )
+        X = reduced(judged, noise, JUDGED_NOISE)
+        by_assembly = judged.assembly
+        right = (counter.predict(X) == judged.y).astype(float)
+        exact = (counter.predict_lobes(X, judged.passage) == judged.worn).all(axis=1).astype(float)
+        count, positions = shares(right, by_assembly), shares(exact, by_assembly)
+        return count | {"positions": positions["value"], "positions_interval": positions["interval"]}
+
+    return work.kept(f"patterns-{noise:g}", run)
+
+
+def oracle(work: Work, rig: str, noise: float) -> dict[str, Any]:
+    """Likelihood of the lobe lines among simulated twins of the same rig and noise."""
+
+    def run() -> dict[str, Any]:
+        parts = [
+            (work.windows(design), seed)
+            for design, seed in ((designs.MORE[rig], TRAINING_NOISE), (designs.JUDGED[rig], JUDGED_NOISE))
+        ]
+        lines = [
+            lobe_lines(
+                reduced(windows, noise, seed).astype(float),
+                REDUCED_RATE,
+                500 / 60,
+                ar_order=16 * (rig == "R2"),
+            ).lines
+            for windows, seed in parts
+        ]
+        twins = Twins().fit(lines[0], parts[0][0])
+        judged = parts[1][0]
+        return shares((twins.predict(lines[1]) == judged.y).astype(float), judged.assembly)
+
+    return work.kept(f"oracle-{rig}-{noise:g}", run)
+
+
+def conformal(work: Work, noise: float = 0.5, coverage: float = 0.9) -> dict[str, Any]:
+    """Sets of counts: coverage over assemblies and of each class, and their size."""
+
+    def run() -> dict[str, Any]:
+        X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
+        counter = ConformalCounter(default_trees(), coverage=coverage, nonconformity="aps", unit="assembly")
+        found = evaluate(counter, X, judged.y, judged.assembly)
+        assert found.coverage is not None
+        assert found.class_coverage is not None
+        return {
+            "value": found.coverage,
+            "interval": list(found.coverage_interval or ()),
+            "by_class": found.class_coverage.tolist(),
+            "size": found.set_size,
+            "refused": found.refused,
+        }
+
+    return work.kept(f"conformal-{noise:g}", run)
+
+
+def transfer(work: Work, key: str, train: list[Design], test: Design, noise: float = 0.2) -> dict[str, Any]:
+    """Trained on all of some designs, tested on all of another."""
+
+    def run() -> dict[str, Any]:
+        parts = [work.features(design, noise, TRAINING_NOISE) for design in train]
+        X = np.concatenate([found for found, _ in parts])
+        y = np.concatenate([windows.y for _, windows in parts])
+        F, judged = work.features(test, noise, JUDGED_NOISE)
+        right = default_trees().fit(X, y).predict(F) == judged.y
+        return shares(right.astype(float), judged.assembly)
+
+    return work.kept(f"transfer-{key}-{noise:g}", run)
+
+
+def conditions(work: Work, key: str, ones: dict[float, Design], noise: float = 0.2) -> dict[str, Any]:
+    """Each load or speed left out in turn."""
+
+    def run() -> dict[str, Any]:
+        found, first = {}, 0
+        X, y, groups, condition = [], [], [], []
+        nominal = 22.0 if key == "load" else 500.0
+        for value, design in sorted((ones | {nominal: designs.JUDGED["R1"]}).items()):
+            F, windows = work.features(design, noise, JUDGED_NOISE)
+            # as many assemblies of the nominal condition as of the others
+            rows = windows.assembly < 160
+            X.append(F[rows])
+            y.append(windows.y[rows])
+            groups.append(windows.assembly[rows] + first)
+            condition.append(np.full(rows.sum(), value))
+            first += 1000
+        result = evaluate(
+            default_trees(), np.concatenate(X), np.concatenate(y), np.concatenate(groups),
+            protocol="leave-one-condition-out", conditions=np.concatenate(condition),
+        )  # fmt: skip
+        found = {str(name): score for name, score in (result.by_condition or {}).items()}
+        return share(result) | {"by_condition": found}
+
+    return work.kept(f"left-out-{key}-{noise:g}", run)
+
+
+def ninth(work: Work, noise: float = 0.2) -> dict[str, Any]:
+    """Eight worn lobes as a ninth class."""
+
+    def run() -> dict[str, Any]:
+        X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
+        further, eight = work.features(designs.NINTH, noise, JUDGED_NOISE)
+        result = evaluate(
+            default_trees(),
+            np.concatenate([X, further]),
+            np.concatenate([judged.y, eight.y]),
+            np.concatenate([judged.assembly, eight.assembly + judged.assembly.max() + 1]),
+        )
+        return share(result) | {"confusion": result.confusion.tolist()}
+
+    return work.kept(f"ninth-{noise:g}", run)
+
+
+def latency(work: Work) -> dict[str, Any]:
+    """Array at the full rate to count, and to count and lobes, in processor time of one window."""
+
+    def run() -> dict[str, Any]:
+        judged = work.windows(designs.JUDGED["R1"]).take(slice(0, 160)).noisy(0.2)
+        X = judged.X.astype(float)
+        counter = make_lobe_counter(SAMPLING_RATE).fit(X, judged.y)
+        lobes = LobeCounter(SAMPLING_RATE, n_splits=2).fit(
+            X, judged.y, worn=judged.worn, passage=judged.passage, groups=judged.assembly
+        )
+        times = {"count": [], "lobes": []}  # type: dict[str, list[float]]
+        for k in range(40):
+            window, passage = X[k : k + 1], judged.passage[k : k + 1]
+            for name, work_ in (
+                ("count", lambda w=window: counter.predict(w)),
+                ("lobes", lambda w=window, p=passage: lobes.predict_lobes(w, p)),
+            ):
+                began = time.process_time()
+                work_()
+                times[name].append(time.process_time() - began)
+        return {name: 1e3 * float(np.median(values)) for name, values in times.items()}
+
+    return work.kept("latency", run)
+
+
+def shares(right: NDArray[np.float64], assembly: Any = None) -> dict[str, Any]:
+    """Mean of windows' hits with its interval over assemblies, as in ``evaluate``."""
+    member = np.arange(right.size) if assembly is None else np.unique(assembly, return_inverse=True)[1]
+    sums = sums_by_assembly(np.stack([right, np.ones(right.size)], axis=1), member)
+    value, limits = interval(ratio, sums, draws(len(sums), 1000, 0), 0.95)
+    limits = at_the_ends(value, limits, len(sums), 0.95)
+    return {"value": value, "interval": list(limits), "n_assemblies": len(sums)}

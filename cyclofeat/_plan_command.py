@@ -1,0 +1,69 @@
+"""``cyclofeat plan``: how long to record, at what noise, to tell n worn lobes from n + 1."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cyclofeat.counting._plan import RecordingPlan
+
+TEXT = "how long to record, at what noise, to tell n worn lobes from n + 1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("--worn", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1")
+    parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
+    parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
+    parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
+    parser.add_argument("--speed", type=float, default=500.0, metavar="RPM", help="input speed (default 500)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Answer from the table of simulated trials.
+
+    Returns
+    -------
+    int
+        0, whether or not the confidence can be reached.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`cyclofeat.counting._plan.plan_recording`.
+    """
+    from cyclofeat.counting._plan import plan_recording
+
+    plan = plan_recording(
+        arguments.worn,
+        noise_nm=arguments.noise,
+        confidence=arguments.confidence,
+        depth=arguments.depth,
+        input_speed_hz=arguments.speed / 60,
+    )
+    print(json.dumps(plan.to_dict(), indent=2) if arguments.json else text_of(plan))
+    return 0
+
+
+def text_of(plan: RecordingPlan) -> str:
+    """The answer in a few lines."""
+    pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
+    if plan.turns is not None:
+        turns = f"{plan.turns} output turn{'s' if plan.turns > 1 else ''}"
+        lines = [f"to tell {pair}: record {turns} ({plan.seconds:.3g} s)"]
+    elif plan.confidence > plan.reachable:
+        lines = [
+            f"to tell {pair}: cannot be promised with {plan.confidence:g}; {plan.assemblies} simulated "
+            f"assemblies can show {plan.reachable:.3f} at most"
+        ]
+    else:
+        lines = [f"to tell {pair}: no recording in the table is long enough for {plan.confidence:g}"]
+        if plan.largest_noise_nm is not None:
+            lines.append(f"  the longest is enough at {plan.largest_noise_nm:g} Nm noise or less")
+    entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
+    lines.append(f"  probability {plan.probability:.3f} on {plan.assemblies} simulated assemblies of rig R1")
+    lines.append(f"  answered by the table's next worse entry: {entry}")
+    lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
+    return "\n".join(lines)

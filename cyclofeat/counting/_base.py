@@ -1,0 +1,57 @@
+"""What all counters share: labelled windows in, most probable class out."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat.counting._folds import Int, ordered_classes
+
+
+class Counter(ClassifierMixin, BaseEstimator):
+    """Base of the counters: ``predict`` from ``predict_proba``, checked windows, classes in order.
+
+    Says of itself that it scores poorly on arbitrary data, so that scikit-learn's conformance suite does not
+    ask it to tell clouds of points with two coordinates apart: a counter is made for one ordered number, for
+    torque, or is as good or bad as the counter within it.
+    """
+
+    classes_: NDArray[Any]
+    # Kinds of numbers that windows are kept in.
+    _kinds: ClassVar[list[type]] = [np.float64, np.float32]
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.classifier_tags.poor_score = True
+        return tags
+
+    def predict(self, X: ArrayLike) -> NDArray[Any]:
+        """Most probable class of each window.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+            As for ``predict_proba``.
+
+        Returns
+        -------
+        ndarray, shape (n_windows,)
+            The first of equally probable ones.
+        """
+        proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
+        return np.asarray(self.classes_[np.argmax(proba, axis=1)])
+
+    def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
+        """Checked windows and labels to fit to, and the rank of each label; keeps the classes."""
+        windows, labels = validate_data(self, X, y, dtype=self._kinds)
+        self.classes_, rank = ordered_classes(labels)
+        return windows, labels, rank
+
+    def _windows(self, X: ArrayLike) -> NDArray[Any]:
+        """Checked windows to answer about, once fitted."""
+        check_is_fitted(self)
+        return np.asarray(validate_data(self, X, reset=False, dtype=self._kinds))
