@@ -129,7 +129,9 @@ def test_levels_and_spreads_are_those_of_the_recordings(locator):
     simulated = np.mean([values[counts == c].mean() for c in (0, 3)])
     dashed = next(line for line in display.plot("spectrum").axes_[0].lines if line.get_linestyle() == "--")
     drawn = dict(zip(np.round(dashed.get_xdata(), 1), dashed.get_ydata(), strict=True))
-    assert drawn[50.1] == pytest.approx(simulated)
+    # The model at the recordings' own speed and load, within the prior's reach of the model's mean.
+    assert drawn[50.1] == pytest.approx(display.mean[k] - display.table[k].effect)
+    assert drawn[50.1] == pytest.approx(simulated, abs=0.5)
 
 
 def test_names_and_words_of_the_clearest_are_in_the_pictures(locator):

@@ -725,6 +725,14 @@ def _warnings(findings: GapFindings) -> list[str]:
     return list(dict.fromkeys(str(text) for text in given))
 
 
+def _of_assemblies(locator: GapLocator) -> str:
+    if locator.one_assembly:
+        return (
+            "All recordings are of one assembly, as stated: they count as fewer for what it has in common."
+        )
+    return "Each recording counts as one of an assembly of its own: nothing else was stated."
+
+
 def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
     locator = findings.locator
     found = [
@@ -733,7 +741,8 @@ def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
             f"Each recording is summarised by {len(locator.cells_)} numbers, and so are "
             f"{len(locator.simulated_)} recordings of the model, in which everything varies that may vary "
             "without being a missing effect (start angle, wear's place, speed, load, pins). Compared are the "
-            "means, and how far recordings spread.",
+            "means, and whether recordings spread more. What follows a recording's own speed and mean torque "
+            f"counts as explained, as far as both vary in the model. {_of_assemblies(locator)}",
         ),
         (
             "p",
