@@ -341,7 +341,7 @@ class EffectRanker(BaseEstimator):
         Returns
         -------
         list of RankedPair
-            The most probable first; each has the draws that come nearest.
+            The most probable first; each has the draws that come nearest. None of a library of one effect.
         """
         scale = self._learn(len(locator.measured_)).scale
         wanted, _ = self._deviation(locator)
@@ -368,7 +368,7 @@ class EffectRanker(BaseEstimator):
             nearest.append((float(distance.min()), effects))
         nearest.sort(key=lambda one: one[0])
         odds = np.exp([nearest[0][0] - distance for distance, _ in nearest])
-        odds /= odds.sum()
+        odds = odds / odds.sum()
         return [RankedPair(effects, float(share)) for (_, effects), share in zip(nearest, odds, strict=True)]
 
     def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:

@@ -444,7 +444,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         self._take(first, windows, data)
         assert self.locator_after_ is not None
         unexplained = self.locator_after_.verdict_ == "disagree" or first.fitter.loss_ > _UNEXPLAINED
-        if self.max_effects > 1 and unexplained:
+        others = len(self.ranker_.classes_) > 1
+        if self.max_effects > 1 and others and unexplained:
             self._say("looking for a second effect")
             pairs = self._fitted(self._pairs(first), windows, data)
             pairs = [pair for pair in pairs if _both_told(pair.fitter)]

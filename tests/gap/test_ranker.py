@@ -10,7 +10,15 @@ from short_records import N_SAMPLES, RATE, Recorder
 from sklearn.model_selection import StratifiedKFold
 
 from cyclofeat.gap import EffectRanker, EffectTable, GapLocator, NuisancePrior, _table, summarise
-from cyclofeat.gap._ranker import _SETS_PER_DRAW, _sets, _sharpened, _temperature, _ties, _Typical
+from cyclofeat.gap._ranker import (
+    _SETS_PER_DRAW,
+    _sets,
+    _sharpened,
+    _temperature,
+    _ties,
+    _together,
+    _Typical,
+)
 from cyclofeat.gap._table import _used, make_table
 from cyclofeat.simulators import Effect, Gain, Hum, Offset, Rig, SimulationFailed, TorqueMeterLowPass
 
@@ -38,6 +46,22 @@ def test_ties_are_connected_by_confusion() -> None:
     confusion = np.eye(5)
     confusion[0, 1], confusion[1, 2], confusion[3, 4] = 0.5, 0.45, 0.3
     assert _ties(confusion, list("abcde")) == [("a", "b", "c")]
+
+
+def test_what_one_speed_and_load_cannot_tell_is_always_a_tie() -> None:
+    names = ["gain", "hum", "sensor_drift", "offset", "load_drift"]
+    assert _ties(np.eye(5), names) == [("gain", "offset"), ("sensor_drift", "load_drift")]
+
+
+def test_levels_that_two_effects_raise_add_up_as_powers() -> None:
+    a, b = (
+        np.array([[10 * np.log10(3), 10 * np.log10(3), -2.0, 0.5]]),
+        np.array([[10 * np.log10(2), -4.0, -3.0, 0.5]]),
+    )
+    found = _together(a, b, np.array([True, True, True, False]))
+    assert found.shape == (1, 1, 4)
+    # 3 and 2 times the power without effect: 1 + 2 + 1 times it together.
+    assert found[0, 0] == pytest.approx([10 * np.log10(4), a[0, 1] - 4, -5, 1])
 
 
 def test_typical_cases_are_rarely_refused_and_strange_ones_are() -> None:
@@ -137,7 +161,7 @@ def test_simulations_that_fail_are_counted_and_not_learned(
     assert made.n_failed == 10
     assert np.all(np.isnan(made.values["clearance"]))
     assert np.all(np.isfinite(made.values["offset"]))
-    monkeypatch.setattr(_table, "machine", lambda *_: machine(Failing()))
+    monkeypatch.setattr(_table, "machine", lambda *_, **__: machine(Failing()))
     with pytest.raises(SimulationFailed, match="without any effect"):
         make_table(BASE, PRIOR, ["offset"], n_draws=5, n_recordings=2, **arguments)
 
@@ -203,6 +227,21 @@ def test_a_search_starts_near_the_truth(ranker: EffectRanker, locators: dict[str
     drawn = np.exp(ranker.table_.vectors["hum"][:, 0])
     best = np.sort(np.abs(np.log(drawn / 0.4)))[:3]
     assert all(abs(np.log(effect.amplitude_nm / 0.4)) <= best[-1] + 1e-9 for effect in nearest)
+
+
+def test_two_effects_are_found_as_a_pair(
+    ranker: EffectRanker, locators: dict[str, GapLocator], recorded: Recorder, simulations: Path
+) -> None:
+    bank = recorded([TorqueMeterLowPass(120.0), Hum(0.4)], (0, 3), n=6, seed=10, base=BASE)
+    locator = GapLocator(RATE, BASE, PRIOR, n_bank=40, n_permutations=499, cache=simulations)
+    pairs = ranker.nearest_pairs(locator.fit(bank.X, y=bank.counts))
+    assert len(pairs) == 6
+    assert pairs[0].names == ("hum", "torque_meter_low_pass")
+    assert sum(pair.probability for pair in pairs) == pytest.approx(1)
+    assert pairs[0].probability > 0.5
+    # Nothing to choose from where one effect explains all.
+    alone = ranker.nearest_pairs(locators["hum"])
+    assert all("hum" in pair.names for pair in alone[:2])
 
 
 def test_a_table_from_the_cache_is_learned_alike(
