@@ -167,7 +167,7 @@ def failing(monkeypatch: pytest.MonkeyPatch):
         def machine(simulator, nuisance, count, n_samples, rate, seed, spare=0.0):
             if seed.spawn_key and fails(seed.spawn_key[0], simulator.effects):
                 raise SimulationFailed("it diverges")
-            return real(simulator, nuisance, count, n_samples, rate, seed, spare)
+            return real(simulator, nuisance, count, n_samples, rate, seed, spare=spare)
 
         monkeypatch.setattr(_fitter, "machine", machine)
 

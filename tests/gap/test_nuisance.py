@@ -46,7 +46,7 @@ def test_what_goes_beyond_the_bank_stays() -> None:
     bank = recordings(2000, 0)
     trend = SpeedAndLoad(bank, CELLS, SMALLEST)
     left = trend.without(recordings(2, 1, own)) - [0, 0, trend.without(bank)[:, 2].mean()]
-    beyond = np.array([0.9 - 0.3 - 0.02, -(0.5 - 0.1 - 0.01)])
+    beyond = np.array([0.9 - 0.3, -(0.5 - 0.1)]) - [0.04, -0.02]  # by twice what is of no consequence
     assert left[[0, 1], [0, 1]] == pytest.approx(beyond, abs=2e-3)
     # The cell that follows keeps what the unexplained part does to it.
     assert left[:, 2] == pytest.approx(beyond * SLOPES, abs=0.1)
@@ -108,10 +108,12 @@ def _session(cache: Path, seed: int, **of_rig: object) -> np.ndarray:
     return bank.X
 
 
+@pytest.mark.slow
 def test_a_session_at_the_end_of_the_prior_agrees(simulations: Path) -> None:
+    """Lines through 200 recordings reach to the ends of the prior, through 40 they do not."""
     box = BASE.gearbox
-    X = _session(simulations, 31, input_speed=box.input_speed * 1.0029, load_torque=box.load_torque * 0.9952)
-    locator = GapLocator(SHORT["sampling_rate"], BASE, n_bank=40, n_permutations=499, cache=simulations)
+    X = _session(simulations, 32, input_speed=box.input_speed * 0.9971, load_torque=box.load_torque * 1.0048)
+    locator = GapLocator(SHORT["sampling_rate"], BASE, n_permutations=499, cache=simulations)
     assert locator.fit(X, y=COUNTS * 2).verdict_ != "disagree"
 
 

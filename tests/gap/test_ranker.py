@@ -150,10 +150,10 @@ def test_simulations_that_fail_are_counted_and_not_learned(
 ) -> None:
     real = _table.machine
 
-    def machine(simulator, *arguments):
+    def machine(simulator, *arguments, **options):
         if simulator.effects:
             raise SimulationFailed("it diverges")
-        return real(simulator, *arguments)
+        return real(simulator, *arguments, **options)
 
     monkeypatch.setattr(_table, "machine", machine)
     arguments = {"n_null": 16, "n_samples": N_SAMPLES, "sampling_rate": RATE, "input_speed_hz": 500 / 60}
