@@ -73,7 +73,7 @@ def blocks(path: Path) -> list[Block]:
             while lines[number].strip() != "```":
                 number += 1
             body = lines[begin:number]
-            language = fence[2] or "console"
+            language = {"": "console", "bash": "console", "sh": "console"}.get(fence[2], fence[2])
         elif directive:
             indent = len(directive[1]) + 3
             number = begin
