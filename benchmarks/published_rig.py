@@ -287,8 +287,8 @@ def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
         "\nAll that were tried, superposed:\n",
         *rows(found),
         "\nThat a brake's rotor makes the deviation fall with the count is neither shown nor excluded: the",
-        f"nearest course of those tried is {min(one.parts[2] for one in found):.2f}, and {len(found) - 1} brakes are few",
-        "for resonances that a lobe line may or may not meet.",
+        f"nearest course of those tried is {min(one.parts[2] for one in found):.2f}, and {len(found) - 1} brakes",
+        "are few for resonances that a lobe line may or may not meet.",
     ]
     return "\n".join(lines) + "\n"
 
