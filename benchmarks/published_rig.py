@@ -277,6 +277,7 @@ def rows(found: list[Candidate]) -> list[str]:
 
 def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
     """The search's result as Markdown: how near each rig came."""
+    nearest = min(one.parts[2] for one in found)
     lines = [
         "\n## The search\n",
         f"A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1",
@@ -287,7 +288,7 @@ def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
         "\nAll that were tried, superposed:\n",
         *rows(found),
         "\nThat a brake's rotor makes the deviation fall with the count is neither shown nor excluded: the",
-        f"nearest course of those tried is {min(one.parts[2] for one in found):.2f}, and {len(found) - 1} brakes",
+        f"nearest course of those tried is {nearest:.2f}, and {len(found) - 1} brakes",
         "are few for resonances that a lobe line may or may not meet.",
     ]
     return "\n".join(lines) + "\n"
