@@ -18,7 +18,7 @@ import argparse
 import csv
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,8 +48,11 @@ QUIET = {
     "relative_drift_low": 0.0, "relative_drift_high": 0.0, "drift_cutoff_hz": 1.0, "offset_nm": 0.0,
     "noise_nm": 0.0,
 }  # fmt: skip
-SEARCHED, SCORED = 0, range(100, 108)  # seeds
-N_DRAWS = 4
+# Seeds. 100 to 107 scored an earlier preset, found by superposing alone: it swung too far, which is why the
+# best few are now simulated whole. They score nothing any more.
+SEARCHED, CHECKED, SCORED = 0, range(1, 3), range(300, 308)
+N_DRAWS, N_BEST = 4, 4
+FREE_CUTOFFS = (40.0, 60.0, 90.0, 130.0)  # Hz; a free output rings on its contacts: not superposed
 STATISTICS = ("ln std", "ln (max - mean)", "ln (mean - min)", "ln range")
 Array = NDArray[np.float64]
 
@@ -70,6 +73,16 @@ def simulated(values: dict[str, float], seeds: Iterable[int]) -> list[list[Recor
     """Surrogate records of 1.8 s of eight discs for each seed, all of assemblies of their own."""
     rig = rig_of_values(values)
     return [make_rig_recordings(1, range(8), rig=rig, duration_s=DURATION_S, random_state=s) for s in seeds]
+
+
+def torque_of(made: list[list[Recording]]) -> Array:
+    """Torque in Nm, shape (n_sets, 8, n_samples)."""
+    return np.array([[r.torque for r in discs] for discs in made])
+
+
+def shapes_of(X: Array) -> Array:
+    """The four shapes of each record, shape (n_sets, 8, 4)."""
+    return np.array([statistics(x.min(axis=1), x.max(axis=1), x.mean(axis=1), x.std(axis=1)) for x in X])
 
 
 def misfit(shapes: Array, target: Array) -> tuple[float, float, float]:
@@ -185,6 +198,31 @@ def search(bank: Path | None) -> list[Candidate]:
     return sorted(found, key=lambda candidate: candidate.misfit)
 
 
+def simulated_whole(candidate: Candidate) -> Candidate:
+    """The same with the misfit of whole simulations, the drift's size corrected once for their level."""
+    target, _ = published()
+    tried = []
+    for _ in range(2):
+        shapes = shapes_of(torque_of(simulated(values_of(candidate), CHECKED)))
+        tried.append(replace(candidate, parts=misfit(shapes, target)))
+        # All four statistics are logarithms, and grow with the drift nearly one to one.
+        apart = float(np.mean(shapes.mean(axis=(0, 1)) - target.mean(axis=0)))
+        candidate = replace(candidate, drift=candidate.drift - [apart, 0.0, 0.0])
+    return min(tried, key=lambda one: one.misfit)
+
+
+def check(found: list[Candidate]) -> list[Candidate]:
+    """The best brakes of the search, and free outputs with slower drifts, simulated whole; best first."""
+    free = next(one for one in found if not one.brake)
+    slower = [replace(free, drift=np.array([free.drift[0], np.log(f), free.drift[2]])) for f in FREE_CUTOFFS]
+    tried = [*[one for one in found if one.brake][:N_BEST], free, *slower]
+    checked = []
+    for one in tried:
+        checked.append(simulated_whole(one))
+        print(f"whole: {checked[-1].misfit:6.2f} = {checked[-1].parts}  {np.exp(one.drift)}  {one.brake}")
+    return sorted(checked, key=lambda candidate: candidate.misfit)
+
+
 NOTES = {
     "relative_drift_low": ("1", "least standard deviation of the logarithm of the brake's torque; fitted"),
     "relative_drift_high": ("1", "largest; each record draws its own between the two; fitted"),
@@ -218,13 +256,9 @@ def write_table(values: dict[str, float]) -> None:
         writer.writerows([name, f"{values[name]:g}", *NOTES[name]] for name in NOTES if name in values)
 
 
-def search_text(found: list[Candidate]) -> str:
-    """The search's result as Markdown: how near each rig came."""
+def rows(found: list[Candidate]) -> list[str]:
+    """A table of candidates in Markdown."""
     lines = [
-        "\n## The search\n",
-        f"A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1",
-        "kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with its best drift. Misfit: squared",
-        "distances of level, scatter and course, in scatters of the discs.\n",
         "| rotor, kg m2 | meter, kNm/rad | resonance, Hz | drift s | cutoff, Hz | level | scatter | course | "
         "misfit |",
         "|" + "---|" * 9,
@@ -238,6 +272,25 @@ def search_text(found: list[Candidate]) -> str:
         middle, cutoff, _ = np.exp(one.drift)
         numbers = " | ".join(f"{part:.2f}" for part in (*one.parts, one.misfit))
         lines.append(f"| {rotor} | {meter} | {resonance} | {middle:.3f} | {cutoff:.0f} | {numbers} |")
+    return lines
+
+
+def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
+    """The search's result as Markdown: how near each rig came."""
+    nearest = min(one.parts[2] for one in found)
+    lines = [
+        "\n## The search\n",
+        f"A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1",
+        "kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with the drift that suits it best, laid",
+        "over its ripple. Misfit: squared distances of level, scatter and course from table 4, in scatters",
+        "of the discs; a course of 0.9 is none. The first few were then simulated whole, which decided:\n",
+        *rows(checked),
+        "\nAll that were tried, superposed:\n",
+        *rows(found),
+        "\nThat a brake's rotor makes the deviation fall with the count is neither shown nor excluded: the",
+        f"nearest course of those tried is {nearest:.2f}, and {len(found) - 1} brakes",
+        "are few for resonances that a lobe line may or may not meet.",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -246,8 +299,8 @@ def score(values: dict[str, float]) -> str:
     target, mean = published()
     tables = load_published_tables()
     made = simulated(values, SCORED)
-    X = np.array([[r.torque for r in discs] for discs in made])
-    shapes = np.array([statistics(x.min(axis=1), x.max(axis=1), x.mean(axis=1), x.std(axis=1)) for x in X])
+    X = torque_of(made)
+    shapes = shapes_of(X)
     frequencies, psd = welch_psd(X, SAMPLING_RATE)
     centroid, entropy = spectral_centroid(psd, frequencies), shannon_entropy(psd)
     names = ["mean, Nm", *STATISTICS, "ln asymmetry", "centroid, Hz (table 5)", "entropy, bits (table 6)"]
@@ -307,8 +360,9 @@ def main() -> None:
     page = ROOT / "benchmarks" / "published_rig.md"
     if arguments.fit:
         found = search(arguments.bank)
-        write_table(values_of(found[0]))
-        text = search_text(found)
+        checked = check(found)
+        write_table(values_of(checked[0]))
+        text = search_text(found, checked)
     else:
         text = "\n## The search\n" + page.read_text(encoding="utf-8").partition("\n## The search\n")[2]
     text = score(fitted_values()) + text

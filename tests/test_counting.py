@@ -64,7 +64,10 @@ def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
     """Finding 3 of the toolkit's facts, on few assemblies: far above, against near, chance (0.25)."""
     results = {
         name: evaluate(counter, windows.X, windows.y, windows.groups, n_splits=4)
-        for name, counter in (("map", make_lobe_counter(25_600)), ("entropy", make_entropy_counter(25_600)))
+        for name, counter in (
+            ("map", make_lobe_counter(25_600, n_trees=60)),
+            ("entropy", make_entropy_counter(25_600, n_trees=60)),
+        )
     }
     assert results["map"].accuracy >= 0.9
     assert results["entropy"].accuracy <= 0.6

@@ -73,7 +73,7 @@ def blocks(path: Path) -> list[Block]:
             while lines[number].strip() != "```":
                 number += 1
             body = lines[begin:number]
-            language = fence[2] or "console"
+            language = {"": "console", "bash": "console", "sh": "console"}.get(fence[2], fence[2])
         elif directive:
             indent = len(directive[1]) + 3
             number = begin
@@ -196,6 +196,8 @@ def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) ->
         where = f"{page}:{block.line}: {' '.join(words)}"
         if words[1] == "watch" and "--once" not in words:
             words.append("--once")  # it would never end
+        if words[1] == "campaign" and "--out" in words and "--jobs" not in words:
+            words += ["--jobs", "1"]  # a few short runs are not worth starting processes for
         capsys.readouterr()
         try:
             code = main(words[1:])

@@ -50,7 +50,7 @@ Integration: Adams-Bashforth at 10 us, training assemblies beyond the judged one
 def _accuracy(work: Work) -> str:
     lines = [
         "## One window, accuracy\n",
-        "| rig, noise | goal | 256 training assemblies | with 480 more (R1: 960) | likelihood among twins (oracle) |",
+        "| rig, noise | goal | 256 training assemblies | with 480 more (R1: 960); R0: 88 lines, not whitened, besides | likelihood among twins (oracle) |",
         "|---|---|---|---|---|",
     ]
     for rig in ("R1", "R2", "R0"):

@@ -65,14 +65,17 @@ class Work:
         found = _loaded(self.folder, self.n_jobs, design)
         return found if n_windows is None else found.take(found.number < n_windows)
 
-    def features(self, design: Design, noise_nm: float, seed: int, n_windows: int | None = None) -> Any:
-        """Lobe maps of a design's windows, and their truth; kept."""
+    def features(
+        self, design: Design, noise_nm: float, seed: int, n_windows: int | None = None, **options: Any
+    ) -> Any:
+        """Lobe maps of a design's windows, and their truth; kept. ``options`` are those of the lobe map."""
         windows = self.windows(design, n_windows)
         name = f"{design.name}-{noise_nm:g}-{seed}-{n_windows}{'-quick' if self.quick else ''}"
+        name += "".join(f"-{option}{value}" for option, value in options.items())
         path = self.folder / "features" / f"{name}.npy"
         if not path.exists():
             speed = design.speed_rpm / 60
-            map_ = LobeMap(REDUCED_RATE, input_speed_hz=speed)
+            map_ = LobeMap(REDUCED_RATE, input_speed_hz=speed, **options)
             found = map_.fit_transform(reduced(windows, noise_nm, seed))
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, lambda stream: np.save(stream, found))

@@ -49,7 +49,7 @@ def test_the_temperature_is_scikit_learns_on_the_same_folds():
 def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
     X, y, groups = assemblies(n=240, windows=2, n_classes=8, shared=0.1, n_features=12)
-    trees = ExtraTreesClassifier(40, random_state=0)
+    trees = ExtraTreesClassifier(20, random_state=0)
     plain = evaluate(trees, X, y, groups, n_bootstrap=50)
     ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, n_bootstrap=50)
     assert plain.calibration_error > 0.1

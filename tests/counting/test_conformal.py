@@ -92,8 +92,8 @@ def test_coverage_is_of_windows_or_of_whole_assemblies():
 def test_windows_taken_for_assemblies_promise_more_than_they_keep():
     """The reason for groups: spread of coverage over data sets, with few assemblies of many windows."""
     kept = {True: [], False: []}
-    for seed in range(40):
-        X, y, groups = assemblies(n=40, windows=15, seed=seed, own=0.02)
+    for seed in range(25):
+        X, y, groups = assemblies(n=40, windows=8, seed=seed, own=0.02)
         new, truth, _ = assemblies(n=400, windows=1, seed=1000 + seed, own=0.02)
         for grouped in kept:
             counter = ConformalCounter(GaussianNB(), domain=None, calibration_size=0.3)
@@ -172,7 +172,7 @@ def test_distance_and_threshold_of_the_domain_by_hand():
 
 def test_the_stated_share_of_assemblies_is_refused():
     rates = []
-    for seed in range(30):
+    for seed in range(20):
         X, y, groups = assemblies(n=100, seed=seed)
         domain = TrainingDomain(false_refusal=0.1).fit(X, y, groups)
         new, _, names = assemblies(n=400, seed=1000 + seed)

@@ -112,7 +112,7 @@ def test_a_window_begun_some_lobes_later_gives_the_same_answers(data, parts, cou
 def test_counts_alone_teach_counting_too(data, parts):
     """Positions are then no more than rows of neighbours: their place is not to be relied on."""
     X, y, _, _ = (values[parts[0]] for values in data)
-    counter = small(pattern="consecutive").fit(X, y)
+    counter = small(pattern="consecutive", n_trees=40, n_lobe_trees=20, n_splits=2).fit(X, y)
     X, y = data[0][parts[1]], data[1][parts[1]]
     assert np.mean(counter.predict(X) == y) >= 7 / 8
     for found, count in zip(counter.predict_lobes(X), counter.predict(X), strict=True):
