@@ -136,7 +136,7 @@ def _others(work: Work) -> str:
 
 
 def _sets(found: dict[str, Any] | None) -> list[str]:
-    what = "90 % conformal sets, R1, 0.5 Nm: coverage"
+    what = '90 % conformal sets (`nonconformity="aps"`, `unit="assembly"`), R1, 0.5 Nm: coverage'
     if found is None:
         return [_row(what, ">= 0.87", NOT_RUN)]
     by_class = ", ".join(f"{share:.2f}" for share in found["by_class"])
@@ -168,7 +168,10 @@ def _peers(work: Work) -> str:
                 ahead += mine["value"] > theirs["value"]
                 if mine["value"] <= theirs["value"]:
                     tied.append(f"{name} ({rig}, {noise:g} Nm)")
-    missed = f"**Not ahead of:** {', '.join(tied)}." if tied else "Ahead of every peer in every cell run."
+    n_cells = len(columns) * len(peers.PEERS)
+    compared = ahead + len(tied)
+    missed = f"**Not ahead of:** {', '.join(tied)}." if tied else "Ahead in every cell run"
+    missed += f" ({compared} of {n_cells} cells run)."
     network = "was not tried" if peers.has_torch() else "is left out: torch is not installed"
     lines.append(
         f"\nGoal: ahead of every one at every noise. {missed} A 1-D convolutional network {network}.\n"
