@@ -167,7 +167,8 @@ def plan_recording(
     for name, value in given.items():
         if isinstance(value, bool) or not isinstance(value, Real):
             raise TypeError(f"{name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value > 0):
+        number = float(value)
+        if not (math.isfinite(number) and number > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
     if not 0.5 < confidence < 1:
         raise ValueError(f"confidence must lie above 0.5 (guessing) and below 1, got {confidence!r}")
