@@ -87,7 +87,7 @@ def main() -> None:
     print("\n".join(failed))
     out = Path(arguments.folder) / "quick.md" if arguments.quick else Path(arguments.out)
     out.write_text(table(work), encoding="utf-8")
-    if not arguments.quick and all(work.found(f"detection-{noise:g}") for noise in pod.NOISES):
+    if not arguments.quick and pod.done(work):
         pod.write_table(work, Path("cyclofeat/counting/tables/detection.csv"))
         pod.draw(work, Path("docs/figures/counting_detection.png"))
     print(f"written: {out}")

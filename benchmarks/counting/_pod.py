@@ -73,12 +73,17 @@ def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -
     return {"rows": rows, "points": points}
 
 
+def done(work: Work) -> list[float]:
+    """Noises whose trials are there."""
+    return [noise for noise in NOISES if work.found(f"detection-{noise:g}") is not None]
+
+
 def write_table(work: Work, path: Path) -> None:
     """The plan's table, from what is kept."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for noise in NOISES:
+        for noise in done(work):
             for depth, turns, worn, assemblies, right in detection(work, noise)["rows"]:
                 writer.writerow(["R1", f"{depth:g}", f"{noise:g}", turns, worn, assemblies, f"{right:g}"])
 
@@ -93,7 +98,7 @@ def draw(work: Work, path: Path) -> None:
     figure, panels = plt.subplots(1, len(TURNS), figsize=(10, 3.6), sharey=True, layout="constrained")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, len(NOISES)))
     for panel, turns in zip(panels, TURNS, strict=True):
-        for noise, colour in zip(NOISES, colours, strict=True):
+        for noise, colour in zip(done(work), colours, strict=False):
             points = [p for p in detection(work, noise)["points"] if p["turns"] == turns]
             depth, value = [p["depth"] for p in points], [p["value"] for p in points]
             low, high = zip(*(p["interval"] for p in points), strict=True)

@@ -158,13 +158,17 @@ def plan_recording(
     (1, 1.8)
     """
     trials = [trial for trial in detection_table() if trial.worn == _worn(worn)]
-    for name, value in (
-        ("noise_nm", noise_nm), ("confidence", confidence), ("depth", depth),
-        ("input_speed_hz", input_speed_hz),
-    ):  # fmt: skip
+    given: dict[str, Any] = {
+        "noise_nm": noise_nm,
+        "confidence": confidence,
+        "depth": depth,
+        "input_speed_hz": input_speed_hz,
+    }
+    for name, value in given.items():
         if isinstance(value, bool) or not isinstance(value, Real):
             raise TypeError(f"{name} must be a number, got {value!r}")
-        if not (math.isfinite(value) and value > 0):
+        number = float(value)
+        if not (math.isfinite(number) and number > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
     if not 0.5 < confidence < 1:
         raise ValueError(f"confidence must lie above 0.5 (guessing) and below 1, got {confidence!r}")
@@ -201,6 +205,7 @@ def _worn(worn: Any) -> int:
     if isinstance(worn, bool) or not isinstance(worn, Integral):
         raise TypeError(f"worn must be a whole number of lobes, got {worn!r}")
     most = max(trial.worn for trial in detection_table())
-    if not 0 <= worn <= most:
+    number = int(worn)
+    if not 0 <= number <= most:
         raise ValueError(f"worn must lie between 0 and {most}, the table's largest n, got {worn!r}")
-    return int(worn)
+    return number

@@ -1,0 +1,110 @@
+"""``cyclofeat plan``: the table that ships, and what is read from it."""
+
+import json
+
+import pytest
+from scipy.stats import betabinom
+
+from cyclofeat.cli import main
+from cyclofeat.counting import _plan
+from cyclofeat.counting._plan import Trial, detection_table, plan_recording
+
+
+@pytest.fixture
+def made_up(monkeypatch):
+    """A table small enough to answer by hand: 20 assemblies per trial."""
+    right = {  # (depth, noise, turns): told right
+        (1.0, 0.5, 1): 20, (1.0, 0.5, 2): 20,
+        (1.0, 2.0, 1): 16, (1.0, 2.0, 2): 20,
+        (0.3, 0.5, 1): 14, (0.3, 0.5, 2): 18,
+        (0.3, 2.0, 1): 10, (0.3, 2.0, 2): 12,
+    }  # fmt: skip
+    table = tuple(Trial("R1", *key, worn, 20, n) for key, n in right.items() for worn in (0, 1))
+    monkeypatch.setattr(_plan, "detection_table", lambda: table)
+
+
+@pytest.mark.parametrize(
+    ("question", "turns"),
+    [
+        ({"noise_nm": 0.5}, 1),
+        ({"noise_nm": 2.0}, 2),  # 17/22 with one turn, 21/22 with two
+        ({"noise_nm": 0.6}, 2),  # between two noises the larger answers
+        ({"noise_nm": 0.5, "depth": 0.9, "confidence": 0.8}, 2),  # between two depths the shallower does
+        ({"noise_nm": 0.5, "depth": 0.3}, None),
+        ({"noise_nm": 0.5, "confidence": 0.99}, None),  # 20 of 20 do not show it
+    ],
+)
+def test_answers_are_those_of_the_table_by_hand(made_up, question, turns):
+    plan = plan_recording(1, **({"confidence": 0.95} | question), input_speed_hz=10.0)
+    assert plan.turns == turns
+    assert plan.seconds == (None if turns is None else pytest.approx(1.5 * turns))
+    assert (plan.probability >= plan.confidence) == (turns is not None)
+
+
+def test_what_helps_where_no_recording_is_long_enough(made_up):
+    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.8)
+    assert (plan.turns, plan.largest_noise_nm) == (None, 0.5)  # 19/22 there
+    assert plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.9).largest_noise_nm is None
+
+
+@pytest.mark.parametrize(("right", "n"), [(0, 5), (7, 20), (20, 20)])
+def test_probability_is_the_chance_of_the_next_assembly(right, n):
+    # with all shares of successes equally probable beforehand: Laplace
+    trial = Trial("R1", 1.0, 0.5, 1, 0, n, right)
+    assert trial.probability == pytest.approx(betabinom(1, right + 1, n - right + 1).mean())
+
+
+def test_the_table_that_ships_is_whole():
+    table = detection_table()
+    keys = {(t.depth, t.noise_nm, t.turns, t.worn) for t in table}
+    axes = [sorted({key[k] for key in keys}) for k in range(4)]
+    assert len(keys) == len(table) == len(axes[0]) * len(axes[1]) * len(axes[2]) * len(axes[3])
+    assert axes[0][-1] == 1
+    assert axes[3] == list(range(7))
+    assert all(0 <= t.right <= t.assemblies for t in table)
+
+
+def test_less_noise_and_deeper_wear_never_take_longer_on_the_whole():
+    # single entries of 20 assemblies scatter; their mean must not
+    def mean(**fixed):
+        chosen = [t for t in detection_table() if all(getattr(t, k) == v for k, v in fixed.items())]
+        return sum(t.right for t in chosen) / sum(t.assemblies for t in chosen)
+
+    table = detection_table()
+    for name, better_is in (("noise_nm", -1), ("depth", 1), ("turns", 1)):
+        values = sorted({getattr(t, name) for t in table}, key=lambda value: better_is * value)
+        assert mean(**{name: values[-1]}) > mean(**{name: values[0]}), name
+
+
+def test_command_says_how_long(capsys):
+    assert main(["plan", "--worn", "3", "--noise", "0.2", "--confidence", "0.9"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(
+        "to tell 3 from 4 worn lobes at 0.2 Nm noise, depth 1: record 1 output turn (1.8 s)"
+    )
+    assert "simulated" in text
+    assert main(["plan", "--worn", "3", "--noise", "0.2", "--confidence", "0.9", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == plan_recording(3, noise_nm=0.2, confidence=0.9).to_dict()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--worn", "7", "--noise", "1"], "worn must lie between 0 and 6, the table's largest n, got 7"),
+        (["--worn", "3", "--noise", "99"], "noise_nm must be at most"),
+        (["--worn", "3", "--noise", "-1"], "noise_nm must be positive and finite, got -1.0"),
+        (["--worn", "3", "--noise", "1", "--depth", "0.01"], "depth must lie between 0.1"),
+        (["--worn", "3", "--noise", "1", "--confidence", "1"], "confidence must lie above 0.5 (guessing)"),
+        (["--worn", "3", "--noise", "1", "--speed", "0"], "input_speed_hz must be positive and finite"),
+    ],
+)
+def test_bad_questions_get_one_line(capsys, arguments, message):
+    assert main(["plan", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_what_is_no_number_is_named():
+    with pytest.raises(TypeError, match="worn must be a whole number of lobes, got 2.5"):
+        plan_recording(2.5, noise_nm=1.0)
+    with pytest.raises(TypeError, match="noise_nm must be a number, got '1'"):
+        plan_recording(2, noise_nm="1")
