@@ -22,10 +22,12 @@ FINER = Design("R1-midpoint", "R1", 10, seed=2, options=(("integrator", "midpoin
 CONSERVATIVE = Design("R1-conservative", "R1", 10, seed=3, law="conservative")
 BRAKED = Design("R0+brake", "R0+brake", 20, seed=4, options=COARSE)
 LOADS = {
-    load: Design(f"R1-{load:g}Nm", "R1", 20, seed=5, load_nm=load, options=COARSE) for load in (18.0, 26.0)
+    load: Design(f"R1-{load:g}Nm", "R1", 20, seed=100 + int(load), load_nm=load, options=COARSE)
+    for load in (18.0, 26.0)
 }
 SPEEDS = {
-    rpm: Design(f"R1-{rpm:g}rpm", "R1", 20, seed=6, speed_rpm=rpm, options=COARSE) for rpm in (400.0, 600.0)
+    rpm: Design(f"R1-{rpm:g}rpm", "R1", 20, seed=100 + int(rpm), speed_rpm=rpm, options=COARSE)
+    for rpm in (400.0, 600.0)
 }
 NINTH = Design("R1-ninth", "R1", 40, seed=7, counts=(8,))
 ANY = Design("R1-any", "R1", 40, seed=8, consecutive=False, options=COARSE)

@@ -31,15 +31,15 @@ def detection(work: Work, noise: float) -> dict[str, Any]:
 
     def run() -> dict[str, Any]:
         X, y, member, depths, number = [], [], [], [], []
-        first = 0
         for depth, design in (designs.DEPTHS | {1.0: designs.EIGHT}).items():
             F, windows = work.features(design, noise, JUDGED_NOISE, n_windows=max(TURNS))
             X.append(F)
             y.append(windows.y)
-            member.append(windows.assembly + first)
+            # The designs share seeds of assemblies and of noise: an assembly of one depth has twins at the
+            # others, in the same place, which must never stand on the other side of a fold.
+            member.append(windows.assembly)
             depths.append(np.full(len(windows.y), depth))
             number.append(windows.number)
-            first += int(windows.assembly.max()) + 1
         data, counts, members = np.concatenate(X), np.concatenate(y), np.concatenate(member)
         deep, order = np.concatenate(depths), np.concatenate(number)
         classes = np.unique(counts)
@@ -54,9 +54,12 @@ def detection(work: Work, noise: float) -> dict[str, Any]:
 
 def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -> dict[str, Any]:
     rows, points = [], []
+    assert order.max() < 100
     for turns in TURNS:
         # blocks of as many windows in a row: each a recording of its own
-        _, block = np.unique(members * 100 + order // turns, return_inverse=True)
+        at_depth = np.unique(deep, return_inverse=True)[1]
+        named = (at_depth * 10_000 + members) * 100 + order // turns
+        _, block = np.unique(named, return_inverse=True)
         combined = combine_proba(proba, block, 0.0)
         first = np.unique(block, return_index=True)[1]
         truth, member, depth = counts[first], members[first], deep[first]

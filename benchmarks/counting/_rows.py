@@ -198,7 +198,8 @@ def conditions(work: Work, key: str, ones: dict[float, Design], noise: float = 0
         X, y, groups, condition = [], [], [], []
         nominal = 22.0 if key == "load" else 500.0
         for value, design in sorted((ones | {nominal: designs.JUDGED["R1"]}).items()):
-            F, windows = work.features(design, noise, JUDGED_NOISE)
+            # noise of its own: the same noise at two loads would tell the assembly
+            F, windows = work.features(design, noise, JUDGED_NOISE + int(value))
             # as many assemblies of the nominal condition as of the others
             rows = windows.assembly < 160
             X.append(F[rows])
