@@ -17,6 +17,7 @@ name                         job
 ``noise_sweep``              the same against noise
 ``LobeLocator``              probability per lobe of being worn
 ``LobeModel``                counter and locator for whole recordings, with what they were made for
+``plan_recording``           how long to record to tell n worn lobes from n + 1
 ``evaluate_load_levels``     the toolkit's features on measured gearbox vibration
 ===========================  ====================================================================
 """
@@ -33,6 +34,7 @@ from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeCount, LobeModel
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
+from cyclofeat.counting._plan import RecordingPlan, plan_recording
 
 __all__ = [
     "ConformalCounter",
@@ -47,6 +49,7 @@ __all__ = [
     "LobeModel",
     "OrdinalCounter",
     "RecordingCounts",
+    "RecordingPlan",
     "TrainingDomain",
     "evaluate",
     "evaluate_load_levels",
@@ -55,6 +58,7 @@ __all__ = [
     "make_lobe_counter",
     "noise_sweep",
     "passage_of_lobe_zero",
+    "plan_recording",
     "predict_recordings",
     "score_text",
 ]
