@@ -255,14 +255,13 @@ class EffectFitter(BaseEstimator):
                 simulated = model.summaries(place, self.n_interval)
                 scatter = model.centred(simulated)
                 # Weights by one half, the interval by the other: weights fitted to the recordings whose
-                # scatter they reduce would promise too much. Counts follow each other in turn: both halves
-                # have them all.
-                half = len(scatter) // 2
-                whitener = _Whitener(null, scatter[:half], cells)
+                # scatter they reduce would promise too much.
+                half = _every_other(model.counts[: len(scatter)])
+                whitener = _Whitener(null, scatter[half], cells)
                 _, slope = search.line(place)
                 difference = search.target - simulated.mean(axis=0)
                 variance = 1 / n_measured + 1 / len(scatter)
-                estimate = _Estimate(whitener, slope, difference, scatter[half:], variance)
+                estimate = _Estimate(whitener, slope, difference, scatter[~half], variance)
                 moved = at.clipped(place + np.clip(estimate.step, -search.radius, search.radius))
                 far = np.any(np.abs(moved - place) > _FAR * estimate.deviation)
                 found.append((estimate.loss, moved, estimate))
@@ -611,6 +610,12 @@ def _less_means(values: Float, counts: NDArray[Any]) -> Float:
         own = values[counts == count]
         left[counts == count] = (own - own.mean(axis=0)) * math.sqrt(len(own) / max(len(own) - 1, 1))
     return left
+
+
+def _every_other(counts: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Every other recording of each count, so that both halves have all counts in equal shares."""
+    earlier = [int(np.sum(counts[:i] == count)) for i, count in enumerate(counts)]
+    return np.array(earlier) % 2 == 0
 
 
 def _matched(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:

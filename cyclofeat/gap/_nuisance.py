@@ -38,7 +38,8 @@ class SpeedAndLoad:
         speed = next(name for name in _SPEEDS if name in names)
         self._at = [names.index(speed), names.index(_LOAD)]
         own = simulated[:, self._at]
-        margin = _MARGIN * smallest[self._at]
+        self._smallest = smallest[self._at]
+        margin = _MARGIN * self._smallest
         self._low, self._middle, self._high = (
             own.min(axis=0) - margin,
             own.mean(axis=0),
@@ -51,7 +52,8 @@ class SpeedAndLoad:
         own = values[:, self._at]
         explained = np.clip(own, self._low, self._high)
         left = values - (explained - self._middle) @ self._slopes
-        left[:, self._at] = own - explained  # exactly 0 where all is explained
+        # Exactly 0 where nothing of consequence is left, or ranks would make much of it; else whole.
+        left[:, self._at] = np.where(np.abs(own - explained) < self._smallest, 0.0, own - self._middle)
         return np.asarray(left)
 
 

@@ -46,9 +46,10 @@ def test_what_goes_beyond_the_bank_stays() -> None:
     bank = recordings(2000, 0)
     trend = SpeedAndLoad(bank, CELLS, SMALLEST)
     left = trend.without(recordings(2, 1, own)) - [0, 0, trend.without(bank)[:, 2].mean()]
-    beyond = np.array([0.9 - 0.3, -(0.5 - 0.1)]) - [0.04, -0.02]  # by twice what is of no consequence
-    assert left[[0, 1], [0, 1]] == pytest.approx(beyond, abs=2e-3)
-    # The cell that follows keeps what the unexplained part does to it.
+    assert left[[0, 1], [0, 1]] == pytest.approx([0.9, -0.5], abs=0.02)
+    assert left[[0, 1], [1, 0]].tolist() == [0, 0]
+    # The cell that follows keeps what the part beyond, by twice what is of no consequence, does to it.
+    beyond = np.array([0.9 - 0.3, -(0.5 - 0.1)]) - [0.04, -0.02]
     assert left[:, 2] == pytest.approx(beyond * SLOPES, abs=0.1)
 
 
