@@ -615,7 +615,7 @@ def _less_means(values: Float, counts: NDArray[Any]) -> Float:
 def _every_other(counts: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Every other recording of each count, so that both halves have all counts in equal shares."""
     earlier = [int(np.sum(counts[:i] == count)) for i, count in enumerate(counts)]
-    return np.array(earlier) % 2 == 0
+    return np.asarray(np.array(earlier) % 2 == 0)
 
 
 def _matched(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:

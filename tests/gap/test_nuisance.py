@@ -124,6 +124,7 @@ def test_a_session_beyond_it_does_not(simulations: Path) -> None:
     assert locator.fit(X, y=COUNTS * 2).family_p_["amplitudes"] <= 0.05
 
 
+@pytest.mark.slow
 def test_one_assembly_widens_and_is_learned_once(simulations: Path) -> None:
     bank = make_bank(
         BASE, NuisancePrior(), COUNTS, n=6, n_assemblies=1, random_state=32, cache=simulations, **SHORT
