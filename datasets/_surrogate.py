@@ -386,9 +386,15 @@ def rig_preset(name: str) -> Rig:
     >>> [effect.effect_id for effect in rig_preset("published").effects]
     ['proportional_drift', 'offset']
     """
+    from cyclofeat.simulators import Rig
+
     if not isinstance(name, str) or name not in _PRESETS:
         raise ValueError(f"name must be one of {_PRESETS}, got {name!r}")
-    return _rig(name)
+    if name == "published":
+        from cyclofeat.datasets._published_rig import fitted_values, rig_of_values
+
+        return rig_of_values(fitted_values())
+    return {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}[name]()
 
 
 def _rig(rig: Any) -> Rig:
@@ -396,12 +402,8 @@ def _rig(rig: Any) -> Rig:
 
     if isinstance(rig, Rig):
         return rig
-    if isinstance(rig, str) and rig == "published":
-        from cyclofeat.datasets._published_rig import fitted_values, rig_of_values
-
-        return rig_of_values(fitted_values())
     if isinstance(rig, str) and rig in _PRESETS:
-        return {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}[rig]()
+        return rig_preset(rig)
     raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}")
 
 

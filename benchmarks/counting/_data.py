@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
 from cyclofeat.counting import passage_of_lobe_zero
-from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, LobeDefects, Rig
+from cyclofeat.datasets import rig_preset
+from cyclofeat.simulators import BrakeRotor, CompositeSimulator, CycloidalGearbox, LobeDefects
 
 SAMPLING_RATE = 25_600.0
 N_LOBES = 15
@@ -81,13 +82,10 @@ class Design:
         return round(SAMPLING_RATE * N_LOBES * 60 / self.speed_rpm)
 
     def simulator(self) -> CompositeSimulator:
-        presets = {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}
-        rig = presets[self.rig.split("+")[0]]()
-        if "+brake" in self.rig:
-            from cyclofeat.simulators import BrakeRotor
-
-            brake = BrakeRotor(inertia=0.02, stiffness=1e4, damping_ratio=0.02)
-            rig = rig.replace(effects=(brake,))
+        preset, _, brake = self.rig.partition("+")
+        rig = rig_preset(preset)
+        if brake:
+            rig = rig.replace(effects=(BrakeRotor(inertia=0.02, stiffness=1e4, damping_ratio=0.02),))
         gearbox = CycloidalGearbox.steel().replace(
             load_torque=self.load_nm, input_speed=self.speed_rpm * 2 * math.pi / 60, contact_law=self.law
         )

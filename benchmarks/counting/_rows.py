@@ -194,7 +194,7 @@ def conditions(work: Work, key: str, ones: dict[float, Design], noise: float = 0
     """Each load or speed left out in turn."""
 
     def run() -> dict[str, Any]:
-        found, first = {}, 0
+        first = 0
         X, y, groups, condition = [], [], [], []
         nominal = 22.0 if key == "load" else 500.0
         for value, design in sorted((ones | {nominal: designs.JUDGED["R1"]}).items()):

@@ -157,7 +157,8 @@ def plan_recording(
     >>> plan.turns, round(plan.seconds, 3)
     (1, 1.8)
     """
-    trials = [trial for trial in detection_table() if trial.worn == _worn(worn)]
+    n = _worn(worn)
+    trials = [trial for trial in detection_table() if trial.worn == n]
     given: dict[str, Any] = {
         "noise_nm": noise_nm,
         "confidence": confidence,
@@ -186,7 +187,7 @@ def plan_recording(
     longest = max(trial.turns for trial in at_depth)
     fine = [t.noise_nm for t in at_depth if t.turns == longest and t.probability >= confidence]
     return RecordingPlan(
-        worn=int(worn),
+        worn=n,
         confidence=float(confidence),
         noise_nm=float(noise_nm),
         depth=float(depth),

@@ -19,7 +19,7 @@ from sklearn.utils.validation import validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import smallest_spreads
-from cyclofeat.gap._null import SPARE, NuisancePrior, machine, make_bank, summaries_of_bank
+from cyclofeat.gap._null import SPARE, NuisancePrior, machine, summarised_bank
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import Cell, summarise_all
 from cyclofeat.gap._whitening import uncorrelating
@@ -285,24 +285,18 @@ class EffectFitter(BaseEstimator):
 
     def _null_scatter(self, model: _Model, counts: NDArray[np.int64] | None) -> Float:
         """Summaries of recordings without the effect, less the mean of their count."""
-        bank = make_bank(
+        bank, values = summarised_bank(
             self.simulator,
             model.nuisance,
             None if counts is None else mixed(counts, _BANK),
-            n=_BANK,
-            n_samples=model.n_samples,
             sampling_rate=self.sampling_rate,
-            random_state=self.random_state,
-            n_jobs=self.n_jobs,
-            cache=self.cache,
-        )
-        values = summaries_of_bank(
-            bank,
-            self.sampling_rate,
-            self.input_speed_hz,
-            model.n_lobes,
+            input_speed_hz=self.input_speed_hz,
             with_tachometer=model.by_tachometer,
             cache=self.cache,
+            n=_BANK,
+            n_samples=model.n_samples,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
         )
         return _less_means(values, bank.counts if counts is not None else np.zeros(len(values), dtype=int))
 

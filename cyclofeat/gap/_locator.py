@@ -18,7 +18,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
-from cyclofeat.gap._null import NuisancePrior, make_bank, summaries_of_bank
+from cyclofeat.gap._null import Bank, NuisancePrior, summarised_bank
 from cyclofeat.gap._phase import PhaseMap, phase_maps
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import FAMILIES, Cell, summarise_all
@@ -259,31 +259,17 @@ class GapLocator(BaseEstimator):
             raise ValueError(
                 "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
             )
-        self.bank_ = make_bank(
-            self.simulator,
-            nuisance,
-            None if counts is None else mixed(counts, self.n_bank),
-            n=self.n_bank,
-            n_samples=windows.shape[1],
-            sampling_rate=self.sampling_rate,
-            random_state=self.random_state,
-            n_jobs=self.n_jobs,
-            cache=self.cache,
+        with_tachometer = angle is not None
+        wanted = None if counts is None else mixed(counts, self.n_bank)
+        self.bank_, self.simulated_ = self._simulated(
+            nuisance, wanted, self.n_bank, windows.shape[1], with_tachometer
         )
         values, self.cells_ = summarise_all(windows, self.sampling_rate, self.input_speed_hz, n_lobes, speeds)
         self.measured_ = per_recording(values, of_window)
-        self.simulated_ = summaries_of_bank(
-            self.bank_,
-            self.sampling_rate,
-            self.input_speed_hz,
-            n_lobes,
-            with_tachometer=angle is not None,
-            cache=self.cache,
-        )
         self.counts_ = counts
         simulated = self.centred(self.simulated_, self.bank_.counts)
         trend = SpeedAndLoad(simulated, self.cells_, smallest_spreads(self.cells_))
-        self.alike_ = self._alikeness(nuisance, trend, windows.shape[1], angle is not None)
+        self.alike_ = self._alikeness(nuisance, trend, windows.shape[1], with_tachometer)
         simulated = trend.without(simulated)
         measured = trend.without(self.centred(self.measured_, counts))
         self._compare(measured, simulated)
@@ -354,30 +340,42 @@ class GapLocator(BaseEstimator):
     ) -> Float:
         """How alike recordings of one assembly are, cell by cell."""
         n_cells = len(self.cells_)
-        if self.alike is not None and self.one_assembly:
+        if not self.one_assembly:
+            return np.zeros(n_cells)
+        if self.alike is not None:
             given = np.asarray(self.alike, dtype=float)
             if given.shape != (n_cells,):
                 raise ValueError(f"alike must hold a share per cell: shape ({n_cells},), got {given.shape}")
             return given
-        if not self.one_assembly:
-            return np.zeros(n_cells)
-        bank = make_bank(
+        counts = sorted(set(self.bank_.counts.tolist()))
+        n = _ASSEMBLIES * _PER_ASSEMBLY
+        bank, values = self._simulated(nuisance, counts, n, n_samples, with_tachometer, _ASSEMBLIES)
+        return alikeness(trend.without(self.centred(values, bank.counts)), bank.assemblies)
+
+    def _simulated(
+        self,
+        nuisance: NuisancePrior,
+        counts: list[int] | None,
+        n: int,
+        n_samples: int,
+        with_tachometer: bool,
+        n_assemblies: int | None = None,
+    ) -> tuple[Bank, Float]:
+        """Simulated recordings and their summaries."""
+        return summarised_bank(
             self.simulator,
             nuisance,
-            sorted(set(self.bank_.counts.tolist())),
-            n=_ASSEMBLIES * _PER_ASSEMBLY,
-            n_samples=n_samples,
+            counts,
             sampling_rate=self.sampling_rate,
-            n_assemblies=_ASSEMBLIES,
+            input_speed_hz=self.input_speed_hz,
+            with_tachometer=with_tachometer,
+            cache=self.cache,
+            n=n,
+            n_samples=n_samples,
+            n_assemblies=n_assemblies,
             random_state=self.random_state,
             n_jobs=self.n_jobs,
-            cache=self.cache,
         )
-        values = summaries_of_bank(
-            bank, self.sampling_rate, self.input_speed_hz, nuisance.gearbox(self.simulator).n_lobes,
-            with_tachometer=with_tachometer, cache=self.cache,
-        )  # fmt: skip
-        return alikeness(trend.without(self.centred(values, bank.counts)), bank.assemblies)
 
     def _compare(self, measured: Float, simulated: Float) -> None:
         random = np.random.default_rng([self.random_state, 0])

@@ -11,7 +11,7 @@ from cyclofeat.gap._summaries import Cell
 
 Float = NDArray[np.float64]
 
-_MARGIN = 2.0
+_MARGIN = 2.0  # in what is no difference of consequence
 _LOAD = "mean"
 _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # the first that is there
 

@@ -31,8 +31,8 @@ from cyclofeat.simulators.campaign import made_with
 
 Float = NDArray[np.float64]
 # One evaluation per step instead of two: what it does otherwise lies below the summaries' resolution.
-_STORED = ("X", "counts", "input_angle", "assemblies")
 _INTEGRATOR = "adams_bashforth"
+_STORED = ("X", "counts", "input_angle", "assemblies")
 SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
 _LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
@@ -253,7 +253,7 @@ def machine(
     for_defects, for_run = (
         np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, k)) for k in range(2)
     )
-    n_lobes = nuisance.gearbox(composite).n_lobes
+    n_lobes = composite.to_rig().gearbox.n_lobes
     defects = nuisance.draw_defects(count, n_lobes, np.random.default_rng(for_defects))
     duration = n_samples / sampling_rate
     return composite.run_machine(
@@ -273,6 +273,26 @@ def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: A
     here = hashlib.sha256(Path(_summaries.__file__).read_bytes()).hexdigest()
     stated = [composite.to_rig().to_text(), dataclasses.asdict(nuisance), *others, made_with(), here]
     return hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def summarised_bank(
+    simulator: CompositeSimulator | Rig | CycloidalGearbox | None,
+    nuisance: NuisancePrior,
+    counts: Sequence[int] | None,
+    *,
+    sampling_rate: float,
+    input_speed_hz: float,
+    with_tachometer: bool,
+    cache: str | os.PathLike[str] | None,
+    **options: Any,
+) -> tuple[Bank, Float]:
+    """A bank (:func:`make_bank`, whose other options are taken too) and its recordings' summaries."""
+    bank = make_bank(simulator, nuisance, counts, sampling_rate=sampling_rate, cache=cache, **options)
+    n_lobes = nuisance.gearbox(simulator).n_lobes
+    values = summaries_of_bank(
+        bank, sampling_rate, input_speed_hz, n_lobes, with_tachometer=with_tachometer, cache=cache
+    )
+    return bank, values
 
 
 def summaries_of_bank(

@@ -23,7 +23,6 @@ from sklearn.utils.validation import check_is_fitted
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior
-from cyclofeat.gap._summaries import Cell
 from cyclofeat.gap._table import EffectTable, make_table
 from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
@@ -319,13 +318,11 @@ class EffectRanker(BaseEstimator):
         """
         scale = self._learn(len(locator.measured_)).scale
         wanted, _ = self._deviation(locator)
-        shifts = self.table_.shifts(name)
-        usable = np.flatnonzero(np.all(np.isfinite(shifts), axis=1))
+        vectors, shifts = self._draws(name)
         n = len(locator.measured_)
-        distance = np.linalg.norm(scale.of_means(shifts[usable], n) - scale.of_means(wanted, n), axis=1)
+        distance = np.linalg.norm(scale.of_means(shifts, n) - scale.of_means(wanted, n), axis=1)
         kind = effect_library()[name]()
-        vectors = self.table_.vectors[name][usable[np.argsort(distance)[:n_nearest]]]
-        return [kind.from_vector(vector) for vector in vectors]
+        return [kind.from_vector(vector) for vector in vectors[np.argsort(distance)[:n_nearest]]]
 
     def nearest_pairs(self, locator: GapLocator) -> list[RankedPair]:
         """Pairs of effects in the order of how much two of their draws together look like what was found.
@@ -347,24 +344,26 @@ class EffectRanker(BaseEstimator):
         wanted, _ = self._deviation(locator)
         n = len(locator.measured_)
         target = scale.of_means(wanted, n)
-        in_db = np.array([cell.unit == "dB" for cell in self._table_cells(locator)])
+        in_db = np.array([cell.unit == "dB" for cell in locator.cells_])[self._in_table(locator)]
         in_errors = (scale.spread / np.sqrt(n)).astype(np.float32)
         coarse_target = target[: in_db.size].astype(np.float32)
-        usable, shifts = {}, {}
+        # Single precision halves the time, of which this takes most.
+        draws = {}
         for name in self.classes_:
-            found = self.table_.shifts(name)
-            usable[name] = np.flatnonzero(np.all(np.isfinite(found), axis=1))
-            shifts[name] = found[usable[name]].astype(np.float32)
+            vectors, shifts = self._draws(name)
+            if len(vectors):
+                draws[name] = (vectors, shifts.astype(np.float32))
         kinds = effect_library()
         nearest = []
-        for names in itertools.combinations([name for name in self.classes_ if usable[name].size], 2):
-            together = _together(shifts[names[0]], shifts[names[1]], in_db).reshape(-1, in_db.size)
+        for names in itertools.combinations(draws, 2):
+            (vectors_a, a), (vectors_b, b) = (draws[name] for name in names)
+            together = _together(a, b, in_db).reshape(-1, in_db.size)
             coarse = np.linalg.norm(_scaled(together / in_errors) - coarse_target, axis=1)
             near = np.argsort(coarse)[:_REFINED]
             distance = np.linalg.norm(scale.of_means(together[near], n) - target, axis=1)
-            at = np.unravel_index(near[distance.argmin()], [len(shifts[name]) for name in names])
-            vectors = [self.table_.vectors[name][usable[name][k]] for name, k in zip(names, at, strict=True)]
-            effects = tuple(kinds[name]().from_vector(v) for name, v in zip(names, vectors, strict=True))
+            i, k = divmod(int(near[distance.argmin()]), len(b))
+            best = zip(names, (vectors_a[i], vectors_b[k]), strict=True)
+            effects = tuple(kinds[name]().from_vector(vector) for name, vector in best)
             nearest.append((float(distance.min()), effects))
         nearest.sort(key=lambda one: one[0])
         odds = np.exp([nearest[0][0] - distance for distance, _ in nearest])
@@ -373,16 +372,22 @@ class EffectRanker(BaseEstimator):
 
     def _deviation(self, locator: GapLocator) -> tuple[Float, Float]:
         """Deviation of the measured means from the locator's own bank, and the variances over recordings."""
-        kept = [locator.cells_.index(cell) for cell in self._table_cells(locator)]
+        kept = self._in_table(locator)
         simulated = locator.centred(locator.simulated_, locator.bank_.counts)[:, kept]
         measured = locator.centred(locator.measured_, locator.counts_)[:, kept]
         return measured.mean(axis=0) - simulated.mean(axis=0), measured.var(axis=0, ddof=1)
 
-    def _table_cells(self, locator: GapLocator) -> list[Cell]:
-        """Cells of the table: all but those of the tachometer."""
-        cells = [cell for cell in locator.cells_ if "tachometer" not in cell.name]
-        assert len(cells) == self.table_.null.shape[1]
-        return cells
+    def _draws(self, name: str) -> tuple[Float, Float]:
+        """Parameters and mean changes of an effect's draws, without those whose simulation failed."""
+        shifts = self.table_.shifts(name)
+        simulated = np.all(np.isfinite(shifts), axis=1)
+        return self.table_.vectors[name][simulated], shifts[simulated]
+
+    def _in_table(self, locator: GapLocator) -> NDArray[np.bool_]:
+        """Which of a locator's cells the table has: all but those of the tachometer."""
+        found = np.array(["tachometer" not in cell.name for cell in locator.cells_])
+        assert found.sum() == self.table_.null.shape[1]
+        return found
 
     def _names(self, composite: CompositeSimulator) -> list[str]:
         known = effect_library()

@@ -477,17 +477,16 @@ class DiscrepancyWorkflow(BaseEstimator):
         assert self.ranker_ is not None
         assert self.locator_after_ is not None
         ranked = self.ranker_.nearest_pairs(self.locator_)
-        found = [_Proposal(pair.probability, [pair.effects]) for pair in ranked[: self.n_candidates]]
+        found = {frozenset(pair.names): [pair.effects] for pair in ranked[: self.n_candidates]}
         rest = copy.copy(self.ranker_).rank(self.locator_after_, without=first.names)[0]
-        names = {*first.names, rest.effect_id}
-        if not any(names == set(proposal.names) for proposal in found):
+        names = frozenset({*first.names, rest.effect_id})
+        if names not in found:
             starts = self.ranker_.nearest(rest.effect_id, self.locator_after_, _STARTS)
-            share = next(pair.probability for pair in ranked if names == set(pair.names))
-            found.append(_Proposal(share, [(*first.fitter.effects_, start) for start in starts]))
+            found[names] = [(*first.fitter.effects_, start) for start in starts]
         # Distances say what is worth a fit; among those that are fitted, fits decide.
-        total = sum(proposal.probability for proposal in found)
-        found = [_Proposal(proposal.probability / total, proposal.starts) for proposal in found]
-        return sorted(found, key=lambda proposal: -proposal.probability)
+        chosen = [pair for pair in ranked if frozenset(pair.names) in found]
+        total = sum(pair.probability for pair in chosen)
+        return [_Proposal(pair.probability / total, found[frozenset(pair.names)]) for pair in chosen]
 
     def _fitted(
         self, proposals: list[_Proposal], windows: NDArray[Any], data: dict[str, Any]
