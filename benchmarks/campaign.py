@@ -28,6 +28,7 @@ from cyclofeat.simulators import (
     Rig,
     _kernels,
     composite,
+    courses,
     simulation,
 )
 
@@ -116,9 +117,9 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
 
 # What a run does outside the kernel, by the functions that do it.
 OUTSIDE: dict[str, tuple[Any, str]] = {
-    "anti-alias filter of both torques, from 100 kHz": (simulation, "resample_poly"),
-    "speed and angle of the drive on half steps (200 kHz)": (simulation, "_driver"),
-    "load with its drift on half steps": (simulation, "_load"),
+    "anti-alias filter of the torque, from 100 kHz": (simulation, "resample_poly"),
+    "speed and angle of the drive on half steps (200 kHz)": (courses, "_drive"),
+    "load with its drift on half steps": (courses, "_load"),
     "drawing the drift": (Rig, "drift"),
     "effects, noise and copies of the channels": (composite, "_measured"),
 }

@@ -8,7 +8,7 @@ Writes its numbers to ``datasets/tables/published_rig.csv`` and what they match,
 
 The search knows the 32 numbers of table 4 and nothing else: eight discs with one record each. It tries a
 free output and brake rotors behind a torque meter, each with the fluctuation of the brake's torque in
-proportion to it (:class:`cyclofeat.datasets._published_rig.ProportionalDrift`) that suits it best. Eight
+proportion to it (:class:`cyclofeat.simulators.ProportionalDrift`) that suits it best. Eight
 discs cannot prove any of it: this is a rig that gives such numbers, not the rig that gave them.
 """
 
@@ -28,8 +28,8 @@ from scipy.stats import qmc, spearmanr
 
 from cyclofeat import Recording
 from cyclofeat.datasets import load_published_tables, make_rig_recordings
-from cyclofeat.datasets._published_rig import TABLE, ProportionalDrift, fitted_values, rig_of_values
-from cyclofeat.simulators import CycloidalGearbox, SimulationFailed
+from cyclofeat.datasets._published_rig import TABLE, fitted_values, rig_of_values
+from cyclofeat.simulators import CycloidalGearbox, ProportionalDrift, SimulationFailed
 from cyclofeat.spectral import shannon_entropy, spectral_centroid, welch_psd
 
 ROOT = Path(__file__).parents[1]

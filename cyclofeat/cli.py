@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cyclofeat.simulators import LobeDefects, Rig
 
 _BAD_INPUT = 2
+_RIGS = {"r0": "R0", "r1": "R1", "r2": "R2", "published": "published"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -123,17 +124,19 @@ def _lobes(text: str) -> int | tuple[int, ...]:
 
 
 def _rig(arguments: argparse.Namespace, default: str | None = None) -> Rig:
+    from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Rig
 
     if arguments.simulator is not None:
         return Rig.from_json(arguments.simulator)
     name = arguments.rig or default
     assert name is not None
-    presets = {"r0": Rig.r0, "r1": Rig.r1, "r2": Rig.r2}
-    if name in presets:
-        return presets[name]()
+    if name in _RIGS:
+        return rig_preset(_RIGS[name])
     if not Path(name).exists():
-        raise FileNotFoundError(f"--rig must be r0, r1, r2 or a description of a rig, no such file: {name}")
+        raise FileNotFoundError(
+            f"--rig must be {', '.join(_RIGS)} or a description of a rig, no such file: {name}"
+        )
     return Rig.from_json(name)
 
 
@@ -372,7 +375,7 @@ def _add_rig(parser: argparse.ArgumentParser, default: str) -> None:
     group.add_argument(
         "--rig",
         metavar="RIG",
-        help="r0, r1, r2 (rigs of the toolkit), or a file: the readable description of gearbox, rig and "
-        f"effects in JSON (default: {default})",
+        help="r0, r1, r2 (rigs of the toolkit), published (the statistics of published measurements), or a "
+        f"file: the readable description of gearbox, rig and effects in JSON (default: {default})",
     )
     group.add_argument("--simulator", metavar="FILE", help="such a file too")

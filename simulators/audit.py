@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators.courses import TimeCourse, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import (
     ABSURD_TORQUE,
@@ -17,11 +18,8 @@ from cyclofeat.simulators.simulation import (
     GearboxLocked,
     KernelInput,
     SimulationDiverged,
-    TimeCourse,
-    _driver,
     _integrated,
     _largest_contact,
-    _load,
     kernel_input,
     rest_state,
 )
@@ -151,10 +149,8 @@ def energy_audit(
         raise ValueError(f"start_time must be finite and not negative (s), got {start_time!r}")
     first, n_steps = round(start_time / dt), max(round(duration / dt), 1)
     last = first + n_steps
-    half_steps: Float = np.arange(2 * last + 3, dtype=float) * (dt / 2)
-    course = (
-        *_driver(gearbox, half_steps, start_angle, 1 / dt, speed),
-        _load(gearbox, half_steps, 1 / dt, load),
+    course = drive_and_load(
+        gearbox, 2 * last + 3, dt / 2, 1 / dt, start_angle=start_angle, speed=speed, load=load
     )
     constants = kernel_input(gearbox, defects)
     state = rest_state(gearbox)
@@ -168,7 +164,7 @@ def energy_audit(
         state, motion, torques, external, internal = _run(
             gearbox, constants, course, dt, state, begin, end, True
         )
-        phi, omega, _, torque_load = (values[2 * begin : 2 * end : 2] for values in course)
+        phi, omega, _, torque_load = course[:, 2 * begin : 2 * end : 2]
         account = _Account(gearbox, constants, phi, omega, motion)
         in_pins, taken_by_pins = account.in_pins()
         in_joints, taken_by_joints = account.in_joints()
@@ -203,7 +199,7 @@ def energy_audit(
 def _run(
     gearbox: CycloidalGearbox,
     constants: KernelInput,
-    course: tuple[Float, Float, Float, Float],
+    course: Float,
     dt: float,
     state: Float,
     begin: int,
@@ -211,10 +207,10 @@ def _run(
     keep: bool,
 ) -> tuple[Float, Float, Float, Float, Float]:
     """Steps ``begin`` to ``end``: the state after them and, at each, motion, torques and forces."""
-    part = tuple(values[2 * begin : 2 * end + 1] for values in course)
+    part = course[:, 2 * begin : 2 * end + 1]
     n_steps = end - begin
     kept: NDArray[np.int64] = np.arange(n_steps if keep else 0)
-    done = _integrated(gearbox, constants, part, dt, state, n_steps, kept, keep)  # type: ignore[arg-type]
+    done = _integrated(gearbox, constants, part, dt, state, n_steps, kept, keep)
     if done.finished < n_steps:
         time = (begin + done.finished) * dt
         contact, force = _largest_contact(done.last_external, done.last_internal)

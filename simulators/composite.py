@@ -246,7 +246,15 @@ class CompositeSimulator(BaseEstimator):
         stated = None if isinstance(seed, np.random.SeedSequence) else int(seed)
         run = dataclasses.replace(run, seed=stated)
         return MachineRun(
-            self, run, sequence, of_assembly, n_samples, n_settling, sampling_rate, from_rest=not settled
+            self,
+            run,
+            steps,
+            sequence,
+            of_assembly,
+            n_samples,
+            n_settling,
+            sampling_rate,
+            from_rest=not settled,
         )
 
     def to_rig(self) -> Rig:
@@ -358,6 +366,8 @@ class MachineRun:
         What ran.
     run : SimulationRun
         From the start, settling included.
+    steps : list of (Effect, numpy.random.SeedSequence)
+        The simulator's effects as drawn for this assembly, in the order of the chain, and their seeds.
     seed, assembly : numpy.random.SeedSequence
         Sources of all that is random in the measurement, and in the assembly.
     n_samples, n_settling : int
@@ -370,6 +380,7 @@ class MachineRun:
 
     simulator: CompositeSimulator
     run: SimulationRun = dataclasses.field(repr=False)
+    steps: list[Step] = dataclasses.field(repr=False)
     seed: np.random.SeedSequence = dataclasses.field(repr=False)
     assembly: np.random.SeedSequence = dataclasses.field(repr=False)
     n_samples: int
@@ -401,7 +412,9 @@ class MachineRun:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
         whole = CompositeSimulator(self.simulator.base, (*self.simulator.effects, *effects))
-        gearbox, steps = whole._assembled(self.seed, self.assembly)
+        gearbox, steps = self.run.gearbox, self.steps
+        if effects:
+            gearbox, steps = whole._assembled(self.seed, self.assembly)
         needed = _samples_needed(steps, self.n_samples)
         channels = {
             item.name: getattr(self.run, item.name)[self.n_settling :]

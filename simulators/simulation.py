@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid
+from numpy.typing import NDArray
 from scipy.signal import firwin, resample_poly
 
 from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
+from cyclofeat.simulators.courses import MARGIN, TimeCourse, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 
 # Beyond any torque that the papers' machine could bear; a healthy run stays below 30 Nm.
 ABSURD_TORQUE = 1e4
@@ -31,7 +31,6 @@ LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
 _STAGES = {"midpoint": 2, "adams_bashforth": 1}
 _RELAXATION_ROUNDS = 3000
-_FILTER_MARGIN = 40  # samples of the result
 # A step takes about 100 bytes of memory while it is simulated: 100 million are 1000 s and 10 GB.
 LARGEST_N_STEPS = 100_000_000
 
@@ -116,8 +115,8 @@ class SimulationRun:
     torque_out : ndarray, shape (n,)
         Torque in Nm that resists the output: in the meter where there is a brake, else the moment of the
         internal sleeves on the output shaft.
-    torque_in : ndarray, shape (n,)
-        Moment of the cams' reactions about the input shaft, in Nm (paper B fig. 5).
+    torque_in : ndarray, shape (n,), or None
+        Moment of the cams' reactions about the input shaft, in Nm (paper B fig. 5). None where not asked for.
     input_angle : ndarray, shape (n,)
         Angle phi of the input shaft in rad; 0 is cam 0 at pin 0.
     output_angle, output_speed : ndarray, shape (n,), or None
@@ -141,7 +140,7 @@ class SimulationRun:
     defects: LobeDefects
     sampling_rate: float
     torque_out: Float = field(repr=False)
-    torque_in: Float = field(repr=False)
+    torque_in: Float | None = field(repr=False)
     input_angle: Float = field(repr=False)
     output_angle: Float | None = field(repr=False, default=None)
     output_speed: Float | None = field(repr=False, default=None)
@@ -296,106 +295,6 @@ def rest_state(gearbox: CycloidalGearbox) -> Float:
     return np.zeros(_kernels.N_STATE + n_spins)
 
 
-def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """A number as it is, an array at the sampling rate (joined by straight lines), a function at ``time``."""
-    if callable(values):
-        found = np.asarray(values(time), dtype=float)
-        if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
-            raise ValueError(
-                f"{name} must be a number, an array or a function of time that returns one value per time; "
-                f"it gave shape {found.shape} for {time.shape[0]} times"
-            )
-        found = np.broadcast_to(found, time.shape)
-    else:
-        found = np.asarray(values, dtype=float)
-        if found.ndim > 1:
-            raise ValueError(f"{name} as an array must have one dimension, got shape {found.shape}")
-        if found.ndim == 1:
-            found = _interpolated(name, found, sampling_rate, time)
-    if not np.all(np.isfinite(found)):
-        raise ValueError(f"{name} must be finite, it gave NaN or infinity")
-    return found
-
-
-def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
-    # The simulation runs on a little for its anti-alias filter; the last value is kept for that.
-    needed = math.floor(time[-1] * sampling_rate) - _FILTER_MARGIN
-    if values.size < max(needed, 1):
-        raise ValueError(
-            f"{name} as an array must hold one value per sample of the result, at least {needed} at "
-            f"{sampling_rate:g} Hz, got {values.size}"
-        )
-    return np.interp(time, np.arange(values.size) / sampling_rate, values)
-
-
-def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
-    """Share of speed and load that has risen at each time."""
-    share = np.ones_like(time)
-    n_rising = _n_rising(gearbox, time)
-    share[:n_rising] = time[:n_rising] / gearbox.ramp_time
-    return share
-
-
-def _n_rising(gearbox: CycloidalGearbox, time: Float) -> int:
-    """Number of the times, which rise, that lie before the end of the ramp."""
-    return int(np.searchsorted(time, gearbox.ramp_time))
-
-
-def _driver(
-    gearbox: CycloidalGearbox,
-    time: Float,
-    start_angle: float,
-    sampling_rate: float,
-    speed: TimeCourse | None = None,
-    fluctuation: TimeCourse | None = None,
-) -> tuple[Float, Float, Float]:
-    """Angle, speed and acceleration of the input: a linear rise of the speed, then constant.
-
-    Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
-    """
-    given = None if speed is None else _course("speed", speed, sampling_rate, time)
-    course = given is not None and given.ndim > 0
-    if given is not None and course:
-        angle, omega, alpha = np.zeros_like(time), given, np.zeros_like(time)
-    else:
-        ramp, steady = gearbox.ramp_time, gearbox.input_speed if given is None else float(given)
-        angle, omega, alpha = steady * (time - ramp / 2), np.full_like(time, steady), np.zeros_like(time)
-        rising = slice(_n_rising(gearbox, time))
-        if ramp > 0:
-            angle[rising] = 0.5 * steady / ramp * time[rising] ** 2
-            omega[rising] = steady / ramp * time[rising]
-            alpha[rising] = steady / ramp
-    if course or fluctuation is not None:
-        extra: Float | float = 0.0
-        if fluctuation is not None:
-            extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
-        step = time[1] - time[0]
-        numeric = omega + extra if course else np.asarray(extra)
-        angle = angle + cumulative_trapezoid(numeric, dx=step, initial=0)
-        alpha = alpha + np.gradient(numeric, step)
-        omega = omega + extra
-    return start_angle + angle, omega, alpha
-
-
-def _load(
-    gearbox: CycloidalGearbox,
-    time: Float,
-    sampling_rate: float,
-    load: TimeCourse | None = None,
-    fluctuation: TimeCourse | None = None,
-) -> Float:
-    """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
-    steady = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
-    extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
-    if steady.ndim > 0:
-        return steady + extra * _ramp(gearbox, time)
-    total = np.empty_like(time)
-    np.add(steady, extra, out=total)
-    n_rising = _n_rising(gearbox, time)
-    total[:n_rising] *= time[:n_rising] / gearbox.ramp_time
-    return total
-
-
 def simulate(
     gearbox: CycloidalGearbox | None = None,
     defects: LobeDefects | None = None,
@@ -413,6 +312,7 @@ def simulate(
     load_fluctuation: TimeCourse | None = None,
     decimation: str = "antialias",
     integrator: str = "midpoint",
+    torque_in: bool = True,
     motion: bool = True,
     forces: bool = False,
     points: bool = False,
@@ -456,6 +356,8 @@ def simulate(
         takes half the time. Its error at the same step is two and a half to three times as large
         (``make bench-simulator``), at half the step, which costs as much, a quarter of that; its limit of
         stability is nearer.
+    torque_in : bool
+        Whether to keep the moment about the input shaft.
     motion, forces, points : bool
         Whether to keep angle and speed of the output, the force of every sleeve, and where it touches. These
         are always picked, never filtered.
@@ -509,22 +411,23 @@ def simulate(
         )
     # The anti-alias filter pads with zeros: right at the start, which is at rest; at the end it falls on the
     # samples simulated beyond it.
-    n_steps = math.ceil((n_samples + _FILTER_MARGIN) / ratio)
+    n_steps = math.ceil((n_samples + MARGIN) / ratio)
     if n_steps > LARGEST_N_STEPS:
         raise ValueError(
             f"duration {duration:g} s takes {n_steps:.3g} steps of dt = {dt:g} s, more than "
             f"{LARGEST_N_STEPS:g}: simulate shorter runs"
         )
-    half_steps: Float = np.arange(2 * n_steps + 1, dtype=float) * (dt / 2)
-    phi, omega, alpha = _driver(gearbox, half_steps, start_angle, sampling_rate, speed, speed_fluctuation)
-    torque_load = _load(gearbox, half_steps, sampling_rate, load, load_fluctuation)
+    course = drive_and_load(
+        gearbox, 2 * n_steps + 1, dt / 2, sampling_rate, start_angle=start_angle, speed=speed, load=load,
+        speed_fluctuation=speed_fluctuation, load_fluctuation=load_fluctuation,
+    )  # fmt: skip
+    phi, omega = course[:2]
     time = np.arange(n_samples) / sampling_rate
     steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
     state = rest_state(gearbox)
-    course = (phi, omega, alpha, torque_load)
     constants = kernel_input(gearbox, defects)
     if start == "relaxed":
-        state = _relaxed(gearbox, constants, course, dt, state)
+        state = _relaxed(gearbox, constants, phi[0], course[3, 0], dt, state)
     kept = steps if motion or forces or points else steps[:0]
     done = _integrated(
         gearbox, constants, course, dt, state, n_steps, kept, forces or points, _STAGES[integrator]
@@ -536,14 +439,15 @@ def simulate(
             raise GearboxLocked(finished * dt, contact, force)
         raise SimulationDiverged(finished * dt, contact, force, dt)
 
+    channels = done.torques.T if torque_in else done.torques.T[:1]
     if decimation == "pick" or ratio == 1:
-        torque_out, torque_in = done.torques[steps].T
+        torques = [channel[steps] for channel in channels]
     else:
         up, down = ratio.numerator, ratio.denominator
-        resampled = resample_poly(done.torques.T, up, down, axis=1, window=_anti_alias_filter(up, down))
-        torque_out, torque_in = resampled[:, :n_samples]
+        low_pass = _anti_alias_filter(up, down)
+        torques = [resample_poly(channel, up, down, window=low_pass)[:n_samples] for channel in channels]
     # Every sample falls on a half step or between two: the driver is smooth there.
-    input_angle = np.interp(time, half_steps, phi)
+    input_angle = on_lines(time, np.arange(phi.size) * (dt / 2), phi)
     z = gearbox.n_lobes
     kept_phi, kept_omega = phi[2 * kept], omega[2 * kept]
     external, internal = done.external, done.internal
@@ -551,8 +455,8 @@ def simulate(
         gearbox=gearbox,
         defects=defects,
         sampling_rate=float(sampling_rate),
-        torque_out=np.ascontiguousarray(torque_out),
-        torque_in=np.ascontiguousarray(torque_in),
+        torque_out=np.ascontiguousarray(torques[0]),
+        torque_in=np.ascontiguousarray(torques[1]) if torque_in else None,
         input_angle=input_angle,
         output_angle=done.motion[:, 2] - input_angle / z if motion else None,
         output_speed=done.motion[:, 6] - kept_omega / z if motion else None,
@@ -583,7 +487,7 @@ class _Integrated(NamedTuple):
 def _integrated(
     gearbox: CycloidalGearbox,
     constants: KernelInput,
-    course: tuple[Float, Float, Float, Float],
+    course: Float,
     dt: float,
     state: Float,
     n_steps: int,
@@ -612,7 +516,8 @@ def _integrated(
 def _relaxed(
     gearbox: CycloidalGearbox,
     constants: KernelInput,
-    course: tuple[Float, Float, Float, Float],
+    angle: float,
+    load: float,
     dt: float,
     state: Float,
 ) -> Float:
@@ -623,17 +528,17 @@ def _relaxed(
     """
     n_steps = 10
     constants = replace(constants, body=constants.body._replace(brake_inertia=0.0))
-    held = tuple(np.full(2 * n_steps + 1, value) for value in (course[0][0], 0.0, 0.0, course[3][0]))
+    held = np.repeat([[angle], [0.0], [0.0], [load]], 2 * n_steps + 1, axis=1)
     none: NDArray[np.int64] = np.zeros(0, dtype=int)
     for _ in range(_RELAXATION_ROUNDS):
         before = state
-        done = _integrated(gearbox, constants, held, dt, state, n_steps, none, False)  # type: ignore[arg-type]
+        done = _integrated(gearbox, constants, held, dt, state, n_steps, none, False)
         state = done.state
         state[4:] = 0.0
         if np.abs(state - before).max() < 1e-12:
             break
     if gearbox.brake_inertia > 0:
-        state[3] = state[2] + course[3][0] / gearbox.meter_stiffness
+        state[3] = state[2] + load / gearbox.meter_stiffness
     return state
 
 

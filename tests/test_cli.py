@@ -291,8 +291,11 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
-        (["simulate", "--rig", "r3", "--out", "x.npz"], "--rig must be r0, r1, r2 or .* no such file: r3"),
-        (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be r0, r1, r2 or .* no such file: r3"),
+        (
+            ["simulate", "--rig", "r3", "--out", "x.npz"],
+            "--rig must be .*, published or .* no such file: r3",
+        ),
+        (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be .*, published or .* no such file: r3"),
         (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
         (["train", "--out", "absent/model.joblib"], "folder absent does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),

@@ -262,6 +262,7 @@ def machine(
         sampling_rate=sampling_rate,
         seed=for_run,
         assembly=assembly,
+        torque_in=False,
         motion=False,
         integrator=_INTEGRATOR,
         spare_s=spare * duration,

@@ -136,7 +136,12 @@ def check_middle(campaign: Campaign) -> None:
     duration = max(2 / campaign.sampling_rate, min(campaign.duration_s, 0.01))
     try:
         simulator.simulate(
-            duration=duration, sampling_rate=campaign.sampling_rate, seed=0, settled=False, motion=False
+            duration=duration,
+            sampling_rate=campaign.sampling_rate,
+            seed=0,
+            settled=False,
+            torque_in=False,
+            motion=False,
         )
     except SimulationFailed:
         pass  # a result, and perhaps only here
@@ -163,7 +168,7 @@ def _simulated(
         }
     run = simulator.simulate(
         defects, duration=campaign.n_samples / campaign.sampling_rate,
-        sampling_rate=campaign.sampling_rate, seed=seed, motion=False,
+        sampling_rate=campaign.sampling_rate, seed=seed, torque_in=False, motion=False,
     )  # fmt: skip
     # As an angle of the input, within one turn of the output.
     row["start_angle_rad"] = float(run.input_angle[0] % (2 * np.pi * gearbox.n_lobes))

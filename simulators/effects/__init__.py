@@ -11,6 +11,7 @@ effect                         what it is
 ``ContactDampingScale``        damping of all contacts by a factor
 ``ContactDampingForm``         contact damping weighted with the elastic force
 ``LoadDrift``                  slow fluctuation of the brake's torque
+``ProportionalDrift``          the same in proportion to the torque (a variant: not in `effect_library`)
 ``SpeedWander``                fluctuation of the input speed
 ``SleeveFriction``             friction of the sleeves on wheels and axles
 ``BearingFriction``            friction of the output shaft's bearings
@@ -37,7 +38,7 @@ from cyclofeat.simulators.effects._base import (
     Uniform,
 )
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
-from cyclofeat.simulators.effects._drive import LoadDrift, SpeedWander
+from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander
 from cyclofeat.simulators.effects._gearbox import (
     BearingFriction,
     BrakeRotor,
@@ -75,6 +76,7 @@ __all__ = [
     "Offset",
     "PinErrors",
     "Place",
+    "ProportionalDrift",
     "Quantisation",
     "RunOut",
     "SensorDrift",

@@ -14,7 +14,7 @@ from sklearn.base import clone
 
 from cyclofeat.simulators.effects._base import Effect
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
-from cyclofeat.simulators.effects._drive import LoadDrift, SpeedWander
+from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander
 from cyclofeat.simulators.effects._gearbox import (
     BearingFriction,
     BrakeRotor,
@@ -40,6 +40,9 @@ _CLASSES: tuple[type[Effect], ...] = (
     ClockError, Quantisation,
 )  # fmt: skip
 _LIBRARY: Mapping[str, type[Effect]] = MappingProxyType({kind.effect_id: kind for kind in _CLASSES})
+# Other laws of effects that are there: files can name them, but nothing is proposed twice.
+_VARIANTS: tuple[type[Effect], ...] = (ProportionalDrift,)
+_BY_NAME: Mapping[str, type[Effect]] = {**_LIBRARY, **{kind.effect_id: kind for kind in _VARIANTS}}
 
 # The hooks' own streams of random numbers below that of their effect.
 RANGES, GEARBOX, LOAD, SPEED, TORQUE = range(5)
@@ -129,10 +132,10 @@ def _effect_from(content: Any) -> Effect:
     if not isinstance(content, dict) or not isinstance(content.get("effect"), str):
         raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {_short(content)}')
     name = content["effect"]
-    kind = _LIBRARY.get(name)
+    kind = _BY_NAME.get(name)
     if kind is None:
-        near = _nearest(name, _LIBRARY)
-        right = f"did you mean {near!r} ({_one_line(near)})?" if near else f"known are {', '.join(_LIBRARY)}"
+        near = _nearest(name, _BY_NAME)
+        right = f"did you mean {near!r} ({_one_line(near)})?" if near else f"known are {', '.join(_BY_NAME)}"
         raise ValueError(f"unknown effect {_short(name)}: {right}")
     known = inspect.signature(kind.__init__).parameters
     settings = [key for key in known if key != "self"]
@@ -158,7 +161,7 @@ def _nearest(name: str, known: Iterable[str]) -> str | None:
 
 
 def _one_line(name: str) -> str:
-    return _LIBRARY[name].summary().partition(":")[0]
+    return _BY_NAME[name].summary().partition(":")[0]
 
 
 def _short(value: Any) -> str:

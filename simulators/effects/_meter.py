@@ -10,6 +10,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
 
+from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.effects import _noise
 from cyclofeat.simulators.effects._base import (
     Effect,
@@ -144,7 +145,7 @@ class SensorDrift(Effect):
         time = np.arange(torque.size) / sampling_rate
         end = torque.size / sampling_rate
         drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end)
-        return np.asarray(torque + np.interp(time, *drift))
+        return np.asarray(torque + on_lines(time, *drift))
 
 
 class Gain(Effect):

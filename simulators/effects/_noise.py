@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
+
+from cyclofeat.simulators._lines import on_lines
 
 Float = NDArray[np.float64]
 
@@ -29,15 +33,21 @@ def decay_time(cutoff: float, order: int, share: float = 1e-9) -> float:
 def low_passed_noise(stream: Any, rms: float, cutoff: float, order: int, end: float) -> tuple[Float, Float]:
     """Times in s and values of stationary low-passed noise with the given expected rms, in its unit."""
     rate = OVERSAMPLING * cutoff
-    sos = butter(order, cutoff, fs=rate, output="sos")
     warm_up = math.ceil(decay_time(cutoff, order) * rate)
-    response = sosfilt(sos, np.r_[1.0, np.zeros(warm_up)])
-    # A straight line between samples has, averaged over its length, 2/3 of their variance and 1/3 of their
-    # covariance.
-    power = 2 / 3 * float(response @ response) + 1 / 3 * float(response[1:] @ response[:-1])
+    sos, power = _low_pass(cutoff, order, warm_up)
     n = math.ceil(end * rate) + 1
     noise = np.random.default_rng(stream).normal(size=warm_up + n)
     return np.arange(n) / rate, rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
+
+
+@functools.lru_cache(maxsize=64)
+def _low_pass(cutoff: float, order: int, n: int) -> tuple[Float, float]:
+    """The filter, and the mean square of what ``n`` samples of its response make of white noise."""
+    sos: Float = butter(order, cutoff, fs=OVERSAMPLING * cutoff, output="sos")
+    response = sosfilt(sos, np.r_[1.0, np.zeros(n)])
+    # A straight line between samples has, averaged over its length, 2/3 of their variance and 1/3 of their
+    # covariance.
+    return sos, 2 / 3 * float(response @ response) + 1 / 3 * float(response[1:] @ response[:-1])
 
 
 def streams(random: np.random.Generator, n: int) -> Sequence[Any]:
@@ -61,9 +71,8 @@ def sum_of(parts: Sequence[tuple[Float, Float]], end: float) -> Callable[[Float]
 
     def load(time: Float) -> Float:
         time = checked_time(time, end)
-        total = np.zeros(time.shape)
-        for times, values in parts:
-            total += np.interp(time, times, values)
-        return total
+        if not parts:
+            return np.zeros(time.shape)
+        return functools.reduce(operator.iadd, (on_lines(time, *part) for part in parts))
 
     return load

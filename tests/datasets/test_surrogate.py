@@ -27,6 +27,7 @@ from cyclofeat.simulators import (
     Hum,
     LobeDefects,
     Offset,
+    ProportionalDrift,
     Quantisation,
     Rig,
     SimulationDiverged,
@@ -340,7 +341,7 @@ def test_effects_that_cannot_be_are_refused(effects, message):
 
 def test_a_drift_in_proportion_keeps_the_mean_and_is_normal_in_its_logarithm():
     gearbox = CycloidalGearbox.steel(load_torque=17.0)
-    drift = _published_rig.ProportionalDrift(0.2, 50.0)
+    drift = ProportionalDrift(0.2, 50.0)
     time = np.linspace(0, 60, 60_001)
     load = drift.load_fluctuation(gearbox, 60.0, np.random.default_rng(1))
     logarithm = np.log1p(load(time) / 17.0)
@@ -355,6 +356,12 @@ def test_a_drift_in_proportion_keeps_the_mean_and_is_normal_in_its_logarithm():
     longer = drift.load_fluctuation(gearbox, 90.0, np.random.default_rng(1))
     np.testing.assert_allclose(longer(time), load(time), rtol=1e-12, atol=1e-12)
     assert drift.neutral().load_fluctuation(gearbox, 1.0, np.random.default_rng(1)) is None
+
+
+def test_the_published_rig_goes_through_a_file(tmp_path):
+    rig = rig_preset("published")
+    rig.to_json(tmp_path / "rig.json")
+    assert Rig.from_json(tmp_path / "rig.json").to_text() == rig.to_text()
 
 
 def test_the_published_rig_has_the_level_of_table_4_and_not_the_order_of_its_discs():

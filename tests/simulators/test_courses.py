@@ -17,8 +17,9 @@ from cyclofeat.simulators import (
     SimulationRun,
     simulate,
 )
+from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.simulation import (
-    _driver,
     _external_points,
     _relaxed,
     kernel_input,
@@ -109,19 +110,35 @@ def test_impossible_courses_are_refused(value: Any, message: str) -> None:
     assert str(caught.value).startswith(message)
 
 
+def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
+    rng = np.random.default_rng(8)
+    knots, values = np.cumsum(rng.exponential(size=200)), rng.normal(size=200)
+    within = rng.uniform(knots[0] - 5, knots[-1] + 5, 3000)
+    for at in (np.sort(within), within, knots, knots[:1], knots[-1:], np.array([-np.inf, np.inf])):
+        np.testing.assert_array_equal(on_lines(at, knots, values), np.interp(at, knots, values))
+    np.testing.assert_array_equal(on_lines(within, knots[:1], values[:1]), np.full(3000, values[0]))
+
+
+def test_the_input_torque_is_left_out_where_not_asked_for() -> None:
+    with_it, without = (simulate(STEEL, duration=0.02, torque_in=kept) for kept in (True, False))
+    assert with_it.torque_in is not None
+    assert without.torque_in is None
+    np.testing.assert_array_equal(without.torque_out, with_it.torque_out)
+
+
 @pytest.mark.parametrize("ramp", [0.0, 0.2])
 def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> None:
     """phi = integral of ramp(t) (omega + a sin(w t))."""
     a, w = 3.0, 2 * np.pi * 7
     gearbox = STEEL.replace(ramp_time=ramp)
     time = np.arange(60_001) * 5e-6
-    phi, omega, alpha = _driver(
+    phi, omega, alpha, _ = drive_and_load(
         gearbox,
-        time,
-        0.25,
+        time.size,
+        5e-6,
         RATE,
-        None,
-        lambda t: a * np.sin(w * t),  # type: ignore[arg-type]
+        start_angle=0.25,
+        speed_fluctuation=lambda t: a * np.sin(w * t),  # type: ignore[arg-type]
     )
     if ramp == 0:
         expected = 0.25 + SPEED * time + a / w * (1 - np.cos(w * time))
@@ -253,8 +270,7 @@ def test_recorded_points_belong_to_the_recorded_forces() -> None:
 def relaxed_state(
     gearbox: CycloidalGearbox, defects: LobeDefects, load: float, phi: float = 0.0
 ) -> np.ndarray:
-    course = np.full(3, phi), np.zeros(3), np.zeros(3), np.full(3, load)
-    return _relaxed(gearbox, kernel_input(gearbox, defects), course, 1e-5, rest_state(gearbox))
+    return _relaxed(gearbox, kernel_input(gearbox, defects), phi, load, 1e-5, rest_state(gearbox))
 
 
 @pytest.mark.parametrize("load", [0.0, 22.0])

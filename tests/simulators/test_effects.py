@@ -37,6 +37,7 @@ from cyclofeat.simulators.effects import (
     Offset,
     PinErrors,
     Place,
+    ProportionalDrift,
     Quantisation,
     RunOut,
     SensorDrift,
@@ -50,7 +51,7 @@ from cyclofeat.simulators.effects import (
 
 FS = 25_600.0
 STEEL = CycloidalGearbox.steel()
-EVERY = [kind() for kind in effect_library().values()]
+EVERY = [kind() for kind in (*effect_library().values(), ProportionalDrift)]
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.effect_id)
 
 

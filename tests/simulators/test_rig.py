@@ -22,6 +22,7 @@ from cyclofeat.simulators import (
     Gain,
     Hum,
     LobeDefects,
+    ProportionalDrift,
     Quantisation,
     Rig,
     TorqueMeterLowPass,
@@ -323,7 +324,8 @@ def test_files_of_the_first_format_are_still_read(tmp_path):
 def any_effects(draw):
     """Effects with any values and ranges within the bounds of their parameters."""
     drawn = []
-    for kind in draw(st.lists(st.sampled_from(list(effect_library().values())), max_size=4, unique=True)):
+    kinds = [*effect_library().values(), ProportionalDrift]
+    for kind in draw(st.lists(st.sampled_from(kinds), max_size=4, unique=True)):
         values = {}
         for name, parameter in kind.parameters.items():
             ends = st.floats(parameter.low, min(parameter.high, 1e9), exclude_min=True)

@@ -1,0 +1,27 @@
+"""Straight lines between points, for the courses of speed and load at every half step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cyclofeat.simulators._jit import njit
+
+
+@njit(fastmath=False)
+def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
+    """``numpy.interp(at, knots, values)`` to the last bit, several times as fast where ``at`` rises."""
+    found = np.empty(at.size)
+    last = knots.size - 1
+    k = 0
+    for i in range(at.size):
+        x = at[i]
+        while k < last and knots[k + 1] <= x:
+            k += 1
+        while k > 0 and x < knots[k]:
+            k -= 1
+        if k == last or x <= knots[k]:
+            found[i] = values[k]
+        else:
+            slope = (values[k + 1] - values[k]) / (knots[k + 1] - knots[k])
+            found[i] = slope * (x - knots[k]) + values[k]
+    return found

@@ -1,0 +1,149 @@
+"""What drives a run from outside: angle, speed and acceleration of the input, and load, over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+Float = NDArray[np.float64]
+TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
+
+MARGIN = 40  # samples of the result by which a run goes on beyond its end, for the anti-alias filter
+
+
+def drive_and_load(
+    gearbox: CycloidalGearbox,
+    n: int,
+    step: float,
+    sampling_rate: float,
+    *,
+    start_angle: float = 0.0,
+    speed: TimeCourse | None = None,
+    load: TimeCourse | None = None,
+    speed_fluctuation: TimeCourse | None = None,
+    load_fluctuation: TimeCourse | None = None,
+) -> Float:
+    """Angle (rad), speed (rad/s) and acceleration (rad/s2) of the input, and load (Nm): rows of (4, n).
+
+    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``; all else as
+    :func:`cyclofeat.simulators.simulate` takes it.
+    """
+    # One block, because numpy asks for large pages from 4 MB on: of four arrays with their small pages, half
+    # the time would go into first touches.
+    block: Float = np.empty((5, n))
+    time, drive, torque = block[4], block[:3], block[3]
+    np.multiply(np.arange(n, dtype=float), step, out=time)
+    _drive(drive, gearbox, time, start_angle, sampling_rate, speed, speed_fluctuation)
+    _load(torque, gearbox, time, sampling_rate, load, load_fluctuation)
+    return block[:4]
+
+
+def _drive(
+    out: Float,
+    gearbox: CycloidalGearbox,
+    time: Float,
+    start_angle: float,
+    sampling_rate: float,
+    speed: TimeCourse | None,
+    fluctuation: TimeCourse | None,
+) -> None:
+    """A linear rise of the speed, then constant.
+
+    Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
+    """
+    angle, omega, alpha = out
+    given = _course("speed", gearbox.input_speed if speed is None else speed, sampling_rate, time)
+    steady = given.ndim == 0
+    alpha[:] = 0.0
+    omega[:] = given
+    if steady:
+        ramp = gearbox.ramp_time
+        np.subtract(time, ramp / 2, out=angle)
+        angle *= given
+        if ramp > 0:
+            rising = slice(_n_rising(gearbox, time))
+            angle[rising] = 0.5 * given / ramp * time[rising] ** 2
+            omega[rising] = given / ramp * time[rising]
+            alpha[rising] = given / ramp
+    else:
+        angle[:] = 0.0
+    if fluctuation is not None or not steady:
+        extra: Float | float = 0.0
+        if fluctuation is not None:
+            extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
+        numeric = np.asarray(extra) if steady else omega + extra
+        angle += cumulative_trapezoid(numeric, dx=time[1] - time[0], initial=0)
+        alpha += np.gradient(numeric, time[1] - time[0])
+        omega += extra
+    angle += start_angle
+
+
+def _load(
+    out: Float,
+    gearbox: CycloidalGearbox,
+    time: Float,
+    sampling_rate: float,
+    load: TimeCourse | None,
+    fluctuation: TimeCourse | None,
+) -> None:
+    """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
+    given = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
+    extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
+    if given.ndim > 0:
+        out[:] = given + extra * _ramp(gearbox, time)
+        return
+    np.add(given, extra, out=out)
+    n_rising = _n_rising(gearbox, time)
+    out[:n_rising] *= time[:n_rising] / gearbox.ramp_time
+
+
+def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
+    """A number as it is, an array at the sampling rate (joined by straight lines), a function at ``time``."""
+    if callable(values):
+        found = np.asarray(values(time), dtype=float)
+        if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
+            raise ValueError(
+                f"{name} must be a number, an array or a function of time that returns one value per time; "
+                f"it gave shape {found.shape} for {time.shape[0]} times"
+            )
+        found = np.broadcast_to(found, time.shape)
+    else:
+        found = np.asarray(values, dtype=float)
+        if found.ndim > 1:
+            raise ValueError(f"{name} as an array must have one dimension, got shape {found.shape}")
+        if found.ndim == 1:
+            found = _interpolated(name, found, sampling_rate, time)
+    if not np.all(np.isfinite(found)):
+        raise ValueError(f"{name} must be finite, it gave NaN or infinity")
+    return found
+
+
+def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
+    # The simulation runs on a little for its anti-alias filter; the last value is kept for that.
+    needed = math.floor(time[-1] * sampling_rate) - MARGIN
+    if values.size < max(needed, 1):
+        raise ValueError(
+            f"{name} as an array must hold one value per sample of the result, at least {needed} at "
+            f"{sampling_rate:g} Hz, got {values.size}"
+        )
+    return np.asarray(on_lines(time, np.arange(values.size) / sampling_rate, values))
+
+
+def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
+    """Share of speed and load that has risen at each time."""
+    share = np.ones_like(time)
+    n_rising = _n_rising(gearbox, time)
+    share[:n_rising] = time[:n_rising] / gearbox.ramp_time
+    return share
+
+
+def _n_rising(gearbox: CycloidalGearbox, time: Float) -> int:
+    """Number of the times, which rise, that lie before the end of the ramp."""
+    return int(np.searchsorted(time, gearbox.ramp_time))
