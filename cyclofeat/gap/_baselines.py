@@ -33,7 +33,7 @@ _SEGMENT_S = 0.25  # of the averaged spectra, which resolve the lines of lobes a
 _MOST_GAIN = 2.0  # of the equaliser: what the model lacks beyond it is no wrong gain, and comes as noise
 _BANDS_PER_OCTAVE = 6
 _LOWEST_HZ = 6.0
-_RETUNED_SIMS, _RETUNED_LAST = 100, 16  # two parameters, and no interval is asked for
+_RETUNED_SIMS = 100  # two parameters
 _FEWEST_PER_COUNT = 4
 _POWER_FLOOR = 1e-18  # Nm^2/Hz
 
@@ -143,7 +143,7 @@ class Retuned(Simulated):
             banks.nuisance,
             banks.input_speed_hz,
             n_sims=_RETUNED_SIMS,
-            n_interval=_RETUNED_LAST,
+            n_interval=0,
             starts=(),
             random_state=random_state,
             n_jobs=banks.n_jobs,

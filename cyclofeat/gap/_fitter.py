@@ -18,6 +18,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._calibration import Calibration, slopes
 from cyclofeat.gap._locator import smallest_spreads
 from cyclofeat.gap._null import SPARE, NuisancePrior, machine, summarised_bank
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
@@ -30,6 +31,7 @@ from cyclofeat.simulators import (
     MachineRun,
     Rig,
     SimulationFailed,
+    SimulationRun,
 )
 from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
 
@@ -46,9 +48,12 @@ _WIDEST = 0.25  # radius of the first round, in widths of the prior
 _NEAR = 0.01  # distance below which places weigh alike
 _CORRECTIONS = 2
 _FITS = 2.0  # loss below which nothing is left to search for
-# Factor on intervals, from reference cases with known truth: the straight line through rough summaries, and
-# the scatter of recordings beyond what two dozen show, are not in the formula.
-_CONFORMED = 1.5
+_AT_OPTIMUM = 32  # recordings that correct the optimum and weigh the cells there
+_BOXES = 3  # in which recordings for the interval are spread, each around what the last one said
+_FIRST_BOX = 0.15  # half its width, in widths of the prior
+_LEAST_BOX, _WIDEST_BOX = 0.01, 0.5
+_REACH = 3.0  # half the width of the next box, in standard deviations
+_APART = 10_000  # first seed of these recordings
 _LEAST_LEFT = 0.5  # of variance: few recordings do not show that something hardly scatters at all
 _FAR = 2.0  # standard deviations from which a correction is repeated
 _FAILED = 50.0  # whitened residual of every cell where the simulation fails
@@ -72,8 +77,8 @@ class EffectFitter(BaseEstimator):
     input_speed_hz : float, default=500 / 60
     n_sims : int, default=400
         Simulated recordings that the search may take; those for the interval come on top.
-    n_interval : int, default=32
-        Simulated recordings at the optimum, for weights and interval.
+    n_interval : int, default=144
+        Simulated recordings around the optimum, for the interval; with 0 it is the whole range searched.
     starts : sequence of (Effect or sequence of Effect), optional
         Further places to search from; the best of all is taken. Default: two from the prior.
     alpha : float, default=0.1
@@ -110,12 +115,18 @@ class EffectFitter(BaseEstimator):
     With S the mean summary of the measured recordings and s(theta) that of simulated ones of the same counts,
     always from the same random numbers, theta minimises sum rho(L^-1 (S - s(theta))): rho grows linearly
     beyond three standard errors, and L L' is the covariance of recordings without effect (shrunk towards the
-    diagonal: Ledoit and Wolf 2004). Then ``n_interval`` recordings at the optimum give a better mean and
-    each cell's scatter with the effect, for one more Gauss-Newton step theta + H L^-1 (S - s),
-    H = (J'J)^-1 J', J the whitened derivative. The covariance of theta is that of this step, a "sandwich"
-    H C H' (1/n + 1/n_interval) with the scatter C of whitened recordings; intervals take Student's t with
-    n - 1 degrees of freedom for n measured recordings, and a factor of 1.5 from reference cases with known
-    truth.
+    diagonal: Ledoit and Wolf 2004). Then 32 recordings at the optimum give a better mean and each cell's
+    scatter with the effect, for one more Gauss-Newton step theta + H L^-1 (S - s), H = (J'J)^-1 J', J the
+    whitened derivative.
+
+    J comes from few simulations and rough ones, so the step's own error is no measure of theta's. The
+    interval rests on ``n_interval`` recordings of known parameters, spread evenly over three boxes: around
+    the optimum, and around what the box before said. T = H L^-1 s, one statistic for each parameter with the
+    derivative from all boxes before and the search, is measured, and a straight line through the T of the
+    box, with a level for each count, is turned around (linear calibration: Brown 1982). Theta's covariance
+    then has the scatter of single recordings, measured or simulated, whichever is larger, and the line's own
+    uncertainty. Intervals take Student's t with the line's degrees of freedom, and are widened by the root of
+    ``loss_`` where that is above 1 (Birge 1932).
 
     Examples
     --------
@@ -135,7 +146,7 @@ class EffectFitter(BaseEstimator):
         "nuisance": [NuisancePrior, None],
         "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
         "n_sims": [Interval(Integral, 1, None, closed="left")],
-        "n_interval": [Interval(Integral, 4, None, closed="left")],
+        "n_interval": [Interval(Integral, 0, None, closed="left")],
         "starts": [list, tuple, None],
         "alpha": [Interval(Real, 0, 1, closed="neither")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
@@ -151,7 +162,7 @@ class EffectFitter(BaseEstimator):
         nuisance: NuisancePrior | None = None,
         input_speed_hz: float = 500 / 60,
         n_sims: int = 400,
-        n_interval: int = 32,
+        n_interval: int = 144,
         starts: Sequence[Effect | Sequence[Effect]] | None = None,
         alpha: float = 0.1,
         random_state: int = 0,
@@ -218,7 +229,7 @@ class EffectFitter(BaseEstimator):
             composite=composite,
             nuisance=nuisance,
             effects=effects,
-            counts=_matched(counts, nuisance, max(_PER_STEP, self.n_interval)),
+            counts=_matched(counts, nuisance, _AT_OPTIMUM),
             n_samples=windows.shape[1],
             sampling_rate=self.sampling_rate,
             input_speed_hz=self.input_speed_hz,
@@ -228,6 +239,7 @@ class EffectFitter(BaseEstimator):
             n_jobs=self.n_jobs,
         )
         at = _Space(effects)
+        self._check_n_interval(1 if counts is None else len(np.unique(counts)), at.widths.size)
         target, n = measured.mean(axis=0), len(measured)
         null = self._null_scatter(model, counts)
         whitener = _Whitener(null, null, cells)
@@ -237,9 +249,12 @@ class EffectFitter(BaseEstimator):
         # Weights by how far recordings with about this effect scatter: under drift the slow part does far
         # more than without.
         start = search.best(whitener)
-        whitener = _Whitener(null, model.centred(model.summaries(start, self.n_interval // 2)), cells)
+        whitener = _Whitener(null, model.centred(model.summaries(start, _AT_OPTIMUM // 2)), cells)
         best, estimate = self._optimum(search, null, whitener, cells, n)
-        self._settle(model, at, best, estimate, n)
+        reach = np.full(best.size, np.inf)
+        if self.n_interval:
+            best, reach = self._calibrated(search, best, estimate, measured, counts)
+        self._settle(model, at, best, estimate, reach)
         return self
 
     def _optimum(
@@ -252,7 +267,7 @@ class EffectFitter(BaseEstimator):
             for _ in range(_CORRECTIONS):
                 # A mean of more recordings than the search had, and weights by their own scatter. What hangs
                 # together is taken from those without effect, of which there are more.
-                simulated = model.summaries(place, self.n_interval)
+                simulated = model.summaries(place, _AT_OPTIMUM)
                 scatter = model.centred(simulated)
                 # Weights by one half, the interval by the other: weights fitted to the recordings whose
                 # scatter they reduce would promise too much.
@@ -274,6 +289,57 @@ class EffectFitter(BaseEstimator):
         _, best, estimate = min(found, key=lambda one: one[0])
         return best, estimate
 
+    def _calibrated(
+        self,
+        search: _Search,
+        best: Float,
+        estimate: _Estimate,
+        measured: Float,
+        counts: NDArray[np.int64] | None,
+    ) -> tuple[Float, Float]:
+        """Parameters and half of their intervals, by recordings of known parameters around the best."""
+        model, at = search.model, search.at
+        radius = np.maximum(_FIRST_BOX * at.widths, _REACH * np.minimum(estimate.deviation, at.widths))
+        spread = qmc.Halton(best.size, rng=np.random.default_rng([self.random_state, 4]))
+        told = estimate.weighted(measured)
+        of_told = np.zeros(len(measured), dtype=np.int64) if counts is None else counts
+        drawn, values, labels = np.empty((0, best.size)), np.empty((0, told.shape[1])), of_told[:0]
+        turn = None
+        for k in range(_BOXES):
+            share = len(range(k, self.n_interval, _BOXES))
+            low, high = at.clipped(best - radius), at.clipped(best + radius)
+            places = low + spread.random(share) * (high - low)
+            simulated, done, own = model.scattered(places, counts, _APART + k * self.n_interval)
+            places, simulated = places[done], estimate.weighted(simulated)
+            own = 0 * own if counts is None else own
+            drawn, values = np.vstack([drawn, places]), np.vstack([values, simulated])
+            labels = np.r_[labels, own]
+            # Means over the search's own recordings have a level of their own, and weigh as many.
+            searched, means = search.within(low, high)
+            following = np.linalg.pinv(
+                slopes(
+                    np.vstack([drawn, searched]),
+                    np.vstack([values, estimate.weighted(means)]),
+                    np.r_[labels, np.full(len(searched), -1)],
+                    np.r_[np.ones(len(drawn)), np.full(len(searched), _PER_STEP)],
+                )
+            )
+            # Statistics that these very recordings chose would promise too much, but for the first step.
+            turn = following if turn is None else turn
+            line = Calibration(places, simulated @ turn.T, own, best, at.widths / 2)
+            found, covariance = line.solve(told @ turn.T, of_told)
+            deviation = np.sqrt(np.diag(covariance))
+            # A line holds in its box.
+            best = np.clip(found, low, high)
+            if k > 0:
+                # What is told narrows; what is not is spread as widely as it may be, or the little that is
+                # known of its slope would blur all others.
+                radius = np.clip(_REACH * deviation, _LEAST_BOX * at.widths, _WIDEST_BOX * at.widths)
+            turn = following
+        # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong.
+        deviation = deviation * math.sqrt(max(estimate.loss, 1.0))
+        return best, float(stats.t.ppf(1 - self.alpha / 2, line.degrees)) * deviation
+
     def _effects(self) -> tuple[Effect, ...]:
         given = as_effects(self.effect)
         if not given or not all(isinstance(effect, Effect) for effect in given):
@@ -282,6 +348,14 @@ class EffectFitter(BaseEstimator):
             if not effect.vector_names():
                 raise ValueError(f"effect must have a parameter to fit, got {effect!r}")
         return given
+
+    def _check_n_interval(self, n_counts: int, n_parameters: int) -> None:
+        least = _BOXES * (n_counts + n_parameters + 1)
+        if 0 < self.n_interval < least:
+            raise ValueError(
+                f"n_interval must be 0 or at least {least} for {n_counts} counts of worn lobes and "
+                f"{n_parameters} parameters, got {self.n_interval}"
+            )
 
     def _null_scatter(self, model: _Model, counts: NDArray[np.int64] | None) -> Float:
         """Summaries of recordings without the effect, less the mean of their count."""
@@ -306,9 +380,7 @@ class EffectFitter(BaseEstimator):
             return [at.given, *(at.from_prior(random) for _ in range(_RANDOM_STARTS))]
         return [at.given, *(_Space(as_effects(start)).given for start in self.starts)]
 
-    def _settle(self, model: _Model, at: _Space, best: Float, estimate: _Estimate, n_measured: int) -> None:
-        quantile = float(stats.t.ppf(1 - self.alpha / 2, n_measured - 1))
-        reach = _CONFORMED * quantile * estimate.deviation
+    def _settle(self, model: _Model, at: _Space, best: Float, estimate: _Estimate, reach: Float) -> None:
         low, high = at.clipped(best - reach), at.clipped(best + reach)
         self.effects_ = at.effects(best)
         self.simulator_ = CompositeSimulator(self._base(), (*model.composite.effects, *self.effects_))
@@ -317,9 +389,8 @@ class EffectFitter(BaseEstimator):
         self.theta_ci_ = {
             name: (float(min(a, b)), float(max(a, b))) for name, a, b in zip(names, bottom, top, strict=True)
         }
-        moves = np.linalg.norm(estimate.jacobian, axis=0) * at.widths > 1.0
         told = 2 * reach < _TELLING * at.widths
-        self.identifiable_ = dict(zip(names, (moves & told).tolist(), strict=True))
+        self.identifiable_ = dict(zip(names, told.tolist(), strict=True))
         ends = np.minimum(best - at.low, at.high - best) < _AT_BOUND * (at.high - at.low)
         self.at_bound_ = dict(zip(names, ends.tolist(), strict=True))
         self.loss_ = estimate.loss
@@ -378,17 +449,53 @@ class _Model:
         return _less_means(values, self.counts[: len(values)])
 
     def _values(self, place: Float, n: int) -> Float:
-        effects = _Space(self.effects).effects(place)
-        in_machine = tuple(effect for effect in effects if effect.needs_simulation())
-        on_torque = tuple(effect for effect in effects if not effect.needs_simulation())
+        in_machine, on_torque = self._parted(place)
         runs = [run for run in self._machines(in_machine, n) if run is not None]
         if not runs:
             return np.empty((0, 0))
         try:
-            records = [run.record(on_torque) for run in runs]
+            return self._summarised([run.record(on_torque) for run in runs])
         except ValueError:  # a filter beyond half of the sampling rate, say: no such rig
             self.n_failed += len(runs)
             return np.empty((0, 0))
+
+    def scattered(
+        self, places: Float, known: NDArray[np.int64] | None, first: int
+    ) -> tuple[Float, NDArray[np.bool_], NDArray[np.int64]]:
+        """One recording at each place: summaries of those that succeed, which these are, and their counts."""
+        of_model = np.array(self.nuisance.defect_counts) if known is None else np.sort(known)
+        counts = np.resize(of_model, len(places))
+        jobs = (
+            joblib.delayed(self._recorded)(place, first + k, int(counts[k])) for k, place in enumerate(places)
+        )
+        records = joblib.Parallel(n_jobs=self.n_jobs)(jobs)
+        done = np.array([record is not None for record in records])
+        self.n_calls += len(places)
+        self.n_failed += int(np.sum(~done))
+        if np.sum(done) < len(places) / 2:
+            raise SimulationFailed("the simulations at the optimum fail: the effect's size cannot be stated")
+        return self._summarised([record for record in records if record is not None]), done, counts[done]
+
+    def _recorded(self, place: Float, i: int, count: int) -> SimulationRun | None:
+        in_machine, on_torque = self._parted(place)
+        run = self._run(self._with(in_machine), i, count)
+        try:
+            return None if run is None else run.record(on_torque)
+        except ValueError:
+            return None
+
+    def _parted(self, place: Float) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
+        """Effects that the gearbox answers, and those on the torque alone."""
+        effects = _Space(self.effects).effects(place)
+        return (
+            tuple(effect for effect in effects if effect.needs_simulation()),
+            tuple(effect for effect in effects if not effect.needs_simulation()),
+        )
+
+    def _with(self, effects: tuple[Effect, ...]) -> CompositeSimulator:
+        return CompositeSimulator(self.composite.base, (*self.composite.effects, *effects))
+
+    def _summarised(self, records: list[SimulationRun]) -> Float:
         X = np.array([record.torque_out for record in records], dtype=np.float32)
         angles = np.array([[record.input_angle[0], record.input_angle[-1]] for record in records])
         X = registered(X, self.sampling_rate, self.input_speed_hz, self.n_lobes)
@@ -405,17 +512,17 @@ class _Model:
             # Parameters left behind are not asked for again: one set of runs is kept.
             self._runs = {key: self._runs[key]} if key in self._runs else {}
         runs = self._runs.setdefault(key, [])
-        simulator = CompositeSimulator(self.composite.base, (*self.composite.effects, *effects))
-        missing = range(len(runs), n)
-        made = joblib.Parallel(n_jobs=self.n_jobs)(joblib.delayed(self._run)(simulator, i) for i in missing)
+        simulator, missing = self._with(effects), range(len(runs), n)
+        made = joblib.Parallel(n_jobs=self.n_jobs)(
+            joblib.delayed(self._run)(simulator, i, int(self.counts[i % len(self.counts)])) for i in missing
+        )
         self.n_calls += len(missing)
         self.n_failed += sum(run is None for run in made)
         runs += made
         return runs[:n]
 
-    def _run(self, simulator: CompositeSimulator, i: int) -> MachineRun | None:
+    def _run(self, simulator: CompositeSimulator, i: int, count: int) -> MachineRun | None:
         seed = np.random.SeedSequence([self.random_state, 1], spawn_key=(i,))
-        count = int(self.counts[i % len(self.counts)])
         try:
             return machine(
                 simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, spare=SPARE
@@ -506,16 +613,20 @@ class _Estimate:
     def __init__(
         self, whitener: _Whitener, derivative: Float, difference: Float, scatter: Float, variance: float
     ) -> None:
-        self.jacobian = whitener(derivative.T).T
+        jacobian = whitener(derivative.T).T
         residuals = whitener(difference)
-        weights = _weights(residuals / math.sqrt(variance))[:, None]
-        inverse = np.linalg.pinv(weights * self.jacobian) * weights.T
-        self.step = inverse @ residuals
-        spread = inverse @ whitener(scatter).T
+        self._whitener, self._weights = whitener, _weights(residuals / math.sqrt(variance))
+        inverse = np.linalg.pinv(self._weights[:, None] * jacobian)
+        self.step = inverse @ (self._weights * residuals)
+        spread = inverse @ self.weighted(scatter).T
         covariance = spread @ spread.T / len(scatter) * variance
         self.deviation = np.sqrt(np.diag(covariance))
-        left = residuals - self.jacobian @ self.step
+        left = residuals - jacobian @ self.step
         self.loss = float(np.mean(left**2) / variance)
+
+    def weighted(self, values: Float) -> Float:
+        """Summaries of recordings, whitened, with the weights of least squares."""
+        return self._whitener(values) * self._weights
 
 
 def _weights(residuals: Float) -> Float:
@@ -542,6 +653,18 @@ class _Search:
         if not any(np.array_equal(place, known) for known in self._places):
             self._places.append(place)
             self._means.append(self.model.mean(place))
+
+    def within(self, low: Float, high: Float) -> tuple[Float, Float]:
+        """Places in a box, and their mean summaries."""
+        inside = [
+            k
+            for k, place in enumerate(self._places)
+            if np.all((low <= place) & (place <= high)) and np.all(np.isfinite(self._means[k]))
+        ]
+        return (
+            np.array([self._places[k] for k in inside]).reshape(-1, low.size),
+            np.array([self._means[k] for k in inside]).reshape(-1, self.target.size),
+        )
 
     def best(self, whitener: _Whitener) -> Float:
         """The place of the smallest loss so far."""

@@ -121,6 +121,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         Size of the ranker's table (:class:`EffectRanker`).
     n_sims : int, default=400
         Simulated recordings for the search of a fit (:class:`EffectFitter`).
+    n_interval : int, default=144
+        Simulated recordings for its intervals.
     n_permutations : int, default=999
     random_state : int, default=0
     n_jobs : int, default=1
@@ -191,6 +193,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         "n_draws": [Interval(Integral, 5, None, closed="left")],
         "n_null": [Interval(Integral, 16, None, closed="left")],
         "n_sims": [Interval(Integral, 1, None, closed="left")],
+        "n_interval": [Interval(Integral, 0, None, closed="left")],
         "n_permutations": [Interval(Integral, 19, None, closed="left")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
         "n_jobs": [Integral],
@@ -219,6 +222,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         n_draws: int = 60,
         n_null: int = 160,
         n_sims: int = 400,
+        n_interval: int = 144,
         n_permutations: int = 999,
         random_state: int = 0,
         n_jobs: int = 1,
@@ -244,6 +248,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.n_draws = n_draws
         self.n_null = n_null
         self.n_sims = n_sims
+        self.n_interval = n_interval
         self.n_permutations = n_permutations
         self.random_state = random_state
         self.n_jobs = n_jobs
@@ -496,7 +501,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         for proposal in proposals:
             self._say(f"fitting {' and '.join(proposal.names)}")
             try:
-                fitter = self._fit_effects(proposal.starts, windows, data)
+                fitter = self._fit_effects(proposal.starts, windows, data, self.n_sims, self.n_interval)
             except SimulationFailed as failure:
                 self.warnings_.append(f"{' and '.join(proposal.names)} could not be fitted: {failure}")
                 continue
@@ -518,14 +523,16 @@ class DiscrepancyWorkflow(BaseEstimator):
         starts: list[tuple[Effect, ...]],
         windows: NDArray[Any],
         data: dict[str, Any],
-        n_sims: int | None = None,
+        n_sims: int,
+        n_interval: int,
     ) -> EffectFitter:
         fitter = EffectFitter(
             starts[0],
             self.sampling_rate,
             self.simulator,
             starts=starts[1:],
-            n_sims=self.n_sims if n_sims is None else n_sims,
+            n_sims=n_sims,
+            n_interval=n_interval,
             **self._common(),
         )
         if self.cache is None:
@@ -577,7 +584,7 @@ class DiscrepancyWorkflow(BaseEstimator):
                 starts = self.ranker_.nearest(row.effect_id, self.locator_, _STARTS)
                 try:
                     return self._fit_effects(
-                        [(start,) for start in starts], windows, data, _PLACEBO_SIMS
+                        [(start,) for start in starts], windows, data, _PLACEBO_SIMS, n_interval=0
                     ).simulator_
                 except SimulationFailed:
                     continue

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, NuisancePrior, make_bank
+from cyclofeat.gap import Bank, NuisancePrior, _fitter, make_bank
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig
 
 
@@ -35,3 +35,29 @@ def recorded(simulations: Path) -> Recorder:
         )  # fmt: skip
 
     return record
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _machines_once():
+    """Fits of effects on the torque ask for the same runs of the machine, from the same seeds: made once."""
+    real, made = _fitter.machine, {}
+
+    def machine(simulator, nuisance, count, n_samples, rate, seed, **options):
+        rig = simulator.to_rig().to_text()
+        key = (
+            rig,
+            repr(nuisance),
+            count,
+            n_samples,
+            rate,
+            str(seed.entropy),
+            seed.spawn_key,
+            *options.items(),
+        )
+        if key not in made:
+            made[key] = real(simulator, nuisance, count, n_samples, rate, seed, **options)
+        return made[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_fitter, "machine", machine)
+        yield

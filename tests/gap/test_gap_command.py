@@ -25,8 +25,8 @@ from cyclofeat.gap import Bank, DiscrepancyWorkflow, NuisancePrior, _fitter, mak
 from cyclofeat.simulators import CompositeSimulator, Hum, LobeDefects, Rig
 
 SMALL = {
-    "n_bank": 40, "n_after": 24, "n_report": 16, "n_null": 24, "n_sims": 48, "n_permutations": 499,
-    "baselines": ("nothing",), "with_placebo": False,
+    "n_bank": 40, "n_after": 24, "n_report": 16, "n_null": 24, "n_sims": 48, "n_interval": 24,
+    "n_permutations": 499, "baselines": ("nothing",), "with_placebo": False,
 }  # fmt: skip
 OPTIONS = ("--effects", "hum,offset", "--draws", "8", "--jobs", "1")
 COUNTS, HOLD_COUNTS = (0, 3), (0, 3, 5)

@@ -21,7 +21,8 @@ from cyclofeat.simulators import CycloidalGearbox, Gain, Hum, Offset, effect_lib
 COUNTS, HOLD_COUNTS = (0, 3), (0, 3, 5)
 SMALL = {
     "library": ["hum", "offset", "noise"], "n_bank": 40, "n_after": 24, "n_report": 16, "n_draws": 8,
-    "n_null": 24, "n_sims": 48, "n_permutations": 499, "baselines": ("nothing",), "with_placebo": False,
+    "n_null": 24, "n_sims": 48, "n_interval": 24,
+    "n_permutations": 499, "baselines": ("nothing",), "with_placebo": False,
 }  # fmt: skip
 STEEL = CycloidalGearbox.steel()
 
