@@ -69,7 +69,8 @@ class Calibration:
         larger = np.sqrt(np.maximum(apart.var(axis=0, ddof=1) / np.diag(self.scatter), 1))
         of_mean = self.scatter * np.outer(larger, larger) / len(statistics)
         prior = np.diag(1 / self._widths**2)
-        shift, covariance = np.zeros(len(prior)), np.zeros_like(prior)
+        shift: Float = np.zeros(len(prior))
+        covariance: Float = np.zeros_like(prior)
         for _ in range(_ROUNDS):
             # The line is known the worse, the further from the centre the answer may lie.
             at = np.r_[shares.mean(axis=0), shift]

@@ -20,7 +20,8 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._fitter import EffectFitter, as_effects
+from cyclofeat.gap._fit_model import as_effects
+from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, NuisancePrior, _fitter, make_bank
+from cyclofeat.gap import Bank, NuisancePrior, _fit_model, make_bank
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig
 
 
@@ -40,7 +40,7 @@ def recorded(simulations: Path) -> Recorder:
 @pytest.fixture(autouse=True, scope="session")
 def _machines_once():
     """Fits of effects on the torque ask for the same runs of the machine, from the same seeds: made once."""
-    real, made = _fitter.machine, {}
+    real, made = _fit_model.machine, {}
 
     def machine(simulator, nuisance, count, n_samples, rate, seed, **options):
         rig = simulator.to_rig().to_text()
@@ -59,5 +59,5 @@ def _machines_once():
         return made[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_fitter, "machine", machine)
+        patch.setattr(_fit_model, "machine", machine)
         yield

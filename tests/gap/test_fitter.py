@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, EffectFitter, NuisancePrior, _fitter
+from cyclofeat.gap import Bank, EffectFitter, NuisancePrior, _fit_model, _fit_search, _fitter
 from cyclofeat.gap._summaries import Cell
 from cyclofeat.simulators import (
     BrakeRotor,
@@ -130,7 +130,7 @@ def test_equal_seeds_give_equal_bits_for_any_number_of_workers(with_hum: Bank, s
 def test_a_truth_beyond_the_searched_range_is_at_its_bound(with_hum: Bank, simulations: Any) -> None:
     """Amplitudes are searched between 0.05 mNm and 400 Nm: no hum at all is the end of that."""
     plain = fitter(Hum(0.3), simulations)
-    space = _fitter._Space((Hum(0.3),))
+    space = _fit_model.FitSpace((Hum(0.3),))
     assert np.exp(space.low) == pytest.approx([5e-5])
     low = plain.fit(with_hum.X - _hum_of(with_hum), y=with_hum.counts)
     assert low.theta_["hum.amplitude_nm"] < 0.02
@@ -161,7 +161,7 @@ def test_a_parameter_that_does_nothing_is_not_told(recorded: Recorder, simulatio
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch):
     """Makes runs fail, those for which a function of the recording's number and the effects says so."""
-    real = _fitter.machine
+    real = _fit_model.machine
 
     def install(fails) -> None:
         def machine(simulator, nuisance, count, n_samples, rate, seed, spare=0.0):
@@ -169,7 +169,7 @@ def failing(monkeypatch: pytest.MonkeyPatch):
                 raise SimulationFailed("it diverges")
             return real(simulator, nuisance, count, n_samples, rate, seed, spare=spare)
 
-        monkeypatch.setattr(_fitter, "machine", machine)
+        monkeypatch.setattr(_fit_model, "machine", machine)
 
     return install
 
@@ -257,7 +257,7 @@ def test_whitened_deviations_are_uncorrelated() -> None:
     cells = [Cell("features", str(k), "1") for k in range(8)]
     mixing = np.eye(8) + 0.2 * rng.normal(size=(8, 8))
     null, fresh = (rng.normal(size=(2000, 8)) @ mixing for _ in range(2))
-    found = np.cov(_fitter._Whitener(null, null, cells)(fresh).T)
+    found = np.cov(_fit_search.Whitener(null, null, cells)(fresh).T)
     assert np.diag(found) == pytest.approx(np.ones(8), abs=0.15)
     assert np.abs(found - np.diag(np.diag(found))).max() < 0.15
 
@@ -272,8 +272,8 @@ def test_a_line_through_places_is_the_line() -> None:
             return np.array([1.0, 2.0, 0.0]) + slope @ place
 
     slope = np.array([[1.0, 0.0], [0.5, -2.0], [0.0, 3.0]])
-    space = _fitter._Space((SensorDrift(1.0, 2.0),))
-    search = _fitter._Search(Linear(), space, np.zeros(3), np.random.default_rng(0))
+    space = _fit_model.FitSpace((SensorDrift(1.0, 2.0),))
+    search = _fit_search.Search(Linear(), space, np.zeros(3), np.random.default_rng(0))
     for place in np.random.default_rng(1).uniform(-0.3, 0.3, (9, 2)):
         search.visit(space.given + place)
     mean, found = search.line(space.given)
@@ -284,17 +284,17 @@ def test_a_line_through_places_is_the_line() -> None:
 def test_means_of_counts_take_out_their_share_and_no_more() -> None:
     rng = np.random.default_rng(2)
     values, counts = rng.normal(size=(4000, 1)), np.repeat(np.arange(2000), 2)
-    left = _fitter._less_means(values + 9.0 * counts[:, None], counts)
+    left = _fit_model.less_means(values + 9.0 * counts[:, None], counts)
     assert left.std() == pytest.approx(1.0, abs=0.05)
     assert np.all(np.abs(left.mean()) < 1e-12)
 
 
 def test_recordings_of_an_evaluation_have_the_measured_counts() -> None:
-    matched = _fitter._matched(np.array([4, 0, 0, 2]), NuisancePrior(), 16)
-    step = _fitter._PER_STEP
+    matched = _fit_model.matched_counts(np.array([4, 0, 0, 2]), NuisancePrior(), 16)
+    step = _fit_model.PER_STEP
     assert sorted(matched[:step]) == sorted([0, 0, 2, 4] * (step // 4))
     assert len(matched) == 16
-    assert len(set(_fitter._matched(None, NuisancePrior(), 8))) == min(step, 8)
+    assert len(set(_fit_model.matched_counts(None, NuisancePrior(), 8))) == min(step, 8)
 
 
 def test_both_halves_hold_all_counts_alike() -> None:

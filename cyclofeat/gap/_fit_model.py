@@ -1,0 +1,235 @@
+"""The fitted model: mean summaries of simulated recordings as a function of the effects' parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap._null import SPARE, NuisancePrior, machine
+from cyclofeat.gap._recordings import registered
+from cyclofeat.gap._summaries import summarise_all
+from cyclofeat.simulators import CompositeSimulator, Effect, MachineRun, SimulationFailed, SimulationRun
+from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
+
+Float = NDArray[np.float64]
+
+PER_STEP = 4  # simulated recordings behind one evaluation
+_BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
+AT_BOUND = 0.01  # share of the searched range
+
+
+def as_effects(effect: Effect | Sequence[Effect]) -> tuple[Effect, ...]:
+    """One effect or several, as several."""
+    return (effect,) if isinstance(effect, Effect) else tuple(effect)
+
+
+@dataclass
+class FitModel:
+    """Mean summaries of simulated recordings as a function of the effects' parameters."""
+
+    composite: CompositeSimulator
+    nuisance: NuisancePrior
+    effects: tuple[Effect, ...]
+    counts: NDArray[np.int64]
+    n_samples: int
+    sampling_rate: float
+    input_speed_hz: float
+    n_lobes: int
+    by_tachometer: bool
+    random_state: int
+    n_jobs: int
+    n_calls: int = 0
+    n_asked: int = 0
+    n_failed: int = 0
+    _runs: dict[bytes, list[MachineRun | None]] = field(default_factory=dict, repr=False)
+
+    def mean(self, place: Float) -> Float:
+        """Mean over the recordings behind one evaluation, NaN if none could be simulated."""
+        self.n_asked += PER_STEP
+        values = self._values(place, PER_STEP)
+        return np.asarray(values.mean(axis=0)) if len(values) else np.full(1, np.nan)
+
+    def summaries(self, place: Float, n: int) -> Float:
+        """Summaries of n recordings, (n, n_cells)."""
+        values = self._values(place, n)
+        if len(values) < n / 2:
+            raise SimulationFailed("the simulations at the optimum fail: the effect's size cannot be stated")
+        return values
+
+    def centred(self, values: Float) -> Float:
+        """Less the mean of each count."""
+        return less_means(values, self.counts[: len(values)])
+
+    def _values(self, place: Float, n: int) -> Float:
+        in_machine, on_torque = self._parted(place)
+        runs = [run for run in self._machines(in_machine, n) if run is not None]
+        if not runs:
+            return np.empty((0, 0))
+        try:
+            return self._summarised([run.record(on_torque) for run in runs])
+        except ValueError:  # a filter beyond half of the sampling rate, say: no such rig
+            self.n_failed += len(runs)
+            return np.empty((0, 0))
+
+    def scattered(
+        self, places: Float, known: NDArray[np.int64] | None, first: int
+    ) -> tuple[Float, NDArray[np.bool_], NDArray[np.int64]]:
+        """One recording at each place: summaries of those that succeed, which these are, and their counts."""
+        of_model = np.array(self.nuisance.defect_counts) if known is None else np.sort(known)
+        counts = np.resize(of_model, len(places))
+        jobs = (
+            joblib.delayed(self._recorded)(place, first + k, int(counts[k])) for k, place in enumerate(places)
+        )
+        records = joblib.Parallel(n_jobs=self.n_jobs)(jobs)
+        done = np.array([record is not None for record in records])
+        self.n_calls += len(places)
+        self.n_failed += int(np.sum(~done))
+        if np.sum(done) < len(places) / 2:
+            raise SimulationFailed("the simulations at the optimum fail: the effect's size cannot be stated")
+        return self._summarised([record for record in records if record is not None]), done, counts[done]
+
+    def _recorded(self, place: Float, i: int, count: int) -> SimulationRun | None:
+        in_machine, on_torque = self._parted(place)
+        run = self._run(self._with(in_machine), i, count)
+        try:
+            return None if run is None else run.record(on_torque)
+        except ValueError:
+            return None
+
+    def _parted(self, place: Float) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
+        """Effects that the gearbox answers, and those on the torque alone."""
+        effects = FitSpace(self.effects).effects(place)
+        return (
+            tuple(effect for effect in effects if effect.needs_simulation()),
+            tuple(effect for effect in effects if not effect.needs_simulation()),
+        )
+
+    def _with(self, effects: tuple[Effect, ...]) -> CompositeSimulator:
+        return CompositeSimulator(self.composite.base, (*self.composite.effects, *effects))
+
+    def _summarised(self, records: list[SimulationRun]) -> Float:
+        X = np.array([record.torque_out for record in records], dtype=np.float32)
+        angles = np.array([[record.input_angle[0], record.input_angle[-1]] for record in records])
+        X = registered(X, self.sampling_rate, self.input_speed_hz, self.n_lobes)
+        speeds = None
+        if self.by_tachometer:
+            turned = (angles[:, 1] - angles[:, 0]) / (2 * np.pi)
+            speeds = turned / (self.n_samples - 1) * self.sampling_rate
+        return summarise_all(X, self.sampling_rate, self.input_speed_hz, self.n_lobes, speeds)[0]
+
+    def _machines(self, effects: tuple[Effect, ...], n: int) -> list[MachineRun | None]:
+        """The first n runs of the machine with these effects, each made once."""
+        key = repr([effect.to_dict() for effect in effects]).encode()
+        if effects:
+            # Parameters left behind are not asked for again: one set of runs is kept.
+            self._runs = {key: self._runs[key]} if key in self._runs else {}
+        runs = self._runs.setdefault(key, [])
+        simulator, missing = self._with(effects), range(len(runs), n)
+        made = joblib.Parallel(n_jobs=self.n_jobs)(
+            joblib.delayed(self._run)(simulator, i, int(self.counts[i % len(self.counts)])) for i in missing
+        )
+        self.n_calls += len(missing)
+        self.n_failed += sum(run is None for run in made)
+        runs += made
+        return runs[:n]
+
+    def _run(self, simulator: CompositeSimulator, i: int, count: int) -> MachineRun | None:
+        seed = np.random.SeedSequence([self.random_state, 1], spawn_key=(i,))
+        try:
+            return machine(
+                simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, spare=SPARE
+            )
+        except SimulationFailed:
+            return None
+
+
+class FitSpace:
+    """The fitted parameters of several effects as one vector, within bounds."""
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        self._effects = tuple(effects)
+        self.names = [f"{e.effect_id}.{name}" for e in effects for name in e.vector_names()]
+        if len(set(self.names)) < len(self.names):
+            raise ValueError(f"effect must name each effect once, got {', '.join(self.names)}")
+        self._parameters: list[EffectParameter] = [
+            e.parameters[name] for e in effects for name in e.vector_names()
+        ]
+        ends = np.array([_prior_ends(parameter) for parameter in self._parameters])
+        self.widths = ends[:, 1] - ends[:, 0]
+        bounds = [e.vector_bounds() for e in effects]
+        lowest, highest = (np.concatenate([bound[k] for bound in bounds]) for k in range(2))
+        beyond = _BEYOND_PRIOR * self.widths
+        self.low = np.maximum(ends[:, 0] - beyond, lowest)
+        self.high = np.minimum(ends[:, 1] + beyond, highest)
+
+    @property
+    def given(self) -> Float:
+        """The effects as they were given, moved off the bounds."""
+        values = []
+        for effect in self._effects:
+            try:
+                values.append(effect.to_vector())
+            except ValueError:  # neutral in a logarithm: the middle of the prior instead
+                values.append(np.full(len(effect.vector_names()), np.nan))
+        middle = (self.low + self.high) / 2
+        given = np.concatenate(values)
+        return self.inside(np.where(np.isfinite(given), given, middle))
+
+    def from_prior(self, random: np.random.Generator) -> Float:
+        """A place drawn from the priors."""
+        drawn = [effect.draw_parameters(random).to_vector() for effect in self._effects]
+        return self.inside(np.concatenate(drawn))
+
+    def inside(self, place: Float) -> Float:
+        """Moved off the bounds by a hundredth of the range, as a search has to start."""
+        margin = 1.1 * AT_BOUND * (self.high - self.low)
+        return np.clip(place, self.low + margin, self.high - margin)
+
+    def clipped(self, place: Float) -> Float:
+        return np.clip(place, self.low, self.high)
+
+    def effects(self, place: Float) -> tuple[Effect, ...]:
+        found, start = [], 0
+        for effect in self._effects:
+            size = len(effect.vector_names())
+            found.append(effect.from_vector(place[start : start + size]))
+            start += size
+        return tuple(found)
+
+    def natural(self, place: Float) -> Float:
+        """The parameters in their units."""
+        return np.array(
+            [getattr(e, name) for e in self.effects(place) for name in e.vector_names()], dtype=float
+        )
+
+
+def less_means(values: Float, counts: NDArray[Any]) -> Float:
+    """Values less the mean of their count, scaled up for what the mean takes out of few of them."""
+    left = np.zeros_like(values)
+    for count in np.unique(counts):
+        own = values[counts == count]
+        left[counts == count] = (own - own.mean(axis=0)) * math.sqrt(len(own) / max(len(own) - 1, 1))
+    return left
+
+
+def matched_counts(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:
+    """Counts of the simulated recordings: those measured, spread evenly over each evaluation's."""
+    known = np.sort(np.array(nuisance.defect_counts) if counts is None else counts)
+    at = ((np.arange(PER_STEP) + 0.5) * len(known) / PER_STEP).astype(int)
+    return np.asarray(np.tile(known[at], -(-n // PER_STEP)))
+
+
+def _prior_ends(parameter: EffectParameter) -> tuple[float, float]:
+    """Where nearly all of a prior lies, on a fitter's scale."""
+    prior = parameter.prior
+    assert prior is not None
+    low, high = (prior.quantile(share) for share in (0.01, 0.99))
+    if isinstance(prior, (Uniform, LogUniform)):
+        low, high = prior.low, prior.high
+    return (math.log(low), math.log(high)) if parameter.log else (low, high)
