@@ -77,8 +77,8 @@ class Calibration:
             of_slope = self._inverse[-len(prior) :, -len(prior) :]
             unsure = at @ self._inverse @ at + np.sum(of_slope * covariance)
             weight = np.linalg.pinv(of_mean + self.scatter * unsure)
-            covariance = np.linalg.inv(self.slope.T @ weight @ self.slope + prior)
-            shift = covariance @ self.slope.T @ weight @ apart.mean(axis=0)
+            covariance = np.asarray(np.linalg.inv(self.slope.T @ weight @ self.slope + prior), dtype=float)
+            shift = np.asarray(covariance @ self.slope.T @ weight @ apart.mean(axis=0), dtype=float)
         return self._centre + shift, covariance
 
     def _shares(self, labels: Labels) -> Float:
