@@ -49,9 +49,9 @@ class Estimate:
     ) -> None:
         jacobian = whitener(derivative.T).T
         residuals = whitener(difference)
-        self._whitener, self._weights = whitener, _weights(residuals / math.sqrt(variance))
-        inverse = np.linalg.pinv(self._weights[:, None] * jacobian)
-        self.step = inverse @ (self._weights * residuals)
+        self._whitener, self.weights = whitener, _weights(residuals / math.sqrt(variance))
+        inverse = np.linalg.pinv(self.weights[:, None] * jacobian)
+        self.step = inverse @ (self.weights * residuals)
         spread = inverse @ self.weighted(scatter).T
         covariance = spread @ spread.T / len(scatter) * variance
         self.deviation = np.sqrt(np.diag(covariance))
@@ -60,7 +60,7 @@ class Estimate:
 
     def weighted(self, values: Float) -> Float:
         """Summaries of recordings, whitened, with the weights of least squares."""
-        return self._whitener(values) * self._weights
+        return self._whitener(values) * self.weights
 
 
 def _weights(residuals: Float) -> Float:

@@ -96,7 +96,7 @@ class EffectFitter(BaseEstimator):
     at_bound_ : dict from str to bool
         Whether the optimum lies at the end of the searched range: the true value may lie beyond.
     loss_ : float
-        Mean square of the whitened residuals at the optimum, 1 where model and measurement agree.
+        Mean square of the whitened residuals at ``theta_``, 1 where model and measurement agree.
     n_calls_ : int
         Simulated recordings.
     n_failed_ : int
@@ -243,10 +243,10 @@ class EffectFitter(BaseEstimator):
         start = search.best(whitener)
         whitener = Whitener(null, model.centred(model.summaries(start, _AT_OPTIMUM // 2)), cells)
         best, estimate = self._optimum(search, null, whitener, cells, n)
-        reach = np.full(best.size, np.inf)
+        reach, loss = np.full(best.size, np.inf), estimate.loss
         if self.n_interval:
-            best, reach = self._calibrated(search, best, estimate, measured, counts)
-        self._settle(model, at, best, estimate, reach)
+            best, reach, loss = self._calibrated(search, best, estimate, measured, counts)
+        self._settle(model, at, best, reach, loss)
         return self
 
     def _optimum(
@@ -288,8 +288,8 @@ class EffectFitter(BaseEstimator):
         estimate: Estimate,
         measured: Float,
         counts: NDArray[np.int64] | None,
-    ) -> tuple[Float, Float]:
-        """Parameters and half of their intervals, by recordings of known parameters around the best."""
+    ) -> tuple[Float, Float, float]:
+        """Parameters, half their intervals, and loss, by recordings of known parameters around the best."""
         model, at = search.model, search.at
         radius = np.maximum(_FIRST_BOX * at.widths, _REACH * np.minimum(estimate.deviation, at.widths))
         spread = qmc.Halton(best.size, rng=np.random.default_rng([self.random_state, 4]))
@@ -322,15 +322,17 @@ class EffectFitter(BaseEstimator):
             found, covariance = line.solve(told @ turn.T, of_told)
             deviation = np.sqrt(np.diag(covariance))
             # A line holds in its box.
-            best = np.clip(found, low, high)
+            centre, best = best, np.clip(found, low, high)
             if k > 0:
                 # What is told narrows; what is not is spread as widely as it may be, or the little that is
                 # known of its slope would blur all others.
                 radius = np.clip(_REACH * deviation, _LEAST_BOX * at.widths, _WIDEST_BOX * at.widths)
             turn = following
+        cells = Calibration(places, simulated / estimate.weights, own, centre, at.widths)
+        loss = cells.misfit(told / estimate.weights, of_told, best)
         # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong.
-        deviation = deviation * math.sqrt(max(estimate.loss, 1.0))
-        return best, float(stats.t.ppf(1 - self.alpha / 2, line.degrees)) * deviation
+        deviation = deviation * math.sqrt(max(loss, 1.0))
+        return best, float(stats.t.ppf(1 - self.alpha / 2, line.degrees)) * deviation, loss
 
     def _effects(self) -> tuple[Effect, ...]:
         given = as_effects(self.effect)
@@ -372,7 +374,7 @@ class EffectFitter(BaseEstimator):
             return [at.given, *(at.from_prior(random) for _ in range(_RANDOM_STARTS))]
         return [at.given, *(FitSpace(as_effects(start)).given for start in self.starts)]
 
-    def _settle(self, model: FitModel, at: FitSpace, best: Float, estimate: Estimate, reach: Float) -> None:
+    def _settle(self, model: FitModel, at: FitSpace, best: Float, reach: Float, loss: float) -> None:
         low, high = at.clipped(best - reach), at.clipped(best + reach)
         self.effects_ = at.effects(best)
         self.simulator_ = CompositeSimulator(self._base(), (*model.composite.effects, *self.effects_))
@@ -385,7 +387,7 @@ class EffectFitter(BaseEstimator):
         self.identifiable_ = dict(zip(names, told.tolist(), strict=True))
         ends = np.minimum(best - at.low, at.high - best) < AT_BOUND * (at.high - at.low)
         self.at_bound_ = dict(zip(names, ends.tolist(), strict=True))
-        self.loss_ = estimate.loss
+        self.loss_ = loss
         self.n_calls_, self.n_failed_ = model.n_calls, model.n_failed
 
     def _base(self) -> CycloidalGearbox | Rig:
