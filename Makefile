@@ -39,8 +39,9 @@ demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
 test test-slow test-nojit: export OPENBLAS_NUM_THREADS = 1
 
+# Two files at a time: what a file's tests share is made once.
 test: $(INSTALLED)  ## the tests, without those marked slow or bench
-	$(BIN)/pytest -m "not slow and not bench"
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench"
 
 test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
 	$(BIN)/pytest -m slow || [ $$? -eq 5 ]  # 5: there are none

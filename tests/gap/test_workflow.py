@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fitter, _null, _table
+from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fit_model, _fitter, _null, _table
 from cyclofeat.gap._workflow import _doubts
 from cyclofeat.simulators import CycloidalGearbox, Gain, Hum, Offset, effect_library
 
@@ -206,7 +206,7 @@ def test_a_second_run_goes_on_from_the_cache(
     def simulated(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
-    for module in (_null, _fitter, _table):
+    for module in (_null, _fit_model, _table):
         monkeypatch.setattr(module, "machine", simulated)
     again = DiscrepancyWorkflow(RATE, cache=done.folder, **SMALL)
     again.fit(done.fit.X, done.hold.X, y_fit=done.fit.counts, y_hold=done.hold.counts)
