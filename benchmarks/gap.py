@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import functools
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,9 @@ def main() -> None:
     print(f"{len(missing)} cases in {_minutes(began)}")
     score = arguments.score or ("benchmarks/gap_names.md" if arguments.names_only else "benchmarks/gap.md")
     text = score_folder(results, results.with_name(f"{results.name} score"))
-    Path(score).write_text(text.rstrip() + "\n", encoding="utf-8")
+    heading, _, rest = text.rstrip().partition("\n\n")
+    command = " ".join(["python -m benchmarks.gap", *sys.argv[1:]])
+    Path(score).write_text(f"{heading}\n\nMade by `{command}`.\n\n{rest}\n", encoding="utf-8")
     print(text)
 
 
