@@ -168,8 +168,9 @@ def lobe_lines(
 
     Notes
     -----
-    The speed maximises the sum over lobe lines of the logarithm of power over local floor, by an exhaustive
-    search. Windows too short for a spectrum line (under two lobe periods) have lines and floor zero.
+    The speed maximises the sum over lobe lines of power over local floor, by an exhaustive search. The power
+    of a comb is its likelihood in white noise; the floor keeps a single strong line, such as the mains', from
+    outvoting it. Windows too short for a spectrum line (under two lobe periods) have lines and floor zero.
     """
     n_windows = X.shape[0]
     nominal = lobe_frequency(input_speed_hz, n_lobes)
@@ -188,7 +189,7 @@ def lobe_lines(
     numbers = np.arange(1, n_lines + 1)
     factor = np.ones(n_windows)
     if speed_tolerance > 0:
-        prominence = np.log(np.divide(power, floor, out=np.zeros_like(power), where=floor > 0) + _TINY)
+        prominence = np.divide(power, floor, out=np.zeros_like(power), where=floor > 0)
         teeth = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :] if searched is None else np.asarray(searched)
         factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
         bins = np.outer(factors, teeth * (nominal / resolution))

@@ -136,11 +136,12 @@ _ROWS = (
         "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
         "cyclofeat.orders",
     ),
-    Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot", "cyclofeat.lobes"),
-    Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.lobes"),
-    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.lobes"),
+    # Version 2: the speed by the power of the lobe lines over their floor, no longer by its logarithm.
+    Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot", "cyclofeat.lobes", 2),
+    Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.lobes", 2),
+    Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.lobes", 2),
     Feature(
-        "lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)", "cyclofeat.lobes"
+        "lobe_line_contrast", "dB", "10 log10(|c_k|^2 / mean(|c_(k-2..k+2)|^2) + 0.001)", "cyclofeat.lobes", 2
     ),
     Feature(
         "minima_overlap",
