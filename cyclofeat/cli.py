@@ -159,6 +159,7 @@ def _train(arguments: argparse.Namespace) -> int:
             arguments.assemblies,
             range(arguments.max_count + 1),
             rig=rig,
+            lobes=arguments.lobes,
             duration_s=arguments.windows * math.ceil(turn_s * sampling_rate - 1e-6) / sampling_rate,
             sampling_rate=sampling_rate,
             random_state=arguments.seed,
@@ -327,6 +328,10 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
     train.add_argument("--windows", type=int, default=2, help="output turns of each simulated assembly (2)")
     train.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
+    train.add_argument(
+        "--lobes", choices=("consecutive", "random", "mixed"), default="consecutive",
+        help="worn lobes of the simulated assemblies: neighbours (default), any, or half of each",
+    )  # fmt: skip
     train.add_argument("--sampling-rate", type=float, help="Hz; of simulated recordings 25600 by default")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for
     from cyclofeat.simulators import CycloidalGearbox, Effect, LobeDefects, Rig, SimulationFailed
 
 _PRESETS = ("R0", "R1", "R2", "published")
-_PATTERNS = ("consecutive", "random")
+_PATTERNS = ("consecutive", "random", "mixed")
 _WHEELS = ((0,), (1,), (0, 1))
 
 
@@ -56,8 +56,8 @@ def make_rig_recordings(
     effects : sequence of Effect
         What this rig does besides, in addition to its own effects; a range is drawn anew for each assembly.
         An effect more leaves the assemblies and the other effects' random numbers as they are.
-    lobes : {"consecutive", "random"}
-        Worn lobes: neighbours, from a random first one; or any.
+    lobes : {"consecutive", "random", "mixed"}
+        Worn lobes: neighbours, from a random first one; any; or, with equal chances, the one or the other.
     wheels : "random" or sequence of int
         Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(1,)``,
         ``(0, 1)``.
@@ -244,7 +244,8 @@ def _drawn_recording(
 
     random = np.random.default_rng(_seed(rig, random_state, index).spawn(2)[1])
     n_lobes = rig.gearbox.n_lobes
-    defects = LobeDefects.drawn(count, n_lobes, random, consecutive=lobes == "consecutive", wheels=wheels)
+    consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
+    defects = LobeDefects.drawn(count, n_lobes, random, consecutive=consecutive, wheels=wheels)
     return _recording(rig, defects, n_samples, sampling_rate, random_state, index, with_angle)
 
 

@@ -90,7 +90,7 @@ def estimators() -> list[BaseEstimator]:
         EntropyLadder(),
         EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
         OrdinalCounter(),
-        LobeCounter(SAMPLING_RATE, n_trees=5, n_lobe_trees=5, n_splits=2),
+        LobeCounter(SAMPLING_RATE, n_trees=5, n_hidden=4, n_epochs=2, n_splits=2),
         GroupCalibratedCounter(OrdinalCounter()),
         GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
         ConformalCounter(OrdinalCounter()),

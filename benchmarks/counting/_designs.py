@@ -30,7 +30,10 @@ SPEEDS = {
     for rpm in (400.0, 600.0)
 }
 NINTH = Design("R1-ninth", "R1", 40, seed=7, counts=(8,))
-ANY = Design("R1-any", "R1", 40, seed=8, consecutive=False, options=COARSE)
+ANY = (
+    Design("R1-any", "R1", 40, seed=8, consecutive=False, options=COARSE),
+    Design("R1-any-more", "R1", 120, seed=12, consecutive=False, options=COARSE),
+)
 # Lobes counted from 0: the papers' (1, 5), (1, 4, 7), (1, 3, 5, 7) and (2, 4, 6, 8).
 PATTERNS = Design("R1-patterns", "R1", 10, seed=9, patterns=((0, 4), (0, 3, 6), (0, 2, 4, 6), (1, 3, 5, 7)))
 # Shallower wear, more windows: what a plan is made from. Depth 1 stands in EIGHT.

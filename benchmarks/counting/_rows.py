@@ -113,7 +113,7 @@ def patterns(work: Work, noise: float = 0.2) -> dict[str, Any]:
     """Count and positions of lobes that are no neighbours; trained on neighbours and on any lobes."""
 
     def run() -> dict[str, Any]:
-        training = Windows.joined([work.windows(designs.JUDGED["R1"]), work.windows(designs.ANY)])
+        training = Windows.joined([work.windows(design) for design in (designs.JUDGED["R1"], *designs.ANY)])
         judged = work.windows(designs.PATTERNS)
         counter = LobeCounter(REDUCED_RATE, n_splits=3).fit(
             reduced(training, noise, TRAINING_NOISE),

@@ -23,6 +23,7 @@ from cyclofeat.counting._conformal import OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
 from cyclofeat.counting._folds import fewest_assemblies
+from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.features import LobeMap
@@ -106,9 +107,11 @@ class LobeModel:
     ----------
     counter : estimator
         Fitted classifier of windows, classes are defect counts. That of :meth:`train` has the steps
-        ``"lobe_map"`` and ``"trees"``, the latter in a :class:`GroupCalibratedCounter`.
-    locator : LobeLocator or None
-        Fitted; None where the training recordings did not state angle and worn lobes.
+        ``"lobe_map"`` and ``"trees"``, the latter in a :class:`GroupCalibratedCounter`, or is a
+        :class:`LobeCounter`.
+    locator : LobeLocator, LobeCounter or None
+        Fitted; the counter itself where that is a :class:`LobeCounter`. None where the training recordings
+        did not state angle and worn lobes.
     sampling_rate : float
         In Hz.
     input_speed_hz : float
@@ -121,7 +124,7 @@ class LobeModel:
     """
 
     counter: BaseEstimator
-    locator: LobeLocator | None
+    locator: LobeLocator | LobeCounter | None
     sampling_rate: float
     input_speed_hz: float
     n_lobes: int
@@ -140,6 +143,9 @@ class LobeModel:
         description: str = "",
     ) -> LobeModel:
         """Train on labelled recordings.
+
+        Where they state which lobes are worn and hold sets that are no row of neighbours, the counter is a
+        :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
 
         Parameters
         ----------
@@ -183,19 +189,31 @@ class LobeModel:
         # A lobe map learns nothing from other windows: made once, it serves every fold.
         features = lobe_map.fit_transform(windows.X)
         member = windows.recording if windows.groups is None else windows.groups
-        trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
-        # One power of all probabilities never changes the count: the plain trees' scores are the model's.
-        scores = _cross_validation(plain["trees"], features, windows, n_splits, random_state)
-        trees.fit(features, windows.y, groups=member)
+        worn = _worn_lobes(windows, n_lobes)
+        passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
+        counter: BaseEstimator
+        locator: LobeLocator | LobeCounter | None = None
+        if worn is not None and _any_apart(worn):
+            known = {"worn": worn, "passage": passage}
+            counter = make_lobe_counter(
+                windows.sampling_rate, kind="lobes", input_speed_hz=speed, n_lobes=n_lobes,
+                random_state=random_state,
+            )  # fmt: skip
+            scores = _cross_validation(counter, windows.X, windows, n_splits, random_state, **known)
+            locator = counter.fit(windows.X, windows.y, groups=member, **known)
+        else:
+            # One power of all probabilities never changes the count: the plain trees' scores are the model's.
+            scores = _cross_validation(plain["trees"], features, windows, n_splits, random_state)
+            trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
+            trees.fit(features, windows.y, groups=member)
+            counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
+            if worn is not None and worn.any() and not worn.all():
+                locator = LobeLocator(
+                    windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
+                ).fit(windows.X, worn, passage)
         domain = None
         if np.unique(member).size > 1:
             domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
-        locator = None
-        worn = _worn_lobes(windows, n_lobes)
-        if worn is not None and worn.any() and not worn.all():
-            locator = LobeLocator(
-                windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
-            ).fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle, n_lobes))
         card = {
             "description": description,
             "n_recordings": len(recordings),
@@ -207,7 +225,6 @@ class LobeModel:
             "cross_validation": scores,
             "versions": versions(),
         }
-        counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
         return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card, domain)
 
     @classmethod
@@ -368,6 +385,9 @@ class LobeModel:
                 deciding = deciding[0]
             elif self.domain is not None:
                 features = np.asarray(deciding[:-1].transform(features))
+        elif isinstance(self.counter, LobeCounter):
+            found = self.counter.lobe_map_.lines(X)
+            features = self.counter.lobe_map_._from_lines(found)
         elif self.domain is not None:
             features = features_seen(self.counter, X)
         learned = getattr(deciding, "dependence_", None)
@@ -416,7 +436,7 @@ def versions() -> dict[str, str]:
 
 
 def _cross_validation(
-    trees: BaseEstimator, features: Float, windows: WindowSet, n_splits: int, random_state: int
+    counter: BaseEstimator, X: Float, windows: WindowSet, n_splits: int, random_state: int, **known: Any
 ) -> dict[str, Any] | None:
     """Scores of counts with whole assemblies held out; None where too few are known."""
     if n_splits == 0 or windows.y is None or windows.groups is None:
@@ -424,10 +444,15 @@ def _cross_validation(
     if fewest_assemblies(windows.groups, windows.y) < n_splits:
         return None
     scores = evaluate(
-        clone(trees), features, windows.y, windows.groups, n_splits=n_splits, random_state=random_state
+        clone(counter), X, windows.y, windows.groups, n_splits=n_splits, random_state=random_state, **known
     ).to_dict()
-    # that of the plain trees is not the model's
+    # that of plain trees is not the model's
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
+
+
+def _any_apart(worn: NDArray[np.bool_]) -> bool:
+    """Whether the worn lobes of any window are more than one row of neighbours."""
+    return bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())
 
 
 def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cyclofeat.counting import LobeCounter, passage_of_lobe_zero
-from cyclofeat.counting._lobes import _best_sets, _inclusion, _log_counts
+from cyclofeat.counting._lobe_sets import best_sets, inclusion, log_counts
 from cyclofeat.recording import Windower
 
 SPEED = 500 / 60
@@ -32,23 +32,23 @@ def sets_of(n, pattern):
 @pytest.mark.parametrize("pattern", ["any", "consecutive"])
 def test_counts_and_sets_against_enumeration(pattern):
     logits = np.random.default_rng(0).normal(scale=2, size=(3, 6))
-    log_counts, inclusion = _log_counts(logits, pattern), _inclusion(logits, pattern)
+    counted, given = log_counts(logits, pattern), inclusion(logits, pattern)
     for window, row in enumerate(logits):
         for n in range(7):
             sets = sets_of(n, pattern)
             weight = np.exp(sets @ row)
-            assert log_counts[window, n] == pytest.approx(np.log(weight.sum()))
-            assert_allclose(inclusion[window, n], weight @ sets / weight.sum(), atol=1e-12)
-            best = _best_sets(row[np.newaxis], np.array([n]), pattern)[0]
+            assert counted[window, n] == pytest.approx(np.log(weight.sum()))
+            assert_allclose(given[window, n], weight @ sets / weight.sum(), atol=1e-12)
+            best = best_sets(row[np.newaxis], np.array([n]), pattern)[0]
             assert row[best].sum() == pytest.approx((sets @ row).max())
             assert best.sum() == n
 
 
 def test_lobes_add_up_to_the_count_even_when_sure():
     logits = np.array([[9.0] * 7 + [-9.0] * 8])
-    inclusion = _inclusion(logits, "any")
-    assert_allclose(inclusion.sum(axis=2)[0], np.arange(16), rtol=1e-9)
-    assert inclusion[0, 7, :7].min() > 0.99
+    given = inclusion(logits, "any")
+    assert_allclose(given.sum(axis=2)[0], np.arange(16), rtol=1e-9)
+    assert given[0, 7, :7].min() > 0.99
 
 
 # Recordings
@@ -64,7 +64,7 @@ def data(surrogates):
 
 
 def small(**changes):
-    return LobeCounter(25_600, **{"n_trees": 60, "n_lobe_trees": 40, "n_splits": 3, **changes})
+    return LobeCounter(25_600, **{"n_trees": 60, "n_epochs": 20, "n_splits": 3, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_a_window_begun_some_lobes_later_gives_the_same_answers(data, parts, cou
 def test_counts_alone_teach_counting_too(data, parts):
     """Positions are then no more than rows of neighbours: their place is not to be relied on."""
     X, y, _, _ = (values[parts[0]] for values in data)
-    counter = small(pattern="consecutive", n_trees=40, n_lobe_trees=20, n_splits=2).fit(X, y)
+    counter = small(pattern="consecutive", n_trees=40, n_splits=2).fit(X, y)
     X, y = data[0][parts[1]], data[1][parts[1]]
     assert np.mean(counter.predict(X) == y) >= 7 / 8
     for found, count in zip(counter.predict_lobes(X), counter.predict(X), strict=True):
@@ -129,7 +129,7 @@ def test_groups_keep_windows_of_an_assembly_in_one_fold(data, parts):
     new, truth = (data[0] + noise)[parts[1]], data[1][parts[1]]
     said = {}
     for grouped in (True, False):
-        counter = small(n_trees=30, n_lobe_trees=10)
+        counter = small(n_trees=30)
         counter.fit(*twice, groups=np.tile(np.arange(len(y)), 2) if grouped else None)
         said[grouped] = counter.predict_proba(new)[
             np.arange(len(truth)), np.searchsorted([0, 1, 3, 5], truth)
@@ -145,7 +145,7 @@ def test_equal_seeds_give_equal_answers(data, parts, counter):
 
 def test_labels_that_are_no_counts_have_no_lobes(data):
     X, y, _, _ = data
-    counter = small(n_trees=5, n_lobe_trees=5).fit(X, np.where(y > 1, "worn", "sound"))
+    counter = small(n_trees=5, n_epochs=2).fit(X, np.where(y > 1, "worn", "sound"))
     assert set(counter.predict(X)) == {"worn", "sound"}
     with pytest.raises(ValueError, match="y in fit must hold numbers of worn lobes.*'sound', 'worn'"):
         counter.predict_lobes(X)
