@@ -73,6 +73,8 @@ TRUSTED_TYPES: tuple[str, ...] = (
     ),
     # Compiled: it believes its indices. They are checked after loading, before anything asks a tree.
     "sklearn.tree._tree.Tree",
+    # Numbers left over from training a network of lobes; nothing asks it again.
+    "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
 )
 
 # What may differ between writing and loading: as many leading numbers as are compared. scikit-learn promises

@@ -30,7 +30,7 @@ def windows(surrogates):
 def model(surrogates):
     """Trained on six assemblies of each count, the last two of each left for testing."""
     known = [r for r in surrogates if not held_out(r, surrogates)]
-    return LobeModel.train(known, input_speed_hz=SPEED, n_splits=0)
+    return LobeModel.train(known, input_speed_hz=SPEED, n_splits=0, n_trees=60)
 
 
 def held_out(recording, recordings):

@@ -140,6 +140,7 @@ class LobeModel:
         n_lobes: int = 15,
         random_state: int = 0,
         n_splits: int = 5,
+        n_trees: int = 300,
         description: str = "",
     ) -> LobeModel:
         """Train on labelled recordings.
@@ -162,6 +163,8 @@ class LobeModel:
         n_splits : int
             Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0
             for none. Where a class has fewer assemblies than that there is none either, and the card says so.
+        n_trees : int
+            Trees of the counter.
         description : str
             Where the recordings come from, for the card.
 
@@ -182,9 +185,10 @@ class LobeModel:
         assert speed is not None  # the windower would have raised
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        plain = make_lobe_counter(
-            windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
-        )
+        made_for: dict[str, Any] = {
+            "input_speed_hz": speed, "n_lobes": n_lobes, "n_trees": n_trees, "random_state": random_state,
+        }  # fmt: skip
+        plain = make_lobe_counter(windows.sampling_rate, **made_for)
         lobe_map = plain["lobe_map"]
         # A lobe map learns nothing from other windows: made once, it serves every fold.
         features = lobe_map.fit_transform(windows.X)
@@ -195,10 +199,7 @@ class LobeModel:
         locator: LobeLocator | LobeCounter | None = None
         if worn is not None and _any_apart(worn):
             known = {"worn": worn, "passage": passage}
-            counter = make_lobe_counter(
-                windows.sampling_rate, kind="lobes", input_speed_hz=speed, n_lobes=n_lobes,
-                random_state=random_state,
-            )  # fmt: skip
+            counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
             scores = _cross_validation(counter, windows.X, windows, n_splits, random_state, **known)
             locator = counter.fit(windows.X, windows.y, groups=member, **known)
         else:
