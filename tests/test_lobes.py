@@ -62,6 +62,28 @@ def test_the_speed_is_found_anywhere_in_its_range(deviation, seed):
     assert found.input_speed_hz[0] == pytest.approx(speed, rel=1e-3)
 
 
+@pytest.mark.parametrize("hum_hz", [50.0, 150.0, 250.0])
+def test_mains_stronger_than_every_lobe_line_do_not_draw_the_speed(hum_hz):
+    rng = np.random.default_rng(3)
+    speed = SPEED * 1.006
+    torque = comb(rng.uniform(0.2, 1, 40), rng.uniform(0, 7, 40), speed) + rng.normal(size=N_SAMPLES)
+    torque += 5 * np.cos(2 * np.pi * hum_hz * np.arange(N_SAMPLES) / RATE)
+    found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED, ar_order=0)
+    assert found.input_speed_hz[0] == pytest.approx(speed, rel=1e-3)
+
+
+def test_the_speed_is_found_in_noise_ten_times_the_comb():
+    """Most lines drown; those that do not tell."""
+    rng = np.random.default_rng(4)
+    near = 0
+    for deviation in rng.uniform(-0.01, 0.01, 10):
+        torque = comb(rng.uniform(0.02, 0.3, 40), rng.uniform(0, 7, 40), SPEED * (1 + deviation))
+        torque += 10 * torque.std() * rng.normal(size=N_SAMPLES)
+        found = lobes.lobe_lines(torque[np.newaxis], RATE, SPEED).input_speed_hz[0]
+        near += abs(found / (SPEED * (1 + deviation)) - 1) < 1e-3
+    assert near >= 9
+
+
 def test_folding_lines_is_the_synchronous_average():
     """The fold from lobe lines equals the average over periods, sample by sample."""
     rng = np.random.default_rng(7)

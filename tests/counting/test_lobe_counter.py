@@ -5,10 +5,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.pipeline import Pipeline
 
-from cyclofeat.counting import LobeCounter, passage_of_lobe_zero
+from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
 from cyclofeat.counting._lobe_sets import best_sets, inclusion, log_counts
-from cyclofeat.recording import Windower
+from cyclofeat.recording import Recording, Windower
 
 SPEED = 500 / 60
 PERIOD = 25_600 / (SPEED * 16 / 15)  # of the fold, in samples
@@ -149,6 +150,72 @@ def test_labels_that_are_no_counts_have_no_lobes(data):
     assert set(counter.predict(X)) == {"worn", "sound"}
     with pytest.raises(ValueError, match="y in fit must hold numbers of worn lobes.*'sound', 'worn'"):
         counter.predict_lobes(X)
+
+
+# Lobes that are no neighbours
+
+
+def bumps(sets, seed):
+    """Torque at 2,560 Hz with a bump at every passage of a worn lobe, weaker beside another worn one."""
+    random = np.random.default_rng(seed)
+    worn = np.zeros((len(sets), 15), dtype=bool)
+    for row, lobes in zip(worn, sets, strict=True):
+        row[list(lobes)] = True
+    share = np.where(np.roll(worn, 1, axis=1), 0.6, 1.0) * worn
+    begins = random.uniform(size=len(sets))
+    slot = (np.arange(4608) / 2560 * SPEED * 16 / 15 - begins[:, np.newaxis]) * 15
+    torque = np.take_along_axis(share, slot.astype(int) % 15, axis=1) * np.sin(np.pi * slot) ** 4
+    return torque + 0.5 * random.normal(size=torque.shape), worn.sum(axis=1), worn, begins
+
+
+def rows_and_any(n_sets, seed):
+    """Half of the sets neighbours, half any lobes; 0 to 5 of them."""
+    random = np.random.default_rng(seed)
+    counts = np.arange(n_sets) % 6
+    return [
+        (np.arange(n) + random.integers(15)) % 15 if k % 12 < 6 else random.permutation(15)[:n]
+        for k, n in enumerate(counts)
+    ]
+
+
+def test_lobes_apart_are_counted_and_found_where_any_were_trained_on():
+    """Every other lobe worn: no set of the training looks so."""
+    every_other = [(np.arange(4) * 2 + k) % 15 for k in range(15)]
+    training = [lobes for lobes in rows_and_any(180, 0) if set(np.diff(np.sort(lobes))) != {2}]
+    counter = LobeCounter(2560, n_trees=50, n_splits=2).fit(*bumps(training, 1))
+    X, y, worn, passage = bumps([*every_other, *rows_and_any(30, 2)], 3)
+    assert np.mean(counter.predict(X) == y) >= 0.95
+    assert np.mean((counter.predict_lobes(X, passage) == worn).all(axis=1)) >= 0.9
+    by_rows = LobeCounter(2560, n_trees=50, n_splits=2)
+    by_rows.fit(*bumps([(np.arange(k % 6) + k) % 15 for k in range(180)], 1))
+    assert np.mean(by_rows.predict(X[:15]) == 4) < np.mean(counter.predict(X[:15]) == 4)
+
+
+def test_a_model_trained_on_lobes_apart_counts_lobe_by_lobe():
+    cam = np.arange(4608) / 2560 * SPEED * 2 * np.pi
+    recordings = []
+    sets = [*rows_and_any(60, 0), (0, 2, 4), (3, 7)]
+    X, y, _, begins = bumps(sets, 1)
+    for x, n, lobes, passage in zip(X, y, sets, begins, strict=True):
+        # the angle at which lobe 0 passes so much later, see passage_of_lobe_zero
+        start = (-passage * 2 * np.pi * 15 - np.pi) / 16
+        recordings.append(
+            Recording(
+                x,
+                2560,
+                angle=cam + start % (30 * np.pi),
+                angle_is_absolute=True,
+                speed_rpm=500,
+                defect_count=int(n),
+                worn_lobes=sorted(int(lobe) for lobe in lobes),
+            )
+        )
+    model = LobeModel.train(recordings[:-2], n_splits=0, n_trees=30)
+    assert type(model.counter) is LobeCounter
+    assert model.locator is model.counter
+    assert [model.count(recording).lobes for recording in recordings[-2:]] == [(0, 2, 4), (3, 7)]
+    of_rows = [r for r, lobes in zip(recordings[:60], sets, strict=False) if len(lobes) < 2]
+    assert type(LobeModel.train(of_rows, n_splits=0, n_trees=10).counter) is Pipeline
 
 
 @pytest.mark.parametrize(

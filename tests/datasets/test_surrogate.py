@@ -117,6 +117,16 @@ def test_lobes_and_wheels_are_random_and_follow_their_pattern():
     assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
 
 
+def test_mixed_lobes_are_neighbours_in_half_of_the_assemblies():
+    made = make_rig_recordings(30, [4], lobes="mixed", duration_s=0.002, rig="R0", random_state=3)
+    worn = np.zeros((30, 15), dtype=bool)
+    for row, recording in zip(worn, made, strict=True):
+        row[list(recording.worn_lobes)] = True
+    rows_of_neighbours = (worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) == 1
+    # one set of four in 91 is a row by chance
+    assert 7 <= rows_of_neighbours.sum() <= 23  # 15 +- 2.7
+
+
 def test_recordings_survive_a_file(labelled, tmp_path):
     path = tmp_path / "r.npz"
     write_recording(path, labelled[1])
