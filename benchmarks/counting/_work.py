@@ -20,10 +20,14 @@ from cyclofeat._files import write_whole
 from cyclofeat.counting import Evaluation
 from cyclofeat.counting._folds import fit_grouped
 from cyclofeat.features import LobeMap
+from cyclofeat.features._registry import REGISTRY
 from cyclofeat.lobes import reduce_rate
 
 NOISES = (0.05, 0.2, 0.5, 1.0, 2.0)
 REDUCED_RATE = 2560.0
+# Results stand for one definition of the lobe map; those of other methods and other data for all.
+DEFINITION = REGISTRY["lobe_slot_mean"].version
+_APART = ("peer-", "oedi-")
 # One seed each: noise of the windows judged, and of those only trained on.
 JUDGED_NOISE, TRAINING_NOISE = 11, 12
 
@@ -71,7 +75,7 @@ class Work:
         """Lobe maps of a design's windows, and their truth; kept. ``options`` are those of the lobe map."""
         windows = self.windows(design, n_windows)
         name = f"{design.name}-{noise_nm:g}-{seed}-{n_windows}{'-quick' if self.quick else ''}"
-        name += "".join(f"-{option}{value}" for option, value in options.items())
+        name += "".join(f"-{option}{value}" for option, value in options.items()) + f"-v{DEFINITION}"
         path = self.folder / "features" / f"{name}.npy"
         if not path.exists():
             speed = design.speed_rpm / 60
@@ -99,8 +103,20 @@ class Work:
         path = self._path(key)
         return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
-    def _path(self, key: str) -> Path:
-        return self.folder / ("results-quick" if self.quick else "results") / f"{key}.json"
+    def latest(self, key: str) -> Any:
+        """A result that is kept already; else that of an earlier definition, which then says so."""
+        for definition in range(DEFINITION, 0, -1):
+            path = self._path(key, definition)
+            if path.exists():
+                found = json.loads(path.read_text(encoding="utf-8"))
+                return found if definition == DEFINITION else found | {"earlier": True}
+        return None
+
+    def _path(self, key: str, definition: int = DEFINITION) -> Path:
+        home = "results-quick" if self.quick else "results"
+        if definition > 1 and not key.startswith(_APART):
+            home += f"-v{definition}"
+        return self.folder / home / f"{key}.json"
 
 
 @functools.lru_cache(maxsize=3)

@@ -118,7 +118,7 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
 
 
 def test_the_list_of_trusted_types_is_what_counters_need(counters, model):
-    """This package's own types, that of trees and what a network's training leaves; no function, no module."""
+    """This package's own types, that of trees and what a network leaves; no function, no module."""
     import skops.io
 
     own = {name for name in TRUSTED_TYPES if name.startswith("cyclofeat.")}
