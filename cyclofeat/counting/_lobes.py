@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
-from sklearn.neural_network import MLPClassifier
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
+from scipy.special import expit
+from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
@@ -34,23 +29,20 @@ from cyclofeat.counting._folds import (
     shares,
     softmax,
 )
+from cyclofeat.counting._lobe_network import (
+    begins_by_mesh,
+    lobe_logits,
+    most_decided,
+    platt,
+    train_network,
+    views_of_lobes,
+)
 from cyclofeat.counting._lobe_sets import Bool, best_sets, inclusion, log_counts, turned
 from cyclofeat.counting._trees import CountingTrees
 from cyclofeat.features import LobeMap
 
 # Logits of lobes beyond this say no more than "sure"; 15 of them still multiply without overflow.
 _SURE = 9.0
-# Probabilities of lobes nearer to 0 or 1 than this are no surer than it.
-_LEAST_LOBE = 1e-4
-# Places within a lobe at which the first slot is tried to begin where no tachometer tells.
-_BEGINNINGS = 8
-# Phase of the mesh line, in turns, at the passage of a worn lobe on the assumed rigs: it settles where slots
-# begin in training without a tachometer.
-_MESH_PHASE = 0.5
-# Examples that the network sees at once, and least number of times that it sees some in each epoch.
-_BATCH, _STEPS = 200, 48
-# Logits beyond this make an answer no more decided.
-_DECIDED = 6.0
 # Rounds in which the places of worn lobes are guessed anew where only their number is known.
 _GUESSES = 3
 
@@ -242,7 +234,7 @@ class LobeCounter(Counter):
         self.calibration_: Float = np.array([0.0, 1.0])
         if counts is not None and 0 < counts[rank].sum() < counts[rank].size * self.n_lobes:
             if begins is None:
-                begins = _by_mesh(found.lines, self.n_lobes)
+                begins = begins_by_mesh(found.lines, self.n_lobes)
             views = self._views(found.lines, begins)
             if known is None:
                 known = self._guess(views, found.lines, counts[rank], folds, seed)
@@ -250,9 +242,9 @@ class LobeCounter(Counter):
             by_lobe, held_out = np.full((2, *known.shape), np.nan)
             for train, test in folds:
                 network = self._network(views[train], known[train], seed)
-                by_lobe[test] = _lobe_logits(network, views[test])
+                by_lobe[test] = lobe_logits(network, views[test])
                 held_out[test] = self._most_decided(network, found.lines[test])
-            self.calibration_ = _platt(by_lobe, known)
+            self.calibration_ = platt(by_lobe, known)
         self.weights_ = self._weigh(features, rank, member, folds, held_out, seed)
         return self
 
@@ -380,53 +372,25 @@ class LobeCounter(Counter):
         return CountingTrees(self.n_trees, random_state=seed)
 
     def _network(self, views: Float, worn: Bool, seed: int) -> Pipeline | None:
-        """Network that tells a worn lobe from a sound one; None where there is one kind only."""
-        X, target = views.reshape(-1, views.shape[-1]), worn.ravel()
-        if target.min() == target.max():
-            return None
-        network = MLPClassifier(
-            (self.n_hidden,),
-            alpha=0.01,
-            batch_size=int(np.clip(len(X) // _STEPS, 1, _BATCH)),
-            max_iter=self.n_epochs,
-            random_state=seed,
-        )
-        with warnings.catch_warnings():
-            # It learns for a set time; to converge would be to learn the noise.
-            warnings.simplefilter("ignore", ConvergenceWarning)
-            return make_pipeline(StandardScaler(), network).fit(X, target)
+        return train_network(views, worn, self.n_hidden, self.n_epochs, seed)
 
     def _views(self, lines: lobes.Complex, begins: Float) -> Float:
-        """The fold seen from each lobe: (n_windows, n_lobes, n_lobes * points_per_lobe), of unit std."""
-        folded = lobes.fold(lobes.shift(lines, begins), self.n_lobes, 16)
-        points = folded.reshape(len(lines), self.n_lobes, self.points_per_lobe, -1).mean(axis=3)
-        scale = points.std(axis=(1, 2), keepdims=True)
-        points = np.divide(points, scale, out=np.zeros_like(points), where=scale > 0)
-        turn = (np.arange(self.n_lobes) + np.arange(self.n_lobes)[:, np.newaxis]) % self.n_lobes
-        return np.asarray(points[:, turn].reshape(len(lines), self.n_lobes, -1))
+        return views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe)
+
+    def _most_decided(self, network: Pipeline | None, lines: lobes.Complex) -> Float:
+        return most_decided(network, lines, self.n_lobes, self.points_per_lobe)
 
     def _guess(self, views: Float, lines: lobes.Complex, n_worn: Int, folds: Folds, seed: int) -> Bool:
         """Neighbours worn where the fold has its energy, then where held-out networks see them."""
-        begun = lobes.fold(lobes.shift(lines, _by_mesh(lines, self.n_lobes)), self.n_lobes)
+        begun = lobes.fold(lobes.shift(lines, begins_by_mesh(lines, self.n_lobes)), self.n_lobes)
         first = np.round(lobes.energy_centre(begun) * self.n_lobes - n_worn / 2).astype(int)
         worn = turned(np.arange(self.n_lobes) < n_worn[:, np.newaxis], first)
         for _ in range(_GUESSES if folds else 0):
             logits = np.zeros(worn.shape)
             for train, test in folds:
-                logits[test] = _lobe_logits(self._network(views[train], worn[train], seed), views[test])
+                logits[test] = lobe_logits(self._network(views[train], worn[train], seed), views[test])
             worn = best_sets(np.nan_to_num(logits), n_worn, "consecutive")
         return worn
-
-    def _most_decided(self, network: Pipeline | None, lines: lobes.Complex) -> Float:
-        """Logits of the lobes with slots begun where they are most decided."""
-        logits = np.stack(
-            [
-                _lobe_logits(network, self._views(lines, np.full(len(lines), place / self.n_lobes)))
-                for place in np.arange(_BEGINNINGS) / _BEGINNINGS
-            ]
-        )
-        chosen = np.argmax(np.abs(np.clip(logits, -_DECIDED, _DECIDED)).sum(axis=2), axis=0)
-        return np.asarray(logits[chosen, np.arange(len(lines))])
 
     def _logits(self, found: lobes.LobeLines, begins: Float | None) -> Float:
         """Calibrated logits of the lobes."""
@@ -435,7 +399,7 @@ class LobeCounter(Counter):
         logits = (
             self._most_decided(self.lobe_network_, found.lines)
             if begins is None
-            else _lobe_logits(self.lobe_network_, self._views(found.lines, begins))
+            else lobe_logits(self.lobe_network_, self._views(found.lines, begins))
         )
         return self._calibrated(logits)
 
@@ -472,26 +436,3 @@ def _counts(classes: NDArray[Any], n_lobes: int) -> Int | None:
         return None
     counts = classes.astype(np.int64)
     return counts if np.all(counts == classes) and counts[0] >= 0 and counts[-1] <= n_lobes else None
-
-
-def _by_mesh(lines: lobes.Complex, n_lobes: int) -> Float:
-    """Where the first slot begins in the window, as a share of the fold, by the mesh line's phase."""
-    phase = np.angle(lines[:, n_lobes - 1]) / (2 * np.pi)
-    return np.asarray((_MESH_PHASE - phase) % 1.0 / n_lobes)
-
-
-def _lobe_logits(network: Pipeline | None, views: Float) -> Float:
-    """Logit of each lobe, shape (n_windows, n_lobes); NaN without a network."""
-    if network is None:
-        return np.full(views.shape[:2], np.nan)
-    proba = network.predict_proba(views.reshape(-1, views.shape[-1]))[:, 1].reshape(views.shape[:2])
-    return np.asarray(logit(np.clip(proba, _LEAST_LOBE, 1 - _LEAST_LOBE)))
-
-
-def _platt(logits: Float, worn: Bool) -> Float:
-    """Intercept and slope of the logistic regression of worn lobes on held-out logits (Platt)."""
-    usable = np.isfinite(logits)
-    if not usable.any() or worn[usable].min() == worn[usable].max():
-        return np.array([0.0, 1.0])
-    fitted = LogisticRegression(C=1e3).fit(logits[usable][:, np.newaxis], worn[usable])
-    return np.array([fitted.intercept_[0], max(fitted.coef_[0, 0], 0.0)])
