@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from scipy.special import logit
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 from sklearn.neural_network import MLPClassifier
@@ -27,8 +26,9 @@ _BLOCK = 256
 _MESH_PHASE = 0.5
 # Examples that the network sees at once, and least number of times that it sees some in each epoch.
 _BATCH, _STEPS = 200, 48
-# Logits beyond this make an answer no more decided.
-_DECIDED = 6.0
+# The kind of a view begun between two lobes, beside sound (0) and worn (1) ones, and how far between.
+_BETWEEN = 2
+_BESIDE = (0.25, 0.75)
 
 
 def views_of_lobes(lines: lobes.Complex, begins: Float, n_lobes: int, points_per_lobe: int) -> Float:
@@ -41,11 +41,32 @@ def views_of_lobes(lines: lobes.Complex, begins: Float, n_lobes: int, points_per
     return np.asarray(points[:, turn].reshape(len(lines), n_lobes, -1))
 
 
-def train_network(views: Float, worn: Bool, n_hidden: int, n_epochs: int, seed: int) -> Pipeline | None:
-    """Network that tells a worn lobe from a sound one; None where there is one kind only."""
-    X, target = views.reshape(-1, views.shape[-1]), worn.ravel()
-    if target.min() == target.max():
+def train_network(
+    lines: lobes.Complex,
+    begins: Float,
+    worn: Bool,
+    points_per_lobe: int,
+    n_hidden: int,
+    n_epochs: int,
+    seed: int,
+) -> Pipeline | None:
+    """Network that tells sound lobes, worn ones and views begun between two lobes; None without either kind.
+
+    Parameters
+    ----------
+    lines : ndarray of complex, shape (n_windows, n_lines)
+    begins : ndarray, shape (n_windows,)
+        Where slot 0 begins.
+    worn : ndarray of bool, shape (n_windows, n_lobes)
+    points_per_lobe, n_hidden, n_epochs, seed : int
+    """
+    n_lobes = worn.shape[1]
+    if worn.min() == worn.max():
         return None
+    beside = begins + np.random.default_rng(seed).uniform(*_BESIDE, len(lines)) / n_lobes
+    X = np.concatenate([views_of_lobes(lines, at, n_lobes, points_per_lobe) for at in (begins, beside)])
+    X = X.reshape(-1, X.shape[-1])
+    kind = np.concatenate([worn.ravel().astype(int), np.full(worn.size, _BETWEEN)])
     network = MLPClassifier(
         (n_hidden,),
         alpha=0.01,
@@ -56,30 +77,38 @@ def train_network(views: Float, worn: Bool, n_hidden: int, n_epochs: int, seed: 
     with warnings.catch_warnings():
         # It learns for a set time; to converge would be to learn the noise.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return make_pipeline(StandardScaler(), network).fit(X, target)
+        return make_pipeline(StandardScaler(), network).fit(X, kind)
 
 
-def lobe_logits(network: Pipeline | None, views: Float) -> Float:
-    """Logit of each lobe, shape (n_windows, n_lobes); NaN without a network."""
+def lobe_logits(network: Pipeline | None, views: Float) -> tuple[Float, Float]:
+    """Logit of each lobe, (n_windows, n_lobes), and log-likelihood of where slots begin, (n_windows,).
+
+    NaN without a network.
+    """
     if network is None:
-        return np.full(views.shape[:2], np.nan)
-    proba = network.predict_proba(views.reshape(-1, views.shape[-1]))[:, 1].reshape(views.shape[:2])
-    return np.asarray(logit(np.clip(proba, _LEAST_LOBE, 1 - _LEAST_LOBE)))
+        return np.full(views.shape[:2], np.nan), np.full(len(views), np.nan)
+    proba = network.predict_proba(views.reshape(-1, views.shape[-1]))
+    sound, worn, between = (
+        np.log(np.maximum(proba, _LEAST_LOBE)).reshape(*views.shape[:2], 3).transpose(2, 0, 1)
+    )
+    return worn - sound, np.logaddexp(sound, worn).sum(axis=1) - between.sum(axis=1)
 
 
-def most_decided(network: Pipeline | None, lines: lobes.Complex, n_lobes: int, points_per_lobe: int) -> Float:
-    """Logits of the lobes with slots begun where they are most decided."""
+def logits_anywhere(
+    network: Pipeline | None, lines: lobes.Complex, n_lobes: int, points_per_lobe: int
+) -> Float:
+    """Logits of the lobes with slots begun where they look most like slots."""
     places = np.arange(_BEGINNINGS) / (_BEGINNINGS * n_lobes)
-    decided = np.empty((len(lines), n_lobes))
+    found = np.empty((len(lines), n_lobes))
     for k in range(0, len(lines), _BLOCK):
         block = lines[k : k + _BLOCK]
         begun = views_of_lobes(
             np.repeat(block, _BEGINNINGS, axis=0), np.tile(places, len(block)), n_lobes, points_per_lobe
         )
-        logits = lobe_logits(network, begun).reshape(len(block), _BEGINNINGS, n_lobes)
-        chosen = np.abs(np.clip(logits, -_DECIDED, _DECIDED)).sum(axis=2).argmax(axis=1)
-        decided[k : k + _BLOCK] = logits[np.arange(len(block)), chosen]
-    return decided
+        logits, likelihood = lobe_logits(network, begun)
+        best = likelihood.reshape(len(block), _BEGINNINGS).argmax(axis=1)
+        found[k : k + _BLOCK] = logits.reshape(len(block), _BEGINNINGS, n_lobes)[np.arange(len(block)), best]
+    return found
 
 
 def begins_by_mesh(lines: lobes.Complex, n_lobes: int) -> Float:

@@ -32,7 +32,7 @@ from cyclofeat.counting._folds import (
 from cyclofeat.counting._lobe_network import (
     begins_by_mesh,
     lobe_logits,
-    most_decided,
+    logits_anywhere,
     platt,
     train_network,
     views_of_lobes,
@@ -110,11 +110,11 @@ class LobeCounter(Counter):
     Sinica 7 (1997) 875). For ``"consecutive"`` the n_lobes rows of n neighbours share it.
 
     *Where a slot begins.* A tachometer that tells the passage of lobe 0 fixes it. Otherwise the fold is begun
-    at eight places within a lobe and the most decided answer taken: half a slot off, no lobe looks like one
-    that was trained on. (The phase of the mesh line, to which every worn lobe adds alike, would tell at once,
-    but where every other lobe is worn it is off by up to half a slot.) What it cannot tell is which lobe is
-    which: lobes are then numbered from the one whose slot is the first to begin in the window. The count is
-    always made so, whether there is a tachometer or not.
+    at eight places within a lobe, and the network, trained on folds begun beside a lobe too, says which of
+    them looks least like those. (The phase of the mesh line, to which every worn lobe adds alike, would tell
+    at once, but where every other lobe is worn it is off by up to half a slot.) What cannot be told is which
+    lobe is which: lobes are then numbered from the one whose slot is the first to begin in the window. The
+    count is always made so, whether there is a tachometer or not.
 
     *Neighbours or not.* Contact zones of neighbouring lobes overlap: load that one worn lobe sheds its
     neighbours take up, and what a row of worn lobes does to the torque is not the sum of what each does by
@@ -235,15 +235,14 @@ class LobeCounter(Counter):
         if counts is not None and 0 < counts[rank].sum() < counts[rank].size * self.n_lobes:
             if begins is None:
                 begins = begins_by_mesh(found.lines, self.n_lobes)
-            views = self._views(found.lines, begins)
             if known is None:
-                known = self._guess(views, found.lines, counts[rank], folds, seed)
-            self.lobe_network_ = self._network(views, known, seed)
+                known = self._guess(found.lines, begins, counts[rank], folds, seed)
+            self.lobe_network_ = self._network(found.lines, begins, known, seed)
             by_lobe, held_out = np.full((2, *known.shape), np.nan)
             for train, test in folds:
-                network = self._network(views[train], known[train], seed)
-                by_lobe[test] = lobe_logits(network, views[test])
-                held_out[test] = self._most_decided(network, found.lines[test])
+                network = self._network(found.lines[train], begins[train], known[train], seed)
+                by_lobe[test] = self._lobe_logits(network, found.lines[test], begins[test])
+                held_out[test] = self._lobe_logits(network, found.lines[test], None)
             self.calibration_ = platt(by_lobe, known)
         self.weights_ = self._weigh(features, rank, member, folds, held_out, seed)
         return self
@@ -371,24 +370,26 @@ class LobeCounter(Counter):
     def _count_trees(self, seed: int) -> CountingTrees:
         return CountingTrees(self.n_trees, random_state=seed)
 
-    def _network(self, views: Float, worn: Bool, seed: int) -> Pipeline | None:
-        return train_network(views, worn, self.n_hidden, self.n_epochs, seed)
+    def _network(self, lines: lobes.Complex, begins: Float, worn: Bool, seed: int) -> Pipeline | None:
+        return train_network(lines, begins, worn, self.points_per_lobe, self.n_hidden, self.n_epochs, seed)
 
-    def _views(self, lines: lobes.Complex, begins: Float) -> Float:
-        return views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe)
+    def _lobe_logits(self, network: Pipeline | None, lines: lobes.Complex, begins: Float | None) -> Float:
+        """Logits of the lobes as the network says them; with slots begun where it sees them, or as told."""
+        if begins is None:
+            return logits_anywhere(network, lines, self.n_lobes, self.points_per_lobe)
+        return lobe_logits(network, views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe))[0]
 
-    def _most_decided(self, network: Pipeline | None, lines: lobes.Complex) -> Float:
-        return most_decided(network, lines, self.n_lobes, self.points_per_lobe)
-
-    def _guess(self, views: Float, lines: lobes.Complex, n_worn: Int, folds: Folds, seed: int) -> Bool:
+    def _guess(self, lines: lobes.Complex, begins: Float, n_worn: Int, folds: Folds, seed: int) -> Bool:
         """Neighbours worn where the fold has its energy, then where held-out networks see them."""
-        begun = lobes.fold(lobes.shift(lines, begins_by_mesh(lines, self.n_lobes)), self.n_lobes)
+        begun = lobes.fold(lobes.shift(lines, begins), self.n_lobes)
         first = np.round(lobes.energy_centre(begun) * self.n_lobes - n_worn / 2).astype(int)
         worn = turned(np.arange(self.n_lobes) < n_worn[:, np.newaxis], first)
         for _ in range(_GUESSES if folds else 0):
             logits = np.zeros(worn.shape)
             for train, test in folds:
-                logits[test] = lobe_logits(self._network(views[train], worn[train], seed), views[test])
+                logits[test] = self._lobe_logits(
+                    self._network(lines[train], begins[train], worn[train], seed), lines[test], begins[test]
+                )
             worn = best_sets(np.nan_to_num(logits), n_worn, "consecutive")
         return worn
 
@@ -396,12 +397,7 @@ class LobeCounter(Counter):
         """Calibrated logits of the lobes."""
         if self.lobe_network_ is None:
             return np.zeros((len(found.lines), self.n_lobes))
-        logits = (
-            self._most_decided(self.lobe_network_, found.lines)
-            if begins is None
-            else lobe_logits(self.lobe_network_, self._views(found.lines, begins))
-        )
-        return self._calibrated(logits)
+        return self._calibrated(self._lobe_logits(self.lobe_network_, found.lines, begins))
 
     def _calibrated(self, logits: Float) -> Float:
         intercept, slope = self.calibration_
