@@ -181,13 +181,13 @@ def rows_and_any(n_sets, seed):
 def test_lobes_apart_are_counted_and_found_where_any_were_trained_on():
     """Every other lobe worn: no set of the training looks so."""
     every_other = [(np.arange(4) * 2 + k) % 15 for k in range(15)]
-    training = [lobes for lobes in rows_and_any(240, 0) if set(np.diff(np.sort(lobes))) != {2}]
+    training = [lobes for lobes in rows_and_any(360, 0) if set(np.diff(np.sort(lobes))) != {2}]
     counter = LobeCounter(2560, n_trees=50, n_splits=2).fit(*bumps(training, 1))
     X, y, worn, passage = bumps([*every_other, *rows_and_any(30, 2)], 3)
     assert np.mean(counter.predict(X) == y) >= 0.95
     assert np.mean((counter.predict_lobes(X, passage) == worn).all(axis=1)) >= 0.9
     by_rows = LobeCounter(2560, n_trees=50, n_splits=2)
-    by_rows.fit(*bumps([(np.arange(k % 6) + k) % 15 for k in range(240)], 1))
+    by_rows.fit(*bumps([(np.arange(k % 6) + k) % 15 for k in range(360)], 1))
     assert np.mean(by_rows.predict(X[:15]) == 4) < np.mean(counter.predict(X[:15]) == 4)
 
 
