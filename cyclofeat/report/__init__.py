@@ -5,7 +5,7 @@ A report is first summarised to a dictionary of plain values (:func:`summarise_d
 ``pip install "cyclofeat[report]"``.
 """
 
+from cyclofeat.report._demo import summarise_demo, write_demo_report
 from cyclofeat.report._gap import GapFindings, summarise_gap, write_gap_report
-from cyclofeat.report._html import summarise_demo, write_demo_report
 
 __all__ = ["GapFindings", "summarise_demo", "summarise_gap", "write_demo_report", "write_gap_report"]
