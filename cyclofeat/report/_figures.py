@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.plotting import LobeMapDisplay, SpectrumDisplay, TorqueDisplay
+from cyclofeat.plotting import (
+    LobeMapDisplay,
+    OrderDisplay,
+    SpectrumDisplay,
+    TorqueDisplay,
+    TrainingDisplay,
+)
 from cyclofeat.plotting._lobe_map import LEAST_SCALE
 
 if TYPE_CHECKING:
@@ -29,6 +35,7 @@ _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 _TORQUE = "Output torque in Nm over time in s"
 _SPECTRUM = "Amplitude spectrum of the torque in Nm, with lobe lines and orders of the input shaft"
+_ORDERS = "Amplitudes in Nm at the lines of the output turn, by order of the input shaft"
 _LOBE_MAP = "Disc with a ring of slots, one per lobe, coloured by the rms of the folded torque"
 
 
@@ -127,6 +134,37 @@ def example_pictures(
             picture(draw_map(lobe_map), (6.0, 5.6), _LOBE_MAP),
         ]
         for torque, spectrum, lobe_map in zip(torques, spectra, maps, strict=True)
+    ]
+
+
+def recording_pictures(
+    torque: TorqueDisplay, spectrum: SpectrumDisplay, orders: OrderDisplay, lobe_map: LobeMapDisplay
+) -> dict[str, Picture]:
+    """Of one recording, each on its own scale: ``lobe_map``, ``torque``, ``spectrum``, ``orders``."""
+    return {
+        "lobe_map": picture(
+            lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8), _LOBE_MAP
+        ),
+        "torque": picture(lambda ax, _: torque.plot(ax, max_points=2000), (6.0, 2.8), _TORQUE),
+        "spectrum": picture(
+            lambda ax, _: spectrum.plot(ax, max_frequency_hz=_HIGHEST_FREQUENCY), (6.0, 3.4), _SPECTRUM
+        ),
+        "orders": picture(lambda ax, _: orders.plot(ax), (6.0, 3.4), _ORDERS),
+    }
+
+
+def training_pictures(display: TrainingDisplay, counts: tuple[int, ...], most: int) -> list[Picture]:
+    """The distance from the training windows of each count, then the features that tell counts apart best."""
+    distance = "Bars: distance of the recording from the training windows of each number of worn lobes"
+    course = "Features of the recording beside the mean of the training windows of two counts: "
+    return [
+        picture(lambda ax, _: display.plot(ax), (6.0, 3.2), distance),
+        *(
+            picture(
+                lambda ax, _, kind=kind: display.plot(ax, kind=kind, counts=counts), (6.0, 3.2), course + kind
+            )
+            for kind in display.kinds[:most]
+        ),
     ]
 
 
