@@ -191,7 +191,7 @@ class LobeModel:
         if np.unique(member).size > 1:
             domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
         locator = None
-        worn = _worn_lobes(windows, n_lobes)
+        worn = worn_of_windows(windows, n_lobes)
         if worn is not None and worn.any() and not worn.all():
             locator = LobeLocator(
                 windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
@@ -430,7 +430,7 @@ def _cross_validation(
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
 
 
-def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
+def worn_of_windows(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
     """Whether each lobe is worn, shape (n_windows, n_lobes); None where it is not known of all windows."""
     if not windows.absolute.all():
         return None

@@ -14,17 +14,23 @@ A report is first summarised to a dictionary of plain values (:func:`summarise_c
 rendered by a template that escapes all of them. Needs ``pip install "cyclofeat[report]"``.
 """
 
+from cyclofeat.report._animation import summarise_animation, write_animation
 from cyclofeat.report._count import CountedRecording, summarise_count, write_count_report
 from cyclofeat.report._demo import summarise_demo, write_demo_report
+from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
 from cyclofeat.report._gap import GapFindings, summarise_gap, write_gap_report
 
 __all__ = [
     "CountedRecording",
     "GapFindings",
+    "summarise_animation",
     "summarise_count",
     "summarise_demo",
+    "summarise_evaluation",
     "summarise_gap",
+    "write_animation",
     "write_count_report",
     "write_demo_report",
+    "write_evaluation_report",
     "write_gap_report",
 ]

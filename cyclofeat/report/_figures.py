@@ -186,3 +186,30 @@ def confusion_picture(confusion: NDArray[np.int64], labels: Sequence[str]) -> Pi
 
     side = 1.6 + 0.45 * len(labels)
     return picture(draw, (side, side), "Confusion matrix: windows by true and predicted number of worn lobes")
+
+
+def calibration_picture(
+    said: NDArray[np.float64], was: NDArray[np.float64], weight: NDArray[np.float64]
+) -> Picture:
+    """Share of right answers against the probability said, by bins; larger dots hold more of the windows."""
+
+    def draw(ax: Axes, _: str) -> None:
+        from matplotlib import rcParams
+
+        ax.plot([0, 1], [0, 1], linestyle="--", linewidth=1, color=rcParams["axes.edgecolor"])
+        ax.plot(said, was, linewidth=0.8, color="C0", alpha=0.6)
+        ax.scatter(said, was, s=25 + 500 * weight, color="C0", alpha=0.8, zorder=3)
+        for x, y, share in zip(said, was, weight, strict=True):
+            ax.annotate(
+                f"{100 * share:.0f} %", (x, y), xytext=(0, -17), textcoords="offset points", ha="center",
+                fontsize="small",
+            )  # fmt: skip
+        ax.set(
+            xlabel="probability said (mean of the bin)", ylabel="share of right answers", aspect="equal",
+            xlim=(0, 1.04), ylim=(-0.06, 1.06),
+        )  # fmt: skip
+        ax.grid(alpha=0.3, linewidth=0.6)
+
+    return picture(
+        draw, (4.8, 4.6), "Calibration: share of right answers by probability said, beside the diagonal"
+    )
