@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.counting._conformal import features_seen
 from cyclofeat.features._registry import REGISTRY, Feature
-from cyclofeat.persistence import feature_definitions
 from cyclofeat.plotting._base import Float, axes_for
 from cyclofeat.recording import Recording, Windower
 
@@ -106,6 +104,9 @@ class TrainingDisplay:
         ValueError
             If the model has no domain, or the recording does not suit it.
         """
+        from cyclofeat.counting._conformal import features_seen
+        from cyclofeat.persistence import feature_definitions
+
         domain = model.domain
         if domain is None:
             raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")

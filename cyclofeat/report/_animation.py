@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from cyclofeat import __version__
 from cyclofeat.plotting._torque import _thinned
-from cyclofeat.report._page import count_text, environment, target_of, versions, write_page
+from cyclofeat.report._page import count_text, environment, lobes_text, target_of, versions, write_page
 
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.simulators import SimulationRun
+    from cyclofeat.simulators import LobeDefects, SimulationRun
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -81,7 +81,7 @@ def write_animation(
     Notes
     -----
     Wheels are drawn where the kinematics put them, theta_k = rest - phi/z_s (paper B's rest position): what
-    contacts and position errors add is micrometres, too little to see. Forces and contact points are those of
+    contacts give way is left out: tenths of a millimetre at most, where a worn lobe passes. Forces and contact points are those of
     the simulation, the wheel's share: what a sleeve does to it.
 
     Examples
@@ -149,11 +149,7 @@ def summarise_animation(
     picked = np.linspace(first, last, frames).round().astype(int)
     machine = _machine(run) | _frames(run, picked) | _trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
-    said = [count_text(len(defects.worn_lobes), defects.worn_lobes)]
-    if defects.removed_lobes:
-        said.append("removed: " + ", ".join(str(lobe + 1) for lobe in defects.removed_lobes))
-    if defects.defect_count and len(defects.wheels) == 1:
-        said.append(f"on wheel {defects.wheels[0] + 1} only")
+    said = _said(defects)
     return {
         "title": title or "The gearbox turning",
         "version": __version__,
@@ -162,14 +158,14 @@ def summarise_animation(
             "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
         },
         "origin": "",
-        "worn": "; ".join(said),
+        "worn": said,
         "steps": _steps(machine["force_scale"]),
         "machine": machine,
         "provenance": [
             ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
              f"{gearbox.n_internal_sleeves} internal sleeves"),
             ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
-            ("wear", "; ".join(said) + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
+            ("wear", said + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
             ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
             ("load", f"{gearbox.load_torque:.4g} Nm"),
             ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
@@ -177,6 +173,16 @@ def summarise_animation(
             ("made with", versions()),
         ],
     }  # fmt: skip
+
+
+def _said(defects: LobeDefects) -> str:
+    """What is wrong with the lobes, in words."""
+    parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
+    if defects.worn_lobes or not parts:
+        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
+    if defects.defect_count and len(defects.wheels) == 1:
+        parts.append(f"on wheel {defects.wheels[0] + 1} only")
+    return "; ".join(parts)
 
 
 # -- what the script draws
@@ -289,9 +295,11 @@ def _steps(largest: float) -> list[str]:
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 2.5 and 5 times a power of ten."""
+    """The next round number: 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
     power = 10 ** math.floor(math.log10(value))
-    return float(next(m * power for m in (1, 2, 2.5, 5, 10) if m * power >= value * (1 - 1e-9)))
+    return float(
+        next(m * power for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9))
+    )
 
 
 def _mm(length: Any) -> float:

@@ -1,4 +1,4 @@
-"""Chromium without a window, spoken to over a pair of pipes (the DevTools protocol): no other program needed."""
+"""Chromium without a window, over a pair of pipes in the DevTools protocol: no driver, no library."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Browser:
             "--remote-debugging-pipe", "about:blank",
         ]  # fmt: skip
         # Chromium reads commands from file 3 and writes answers to file 4.
-        shell = f"exec 3<&{to_browser} 4>&{from_browser}; exec \"$@\""
+        shell = f'exec 3<&{to_browser} 4>&{from_browser}; exec "$@"'
         self._process = subprocess.Popen(
             ["bash", "-c", shell, "bash", *command],
             pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
@@ -64,7 +64,11 @@ class Browser:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
         self.call(
-            "Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0
+            "Network.emulateNetworkConditions",
+            offline=True,
+            latency=0,
+            downloadThroughput=0,
+            uploadThroughput=0,
         )
 
     def __enter__(self) -> Browser:
@@ -143,14 +147,11 @@ class Browser:
 
     def press(self, key: str) -> None:
         """A key, as from the keyboard; ``" "`` is the space bar."""
-        codes = {" ": 32, "ArrowRight": 39, "ArrowLeft": 37, "Home": 36, "End": 35}
+        code = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}[key]
         text = {"text": key} if len(key) == 1 else {}
         for kind in ("keyDown", "keyUp"):
             more = text if kind == "keyDown" else {}
-            self.call(
-                "Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=codes.get(key, ord(key[0].upper())),
-                **more,
-            )  # fmt: skip
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **more)
 
     def prefer(self, scheme: str) -> None:
         """Prefer ``"light"`` or ``"dark"`` pages."""
@@ -159,7 +160,11 @@ class Browser:
     def resize(self, width: int, height: int = 900) -> None:
         """Size of the page in pixels."""
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
         )
 
     def screenshot(self, path: Path, *, whole: bool = True) -> Path:
@@ -173,8 +178,6 @@ class Browser:
 
     def print(self, path: Path) -> Path:
         """The page on A4 paper, as PDF."""
-        answer = self.call(
-            "Page.printToPDF", printBackground=False, paperWidth=8.27, paperHeight=11.69
-        )
+        answer = self.call("Page.printToPDF", printBackground=False, paperWidth=8.27, paperHeight=11.69)
         path.write_bytes(base64.b64decode(answer["data"]))
         return path

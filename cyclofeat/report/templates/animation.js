@@ -3,7 +3,7 @@
   const machine = JSON.parse(document.getElementById("machine").textContent);
   const frames = machine.phi.length;
   const byId = (id) => document.getElementById(id);
-  const longest = 24; // mm, of an arrow
+  const longest = 22; // mm, of an arrow
   const make = (parent, name, attributes) => {
     const element = document.createElementNS("http://www.w3.org/2000/svg", name);
     for (const [key, value] of Object.entries(attributes || {})) element.setAttribute(key, value);
@@ -34,23 +34,12 @@
     for (const lobe of wheel.worn) {
       // From tip to pit: the worn half, down to the circle of the pits.
       const half = wheel.outline.slice(2 * lobe * perLobe, 2 * (lobe * perLobe + perLobe / 2 + 1));
-      const inner = (0.9 * machine.pit) / Math.hypot(half[0], half[1]);
-      const end = half.slice(-2).map((x) => 0.9 * x);
+      const inner = (0.88 * machine.pit) / Math.hypot(half[0], half[1]);
+      const end = half.slice(-2).map((x) => 0.88 * x);
       make(turning, "path", {
         class: "mark",
         d: outline([...half, ...end, inner * half[0], inner * half[1]]),
       });
-    }
-    for (let lobe = 0; lobe < machine.n_lobes; lobe++) {
-      const at = (2 * Math.PI * (lobe + 0.25)) / machine.n_lobes;
-      const radius = 0.82 * machine.pit;
-      const worn = wheel.worn.includes(lobe) || wheel.removed.includes(lobe);
-      const place = make(turning, "g", {
-        transform: `translate(${radius * Math.cos(at)} ${radius * Math.sin(at)})`,
-      });
-      const text = make(place, "text", { class: worn ? "number is-worn" : "number" });
-      text.textContent = lobe + 1;
-      wheel.numbers = [...(wheel.numbers || []), text];
     }
     const holes = make(upright, "g");
     for (let k = 0; k < machine.n_sleeves; k++) {
@@ -81,6 +70,19 @@
         cy: machine.pin_circle * Math.sin(at),
       });
     }
+    // On top of the holes, and turning with the wheel.
+    const labels = make(upright, "g");
+    const numbers = Array.from({ length: machine.n_lobes }, (_, lobe) => {
+      const at = (2 * Math.PI * (lobe + 0.25)) / machine.n_lobes;
+      const worn = wheel.worn.includes(lobe);
+      const radius = (wheel.removed.includes(lobe) ? 0.86 : 0.935) * machine.pit;
+      const place = make(labels, "g", {
+        transform: `translate(${radius * Math.cos(at)} ${radius * Math.sin(at)})`,
+      });
+      const text = make(place, "text", { class: worn ? "number is-worn" : "number" });
+      text.textContent = lobe + 1;
+      return text;
+    });
     const hub = make(upright, "circle", { class: "cam", r: 0.3 * machine.sleeve_circle });
     const pointer = make(upright, "line", { class: "pointer", x1: 0, y1: 0 });
     make(upright, "circle", { class: "dot", r: 0.9 });
@@ -88,7 +90,7 @@
     const internal = make(upright, "g", { class: "internal" });
     const external = make(upright, "g", { class: "external" });
     return {
-      ...wheel, svg, turning, holes, sleeves, hub, pointer,
+      ...wheel, svg, turning, numbers, labels, holes, sleeves, hub, pointer,
       internal: arrows(machine.n_sleeves, internal),
       external: arrows(machine.n_pins, external),
     };
@@ -133,7 +135,9 @@
     const psi = mix(machine.psi, place);
     const turned = wheel.rest - phi / machine.n_lobes;
     const [cx, cy] = [wheel.cam * Math.cos(phi), wheel.cam * Math.sin(phi)];
-    wheel.turning.setAttribute("transform", `translate(${cx} ${cy}) rotate(${degrees(turned)})`);
+    for (const part of [wheel.turning, wheel.labels]) {
+      part.setAttribute("transform", `translate(${cx} ${cy}) rotate(${degrees(turned)})`);
+    }
     for (const text of wheel.numbers) text.setAttribute("transform", `rotate(${degrees(-turned)}) scale(1 -1)`);
     wheel.holes.setAttribute("transform", `translate(${cx} ${cy}) rotate(${degrees(-phi / machine.n_lobes)})`);
     wheel.sleeves.setAttribute("transform", `rotate(${degrees(psi)})`);
