@@ -56,7 +56,7 @@ def write_animation(
         With forces and points: ``simulate(..., forces=True, points=True)``.
     frames : int, default=720
         Moments at which forces are shown, equally spaced, from 2 to 5000; between them the picture is
-        interpolated. A whole output turn in 720 frames has 48 of them to an input turn and takes 0.5 MB.
+        interpolated. A whole output turn in 720 frames has 48 of them to an input turn.
     start_s, stop_s : float, optional
         Part of the run to show, in s from its first sample; default, all of it.
     source : {"simulated", "surrogate"}, default="simulated"
@@ -80,9 +80,9 @@ def write_animation(
 
     Notes
     -----
-    Wheels are drawn where the kinematics put them, theta_k = rest - phi/z_s (paper B's rest position): what
-    contacts give way is left out: tenths of a millimetre at most, where a worn lobe passes. Forces and contact points are those of
-    the simulation, the wheel's share: what a sleeve does to it.
+    Wheels are drawn where the kinematics put them, theta_k = rest - phi/z_s (paper B's rest position). What
+    contacts give way is left out: tenths of a millimetre at most, where a worn lobe passes. Forces and points
+    of contact are those of the simulation: what a sleeve does to the wheel.
 
     Examples
     --------
