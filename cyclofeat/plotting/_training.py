@@ -45,9 +45,26 @@ class TrainingDisplay:
     ax_ : matplotlib.axes.Axes
     figure_ : matplotlib.figure.Figure
 
+    Raises
+    ------
+    ValueError
+        If shapes do not fit; the message names the argument.
+
     See Also
     --------
     cyclofeat.counting.TrainingDomain : What the distance is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.plotting import TrainingDisplay
+    >>> display = TrainingDisplay(
+    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"], classes=[0, 1],
+    ...     means=[[0, 0, 0], [1, 1, 1]], spread=[0.1, 0.1, 0.1], distances=[[2.5, 0.2]],
+    ... )
+    >>> display.kinds
+    ['slot']
+    >>> _ = display.plot(kind="slot", counts=(1, 0))  # doctest: +SKIP
     """
 
     ax_: Axes
