@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cyclofeat.simulators import SimulationRun
 
 TEXT = "simulate the gearbox and write a page that shows it turning, with its forces and its torque"
-# Ten times what the page's longest trace shows; forces at the papers' rate would fill the memory.
+# Forces of every sample at the papers' rate would fill the memory while the machine settles.
 _SAMPLING_RATE = 6400.0
 _LONGEST = 20.0
 
@@ -55,14 +55,13 @@ def _simulated(arguments: argparse.Namespace) -> SimulationRun:
     from cyclofeat.simulators import CompositeSimulator
 
     rig = _simulate_command.rig_of_machine(arguments)
-    base = _simulate_command.gearbox_of(arguments) if rig is None else rig
-    gearbox = base if rig is None else rig.gearbox
+    gearbox = _simulate_command.gearbox_of(arguments) if rig is None else rig.gearbox
     duration = arguments.duration
     if duration is None:
         duration = gearbox.n_lobes / gearbox.input_speed_hz
     if not 0 < duration <= _LONGEST:
         raise ValueError(f"--duration must be above 0 and up to {_LONGEST:g} s, got {duration:g}")
-    return CompositeSimulator(base).simulate(
+    return CompositeSimulator(gearbox if rig is None else rig).simulate(
         _simulate_command.defects_of(arguments),
         duration=duration,
         sampling_rate=_SAMPLING_RATE,

@@ -87,9 +87,12 @@ def _results(arguments: argparse.Namespace, windows: WindowSet, speed: float) ->
     )
     from cyclofeat.counting._model import worn_of_windows
 
+    labels = windows.y
+    assert labels is not None  # run has looked
+
     def evaluated(name: str, counter: Any, X: Any, **more: Any) -> Evaluation:
         return evaluate(
-            counter, X, windows.y, windows.groups, n_splits=arguments.folds, random_state=arguments.seed,
+            counter, X, labels, windows.groups, n_splits=arguments.folds, random_state=arguments.seed,
             progress=Progress(name), **more,
         )  # fmt: skip
 

@@ -173,7 +173,8 @@ def test_a_file_is_named_once(capsys, folder, command):
     options = [] if command == "inspect" else ["--model", folder / "model.joblib", "--trust"]
     _, out, _ = run(capsys, command, folder / "worn.csv", *options)
     first = out.splitlines()[0]
-    assert first.startswith(f"{folder / 'worn.csv'}, ")
+    assert first.startswith(f"{folder / 'worn.csv'}")
+    assert "torque" in first
     assert first.count("worn.csv") == 1
 
 

@@ -160,7 +160,7 @@ def _range(limits: Sequence[float] | None) -> str:
 
 def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[str, str]]:
     lobes = next((r for r in results.values() if r.exact_lobes is not None), None)
-    found = [
+    found: list[tuple[str, float, Sequence[float] | None, str]] = [
         ("Accuracy", first.accuracy, first.accuracy_interval, "of windows counted right"),
         (
             "Mean absolute error", first.mean_absolute_error, first.mean_absolute_error_interval,

@@ -155,16 +155,16 @@ def recording_pictures(
 
 def training_pictures(display: TrainingDisplay, counts: tuple[int, ...], most: int) -> list[Picture]:
     """The distance from the training windows of each count, then the features that tell counts apart best."""
+    size = (6.0, 3.2)
+
+    def course(kind: str) -> Draw:
+        return lambda ax, _: display.plot(ax, kind=kind, counts=counts)
+
     distance = "Bars: distance of the recording from the training windows of each number of worn lobes"
-    course = "Features of the recording beside the mean of the training windows of two counts: "
+    beside = "Features of the recording beside the mean of the training windows of two counts: "
     return [
-        picture(lambda ax, _: display.plot(ax), (6.0, 3.2), distance),
-        *(
-            picture(
-                lambda ax, _, kind=kind: display.plot(ax, kind=kind, counts=counts), (6.0, 3.2), course + kind
-            )
-            for kind in display.kinds[:most]
-        ),
+        picture(lambda ax, _: display.plot(ax), size, distance),
+        *(picture(course(kind), size, beside + kind) for kind in display.kinds[:most]),
     ]
 
 
