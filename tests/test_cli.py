@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from cyclofeat import __version__
 from cyclofeat._progress import Progress
 from cyclofeat.cli import main
-from cyclofeat.counting import LobeModel
+from cyclofeat.counting import LobeModel, make_lobe_counter
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.persistence import save_model
 from cyclofeat.simulators import Offset, Quantisation, Rig, TorqueMeterLowPass
@@ -178,7 +179,10 @@ def test_a_file_is_named_once(capsys, folder, command):
     assert first.count("worn.csv") == 1
 
 
-def test_count_writes_a_report(capsys, folder, tmp_path):
+def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
+    # Pictures take seconds and have tests of their own.
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_: drawn)
     (tmp_path / "empty.csv").touch()
     report = tmp_path / "count.html"
     code, out, err = run(
@@ -234,8 +238,10 @@ def test_evaluate_labelled_files(capsys, folder, tmp_path, surrogates):
     assert "confusion matrix" in out
 
 
-def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, surrogates):
-    for recording in surrogates[:16]:
+def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, monkeypatch, surrogates):
+    fewer = partial(make_lobe_counter, n_trees=20)
+    monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", fewer)
+    for recording in surrogates[4:12]:
         write_recording(tmp_path / f"{recording.assembly}.npz", recording)
     report = tmp_path / "evaluation.html"
     code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--report", report)

@@ -19,7 +19,7 @@ WORN = (0, 4)
 
 @pytest.fixture(scope="module")
 def run():
-    """Two input turns at full speed."""
+    """The ramp, then two and a half input turns at full speed."""
     return simulate(None, LobeDefects.worn(WORN), duration=0.5, sampling_rate=6400, forces=True, points=True)
 
 
