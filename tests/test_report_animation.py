@@ -97,6 +97,15 @@ def test_the_shaded_times_are_the_passages_of_the_worn_lobes(run, machine):
         assert min(abs(middle - moment) for moment in expected) < 3e-4
 
 
+def test_colours_are_equal_steps_of_the_root_of_the_force(run):
+    found = summarise_animation(run, start_s=0.25, frames=60)
+    scale = found["machine"]["force_scale"]
+    assert found["machine"]["largest_force"] <= 1.5 * scale
+    below, *_, above = found["steps"]
+    assert float(below.split()[1]) == pytest.approx(scale / 25, rel=1e-2)
+    assert float(above.split()[1]) == pytest.approx(scale * 16 / 25, rel=1e-2)
+
+
 def test_the_trace_keeps_every_peak(run, machine):
     part = run.torque_out[round(0.25 * 6400) :]
     assert max(machine["trace"]) == pytest.approx(part.max(), abs=1e-3)

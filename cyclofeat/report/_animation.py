@@ -288,8 +288,8 @@ def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
 
 
 def _steps(largest: float) -> list[str]:
-    """The five colours' ranges of force, in words."""
-    ends = [largest * k / 5 for k in range(6)]
+    """The five colours' ranges of force, in words: equal steps of its root, as the arrows' lengths are."""
+    ends = [largest * (k / 5) ** 2 for k in range(6)]
     ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
     return [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
 

@@ -99,8 +99,10 @@
   // An arrow that ends at (x, y), along the force (fx, fy).
   const setArrow = (path, x, y, fx, fy) => {
     const force = Math.hypot(fx, fy);
-    const length = longest * Math.min(force / machine.force_scale, 1);
-    if (length < 0.3) {
+    // The root, else a worn lobe's impacts would leave nothing to see of all other forces.
+    const share = Math.sqrt(Math.min(force / machine.force_scale, 1));
+    const length = longest * share;
+    if (length < 0.8) {
       path.setAttribute("d", "");
       return;
     }
@@ -112,7 +114,7 @@
       `M${x.toFixed(2)} ${y.toFixed(2)}L${corner(head, 0.45 * head)}L${corner(head, 0.6)}L${corner(length, 0.6)}` +
         `L${corner(length, -0.6)}L${corner(head, -0.6)}L${corner(head, -0.45 * head)}Z`,
     );
-    path.setAttribute("class", `f${Math.min(Math.floor((5 * force) / machine.force_scale), 4)}`);
+    path.setAttribute("class", `f${Math.min(Math.floor(5 * share), 4)}`);
   };
 
   const force = (rows, place, wheel, count, k) => {
