@@ -160,9 +160,9 @@ def surrogate_set(seed: int, rig: str = "published") -> Float:
     return np.array([recording.torque for recording in made])
 
 
-def surrogate_sets(n_sets: int = 4) -> Float:
+def surrogate_sets(rig: str = "published", n_sets: int = 4) -> Float:
     """So many sets, each of eight assemblies of its own: (n_sets, 8, 46080)."""
-    return np.array([surrogate_set(seed) for seed in range(n_sets)])
+    return np.array([surrogate_set(seed, rig) for seed in range(n_sets)])
 
 
 def binary_entropy(share: Float) -> Float:
