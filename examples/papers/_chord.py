@@ -1,8 +1,8 @@
 """A worn lobe whose chord ends by switching surfaces, as a warning: what the finding on the chord compares.
 
-The gearbox in three angles (wheels about their centres of mass, output about the origin), midpoint rule, paper B's
-contact law; points of the plane are complex numbers. It exists to be wrong in one place, and is the simulator's equal
-elsewhere.
+The gearbox in three angles (wheels about their centres of mass, output about the origin), midpoint rule,
+paper B's contact law; points of the plane are complex numbers. It exists to be wrong in one place, and is
+the simulator's equal elsewhere.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _force(depth, closing, radius):
 
 @njit
 def _pin_force(p, rate, t, worn):
-    """Force (complex, N, wheel's frame) of a pin at ``p``, its foot near parameter ``t``; lobes 0 to worn - 1 worn."""
+    """Force (complex, N, wheel's frame) of a pin at ``p``, its foot near parameter ``t``."""
     angle = math.atan2(p.imag, p.real) % (2 * math.pi)
     lobe = int(angle / PITCH)
     if lobe < worn and angle - lobe * PITCH < PITCH / 2:
@@ -80,7 +80,8 @@ def _slope(time, y, worn):
             force = _pin_force(arm / turn, rate / turn, 2 * math.pi * j / Z - y[k], worn) * turn
             found[3 + k] += (arm.conjugate() * force).imag / J_WHEEL
         for j in range(8):
-            # Both lie on the same ray at rest: lobe 0 of wheel k points to pi k where the input stands at -pi.
+            # Both lie on the same ray at rest: lobe 0 of wheel k points to pi k where the input stands at
+            # -pi.
             sleeve = R_IN * np.exp(1j * (y[2] + math.pi / 4 * j))
             hole = R_IN * turn * np.exp(1j * (math.pi / 4 * j + math.pi / 15 - math.pi * k))
             away = sleeve - cam - hole
@@ -123,7 +124,7 @@ def closed_torque(worn: int = 1, dt: float = 1e-5) -> Float:
 
 
 def pressed_in(degrees: Float) -> tuple[Float, Float]:
-    """How deep in m a sleeve led along the healthy flank is pressed into a worn one: closed outline, and switched."""
+    """How deep in m a sleeve led along the healthy flank is pressed into a worn lobe: closed, and switched."""
     path = STEEL.profile.trochoid(np.deg2rad(degrees))
     chord = np.maximum(Q - ((path - TIP) * CHORD_NORMAL.conjugate()).real, 0)
     return chord, np.where(degrees < 12, chord, 0.0)

@@ -1,7 +1,7 @@
 """What the examples on the papers share with each other and with ``benchmarks/papers.py``.
 
-Lobes and sleeves count from 0 in code: the papers' 14th sleeve is sleeve 13. Everything here is simulated; torque
-on an assumed rig is called surrogate.
+Lobes and sleeves count from 0 in code: the papers' 14th sleeve is sleeve 13. Everything here is simulated;
+torque on an assumed rig is called surrogate.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def first_oscillation(defects: LobeDefects) -> float:
 
 
 def coherence_with_healthy(kind: str, counts: Sequence[int] = range(1, 9)) -> tuple[Float, Float]:
-    """Frequencies to 1500 Hz and coherence of ``torque_in`` or ``torque_out`` with healthy, per count (B6)."""
+    """Frequencies to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, by count (B6)."""
     healthy = getattr(run(), kind)
     lines = [
         magnitude_squared_coherence(getattr(run(LobeDefects.worn(n)), kind), healthy, RATE) for n in counts
@@ -128,7 +128,7 @@ def minima_shared_with_seven(torque: Float, **options: object) -> tuple[NDArray[
 
 @cache
 def graded_wavelets() -> dict[str, bool]:
-    """Whether the overlap at levels 3 and 4 grows at every step from one to six worn lobes, per wavelet (B7)."""
+    """Whether the overlap at levels 3 and 4 grows at every step from 1 to 6 worn lobes, by wavelet (B7)."""
     torque = torques(STEEL)[1:]
     found = {}
     for name in (*morris_names(), *pywt.wavelist(kind="discrete")):
@@ -145,9 +145,10 @@ def amplitude_lines(torque: Float) -> tuple[Float, Float]:
     return np.fft.rfftfreq(8192, 1 / RATE), amplitudes
 
 
-def removed_seven(wheels: Sequence[int]) -> SimulationRun:
-    """Seven lobes removed, 1.2 s (B9)."""
-    return run(LobeDefects.removed(7, wheels=wheels), duration=1.2)
+def from_200_to_800_hz(torque: Float) -> float:
+    """Root of the summed squared amplitudes there, in Nm (B9)."""
+    frequencies, amplitudes = amplitude_lines(torque)
+    return float(np.linalg.norm(amplitudes[(frequencies >= 200) & (frequencies <= 800)]))
 
 
 # Paper A ----------------------------------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 Paper A, figs. 7 and 8: simulated torque of ABS and steel discs
 ===============================================================
 
-Figs. 7 and 8 show the papers' simulations for none to three worn lobes, with ABS and with steel discs: more symmetric
-than the measured torque, and with lower peak-to-peak. Here is this simulator's **surrogate** torque, beside table 4
-(statement A12).
+Figs. 7 and 8 show the papers' simulations for none to three worn lobes, with ABS and with steel discs: more
+symmetric than the measured torque, and with lower peak-to-peak. Here is this simulator's **surrogate**
+torque, beside table 4 (statement A12).
 """
 
 import matplotlib.pyplot as plt
@@ -15,7 +15,9 @@ from cyclofeat.datasets import load_published_tables
 
 time = np.arange(6000) / RATE
 fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
-for column, (gearbox, title) in zip(axes.T, ((ABS, "ABS (fig. 7)"), (STEEL_A, "steel (fig. 8)")), strict=True):
+for column, (gearbox, title) in zip(
+    axes.T, ((ABS, "ABS (fig. 7)"), (STEEL_A, "steel (fig. 8)")), strict=True
+):
     for count, (ax, torque) in enumerate(zip(column, torques(gearbox)[:4], strict=True)):
         ax.plot(time, torque, lw=0.6, color="C0")
         ax.set_title(f"{title}, {count} worn", fontsize="medium")
@@ -46,6 +48,6 @@ left.legend()
 plt.show()
 
 # %%
-# Lower by a factor of six at least, as stated. ABS is more symmetric than the measurement at every count; steel is as
-# lopsided as the measurement from three worn lobes on, the other way round. What the free output lacks is the brake: its
-# drift, and a rotor behind the torque meter (see the finding on it).
+# Lower by a factor of six at least, as stated. ABS is more symmetric than the measurement at every count;
+# steel is as lopsided as the measurement from three worn lobes on, the other way round. What the free
+# output lacks is the brake: its drift, and a rotor behind the torque meter (see the finding on it).

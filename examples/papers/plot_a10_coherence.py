@@ -2,8 +2,8 @@
 Paper A, figs. 10 and 11: coherence of measured torque
 ======================================================
 
-Figs. 10 and 11 show the coherence with the healthy disc's torque for one to seven defects: no gradual dependence. Here
-it is of **surrogate** torque of the assumed rig ``published`` (statement A5).
+Figs. 10 and 11 show the coherence with the healthy disc's torque for one to seven defects: no gradual
+dependence. Here it is of **surrogate** torque of the assumed rig ``published`` (statement A5).
 """
 
 import matplotlib.pyplot as plt
@@ -43,6 +43,6 @@ ax.legend()
 plt.show()
 
 # %%
-# Two assemblies fluctuate independently, so that their torque is as coherent as two unrelated noises are in eight
-# segments. A healthy disc against another healthy disc would look the same: coherence between recordings cannot say
-# anything about wear, unless both begin at the same angle and hardly drift.
+# Two assemblies fluctuate independently, so that their torque is as coherent as two unrelated noises are in
+# eight segments. A healthy disc against another healthy disc would look the same: coherence between
+# recordings cannot say anything about wear, unless both begin at the same angle and hardly drift.

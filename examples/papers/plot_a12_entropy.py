@@ -2,10 +2,10 @@
 Paper A, figs. 12, 13 and 18, table 6: density, entropy and flatness
 ====================================================================
 
-Fig. 12 shows the power spectral density of the measured torque, fig. 13 its normalized entropy, fig. 18 Shannon entropy
-and flatness, table 6 the entropies: highest for one worn lobe, falling strictly to seven, lowest for the healthy disc.
-Entropy is paper A's one success, flatness tells nothing. Here is **surrogate** torque of the assumed rig ``published``
-beside the published numbers (statements A6 and A9).
+Fig. 12 shows the power spectral density of the measured torque, fig. 13 its normalized entropy, fig. 18
+Shannon entropy and flatness, table 6 the entropies: highest for one worn lobe, falling strictly to seven,
+lowest for the healthy disc. Entropy is paper A's one success, flatness tells nothing. Here is **surrogate**
+torque of the assumed rig ``published`` beside the published numbers (statements A6 and A9).
 """
 
 import matplotlib.pyplot as plt
@@ -41,14 +41,18 @@ for ax, divisor, title in (
 axes[0].plot([], [], "kx-", label="measured")
 axes[0].plot([], [], "o-", color="C0", alpha=0.5, label="surrogate, four sets")
 axes[0].legend(fontsize="small")
-axes[2].semilogy(COUNTS, spectral_flatness(welch_psd(sets, RIG_RATE)[1]).T, "o-", lw=0.6, color="C0", alpha=0.5)
+axes[2].semilogy(
+    COUNTS, spectral_flatness(welch_psd(sets, RIG_RATE)[1]).T, "o-", lw=0.6, color="C0", alpha=0.5
+)
 axes[2].set(title="flatness (fig. 18; no numbers published)", xlabel="worn lobes")
 plt.show()
 steps = -np.diff(published)[1:]
-print(f"smallest step of table 6: {steps.min():.4f} bits, from {steps.argmin() + 2} to {steps.argmin() + 3} worn")
+at = steps.argmin() + 1
+print(f"smallest step of table 6: {steps.min():.4f} bits, from {at} to {at + 1} worn")
 print(f"surrogate: assemblies of one count differ by {bits.std(axis=0, ddof=1).mean():.3f} bits (deviation)")
 
 # %%
-# The measured entropies fall in steps of down to 0.0007 bits. On the surrogate rig, whose deviations are those of table
-# 4, two assemblies with the *same* disc differ by a hundred times as much. The order of eight recordings is no evidence
-# that a ninth would find its place; and what the entropy measures is in table 4 already (see the finding on it).
+# The measured entropies fall in steps of down to 0.0007 bits. On the surrogate rig, whose deviations are
+# those of table 4, two assemblies with the *same* disc differ by a hundred times as much. The order of
+# eight recordings is no evidence that a ninth would find its place; and what the entropy measures is in
+# table 4 already (see the finding on it).

@@ -2,9 +2,10 @@
 Paper A, figs. 15 to 17: narrowband over total energy
 =====================================================
 
-Figs. 15 and 16 mark the multiples of f0 = 100 Hz in the measured density, fig. 17 shows the share of the energy there:
-no gradual dependence. Here it is of **surrogate** torque of the assumed rig ``published`` (statement A8). 100 Hz is
-order 12 of the input shaft and twice the mains; the gearbox's own mesh is at 133.3 Hz.
+Figs. 15 and 16 mark the multiples of f0 = 100 Hz in the measured density, fig. 17 shows the share of the
+energy there: no gradual dependence. Here it is of **surrogate** torque of the assumed rig ``published``
+(statement A8). 100 Hz is order 12 of the input shaft and twice the mains; the gearbox's own mesh is at
+133.3 Hz.
 """
 
 import matplotlib.pyplot as plt
@@ -46,5 +47,6 @@ axes[0].legend()
 plt.show()
 
 # %%
-# A few per cent, and no course: as random as the paper found it. There is no reason why it should be otherwise, as no
-# line of a lobe (multiples of 8.889 Hz) nor of the mesh lies on a multiple of 100 Hz before 400 Hz.
+# A few per cent, and no course: as random as the paper found it. There is no reason why it should be
+# otherwise, as no line of a lobe (multiples of 8.889 Hz) nor of the mesh lies on a multiple of 100 Hz
+# before 400 Hz.

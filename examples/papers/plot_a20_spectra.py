@@ -2,9 +2,9 @@
 Paper A, fig. 20: spectra of ABS, steel and measurement
 =======================================================
 
-Fig. 20 compares spectra for one defect: ABS has raised amplitudes at 400 to 500 Hz, absent with steel and in the
-measurement, whose high frequencies are much lower than both. Here are this simulator's, and **surrogate** torque of
-the assumed rig ``published`` in the measurement's place (statement A11).
+Fig. 20 compares spectra for one defect: ABS has raised amplitudes at 400 to 500 Hz, absent with steel and
+in the measurement, whose high frequencies are much lower than both. Here are this simulator's, and
+**surrogate** torque of the assumed rig ``published`` in the measurement's place (statement A11).
 """
 
 import matplotlib.pyplot as plt
@@ -45,7 +45,8 @@ ax.legend()
 plt.show()
 
 # %%
-# With one wheel worn it is as stated: ABS has its highest band at 400 to 500 Hz, seven times steel's. It is the contact
-# resonance, and H = 0.2 was chosen for it: the statement fixes H rather than confirms the model. With both wheels worn
-# steel has as much there, in a hump up to 700 Hz. The measured spectrum is not published as numbers; the surrogate's
-# upper frequencies are those of its assumed drift and noise and prove nothing.
+# With one wheel worn it is as stated: ABS has its highest band at 400 to 500 Hz, seven times steel's. It is
+# the contact resonance, and H = 0.2 was chosen for it: the statement fixes H rather than confirms the
+# model. With both wheels worn steel has as much there, in a hump up to 700 Hz. The measured spectrum is not
+# published as numbers; the surrogate's upper frequencies are those of its assumed drift and noise and prove
+# nothing.

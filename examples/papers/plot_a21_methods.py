@@ -2,10 +2,11 @@
 Paper A, table 7 and the high-pass filter: methods compared
 ===========================================================
 
-Table 7 says in words which method tells the number of defects in the measured torque: Shannon entropy, and none of the
-others. Section 2 says that high-pass filters made it worse and were dropped. Here are the methods' accuracies on
-**surrogate** torque of two assumed rigs, four assemblies of each count, one set of eight always held out (statements
-A2 to A9). A counter that folds the torque by lobes stands beside them. Chance is 0.125.
+Table 7 says in words which method tells the number of defects in the measured torque: Shannon entropy, and
+none of the others. Section 2 says that high-pass filters made it worse and were dropped. Here are the
+methods' accuracies on **surrogate** torque of two assumed rigs, four assemblies of each count, one set of
+eight always held out (statements A2 to A9). A counter that folds the torque by lobes stands beside them.
+Chance is 0.125.
 """
 
 import matplotlib.pyplot as plt
@@ -74,8 +75,8 @@ for name, *values in zip(METHODS, *found.values(), strict=True):
     print(f"{name:30} {values[0]:9.2f} {values[1]:5.2f}")
 
 # %%
-# With 32 assemblies, an accuracy is known to a tenth or so. On the rig that has table 4's statistics nothing counts:
-# its fluctuation, which is most of what the measured discs showed, covers what wear adds. On R1, where a brake answers
-# to wear and the drift is slow, some of the papers' methods see *some* wear, and the lobe map counts although it was
-# trained on three assemblies per count. Entropy is ahead of the others on neither. ``benchmarks/counting.md`` has the
-# same table with 320 assemblies.
+# With 32 assemblies, an accuracy is known to a tenth or so. On the rig that has table 4's statistics
+# nothing counts: its fluctuation, which is most of what the measured discs showed, covers what wear adds.
+# On R1, where a brake answers to wear and the drift is slow, some of the papers' methods see *some* wear,
+# and the lobe map counts although it was trained on three assemblies per count. Entropy is ahead of the
+# others on neither. ``benchmarks/counting.md`` has the same table with 320 assemblies.

@@ -2,9 +2,9 @@
 Paper B, figs. 1, 2, 13 and 14: gearbox and defects
 ===================================================
 
-Fig. 1 shows the model healthy and with eight neighbouring worn lobes, fig. 2 its dimensions, figs. 13 and 14 the
-designs with seven lobes removed from both wheels and from one. Here is what the simulator has in their place, whose
-torque is the **surrogate** in all examples that follow, at the start of a run.
+Fig. 1 shows the model healthy and with eight neighbouring worn lobes, fig. 2 its dimensions, figs. 13 and
+14 the designs with seven lobes removed from both wheels and from one. Here is what the simulator has in
+their place, whose torque is the **surrogate** in all examples that follow, at the start of a run.
 """
 
 import matplotlib.pyplot as plt
@@ -55,16 +55,20 @@ plt.show()
 # %%
 # Dimensions (fig. 2). Those of the internal sleeves are not stated and assumed here:
 
-tip, pit = (1e3 * abs(point) for point in STEEL.profile.chord())
-print(f"external sleeves: {STEEL.n_pins} of {1e3 * STEEL.pin_radius:g} mm on {1e3 * STEEL.pin_circle_radius:g} mm")
-print(f"lobes: {STEEL.n_lobes}, from {pit:.1f} mm (pit) to {tip:.1f} mm (tip); e = {1e3 * STEEL.eccentricity:g} mm")
-print(
-    f"internal sleeves (assumed): {STEEL.n_internal_sleeves} of {1e3 * STEEL.internal_sleeve_radius:g} mm on "
-    f"{1e3 * STEEL.internal_pitch_radius:g} mm"
-)
+tip, pit = (abs(point) for point in STEEL.profile.chord())
+for name, value in (
+    ("eccentricity", STEEL.eccentricity),
+    ("external sleeves, radius", STEEL.pin_radius),
+    ("their circle", STEEL.pin_circle_radius),
+    ("tips of the lobes", tip),
+    ("pits between them", pit),
+    ("internal sleeves, radius (assumed)", STEEL.internal_sleeve_radius),
+    ("their circle (assumed)", STEEL.internal_pitch_radius),
+):
+    print(f"{name:35} {1e3 * value:5.1f} mm")
 
 # %%
-# A worn lobe has a straight line from its tip to the pit behind it. It takes off 1.25 mm near the tip and *adds*
-# 0.35 mm near the pit: a sleeve is pressed outwards there, which makes the peaks of force of fig. 3. One closed
-# outline without a gap matters more than it seems to (see the finding on the chord). Lobes and sleeves count from 1
-# in the papers and in these pictures.
+# A worn lobe has a straight line from its tip to the pit behind it. It takes off 1.25 mm near the tip and
+# *adds* 0.35 mm near the pit: a sleeve is pressed outwards there, which makes the peaks of force of fig. 3.
+# One closed outline without a gap matters more than it seems to (see the finding on the chord). Lobes and
+# sleeves count from 1 in the papers and in these pictures.

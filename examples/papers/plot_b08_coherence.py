@@ -2,9 +2,9 @@
 Paper B, figs. 8 and 9: coherence with the healthy gearbox
 ==========================================================
 
-Figs. 8 and 9 show the coherence of input and output torque with the healthy gearbox's for one to eight worn lobes
-(MATLAB's ``mscohere``, 0 to 1500 Hz): a pattern of its own for each count, no gradual dependence. Here is the same of
-this simulator's **surrogate** torque, the ramp included as in the paper (statement B6).
+Figs. 8 and 9 show the coherence of input and output torque with the healthy gearbox's for one to eight worn
+lobes (MATLAB's ``mscohere``, 0 to 1500 Hz): a pattern of its own for each count, no gradual dependence.
+Here is the same of this simulator's **surrogate** torque, the ramp included as in the paper (statement B6).
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +24,8 @@ for kind, title in (("torque_in", "input torque (fig. 8)"), ("torque_out", "outp
     plt.show()
 
 # %%
-# Line by line, the curves are as ragged as the paper's and differ for every count. Their means over bands do not:
+# Line by line, the curves are as ragged as the paper's and differ for every count. Their means over bands
+# do not:
 
 fig, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", sharey=True)
 bands = ((0, 200), (200, 500), (500, 600), (600, 1500))
@@ -40,7 +41,8 @@ axes[1].legend(loc="lower left", ncols=2, fontsize="small")
 plt.show()
 
 # %%
-# The mean of the output's coherence falls with the count up to six worn lobes: a gradual dependence after all, which
-# the paper did not see line by line. Low values at 500 to 600 Hz, which the paper has for 2, 5 and 6 worn lobes and not
-# for 3 and 4, are here those of every count from 2 on. All this is of one noiseless machine with a free output; a
-# coherence of machines that differ in pins and drift says much less (see paper A, figs. 10 and 11).
+# The mean of the output's coherence falls with the count up to six worn lobes: a gradual dependence after
+# all, which the paper did not see line by line. Low values at 500 to 600 Hz, which the paper has for 2, 5
+# and 6 worn lobes and not for 3 and 4, are here those of every count from 2 on. All this is of one
+# noiseless machine with a free output; a coherence of machines that differ in pins and drift says much less
+# (see paper A, figs. 10 and 11).

@@ -2,9 +2,10 @@
 Paper B, figs. 10 to 12: scalograms with the wavelet mb32.3
 ===========================================================
 
-Figs. 10 and 11 show the absolute coefficients of twelve levels for one to eight worn lobes, fig. 12 for other patterns;
-64 shades per level, the largest value darkest. Read from them: rings at levels 7 to 9 at the start, and levels 1 to 4
-quiet for seven worn lobes. Here are the **surrogate** torque's, by MATLAB's documented recipe (statements B7 and B8).
+Figs. 10 and 11 show the absolute coefficients of twelve levels for one to eight worn lobes, fig. 12 for
+other patterns; 64 shades per level, the largest value darkest. Read from them: rings at levels 7 to 9 at
+the start, and levels 1 to 4 quiet for seven worn lobes. Here are the **surrogate** torque's, by MATLAB's
+documented recipe (statements B7 and B8).
 """
 
 import warnings
@@ -48,9 +49,10 @@ of_pattern = np.array([run(LobeDefects.worn(lobes)).torque_out for lobes in PATT
 show(of_pattern, [f"lobes {names(lobes)} worn" for lobes in PATTERNS], "other patterns (fig. 12)")
 
 # %%
-# The dark start belongs to the ramp and, where the 8th lobe is worn, to a start with its chord pressed in (see figs. 5
-# to 7); it fills levels 7 to 9 as the paper describes. After it each worn lobe draws its line, once per 0.1125 s. Shades
-# are relative to each row's largest value, so that a row looks quiet because of one strong moment. In numbers, settled:
+# The dark start belongs to the ramp and, where the 8th lobe is worn, to a start with its chord pressed in
+# (see figs. 5 to 7); it fills levels 7 to 9 as the paper describes. After it each worn lobe draws its line,
+# once per 0.1125 s. Shades are relative to each row's largest value, so that a row looks quiet because of
+# one strong moment. In numbers, settled:
 
 n = 2 * LOBE_PERIOD
 rms = level_statistics(dwt(of_count[:, -n:], levels=7), n)["rms"]
@@ -60,7 +62,7 @@ for level, colour in enumerate(shades(7), 1):
 left.set(xlabel="worn lobes", ylabel="rms in mNm", title="neighbouring lobes")
 left.legend(fontsize="small", ncols=2)
 time = np.arange(LOBE_PERIOD) / LOBE_PERIOD * 15
-for k, lobes in enumerate(PATTERNS):
+for k in range(len(PATTERNS)):
     torque = of_pattern[k, -LOBE_PERIOD:]
     right.plot(time, torque - 22 + 3 * k, lw=0.9, color="black")
 right.set(xlabel="time in slots of one lobe (7.5 ms)", title="one lobe period of the other patterns")
@@ -68,6 +70,6 @@ right.set_yticks(3 * np.arange(4), [names(lobes) for lobes in PATTERNS])
 plt.show()
 
 # %%
-# No level falls quiet at seven worn lobes: all but the highest grow with the count and level off. In the torque of the
-# other patterns each worn lobe has its own slot of the lobe period, whatever the others do: this, and not a scalogram's
-# shade, is what counts lobes.
+# No level falls quiet at seven worn lobes: all but the highest grow with the count and level off. In the
+# torque of the other patterns each worn lobe has its own slot of the lobe period, whatever the others do:
+# this, and not a scalogram's shade, is what counts lobes.

@@ -2,14 +2,15 @@
 Finding: table 6 restates table 4
 =================================
 
-Paper A's entropies (table 6) are its success. They can be computed from the means and deviations of its table 4:
-MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all others, so that the entropy says how much ripple there
-is over the mean. All numbers here are published ones; one picture of **surrogate** torque shows why.
+Paper A's entropies (table 6) are its success. They can be computed from the means and deviations of its
+table 4: MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all others, so that the entropy
+says how much ripple there is over the mean. All numbers here are published ones; one picture of
+**surrogate** torque shows why.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import COUNTS, RIG_RATE, binary_entropy, entropy_bits, surrogate_set, table_6_from_table_4
+from _papers import COUNTS, binary_entropy, entropy_bits, surrogate_set, table_6_from_table_4
 
 from cyclofeat.datasets import load_published_tables
 
@@ -33,8 +34,8 @@ right.set(xlabel="a = std² / (mean² + std²) in %", title="measured; number of
 plt.show()
 
 # %%
-# Why. The same record with its fluctuation scaled: whatever makes it larger, the entropy follows, and one with the mean
-# removed stays where it is.
+# Why. The same record with its fluctuation scaled: whatever makes it larger, the entropy follows, and one
+# with the mean removed stays where it is.
 
 record = surrogate_set(0)[3]
 factors = np.linspace(0.3, 2, 12)
@@ -44,10 +45,16 @@ removed = np.array([entropy_bits(factor * ripple) for factor in factors])
 fig, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 ax.plot(factors * record.std(), kept, "o-", label="mean kept")
 ax.plot(factors * record.std(), removed, "s--", label="mean removed")
-ax.set(xlabel="standard deviation in Nm", ylabel="entropy in bits", title="one surrogate record, scaled", ylim=(0, None))
+ax.set(
+    xlabel="standard deviation in Nm",
+    ylabel="entropy in bits",
+    title="one surrogate record, scaled",
+    ylim=(0, None),
+)
 ax.legend()
 plt.show()
 
 # %%
-# Whatever makes the torque fluctuate (wear, a brake that grabs, a warmer oil) moves this entropy, and a brake's set-point
-# does, too. The smallest step of table 6, between four and five defects, is a difference of deviations of 0.1 Nm.
+# Whatever makes the torque fluctuate (wear, a brake that grabs, warmer oil) moves this entropy, and so does
+# the brake's set-point. Two constants fitted to eight numbers are two of eight degrees of freedom; but
+# the length of the records, which is not stated, is all that they stand for.

@@ -2,10 +2,10 @@
 Finding: one recording per disc gives no accuracy
 =================================================
 
-Paper A has eight discs and one recording of each: disc and recording are the same thing. Cut into windows, such data
-seem to allow a cross-validation. Here the eight discs are **all healthy**: **surrogate** torque of eight assemblies on
-the assumed rig R1, given the labels 0 to 7. There is nothing to count, and windows of the same recordings on both sides
-of the folds count it nevertheless.
+Paper A has eight discs and one recording of each: disc and recording are the same thing. Cut into windows,
+such data seem to allow a cross-validation. Here the eight discs are **all healthy**: **surrogate** torque
+of eight assemblies on the assumed rig R1, given the labels 0 to 7. There is nothing to count, and windows
+of the same recordings on both sides of the folds count it nevertheless.
 """
 
 import matplotlib.pyplot as plt
@@ -40,11 +40,14 @@ for ax, truth, guess, title in (
     cells = np.zeros((8, 8))
     np.add.at(cells, (truth, guess), 1)
     ax.imshow(cells / cells.sum(axis=1, keepdims=True), cmap="gray_r", vmin=0, vmax=1)
-    ax.set(title=f"{title}\naccuracy {np.mean(truth == guess):.2f}", xlabel="predicted label", xticks=range(8))
+    ax.set(
+        title=f"{title}\naccuracy {np.mean(truth == guess):.2f}", xlabel="predicted label", xticks=range(8)
+    )
 axes[0].set(ylabel="label of the (healthy) disc", yticks=range(8))
 plt.show()
 
 # %%
-# Each assembly has pins and contacts of its own, and a spectrum that is good enough to see wear sees them, too. With one recording per disc
-# the only honest folds leave a class without training data. It takes several assemblies of every count, and folds by
-# assembly, as everywhere in this toolkit (:func:`~cyclofeat.counting.evaluate` insists on groups).
+# Each assembly has pins and contacts of its own, and a spectrum that is good enough to see wear sees them,
+# too. With one recording per disc the only honest folds leave a class without training data. It takes
+# several assemblies of every count, and folds by assembly, as everywhere in this toolkit
+# (:func:`~cyclofeat.counting.evaluate` insists on groups).

@@ -2,10 +2,10 @@
 Finding: entropy follows the drift, the lobe map the lobes
 ==========================================================
 
-A brake that fluctuates slowly moves Shannon entropy by more than wear does. The same torque, folded at the rate at which
-lobes pass the load, has a slot for each lobe, and drift falls beside its lines. **Surrogate** torque of the papers' free
-output (rig R0, both wheels worn, noise of 0.05 Nm); drift of growing size is laid over it afterwards, slower than 1.5 Hz
-and as one of the sensor would be.
+A brake that fluctuates slowly moves Shannon entropy by more than wear does. The same torque, folded at the
+rate at which lobes pass the load, has a slot for each lobe, and drift falls beside its lines. **Surrogate**
+torque of the papers' free output (rig R0, both wheels worn, noise of 0.05 Nm); drift of growing size is
+laid over it afterwards, slower than 1.5 Hz and as one of the sensor would be.
 """
 
 import matplotlib.pyplot as plt
@@ -60,7 +60,7 @@ for ax, size in ((middle, 0.0), (right, 1.0)):
 plt.show()
 
 # %%
-# Without drift the entropy grows with the count (it is a strange measure of ripple, but one). With 1 Nm it tells nothing,
-# and taking the mean out does not bring it back, because the drift is not the mean. The lobe map hardly minds. (A drift of
-# the *load* moves the mesh's amplitude besides; at one speed the two are next to impossible to tell apart.
-# ``benchmarks/counting.md`` has the load's, with more assemblies.)
+# Without drift the entropy grows with the count (it is a strange measure of ripple, but one). With 1 Nm it
+# tells nothing, and taking the mean out does not bring it back, because the drift is not the mean. The lobe
+# map hardly minds. (A drift of the *load* moves the mesh's amplitude besides; at one speed the two are next
+# to impossible to tell apart. ``benchmarks/counting.md`` has the load's, with more assemblies.)

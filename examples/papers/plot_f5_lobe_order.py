@@ -2,9 +2,10 @@
 Finding: a lobe's order is 16/15, not 1
 =======================================
 
-Paper A looks for defects at harmonics of the input shaft and of the mesh. But a lobe does not pass the load once per input
-turn: the wheel turns back by a lobe meanwhile, so that it takes 15/16 of a turn, 8.889 Hz at 500 RPM and not 8.333 Hz. The
-latter is run-out, which every machine has. **Surrogate** torque with both, and no noise.
+Paper A looks for defects at harmonics of the input shaft and of the mesh. But a lobe does not pass the load
+once per input turn: the wheel turns back by a lobe meanwhile, so that it takes 15/16 of a turn, 8.889 Hz at
+500 RPM and not 8.333 Hz. The latter is run-out, which every machine has. **Surrogate** torque with both,
+and no noise.
 """
 
 import matplotlib.pyplot as plt
@@ -58,7 +59,8 @@ axes[0].set_ylabel("torque about its mean in Nm")
 plt.show()
 
 # %%
-# The papers' 0.6 s cannot tell the two: their lines are 0.56 Hz apart and a line is 1.7 Hz wide. It takes a whole output
-# turn (1.8 s), after which pins and lobes have met in all combinations, and better two. 50 Hz mains is input order 6
-# exactly, the papers' f0 = 100 Hz is order 12: neither is a line of a lobe. The lobe lines are a comb from 8.889 Hz on,
-# whose first is small; the wear is in all of them, which is what :class:`~cyclofeat.features.LobeMap` reads.
+# The papers' 0.6 s cannot tell the two: their lines are 0.56 Hz apart and a line is 1.7 Hz wide. It takes a
+# whole output turn (1.8 s), after which pins and lobes have met in all combinations, and better two. 50 Hz
+# mains is input order 6 exactly, the papers' f0 = 100 Hz is order 12: neither is a line of a lobe. The lobe
+# lines are a comb from 8.889 Hz on, whose first is small; the wear is in all of them, which is what
+# :class:`~cyclofeat.features.LobeMap` reads.

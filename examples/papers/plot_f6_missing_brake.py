@@ -2,9 +2,10 @@
 Finding: the papers' model has no brake
 =======================================
 
-In the papers' simulation the output shaft is free and the load a constant torque. On their rig a brake motor's rotor sits
-behind a torque meter. What the meter shows is then the twist of a spring between two inertias, with a resonance that wear
-rings. Table 4 beside the **surrogate** torque of the free output and of some assumed brakes: without drift and noise.
+In the papers' simulation the output shaft is free and the load a constant torque. On their rig a brake
+motor's rotor sits behind a torque meter. What the meter shows is then the twist of a spring between two
+inertias, with a resonance that wear rings. Table 4 beside the **surrogate** torque of the free output and
+of some assumed brakes: without drift and noise.
 """
 
 import matplotlib.pyplot as plt
@@ -45,7 +46,8 @@ ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize="small")
 plt.show()
 
 # %%
-# The free output rises with the count and stays below 0.3 Nm; wear added 4.0 Nm to the measured torque at one worn lobe
-# and 1.9 Nm at seven. Behind a rotor the same wear makes tenths to several newton metres, and it need not rise: it depends
-# on which lobe lines the resonance meets. That a brake explains table 4 is a hypothesis all the same, as eight numbers
-# cannot confirm it, and what the gap workflow names from them first is slow fluctuation (:doc:`/howto/gap`).
+# The free output rises with the count and stays below 0.3 Nm; wear added 4.0 Nm to the measured torque at
+# one worn lobe and 1.9 Nm at seven. Behind a rotor the same wear makes tenths to several newton metres, and
+# it need not rise: it depends on which lobe lines the resonance meets. That a brake explains table 4 is a
+# hypothesis all the same, as eight numbers cannot confirm it, and what the gap workflow names from them
+# first is slow fluctuation (:doc:`/howto/gap`).
