@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-browser test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting test-gap bench-gap bench-gap-full clean
+.PHONY: help demo test test-slow test-nojit test-browser test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting papers test-gap bench-gap bench-gap-full clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -103,6 +103,10 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 	@test -d build/counting/venv/lib/python*/site-packages/aeon || \
 		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
+
+papers: $(INSTALLED)  ## both papers' statements and figures; writes benchmarks/papers.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
 	$(BIN)/pytest -m bench tests/gap

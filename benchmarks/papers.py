@@ -84,8 +84,8 @@ def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
     """A row per statement for whoever reads the repository."""
     lines = [
         "Made by `make papers`.\n",
-        "S: simulation, M: the published measurements. Parts that need M's recordings are not testable; figures",
-        "of **surrogate** torque (assumed rig `published`) stand there for comparison and decide nothing.\n",
+        "S: simulation, M: the published measurements. Parts that need M's recordings are not testable:",
+        "figures of **surrogate** torque (assumed rig `published`) stand there and decide nothing.\n",
         "| | source | verdict | parts: what is found here (does it agree?) | script |",
         "|---|---|---|---|---|",
     ]
@@ -115,7 +115,7 @@ def draw(folder: Path | None) -> None:
 
     failed = []
     for path in sorted(SCRIPTS.glob("plot_*.py")):
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -127,7 +127,7 @@ def draw(folder: Path | None) -> None:
         except Exception as error:  # the others are worth knowing, too
             failed.append(f"{path.name}: {type(error).__name__}: {error}")
         plt.close("all")
-        print(f"{path.name}: {time.perf_counter() - begin:.1f} s", flush=True)
+        print(f"{path.name}: {time.process_time() - begin:.1f} s of processor time", flush=True)
     if failed:
         sys.exit("\n".join(failed))
 

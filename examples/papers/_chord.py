@@ -124,7 +124,7 @@ def closed_torque(worn: int = 1, dt: float = 1e-5) -> Float:
 
 
 def pressed_in(degrees: Float) -> tuple[Float, Float]:
-    """How deep in m a sleeve led along the healthy flank is pressed into a worn lobe: closed, and switched."""
+    """How deep in m a sleeve led along the healthy flank is pressed into a worn one: closed, switched."""
     path = STEEL.profile.trochoid(np.deg2rad(degrees))
     chord = np.maximum(Q - ((path - TIP) * CHORD_NORMAL.conjugate()).real, 0)
     return chord, np.where(degrees < 12, chord, 0.0)

@@ -106,7 +106,7 @@ def first_oscillation(defects: LobeDefects) -> float:
 
 
 def coherence_with_healthy(kind: str, counts: Sequence[int] = range(1, 9)) -> tuple[Float, Float]:
-    """Frequencies to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, by count (B6)."""
+    """Lines to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, per count (B6)."""
     healthy = getattr(run(), kind)
     lines = [
         magnitude_squared_coherence(getattr(run(LobeDefects.worn(n)), kind), healthy, RATE) for n in counts

@@ -56,5 +56,4 @@ plt.show()
 
 # %%
 # Whatever makes the torque fluctuate (wear, a brake that grabs, warmer oil) moves this entropy, and so does
-# the brake's set-point. Two constants fitted to eight numbers are two of eight degrees of freedom; but
-# the length of the records, which is not stated, is all that they stand for.
+# the brake's set-point. Two constants are fitted to eight numbers, and the other six follow.

@@ -32,9 +32,7 @@ right.legend()
 plt.show()
 for count in COUNTS:
     ratio = switched[count].std() / closed[count].std()
-    print(
-        f"{count} worn: {switched[count].std():.3f} Nm with the switched surface, {ratio:.1f} times the closed"
-    )
+    print(f"{count} worn: {switched[count].std():.3f} Nm if switched, {ratio:.1f} times the closed outline's")
 
 # %%
 # Without wear both are the same machine. With it, the switched surface has up to three times the ripple, in
