@@ -61,6 +61,6 @@ plt.show()
 
 # %%
 # Without drift the entropy grows with the count (it is a strange measure of ripple, but one). With 1 Nm it
-# tells nothing, and taking the mean out does not bring it back, because the drift is not the mean. The lobe
-# map hardly minds. (A drift of the *load* moves the mesh's amplitude besides; at one speed the two are next
-# to impossible to tell apart. ``benchmarks/counting.md`` has the load's, with more assemblies.)
+# tells nothing, and taking the mean out brings little back, because the drift is not the mean. The lobe map
+# hardly minds. (A drift of the *load* moves the mesh's amplitude besides; at one speed the two are next to
+# impossible to tell apart. ``benchmarks/counting.md`` has the load's, with more assemblies.)

@@ -4,21 +4,30 @@ Finding: a lobe's order is 16/15, not 1
 
 Paper A looks for defects at harmonics of the input shaft and of the mesh. But a lobe does not pass the load
 once per input turn: the wheel turns back by a lobe meanwhile, so that it takes 15/16 of a turn, 8.889 Hz at
-500 RPM and not 8.333 Hz. The latter is run-out, which every machine has. **Surrogate** torque with both,
-and no noise.
+500 RPM and not 8.333 Hz. The latter is what a coupling or a motor out of true makes. **Surrogate** torque
+with both, and no noise.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from _papers import BOTH, RATE, STEEL
 
-from cyclofeat.simulators import CamRunOut, CompositeSimulator, LobeDefects
+from cyclofeat.simulators import LobeDefects, simulate
 
-# Three neighbouring lobes worn, and a cam 20 um off its place.
-machine = CompositeSimulator(STEEL, effects=[CamRunOut(20e-6)])
-made = machine.simulate(LobeDefects.worn(3, wheels=BOTH), duration=3.6, sampling_rate=RATE, seed=1)
-torque = made.torque_out - made.torque_out.mean()
 INPUT, LOBE = 500 / 60, 500 / 60 * 16 / 15
+
+
+def once_per_turn(time):
+    """Assumed: 2 mNm of load at each of the first five harmonics of the input shaft."""
+    return 2e-3 * sum(np.sin(2 * np.pi * k * INPUT * time) for k in range(1, 6))
+
+
+# Three neighbouring lobes worn; the ramp and some settling are cut off.
+made = simulate(
+    STEEL, LobeDefects.worn(3, wheels=BOTH), duration=4.0, sampling_rate=RATE, load_fluctuation=once_per_turn
+)
+angle, torque = (values[-round(3.6 * RATE) :] for values in (made.input_angle, made.torque_out))
+torque = torque - torque.mean()
 
 
 def amplitudes(part):
@@ -47,7 +56,7 @@ plt.show()
 # Folding says it without lines. The same record cut into stretches of one input turn, and of 15/16 of it:
 
 fig, axes = plt.subplots(1, 2, figsize=(12, 4), layout="constrained", sharey=True)
-turns = (made.input_angle - made.input_angle[0]) / (2 * np.pi)
+turns = (angle - angle[0]) / (2 * np.pi)
 for ax, period, name in ((axes[0], 1.0, "input turns"), (axes[1], 15 / 16, "lobe periods")):
     phase = turns / period
     grid = np.arange(int(phase[-1]))[:, np.newaxis] + np.linspace(0, 1, 600)
@@ -59,8 +68,9 @@ axes[0].set_ylabel("torque about its mean in Nm")
 plt.show()
 
 # %%
-# The papers' 0.6 s cannot tell the two: their lines are 0.56 Hz apart and a line is 1.7 Hz wide. It takes a
-# whole output turn (1.8 s), after which pins and lobes have met in all combinations, and better two. 50 Hz
-# mains is input order 6 exactly, the papers' f0 = 100 Hz is order 12: neither is a line of a lobe. The lobe
-# lines are a comb from 8.889 Hz on, whose first is small; the wear is in all of them, which is what
-# :class:`~cyclofeat.features.LobeMap` reads.
+# The papers' 0.6 s cannot tell the two at the first line: they are 0.56 Hz apart and a line is 3 Hz wide.
+# It takes a whole output turn (1.8 s), after which pins and lobes have met in all combinations, and better
+# two. 50 Hz mains is input order 6 exactly, the papers' f0 = 100 Hz is order 12: neither is a line of a
+# lobe. The lobe lines are a comb from 8.889 Hz on, whose first is small; the wear is in all of them, which
+# is what :class:`~cyclofeat.features.LobeMap` reads. Run-out of a *wheel* turns with the lobes, at 16/15,
+# too: one smooth wave over all of them, where wear is a short event at one.
