@@ -34,7 +34,7 @@ def figures_named(text: str, paper: str) -> set[tuple[str, str, int]]:
 
 def script_title(name: str) -> str:
     docstring = ast.get_docstring(ast.parse(SCRIPTS[name].read_text(encoding="utf-8")))
-    return docstring.splitlines()[1]
+    return docstring.splitlines()[0]
 
 
 def rows() -> dict[str, list[str]]:

@@ -51,7 +51,7 @@ def accuracy(steps, sets):
     """Share of right counts, one set held out at a time."""
     n_sets, n_counts, _ = sets.shape
     y, groups = np.tile(np.arange(n_counts), n_sets), np.repeat(np.arange(n_sets), n_counts)
-    X, counter = sets.reshape(n_sets * n_counts, -1), ExtraTreesClassifier(100, random_state=0)
+    X, counter = sets.reshape(n_sets * n_counts, -1), ExtraTreesClassifier(40, random_state=0)
     if isinstance(steps[-1], (CoherenceToReference, WaveletMinimaOverlap)):
         counter = make_pipeline(*steps, counter)  # their references come from the training windows
     else:
