@@ -44,7 +44,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["../examples/features", "../examples/gap", "../examples/papers"],
     "gallery_dirs": ["gallery/features", "gallery/gap", "gallery/papers"],
     "filename_pattern": r"[/\\]plot_",
-    "ignore_pattern": r"[/\\]_\w+\.py$",
+    "ignore_pattern": r"(^|[/\\])_\w+\.py$",
     "doc_module": ("cyclofeat",),
     "backreferences_dir": "generated/backreferences",
     "abort_on_example_error": True,
