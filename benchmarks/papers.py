@@ -91,7 +91,7 @@ def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
     ]
     for number, parts in found.items():
         source, script, _ = STATEMENTS[number]
-        cells = "<br>".join(f"{claim}: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
+        cells = "<br>".join(f"*{claim}*: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
         link = f"[{script}](../examples/papers/{script}.py)"
         lines.append(f"| {number} | {source} | {verdict(parts)} | {cells} | {link} |")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -103,7 +103,7 @@ def write_rows(found: dict[str, list[Part]], path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         for number, parts in found.items():
             source, script, _ = STATEMENTS[number]
-            cells = "\n".join(f"* {claim}: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
+            cells = "\n".join(f"* *{claim}*: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
             link = f":ref:`{source} <sphx_glr_gallery_papers_{script}.py>`"
             writer.writerow([number, link, verdict(parts), cells])
 
