@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting test-gap bench-gap bench-gap-full clean
+.PHONY: help demo test test-slow test-nojit test-browser test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting papers test-gap bench-gap bench-gap-full clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -37,11 +37,11 @@ demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo
 	$(BIN)/python -m cyclofeat demo --out demo
 
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
-test test-slow test-nojit: export OPENBLAS_NUM_THREADS = 1
+test test-slow test-nojit test-browser: export OPENBLAS_NUM_THREADS = 1
 
 # Two files at a time: what a file's tests share is made once.
-test: $(INSTALLED)  ## the tests, without those marked slow or bench
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench"
+test: $(INSTALLED)  ## the tests, without those marked slow, bench or browser
+	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench and not browser"
 
 test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
 	$(BIN)/pytest -m slow || [ $$? -eq 5 ]  # 5: there are none
@@ -49,6 +49,9 @@ test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
 # Numba can hide an index out of bounds or an undefined name: the interpreter does not.
 test-nojit: $(INSTALLED)  ## the tests marked nojit, without compilation
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -m nojit
+
+test-browser: $(INSTALLED)  ## the pages of reports and animations in Chromium
+	$(BIN)/pytest -m browser tests/browser
 
 lint: $(INSTALLED)  ## ruff: rules and format
 	$(BIN)/ruff check .
@@ -100,6 +103,10 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 	@test -d build/counting/venv/lib/python*/site-packages/aeon || \
 		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
+
+papers: $(INSTALLED)  ## both papers' statements and figures; writes benchmarks/papers.md
+	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
 	$(BIN)/pytest -m bench tests/gap

@@ -7,7 +7,7 @@ import json
 import sys
 from typing import Any
 
-from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments
+from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments, titled
 
 TEXT = "show what recordings hold, and what in them would spoil a count"
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Describe each file; 2 if one of them cannot be read."""
-    from cyclofeat.datasets import describe, one_line
+    from cyclofeat.datasets import describe
 
     results: list[dict[str, Any]] = []
     failed = False
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"cyclofeat: error: {message}", file=sys.stderr)
             continue
         if not arguments.json:
-            print(f"{path}: {one_line(recording)}")
+            print(titled(path, recording))
             print(described(results[-1]))
     if arguments.json:
         print(json.dumps(results, indent=2))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cyclofeat.datasets.readers import Entry
+    from cyclofeat.recording import Recording
 
 FILES = "recordings (.csv, .npz, .tdms, .mat, .parquet, .wav), or folders of them"
 # What the functions call it, and what people type.
@@ -64,6 +65,22 @@ def entries(paths: Sequence[str]) -> list[Entry]:
         path = Path(name)
         found += folder_entries(path) if path.is_dir() else [Entry(path)]
     return found
+
+
+def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
+    """All recordings that the paths name, read as the options say."""
+    options = reading_arguments(arguments)
+    return [entry.read(**options) for entry in entries(paths)]
+
+
+def titled(path: object, recording: Recording) -> str:
+    """The path and what was read from it, in one line."""
+    from cyclofeat.datasets import one_line
+
+    text = one_line(recording)
+    # The line begins with the file's own name, where it was read from one.
+    name = str((recording.meta or {}).get("file") or "")
+    return f"{path}{text.removeprefix(name)}" if name else f"{path}: {text}"
 
 
 def in_options(message: str) -> str:

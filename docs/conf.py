@@ -41,10 +41,10 @@ numpydoc_class_members_toctree = False
 
 sphinx_gallery_conf = {
     # The scripts in examples/counting have no pictures: the how-tos show them.
-    "examples_dirs": ["../examples/features", "../examples/gap"],
-    "gallery_dirs": ["gallery/features", "gallery/gap"],
+    "examples_dirs": ["../examples/features", "../examples/gap", "../examples/papers"],
+    "gallery_dirs": ["gallery/features", "gallery/gap", "gallery/papers"],
     "filename_pattern": r"[/\\]plot_",
-    "ignore_pattern": "_surrogates",
+    "ignore_pattern": r"(^|[/\\])_\w+\.py$",
     "doc_module": ("cyclofeat",),
     "backreferences_dir": "generated/backreferences",
     "abort_on_example_error": True,
@@ -54,8 +54,8 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
 }
 
-# Examples share a helper module that lies beside them.
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples" / "features"))
+# Examples share helper modules that lie beside them.
+sys.path[:0] = [str(Path(__file__).parents[1] / "examples" / folder) for folder in ("features", "papers")]
 
 
 def escape_bars_and_powers(app, what, name, obj, options, lines):

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from cyclofeat import __version__
 from cyclofeat._progress import Progress
 from cyclofeat.cli import main
-from cyclofeat.counting import LobeModel
+from cyclofeat.counting import LobeModel, make_lobe_counter
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.persistence import save_model
 from cyclofeat.simulators import Offset, Quantisation, Rig, TorqueMeterLowPass
@@ -49,7 +50,7 @@ def test_the_module_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "cyclofeat", "--help"], capture_output=True, text=True, check=True
     )
-    for command in ("simulate", "inspect", "train", "count", "watch", "evaluate", "demo"):
+    for command in ("simulate", "animate", "inspect", "train", "count", "watch", "evaluate", "demo"):
         assert command in done.stdout
 
 
@@ -66,6 +67,28 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
     assert recording.source == "simulated"
     assert recording.duration == pytest.approx(0.5)
     assert recording.angle_is_absolute
+
+
+def test_animate_writes_a_page(capsys, tmp_path):
+    page = tmp_path / "gearbox.html"
+    options = ["--worn", "0,4", "--duration", 0.05, "--frames", 20, "--out", page]
+    code, out, err = run(capsys, "animate", *options, "--json")
+    assert code == 0, err
+    assert json.loads(out) == {"file": str(page), "defect_count": 2, "duration_s": 0.05, "frames": 20}
+    assert "2 worn lobes: 1, 5" in page.read_text(encoding="utf-8")
+
+
+def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
+    Rig.r1().replace(noise_nm=0.0).to_json(tmp_path / "rig.json")
+    machine = ["--rig", tmp_path / "rig.json", "--worn", 2, "--seed", 3, "--duration", 0.05]
+    assert run(capsys, "simulate", *machine, "--sampling-rate", 6400, "--out", tmp_path / "a.npz")[0] == 0
+    assert run(capsys, "animate", *machine, "--frames", 2, "--out", tmp_path / "a.html")[0] == 0
+    recorded = read_recording(tmp_path / "a.npz")
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    machine = json.loads(re.search(r'id="machine">(.*?)</script>', page)[1])
+    np.testing.assert_allclose(machine["trace"], recorded.torque, atol=1e-3)
+    np.testing.assert_allclose(machine["phi"], recorded.angle[[0, -1]], atol=1e-4)
+    assert "SURROGATE" in page
 
 
 def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
@@ -146,6 +169,34 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder):
     )
 
 
+@pytest.mark.parametrize("command", ["count", "inspect"])
+def test_a_file_is_named_once(capsys, folder, command):
+    options = [] if command == "inspect" else ["--model", folder / "model.joblib", "--trust"]
+    _, out, _ = run(capsys, command, folder / "worn.csv", *options)
+    first = out.splitlines()[0]
+    assert first.startswith(f"{folder / 'worn.csv'}")
+    assert "torque" in first
+    assert first.count("worn.csv") == 1
+
+
+def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
+    # Pictures take seconds and have tests of their own.
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_: drawn)
+    (tmp_path / "empty.csv").touch()
+    report = tmp_path / "count.html"
+    code, out, err = run(
+        capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", "--report", report,
+        "--model", folder / "model.joblib", "--trust", "--json",
+    )  # fmt: skip
+    assert code == 2
+    assert len(json.loads(out)) == 2
+    assert f"report: {report}" in err
+    page = report.read_text(encoding="utf-8")
+    for part in ("SURROGATE", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
+        assert part in page
+
+
 def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_path):
     (tmp_path / "empty.csv").touch()
     code, out, err = run(
@@ -185,6 +236,22 @@ def test_evaluate_labelled_files(capsys, folder, tmp_path, surrogates):
     code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2)
     assert "accuracy" in out
     assert "confusion matrix" in out
+
+
+def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, monkeypatch, surrogates):
+    fewer = partial(make_lobe_counter, n_trees=20)
+    monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", fewer)
+    for recording in surrogates[4:12]:
+        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
+    report = tmp_path / "evaluation.html"
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--report", report)
+    assert code == 0
+    result = json.loads(out)
+    assert list(result) == ["lobe map", "lobes one by one", "Shannon entropy (papers)"]
+    assert "exact_lobes" in result["lobes one by one"]
+    page = report.read_text(encoding="utf-8")
+    for part in ("SURROGATE", "Exactly the right lobes", "2 folds", f"{result['lobe map']['accuracy']:.3f}"):
+        assert part in page
 
 
 def test_evaluate_measured_vibration(capsys):
@@ -300,6 +367,13 @@ def test_bad_recordings(capsys, folder, make, message):
         (["train", "--out", "absent/model.joblib"], "folder absent does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
         (["evaluate"], "labelled recording files, or --dataset oedi"),
+        (["evaluate", "--dataset", "oedi", "--report", "x.html"], "--report goes with labelled torque"),
+        (["animate", "--out", "{folder}/no/a.html"], "make it first"),
+        (
+            ["animate", "--out", "{folder}/a.html", "--duration", "0"],
+            "--duration must be above 0 and up to 20",
+        ),
+        (["animate", "--out", "{folder}/a.html", "--material", "abs", "--rig", "r1"], "--material goes"),
         (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
     ],
 )

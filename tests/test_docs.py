@@ -37,6 +37,7 @@ FOLDERS = (ROOT / "docs", ROOT / "docs" / "howto", ROOT / "docs" / "notes")
 MADE = {"sg_execution_times.rst"}  # by "make docs"
 PAGES = [
     ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
     *sorted(p for f in FOLDERS for p in f.iterdir() if p.suffix in (".md", ".rst") and p.name not in MADE),
 ]
 # Simulates for a minute or more on a busy machine; the others take seconds.

@@ -326,10 +326,11 @@ def test_a_map_takes_the_colours_of_its_surroundings(recording):
 
 def test_a_model_brings_its_probabilities(recording):
     probability = (0.1,) * 3 + (0.9,) + (0.1,) * 11
-    counted = SimpleNamespace(lobe_probability=probability)
+    counted = SimpleNamespace(lobe_probability=probability, lobes=(3,))
     model = SimpleNamespace(count=lambda recording: counted, input_speed_hz=SPEED, n_lobes=15)
     display = LobeMapDisplay.from_estimator(model, recording)
     assert_allclose(display.lobe_probability, probability)
+    assert display.counted_lobes == (3,)
     counted.lobe_probability = ()
     with pytest.raises(ValueError, match="locator"):
         LobeMapDisplay.from_estimator(model, recording)
@@ -346,6 +347,7 @@ def test_a_model_brings_its_probabilities(recording):
         (lambda r: LobeMapDisplay(slot_rms=[1, 2]), "slot_rms"),
         (lambda r: LobeMapDisplay(slot_rms=[1, 2, -3]), "slot_rms"),
         (lambda r: LobeMapDisplay(slot_rms=np.ones(15), worn_lobes=[15]), "worn_lobes"),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15), counted_lobes=[-1]), "counted_lobes"),
         (lambda r: LobeMapDisplay(slot_rms=np.ones(15), lobe_probability=np.ones(14)), "lobe_probability"),
         (
             lambda r: LobeMapDisplay(slot_rms=np.ones(15), lobe_probability=np.full(15, 1.1)),

@@ -5,17 +5,16 @@ import html
 import json
 import re
 import sys
-from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pages import parse, without_pictures
 
 from cyclofeat import Recording, plotting
 from cyclofeat.report import summarise_demo, write_demo_report
 
 RATE = 25_600
-VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 
 
 def recording(lobes, **labels):
@@ -72,29 +71,6 @@ CONTENT = {
 }  # fmt: skip
 
 
-class Balanced(HTMLParser):
-    """Parser that fails where an element is closed that was not the last one opened."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.tags, self.text = [], [], []
-        self.attributes = []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += [(tag, *pair) for pair in attrs]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open, f"</{tag}> closes nothing"
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] not in ("style", "title"):
-            self.text.append(data)
-
-
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     path = write_demo_report(tmp_path_factory.mktemp("report") / "report.html", **CONTENT)
@@ -103,15 +79,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def parsed(page):
-    parser = Balanced()
-    parser.feed(page)
-    parser.close()
-    assert not parser.open
-    return parser
-
-
-def without_pictures(page):
-    return re.sub(r"data:image/svg\+xml;base64,[A-Za-z0-9+/=]+", "", page)
+    return parse(page)
 
 
 def test_all_is_told(parsed):
@@ -191,8 +159,7 @@ def test_the_summary_is_plain():
 
 def test_a_report_can_be_bare(tmp_path):
     path = write_demo_report(tmp_path / "bare.html", title="Bare", provenance={}, accuracy_rows=[])
-    parser = Balanced()
-    parser.feed(path.read_text(encoding="utf-8"))
+    parser = parse(path.read_text(encoding="utf-8"))
     assert "SURROGATE" in " ".join(parser.text)
     assert "img" not in parser.tags
 

@@ -8,12 +8,12 @@ import html
 import json
 import math
 import re
-from html.parser import HTMLParser
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pages import parse, words
 
 from cyclofeat.gap import GapLocator, NuisancePrior, make_bank
 from cyclofeat.report import GapFindings, summarise_gap, write_gap_report
@@ -22,7 +22,6 @@ from cyclofeat.simulators import CompositeSimulator, Hum, PinErrors, Rig
 
 RATE = 6400.0
 BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
-VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 LOW_PASS = "torque_meter_low_pass"
 
 
@@ -98,40 +97,6 @@ def findings(locators):
         warnings=["No tachometer.", "One record was clipped."],
         seconds=83.4,
     )
-
-
-class Balanced(HTMLParser):
-    """Parser that fails where an element is closed that was not the last one opened."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.tags, self.text, self.attributes = [], [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.attributes += [(tag, *pair) for pair in attrs]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open, f"</{tag}> closes nothing"
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] not in ("style", "title"):
-            self.text.append(data)
-
-
-def parse(page):
-    parser = Balanced()
-    parser.feed(page)
-    parser.close()
-    assert not parser.open
-    return parser
-
-
-def words(parsed):
-    return " ".join(" ".join(parsed.text).split()).replace("\N{NO-BREAK SPACE}", " ")
 
 
 @pytest.fixture(scope="module")

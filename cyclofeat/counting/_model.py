@@ -193,7 +193,7 @@ class LobeModel:
         # A lobe map learns nothing from other windows: made once, it serves every fold.
         features = lobe_map.fit_transform(windows.X)
         member = windows.recording if windows.groups is None else windows.groups
-        worn = _worn_lobes(windows, n_lobes)
+        worn = worn_of_windows(windows, n_lobes)
         passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
         counter: BaseEstimator
         locator: LobeLocator | LobeCounter | None = None
@@ -456,7 +456,7 @@ def _any_apart(worn: NDArray[np.bool_]) -> bool:
     return bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())
 
 
-def _worn_lobes(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
+def worn_of_windows(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
     """Whether each lobe is worn, shape (n_windows, n_lobes); None where it is not known of all windows."""
     if not windows.absolute.all():
         return None

@@ -30,6 +30,7 @@ _NUMBERS = 0.76
 _RING = (1.06, 1.36)
 _BARS = (1.43, 1.75)
 _MARGIN = 1.03
+_COUNTED_RADIUS = 0.135
 _OUTLINE_POINTS = 900
 # A healthy disc's slots lie below 0.1: on a scale of their own, their noise would look like wear.
 LEAST_SCALE = 0.3
@@ -46,6 +47,8 @@ class LobeMapDisplay:
         Whether slot k belongs to lobe k of the disc (and not to the k-th lobe after the window's start).
     worn_lobes : iterable of int, optional
         Lobes known to be worn, in the same numbering, from 0.
+    counted_lobes : iterable of int, optional
+        Lobes that a model counts as worn, in the same numbering, from 0.
     lobe_probability : array-like, shape (n_lobes,), optional
         Probability of each lobe of being worn, in the same numbering.
     outline : array-like of complex, optional
@@ -96,6 +99,7 @@ class LobeMapDisplay:
         slot_rms: ArrayLike,
         absolute: bool = False,
         worn_lobes: Iterable[int] | None = None,
+        counted_lobes: Iterable[int] | None = None,
         lobe_probability: ArrayLike | None = None,
         outline: ArrayLike | None = None,
         input_speed_hz: float | None = None,
@@ -106,10 +110,8 @@ class LobeMapDisplay:
         if not (np.isfinite(self.slot_rms).all() and (self.slot_rms >= 0).all()):
             raise ValueError(f"slot_rms must be finite and not negative, got {self.slot_rms}")
         self.absolute = bool(absolute)
-        self.worn_lobes = None if worn_lobes is None else tuple(sorted({int(lobe) for lobe in worn_lobes}))
-        for lobe in self.worn_lobes or ():
-            if not 0 <= lobe < self.n_lobes:
-                raise ValueError(f"worn_lobes must lie in 0..{self.n_lobes - 1}, got {lobe}")
+        self.worn_lobes = None if worn_lobes is None else _lobes("worn_lobes", worn_lobes, self.n_lobes)
+        self.counted_lobes = _lobes("counted_lobes", counted_lobes or (), self.n_lobes)
         self.lobe_probability = _probabilities(lobe_probability, self.n_lobes)
         self.outline = _closed(outline)
         self.input_speed_hz = input_speed_hz
@@ -129,6 +131,7 @@ class LobeMapDisplay:
         n_lines: int = 44,
         skip_s: float = 0.0,
         start_angle: float | None = None,
+        counted_lobes: Iterable[int] | None = None,
         lobe_probability: ArrayLike | None = None,
         outline: ArrayLike | None = None,
     ) -> Self:
@@ -149,6 +152,8 @@ class LobeMapDisplay:
         start_angle : float, optional
             Absolute angle of the input shaft in rad at the first sample after ``skip_s``, where it is known
             otherwise than from the recording's angle.
+        counted_lobes : iterable of int, optional
+            Lobes that a model counts as worn, from 0, numbered as the slots will be.
         lobe_probability : array-like, shape (n_lobes,), optional
             Probability of each lobe of being worn, numbered as the slots will be.
         outline : array-like of complex, optional
@@ -199,6 +204,7 @@ class LobeMapDisplay:
             slot_rms=np.sqrt((folded**2).mean(axis=1)),
             absolute=absolute,
             worn_lobes=recording.worn_lobes if absolute else None,
+            counted_lobes=counted_lobes,
             lobe_probability=lobe_probability,
             outline=outline,
             input_speed_hz=float(found.input_speed_hz[0]),
@@ -232,6 +238,7 @@ class LobeMapDisplay:
             recording,
             input_speed_hz=model.input_speed_hz,
             n_lobes=model.n_lobes,
+            counted_lobes=counted.lobes,
             lobe_probability=counted.lobe_probability,
             outline=outline,
         )
@@ -342,6 +349,8 @@ class LobeMapDisplay:
         self._legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
 
     def _disc_numbers(self, middles: Float, ink: str) -> None:
+        from matplotlib.patches import Circle
+
         worn = set(self.worn_lobes or ())
         for lobe, direction in enumerate(np.deg2rad(middles)):
             number = self.ax_.text(
@@ -350,6 +359,12 @@ class LobeMapDisplay:
             )  # fmt: skip
             if lobe in worn:
                 _mark_worn(number, ink)
+            if lobe in self.counted_lobes:
+                ring = Circle(
+                    (_NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction)), _COUNTED_RADIUS,
+                    fill=False, edgecolor="C1", linewidth=2.5, zorder=4,
+                )  # fmt: skip
+                self.ax_.add_patch(ring)
 
     def _disc_probabilities(self, middles: Float, half: float, ink: str) -> Artist | None:
         if self.lobe_probability is None:
@@ -377,6 +392,13 @@ class LobeMapDisplay:
             marks.append(
                 Line2D([], [], linestyle="", marker="o", markersize=10, color="C0", label="truly worn lobe")
             )
+        if self.counted_lobes:
+            marks.append(
+                Line2D(
+                    [], [], linestyle="", marker="o", markersize=11, markerfacecolor="none",
+                    markeredgecolor="C1", markeredgewidth=2.5, label="counted as worn",
+                )
+            )  # fmt: skip
         if probability is not None:
             marks.append(probability)
         if marks:
@@ -389,7 +411,11 @@ class LobeMapDisplay:
 
         ax, ink = self.ax_, rcParams["text.color"]
         numbers = np.arange(1, self.n_lobes + 1)
-        ax.bar(numbers, self.slot_rms, color=colours(norm(self.slot_rms)), edgecolor=ink, linewidth=0.5)
+        bars = ax.bar(
+            numbers, self.slot_rms, color=colours(norm(self.slot_rms)), edgecolor=ink, linewidth=0.5
+        )
+        for lobe in self.counted_lobes:
+            bars[lobe].set(edgecolor="C1", linewidth=2.5)
         ax.set(
             xlabel=self._numbering,
             ylabel=_QUANTITY.replace(" (", "\n("),
@@ -432,6 +458,14 @@ def _beginning(recording: Recording, duration_s: float) -> Recording:
         return recording
     angle = None if recording.angle is None else recording.angle[:n_samples]
     return recording.replace(torque=recording.torque[:n_samples], angle=angle)
+
+
+def _lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
+    found = tuple(sorted({int(lobe) for lobe in values}))
+    for lobe in found:
+        if not 0 <= lobe < n_lobes:
+            raise ValueError(f"{name} must lie in 0..{n_lobes - 1}, got {lobe}")
+    return found
 
 
 def _probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.plotting import LobeMapDisplay, SpectrumDisplay, TorqueDisplay
+from cyclofeat.plotting import (
+    LobeMapDisplay,
+    OrderDisplay,
+    SpectrumDisplay,
+    TorqueDisplay,
+    TrainingDisplay,
+)
 from cyclofeat.plotting._lobe_map import LEAST_SCALE
 
 if TYPE_CHECKING:
@@ -29,6 +35,7 @@ _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 _TORQUE = "Output torque in Nm over time in s"
 _SPECTRUM = "Amplitude spectrum of the torque in Nm, with lobe lines and orders of the input shaft"
+_ORDERS = "Amplitudes in Nm at the lines of the output turn, by order of the input shaft"
 _LOBE_MAP = "Disc with a ring of slots, one per lobe, coloured by the rms of the folded torque"
 
 
@@ -130,6 +137,37 @@ def example_pictures(
     ]
 
 
+def recording_pictures(
+    torque: TorqueDisplay, spectrum: SpectrumDisplay, orders: OrderDisplay, lobe_map: LobeMapDisplay
+) -> dict[str, Picture]:
+    """Of one recording, each on its own scale: ``lobe_map``, ``torque``, ``spectrum``, ``orders``."""
+    return {
+        "lobe_map": picture(
+            lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8), _LOBE_MAP
+        ),
+        "torque": picture(lambda ax, _: torque.plot(ax, max_points=2000), (6.0, 2.8), _TORQUE),
+        "spectrum": picture(
+            lambda ax, _: spectrum.plot(ax, max_frequency_hz=_HIGHEST_FREQUENCY), (6.0, 3.4), _SPECTRUM
+        ),
+        "orders": picture(lambda ax, _: orders.plot(ax), (6.0, 3.4), _ORDERS),
+    }
+
+
+def training_pictures(display: TrainingDisplay, counts: tuple[int, ...], most: int) -> list[Picture]:
+    """The distance from the training windows of each count, then the features that tell counts apart best."""
+    size = (6.0, 3.2)
+
+    def course(kind: str) -> Draw:
+        return lambda ax, _: display.plot(ax, kind=kind, counts=counts)
+
+    distance = "Bars: distance of the recording from the training windows of each number of worn lobes"
+    beside = "Features of the recording beside the mean of the training windows of two counts: "
+    return [
+        picture(lambda ax, _: display.plot(ax), size, distance),
+        *(picture(course(kind), size, beside + kind) for kind in display.kinds[:most]),
+    ]
+
+
 def _shown(display: SpectrumDisplay) -> NDArray[np.float64]:
     inside = (display.frequencies > 0) & (display.frequencies <= _HIGHEST_FREQUENCY)
     return display.values[inside]
@@ -148,3 +186,30 @@ def confusion_picture(confusion: NDArray[np.int64], labels: Sequence[str]) -> Pi
 
     side = 1.6 + 0.45 * len(labels)
     return picture(draw, (side, side), "Confusion matrix: windows by true and predicted number of worn lobes")
+
+
+def calibration_picture(
+    said: NDArray[np.float64], was: NDArray[np.float64], weight: NDArray[np.float64]
+) -> Picture:
+    """Share of right answers against the probability said, by bins; larger dots hold more of the windows."""
+
+    def draw(ax: Axes, _: str) -> None:
+        from matplotlib import rcParams
+
+        ax.plot([0, 1], [0, 1], linestyle="--", linewidth=1, color=rcParams["axes.edgecolor"])
+        ax.plot(said, was, linewidth=0.8, color="C0", alpha=0.6)
+        ax.scatter(said, was, s=25 + 500 * weight, color="C0", alpha=0.8, zorder=3)
+        for x, y, share in zip(said, was, weight, strict=True):
+            ax.annotate(
+                f"{100 * share:.0f} %", (x, y), xytext=(0, -17), textcoords="offset points", ha="center",
+                fontsize="small",
+            )  # fmt: skip
+        ax.set(
+            xlabel="probability said (mean of the bin)", ylabel="share of right answers", aspect="equal",
+            xlim=(0, 1.04), ylim=(-0.06, 1.06),
+        )  # fmt: skip
+        ax.grid(alpha=0.3, linewidth=0.6)
+
+    return picture(
+        draw, (4.8, 4.6), "Calibration: share of right answers by probability said, beside the diagonal"
+    )

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat._files import write_whole
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
 from cyclofeat.plotting._base import require_matplotlib
 from cyclofeat.plotting._gap import (
@@ -27,7 +24,7 @@ from cyclofeat.plotting._gap import (
     in_words,
     p_words,
 )
-from cyclofeat.report._html import _SIMULATED, _environment, _probability_text
+from cyclofeat.report._page import number, origin, probability_text, target_of, unbroken, versions, write_page
 
 if TYPE_CHECKING:
     import os
@@ -149,12 +146,7 @@ def write_gap_report(path: str | os.PathLike[str], findings: GapFindings) -> Pat
     ...     "SURROGATE" in file.read_text(encoding="utf-8")
     True
     """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
-    template = _environment().get_template("gap.html")
-    html = template.render(summarise_gap(findings))
-    return write_whole(target, lambda file: file.write(html.encode()))
+    return write_page(target_of(path), "gap.html", summarise_gap(findings))
 
 
 def summarise_gap(findings: GapFindings) -> dict[str, Any]:
@@ -182,7 +174,7 @@ def summarise_gap(findings: GapFindings) -> dict[str, Any]:
         raise ValueError(
             f"result['verdict'] must be 'disagree', 'equivalent' or 'unresolved', got {verdict!r}"
         )
-    label, surrogate, origin = _origin(findings.sources)
+    label, surrogate, said_of_origin = origin(findings.sources)
     display = GapDisplay.of_locator(findings.locator, label=label)
     disagree = verdict == "disagree"
     missing = _missing(findings) if disagree else None
@@ -193,7 +185,7 @@ def summarise_gap(findings: GapFindings) -> dict[str, Any]:
         "title": findings.title or f"Model against {word}",
         "version": __version__,
         "surrogate": surrogate,
-        "origin": origin,
+        "origin": said_of_origin,
         "recordings_word": word,
         "verdict": _verdict(findings, verdict, word),
         "tiles": _tiles(missing, reduction),
@@ -216,23 +208,6 @@ def summarise_gap(findings: GapFindings) -> dict[str, Any]:
     }
 
 
-# -- whose recordings
-
-
-def _origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
-    """What the recordings are called, the banner where there are surrogates, and a line on their origin."""
-    n, n_made = len(sources), sum(source in _SIMULATED for source in sources)
-    if n and all(source == "measured" for source in sources):
-        return "measured", None, f"{_number(n, 'recording')}, stated to be measured on a machine."
-    if n_made == n and n:
-        text = "torque made by a simulator. No value in this report was recorded on a machine."
-        return "surrogate", {"heading": "All recordings are SURROGATE:", "text": text}, ""
-    if n_made:
-        text = "torque made by a simulator; what is said of the recordings holds for both kinds together."
-        return "recorded", {"heading": f"{n_made} of {n} recordings are SURROGATE:", "text": text}, ""
-    return "recorded", None, "The recordings do not state whether they were taken on a machine."
-
-
 # -- the answer
 
 
@@ -243,8 +218,8 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
     if verdict == "disagree":
         sentences = [
             f"Were the model right, chance would give a difference this clear in about 1 of "
-            f"{_round(1 / max(p, 1e-9))} such comparisons ({_unbroken(p_words(p))}, "
-            f"{_number(n, 'recording')} against {len(locator.simulated_)} simulated ones)."
+            f"{_round(1 / max(p, 1e-9))} such comparisons ({unbroken(p_words(p))}, "
+            f"{number(n, 'recording')} against {len(locator.simulated_)} simulated ones)."
         ]
         flagged = _flagged(locator)
         if flagged:
@@ -261,12 +236,12 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
             ],
         }
     energy = locator.p_global_.get("energy distance", 1.0)
-    hint = f"All numbers together hint at a difference ({_unbroken(p_words(energy))}), but not at its place."
+    hint = f"All numbers together hint at a difference ({unbroken(p_words(energy))}), but not at its place."
     return {
         "heading": "Cannot be told yet",
         "sentences": [
             *([hint] if energy <= locator.alpha else []),
-            f"No difference is clear, but {_number(n, 'recording')} "
+            f"No difference is clear, but {number(n, 'recording')} "
             f"{'is' if n == 1 else 'are'} too few to show agreement. {_unnoticed(locator)}",
             _needed(locator),
         ],
@@ -345,7 +320,7 @@ def _where(locator: GapLocator, flagged: Sequence[Row]) -> str:
         return "No group of numbers differs more than chance explains."
     families = list(dict.fromkeys(row.cell.family for row in flagged))
     names = _listed(family_name(family) for family in families)
-    return f"{_number(len(flagged), 'difference')} that chance does not explain, in: {names}."
+    return f"{number(len(flagged), 'difference')} that chance does not explain, in: {names}."
 
 
 def _flagged(locator: GapLocator) -> list[Row]:
@@ -401,10 +376,10 @@ def _missing(findings: GapFindings) -> dict[str, Any]:
         "unknown": text,
         "look_alikes": [_named(findings, name) for name in alike],
         "look_alikes_text": "These recordings cannot tell it from the following; together they have a "
-        f"probability of {_probability_text(min(together, 1.0))}. What is missing may be any of them:",
+        f"probability of {probability_text(min(together, 1.0))}. What is missing may be any of them:",
         "next_measurement": _sentence(str(result.get("next_measurement") or "")),
         "ranking": [
-            _named(findings, name) | {"probability": share, "text": _probability_text(share)}
+            _named(findings, name) | {"probability": share, "text": probability_text(share)}
             for name, share in list(probability.items())[:_N_RANKED]
         ],
         "ranking_caption": "The most probable effects of the library, given that something is missing"
@@ -420,11 +395,11 @@ def _effect(
     probability = row.get("probability", among.get(effect_id))
     short, confidence = "", ""
     if probability is not None:
-        text = _probability_text(float(probability))
+        text = probability_text(float(probability))
         short = f"{_likely(float(probability))}: probability {text}"
         confidence = f"{short[0].upper()}{short[1:]}, among the effects of the library."
         if len(tie_group) > 1:
-            short += f", with {_number(len(tie_group) - 1, 'look-alike')}"
+            short += f", with {number(len(tie_group) - 1, 'look-alike')}"
             confidence += " It has look-alikes, see below."
     theta, interval = dict(row.get("theta", {})), dict(row.get("interval", {}))
     prefix = f"{effect_id}."
@@ -720,7 +695,7 @@ def _warnings(findings: GapFindings) -> list[str]:
     n = len(findings.locator.measured_)
     if n < _FEW and not any("recordings" in text for text in given):
         given.append(
-            f"Only {_number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
+            f"Only {number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
         )
     return list(dict.fromkeys(str(text) for text in given))
 
@@ -798,8 +773,7 @@ def _provenance(findings: GapFindings) -> list[tuple[str, str]]:
     found += [(name, text) for name, text in known if name not in findings.settings]
     if findings.seconds is not None:
         found.append(("computing time", f"{findings.seconds:.0f} s"))
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "scikit-learn"))
-    found.append(("versions", f"cyclofeat {__version__}, Python {platform.python_version()}, {packages}"))
+    found.append(("versions", versions()))
     return found
 
 
@@ -807,7 +781,7 @@ def _provenance(findings: GapFindings) -> list[tuple[str, str]]:
 
 
 def _percent(share: float) -> str:
-    return _unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
+    return unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
 
 
 def _range_text(low: float, high: float) -> str:
@@ -836,16 +810,8 @@ def _round(value: float) -> str:
     return f"{round(value, digits):.0f}"
 
 
-def _number(n: int, thing: str) -> str:
-    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
-
-
 def _listed(names: Iterable[str]) -> str:
     return "; ".join(names)
-
-
-def _unbroken(text: str) -> str:
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _quoted(text: str) -> str:

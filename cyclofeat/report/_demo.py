@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat import __version__
-from cyclofeat._files import write_whole
 from cyclofeat.plotting._base import require_matplotlib
+from cyclofeat.report._page import (
+    SIMULATED,
+    count_text,
+    lobes_text,
+    probability_text,
+    target_of,
+    write_page,
+)
 
 if TYPE_CHECKING:
     import os
 
-    import jinja2
-
     from cyclofeat.recording import Recording
-
-_SIMULATED = ("simulated", "surrogate")
 
 
 def write_demo_report(
@@ -93,10 +96,7 @@ def write_demo_report(
     ...     "SURROGATE" in file.read_text(encoding="utf-8")
     True
     """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
-    template = _environment().get_template("demo.html")
+    target = target_of(path)
     summary = summarise_demo(
         title=title,
         provenance=provenance,
@@ -107,8 +107,7 @@ def write_demo_report(
         class_labels=class_labels,
         notes=notes,
     )
-    html = template.render(summary)
-    return write_whole(target, lambda file: file.write(html.encode()))
+    return write_page(target, "demo.html", summary)
 
 
 def summarise_demo(
@@ -156,21 +155,6 @@ def summarise_demo(
     }
 
 
-def _environment() -> jinja2.Environment:
-    """Where the templates of this package are; every value that they are given is escaped."""
-    try:
-        import jinja2
-    except ImportError as error:
-        raise ImportError('reports need jinja2: pip install "cyclofeat[report]"') from error
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("cyclofeat.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-
-
 # -- from arguments to plain values
 
 
@@ -208,9 +192,9 @@ def _prediction(where: str, row: Mapping[str, Any]) -> dict[str, Any]:
         "true": int(true),
         "predicted": int(predicted),
         "right": int(true) == int(predicted),
-        "probability": _probability_text(_share(where, probability)),
-        "true_lobes": _lobes_text(row.get("true_lobes")),
-        "lobes": _lobes_text(row.get("lobes"), row.get("lobes_absolute", True)),
+        "probability": probability_text(_share(where, probability)),
+        "true_lobes": lobes_text(row.get("true_lobes")),
+        "lobes": lobes_text(row.get("lobes"), row.get("lobes_absolute", True)),
     }
 
 
@@ -244,9 +228,9 @@ def _examples(examples: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     for index, example in enumerate(examples):
         where = f"examples[{index}]"
         recording, heading = _required(where, example, ("recording", "heading"))
-        if recording.source not in _SIMULATED:
+        if recording.source not in SIMULATED:
             raise ValueError(
-                f"{where} must hold a recording whose source is one of {_SIMULATED}, since the report calls "
+                f"{where} must hold a recording whose source is one of {SIMULATED}, since the report calls "
                 f"all of them surrogates; got source={recording.source!r}"
             )
         predicted = example.get("predicted") or {}
@@ -269,7 +253,7 @@ def _examples(examples: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def _example_texts(where: str, recording: Recording, predicted: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {"true": "not stated", "predicted": None, "right": None}
     if recording.defect_count is not None:
-        found["true"] = _count_text(recording.defect_count, recording.worn_lobes)
+        found["true"] = count_text(recording.defect_count, recording.worn_lobes)
     found["recording"] = "" if recording.assembly is None else str(recording.assembly)
     if predicted:
         count, probability = _required(f"{where}['predicted']", predicted, ("defect_count", "probability"))
@@ -280,8 +264,8 @@ def _example_texts(where: str, recording: Recording, predicted: Mapping[str, Any
         )
         share = _share(f"{where}['predicted']['probability']", by_count.get(int(count), 0.0))
         absolute = predicted.get("lobes_absolute", recording.angle_is_absolute)
-        text = _count_text(int(count), predicted.get("lobes"), absolute)
-        found["predicted"] = f"{text} (probability {_probability_text(share)})"
+        text = count_text(int(count), predicted.get("lobes"), absolute)
+        found["predicted"] = f"{text} (probability {probability_text(share)})"
         if recording.defect_count is not None:
             found["right"] = int(count) == recording.defect_count
     return found
@@ -292,19 +276,3 @@ def _confusion_picture(matrix: NDArray[np.int64], labels: list[str]) -> dict[str
     from cyclofeat.report._figures import confusion_picture
 
     return confusion_picture(matrix, labels)
-
-
-def _count_text(count: int, lobes: Iterable[int] | None, absolute: bool = True) -> str:
-    text = {0: "no worn lobe", 1: "1 worn lobe"}.get(count, f"{count} worn lobes")
-    numbers = _lobes_text(lobes, absolute)
-    return f"{text}: {numbers}" if numbers else text
-
-
-def _lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
-    """Lobes as people count them, from 1."""
-    numbers = ", ".join(str(int(lobe) + 1) for lobe in sorted(lobes or ()))
-    return numbers if absolute or not numbers else f"{numbers} counted from the first sample"
-
-
-def _probability_text(probability: float) -> str:
-    return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"

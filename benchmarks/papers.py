@@ -1,0 +1,153 @@
+"""Every statement of the two papers beside what is found here, and the scripts that draw it: ``make papers``.
+
+    python -m benchmarks.papers                           # statements, then all scripts of examples/papers
+    python -m benchmarks.papers --figures build/papers    # and keep their pictures
+    python -m benchmarks.papers --only statements
+
+Writes ``benchmarks/papers.md`` and the same rows for the documentation, ``docs/papers_statements.csv``.
+Fails where a script fails or warns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import runpy
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import matplotlib
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS = ROOT / "examples" / "papers"
+sys.path.insert(0, str(SCRIPTS))  # as for the scripts, with whom the statements share their numbers
+
+from benchmarks import _paper_a as a  # noqa: E402
+from benchmarks import _paper_b as b  # noqa: E402
+from benchmarks._paper_b import Part  # noqa: E402
+
+NOT_TESTABLE = "cannot be tested without their recordings"
+AGREES = {True: "yes", False: "no", None: "not testable"}
+# Where it is stated, the script that draws it, the function that compares.
+STATEMENTS: dict[str, tuple[str, str, Callable[[], list[Part]]]] = {
+    "B1": ("B fig. 3", "plot_b03_sleeve_forces", b.b1),
+    "B2": ("B fig. 3", "plot_b03_sleeve_forces", b.b2),
+    "B3": ("B fig. 4", "plot_b03_sleeve_forces", b.b3),
+    "B4": ("B fig. 5", "plot_b05_torques", b.b4),
+    "B5": ("B figs. 3-6", "plot_b05_torques", b.b5),
+    "B6": ("B figs. 8, 9", "plot_b08_coherence", b.b6),
+    "B7": ("B section 5", "plot_b18_minima_overlap", b.b7),
+    "B8": ("B fig. 12", "plot_b10_scalograms", b.b8),
+    "B9": ("B figs. 15-17", "plot_b15_removed_lobes", b.b9),
+    "B10": ("B fig. 18", "plot_b18_minima_overlap", b.b10),
+    "A1": ("A table 4", "plot_a05_torque", a.a1),
+    "A2": ("A section 2", "plot_a21_methods", a.a2),
+    "A3": ("A section 5.1", "plot_a09_wavelets", a.a3),
+    "A4": ("A fig. 9", "plot_a09_wavelets", a.a4),
+    "A5": ("A figs. 10, 11", "plot_a10_coherence", a.a5),
+    "A6": ("A table 6", "plot_a12_entropy", a.a6),
+    "A7": ("A table 5, fig. 14", "plot_a14_centroid", a.a7),
+    "A8": ("A figs. 15-17", "plot_a15_narrowband", a.a8),
+    "A9": ("A fig. 18", "plot_a12_entropy", a.a9),
+    "A10": ("A fig. 19", "plot_a19_falling_entropy", a.a10),
+    "A11": ("A fig. 20", "plot_a20_spectra", a.a11),
+    "A12": ("A figs. 5-8", "plot_a07_simulated_torque", a.a12),
+}
+
+
+def verdict(parts: Iterable[Part]) -> str:
+    """Of a whole statement: reproduced or contradicted in all its parts, or partly."""
+    found = {agrees for _, _, agrees in parts}
+    if found == {None}:
+        return NOT_TESTABLE
+    if len(found) > 1:
+        return "partly"
+    return "reproduced" if found == {True} else "contradicted"
+
+
+def compared() -> dict[str, list[Part]]:
+    """Parts of every statement, by its number."""
+    found = {}
+    for number, (_, _, parts) in STATEMENTS.items():
+        # numpy's truth values are not Python's.
+        found[number] = [(claim, here, None if yes is None else bool(yes)) for claim, here, yes in parts()]
+        print(f"{number:4} {verdict(found[number])}", flush=True)
+        for claim, here, agrees in found[number]:
+            print(f"     {claim}: {here} ({AGREES[agrees]})", flush=True)
+    return found
+
+
+def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
+    """A row per statement for whoever reads the repository."""
+    lines = [
+        "Made by `make papers`.\n",
+        "S: simulation, M: the published measurements. Parts that need M's recordings are not testable:",
+        "figures of **surrogate** torque (assumed rig `published`) stand there and decide nothing.\n",
+        "| | source | verdict | parts: what is found here (does it agree?) | script |",
+        "|---|---|---|---|---|",
+    ]
+    for number, parts in found.items():
+        source, script, _ = STATEMENTS[number]
+        cells = "<br>".join(f"*{claim}*: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
+        link = f"[{script}](../examples/papers/{script}.py)"
+        lines.append(f"| {number} | {source} | {verdict(parts)} | {cells} | {link} |")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_rows(found: dict[str, list[Part]], path: Path) -> None:
+    """The same rows in reStructuredText, for docs/papers.rst."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for number, parts in found.items():
+            source, script, _ = STATEMENTS[number]
+            cells = "\n".join(f"* *{claim}*: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
+            link = f":ref:`{source} <sphx_glr_gallery_papers_{script}.py>`"
+            writer.writerow([number, link, verdict(parts), cells])
+
+
+def draw(folder: Path | None) -> None:
+    """Run every script with warnings as errors, in one process: simulations are shared."""
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    failed = []
+    for path in sorted(SCRIPTS.glob("plot_*.py")):
+        begin = time.process_time()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                runpy.run_path(str(path), run_name="__main__")
+                for number in plt.get_fignums():
+                    plt.figure(number).canvas.draw()
+                    if folder is not None:
+                        plt.figure(number).savefig(folder / f"{path.stem}_{number}.png", dpi=80)
+        except Exception as error:  # the others are worth knowing, too
+            failed.append(f"{path.name}: {type(error).__name__}: {error}")
+        plt.close("all")
+        print(f"{path.name}: {time.process_time() - begin:.1f} s of processor time", flush=True)
+    if failed:
+        sys.exit("\n".join(failed))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", choices=("statements", "scripts"))
+    parser.add_argument("--figures", type=Path, help="folder for the scripts' pictures")
+    arguments = parser.parse_args()
+    if arguments.only != "scripts":
+        found = compared()
+        write_markdown(found, ROOT / "benchmarks" / "papers.md")
+        write_rows(found, ROOT / "docs" / "papers_statements.csv")
+    if arguments.only != "statements":
+        if arguments.figures is not None:
+            arguments.figures.mkdir(parents=True, exist_ok=True)
+        draw(arguments.figures)
+
+
+if __name__ == "__main__":
+    main()

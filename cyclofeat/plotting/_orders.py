@@ -1,0 +1,189 @@
+"""Lines of the output turn, told apart by what causes them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cyclofeat.orders import lines_per_input_turn, order_lines
+from cyclofeat.plotting._base import axes_for, input_speed_from_angle, line_column
+from cyclofeat.recording import Recording, Windower
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.lines import Line2D
+
+_HIGHEST_ORDER = 48
+# Below this share of the largest line a logarithmic axis would only show rounding.
+_DYNAMIC_RANGE = 1e-5
+
+
+class OrderDisplay:
+    """Amplitudes of the torque at the lines of the output turn, by what they belong to.
+
+    Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th of them belongs to
+    the passage of lobes, every z_s-th to the turn of the input shaft, both together to the mesh, in which all
+    lobes act alike.
+
+    Parameters
+    ----------
+    amplitudes : array-like, shape (n_lines,)
+        Amplitudes in Nm of the lines k = 1, 2, ...; not negative.
+    n_lobes : int, default=15
+        Number of lobes z_s of a disc.
+
+    Attributes
+    ----------
+    orders : ndarray, shape (n_lines,)
+        Order of each line: multiples of the input speed.
+    kinds : ndarray of str, shape (n_lines,)
+        ``"mesh"``, ``"lobe"``, ``"input"`` or ``"other"``.
+    lines_ : dict of str to matplotlib.lines.Line2D
+        By kind.
+    ax_ : matplotlib.axes.Axes
+    figure_ : matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of its range; the message names it.
+
+    See Also
+    --------
+    cyclofeat.orders.order_lines : The amplitudes, with their equation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat import Recording
+    >>> from cyclofeat.plotting import OrderDisplay
+    >>> phase = 2 * np.pi * 500 / 60 * np.arange(46_080) / 25_600
+    >>> torque = 22 + 0.5 * np.cos(16 / 15 * phase) + 0.2 * np.cos(2 * phase)
+    >>> display = OrderDisplay.from_recording(Recording(torque, 25_600, speed_rpm=500))
+    >>> for k in (16, 30):
+    ...     print(display.kinds[k - 1], display.orders[k - 1].round(3), display.amplitudes[k - 1].round(3))
+    lobe 1.067 0.5
+    input 2.0 0.2
+    >>> _ = display.plot()  # doctest: +SKIP
+    """
+
+    lines_: dict[str, Line2D]
+    ax_: Axes
+    figure_: Figure | SubFigure
+
+    def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15) -> None:
+        if n_lobes < 2:
+            raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
+        self.amplitudes = line_column(amplitudes, "amplitudes", "Nm")
+        if self.amplitudes.min() < 0:
+            raise ValueError(f"amplitudes must not be negative (Nm), got {self.amplitudes.min():g}")
+        self.n_lobes = n_lobes
+        lines = np.arange(1, self.amplitudes.size + 1)
+        self.orders = lines * lines_per_input_turn("output", n_lobes)
+        of_lobes, of_input = lines % (n_lobes + 1) == 0, lines % n_lobes == 0
+        self.kinds = np.select(
+            [of_lobes & of_input, of_lobes, of_input], ["mesh", "lobe", "input"], default="other"
+        )
+
+    @classmethod
+    def from_recording(
+        cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int = 15
+    ) -> Self:
+        """Display of the first whole output turn of a recording, up to order 48 or what its rate holds.
+
+        Parameters
+        ----------
+        recording : Recording
+        input_speed_hz : float, optional
+            Input speed in turns per second. Default: by the recording's angle; without an angle its nominal
+            speed, whose error of 1 % blends neighbouring lines: pass the refined
+            ``LobeMapDisplay.input_speed_hz`` then.
+        n_lobes : int, default=15
+            Number of lobes z_s of a disc.
+
+        Returns
+        -------
+        OrderDisplay
+
+        Raises
+        ------
+        ValueError
+            If no speed is known, or the recording is shorter than one output turn.
+        """
+        nominal = input_speed_hz or recording.input_speed_hz
+        if nominal is None:
+            raise ValueError(
+                "input_speed_hz must be given for a recording that does not state its speed_rpm, got None"
+            )
+        X = Windower(input_speed_hz=nominal, reduction=n_lobes).windows([recording]).X[:1]
+        if input_speed_hz is None:
+            nominal = input_speed_from_angle(recording, n_lobes, 0, X.shape[1]) or nominal
+        fitting = int(recording.sampling_rate / 2 / nominal * n_lobes)
+        lines = order_lines(
+            X, recording.sampling_rate, [nominal], min(_HIGHEST_ORDER * n_lobes, fitting), "output", n_lobes
+        )
+        return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes)
+
+    def plot(self, ax: Axes | None = None) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        """
+        self.figure_, self.ax_ = axes_for(ax, (7.0, 3.2))
+        largest = float(self.amplitudes.max()) or 1.0
+        bottom = max(float(np.quantile(self.amplitudes, 0.05)), _DYNAMIC_RANGE * largest)
+        passage = f"order {self.n_lobes + 1}/{self.n_lobes}"
+        looks = {  # colour, marker, marker size, meaning
+            "other": ("0.6", "", 0, "other lines of the output turn"),
+            "input": ("C2", "s", 3, "multiples of the input turn"),
+            "lobe": (
+                "C1",
+                "o",
+                4,
+                f"multiples of the lobes' passage ({passage})",
+            ),
+            "mesh": ("C0", "D", 5, "mesh: both, all lobes alike"),
+        }
+        self.lines_ = {}
+        for kind, (colour, marker, size, meaning) in looks.items():
+            which = self.kinds == kind
+            heights = np.maximum(self.amplitudes[which], bottom)
+            gap = np.full(heights.size, np.nan)
+            # One path for all strokes of a kind: hundreds of them would swell vector files.
+            (self.lines_[kind],) = self.ax_.plot(
+                np.repeat(self.orders[which], 3),
+                np.column_stack([np.full(heights.size, bottom), heights, gap]).ravel(),
+                color=colour,
+                linewidth=0.6 if kind == "other" else 1.2,
+                marker=marker,
+                markersize=size,
+                markevery=(1, 3),
+                label=meaning,
+            )
+        self.ax_.set_yscale("log")
+        self.ax_.set(
+            xlabel="order of the input shaft (1)",
+            ylabel="amplitude (Nm)",
+            xlim=(0, self.orders[-1] + 0.5),
+            ylim=(bottom, 3 * largest),
+        )
+        self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
+        self.ax_.legend(
+            fontsize="small", framealpha=0.85, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2
+        )
+        return self

@@ -1,0 +1,273 @@
+"""A recording's features beside those of the training windows."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat.features._registry import REGISTRY, Feature
+from cyclofeat.plotting._base import Float, axes_for
+from cyclofeat.recording import Recording, Windower
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    from cyclofeat.counting import LobeModel
+
+# Columns of one kind, like 15 slots or 44 lines, from which on their course says more than their numbers.
+_FEWEST_COLUMNS = 3
+
+
+class TrainingDisplay:
+    """How near a recording lies to the training windows of each count, and in which features.
+
+    Parameters
+    ----------
+    features : array-like, shape (n_windows, n_features)
+        Of the recording's windows.
+    names : sequence of str
+        Of the features, ``kind(place)``; those of one kind are drawn together. Empty: none are drawn.
+    classes : array-like, shape (n_classes,)
+        Counts that the model knows.
+    means : array-like, shape (n_classes, n_features)
+        Mean of the training windows of each count.
+    spread : array-like, shape (n_features,)
+        Standard deviation of training windows about the mean of their count.
+    distances : array-like, shape (n_windows, n_classes)
+        Distance of each window from the training windows of each count, 1 being the largest inside.
+
+    Attributes
+    ----------
+    ax_ : matplotlib.axes.Axes
+    figure_ : matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit; the message names the argument.
+
+    See Also
+    --------
+    cyclofeat.counting.TrainingDomain : What the distance is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.plotting import TrainingDisplay
+    >>> display = TrainingDisplay(
+    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"], classes=[0, 1],
+    ...     means=[[0, 0, 0], [1, 1, 1]], spread=[0.1, 0.1, 0.1], distances=[[2.5, 0.2]],
+    ... )
+    >>> display.kinds
+    ['slot']
+    >>> _ = display.plot(kind="slot", counts=(1, 0))  # doctest: +SKIP
+    """
+
+    ax_: Axes
+    figure_: Figure | SubFigure
+
+    def __init__(
+        self,
+        *,
+        features: ArrayLike,
+        names: list[str],
+        classes: ArrayLike,
+        means: ArrayLike,
+        spread: ArrayLike,
+        distances: ArrayLike,
+    ) -> None:
+        self.features: Float = np.asarray(features, dtype=np.float64)
+        self.names = list(names)
+        self.classes: NDArray[Any] = np.asarray(classes)
+        self.means: Float = np.asarray(means, dtype=np.float64)
+        self.spread: Float = np.asarray(spread, dtype=np.float64)
+        self.distances: Float = np.asarray(distances, dtype=np.float64)
+        shape = (self.classes.size, self.features.shape[1])
+        if self.means.shape != shape:
+            raise ValueError(
+                f"means must have shape (n_classes, n_features) = {shape}, got {self.means.shape}"
+            )
+        if self.distances.shape != (len(self.features), self.classes.size):
+            raise ValueError(
+                f"distances must have shape (n_windows, n_classes), got {self.distances.shape} for "
+                f"{len(self.features)} windows and {self.classes.size} counts"
+            )
+        if self.names and len(self.names) != shape[1]:
+            raise ValueError(
+                f"names must hold one name for each of {shape[1]} features, got {len(self.names)}"
+            )
+
+    @classmethod
+    def from_estimator(cls, model: LobeModel, recording: Recording) -> Self:
+        """Display of a recording's windows beside what a model was trained on.
+
+        Parameters
+        ----------
+        model : cyclofeat.counting.LobeModel
+            With a training domain.
+        recording : Recording
+            As for :meth:`cyclofeat.counting.LobeModel.count`.
+
+        Returns
+        -------
+        TrainingDisplay
+
+        Raises
+        ------
+        ValueError
+            If the model has no domain, or the recording does not suit it.
+        """
+        from cyclofeat.counting._conformal import features_seen
+        from cyclofeat.persistence import feature_definitions
+
+        domain = model.domain
+        if domain is None:
+            raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
+        model.check(recording)
+        windows = Windower(input_speed_hz=model.input_speed_hz, reduction=model.n_lobes).windows([recording])
+        features = np.asarray(features_seen(model.counter, windows.X))
+        scaled = (features - domain.location_) / domain.scale_
+        offset = scaled[:, np.newaxis] - domain.means_
+        squared = np.einsum("nci,ij,ncj->nc", offset, domain.precision_, offset, optimize=True)
+        names = feature_definitions(model.counter)["columns"]
+        return cls(
+            features=features,
+            names=names if len(names) == features.shape[1] else [],
+            classes=np.asarray(model.counter.classes_),
+            means=domain.means_ * domain.scale_ + domain.location_,
+            spread=np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
+            distances=np.sqrt(np.maximum(squared, 0.0)) / max(domain.threshold_, np.finfo(float).tiny),
+        )
+
+    @property
+    def kinds(self) -> list[str]:
+        """Kinds of features that can be drawn, those that tell the counts apart best first."""
+        found = {name: self._columns(name) for name in dict.fromkeys(map(_kind, self.names))}
+        spread = np.where(self.spread > 0, self.spread, np.inf)
+        told = ((self.means.max(axis=0) - self.means.min(axis=0)) / spread) ** 2
+        several = [name for name, columns in found.items() if columns.size >= _FEWEST_COLUMNS]
+        return sorted(several, key=lambda name: -float(told[found[name]].mean()))
+
+    def _columns(self, kind: str) -> NDArray[np.intp]:
+        return np.array([k for k, name in enumerate(self.names) if _kind(name) == kind], dtype=np.intp)
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        kind: str = "distance",
+        counts: tuple[int, ...] | None = None,
+    ) -> Self:
+        """Draw.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        kind : str, default="distance"
+            ``"distance"``, from the training windows of each count, or one of :attr:`kinds`: the course of
+            these features over their places (slots, lines).
+        counts : tuple of int, optional
+            Counts whose training windows are drawn, the first with its spread; default, the nearest.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind or count.
+        """
+        if kind != "distance" and kind not in self.kinds:
+            raise ValueError(f"kind must be 'distance' or one of {self.kinds}, got {kind!r}")
+        by_distance = np.argsort(np.median(self.distances, axis=0), kind="stable")
+        shown = self.classes[by_distance[:1]].tolist() if counts is None else list(counts)
+        unknown = [count for count in shown if count not in self.classes]
+        if unknown:
+            raise ValueError(f"counts must be of {self.classes.tolist()}, got {unknown[0]!r}")
+        self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
+        if kind == "distance":
+            self._distance()
+        else:
+            self._course(kind, shown)
+        return self
+
+    def _distance(self) -> None:
+        places = np.arange(self.classes.size)
+        middle = np.median(self.distances, axis=0)
+        self.ax_.bar(places, middle, color="C0", alpha=0.45, label="this recording, median of its windows")
+        if len(self.distances) > 1:
+            everywhere = np.tile(places, (len(self.distances), 1))
+            self.ax_.plot(
+                everywhere.ravel(),
+                self.distances.ravel(),
+                "_",
+                color="C0",
+                markersize=14,
+                label="each window",
+            )
+        self.ax_.axhline(1, color="C1", linestyle="--", label="beyond this from all counts: refused")
+        self.ax_.set_xticks(places, [str(count) for count in self.classes])
+        self.ax_.set(
+            xlabel="worn lobes of the training windows",
+            ylabel="distance\n(largest inside = 1)",
+            ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
+        )
+        self.ax_.legend(
+            fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+        )
+
+    def _course(self, kind: str, counts: list[int]) -> None:
+        columns = self._columns(kind)
+        places = np.arange(1, columns.size + 1)
+        for number, count in enumerate(counts):
+            row = int(np.flatnonzero(self.classes == count)[0])
+            mean, colour = self.means[row, columns], f"C{number}"
+            if number == 0:
+                spread = self.spread[columns]
+                self.ax_.fill_between(
+                    places, mean - spread, mean + spread, color=colour, alpha=0.25, linewidth=0
+                )
+            style = "-" if number == 0 else "--"
+            label = f"trained: {count} worn" + (" (one std)" if number == 0 else "")
+            self.ax_.plot(places, mean, style, color=colour, linewidth=1.2, label=label)
+        from matplotlib import rcParams
+
+        recorded = np.median(self.features[:, columns], axis=0)
+        self.ax_.plot(
+            places, recorded, linestyle="", marker="o", markersize=3.5, color=rcParams["text.color"],
+            label="this recording",
+        )  # fmt: skip
+        row_of = feature_of(kind)
+        self.ax_.set(
+            xlabel="number within its kind, from 1",
+            ylabel=kind if row_of is None else f"{row_of.name.replace('_', ' ')}\n({row_of.unit})",
+            xlim=(0.5, columns.size + 0.5),
+        )
+        self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
+        self.ax_.legend(
+            fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
+        )
+
+
+def feature_of(kind: str) -> Feature | None:
+    """The registry's row of a kind of columns; None for features that are not ours."""
+    return next((row for row in REGISTRY.values() if row.column() == kind), None)
+
+
+def _kind(name: str) -> str:
+    """Name of a column without its place.
+
+    Examples
+    --------
+    >>> _kind("lobe_slot_rms(slot07)"), _kind("spectral_entropy")
+    ('lobe_slot_rms', 'spectral_entropy')
+    """
+    return re.sub(r"\(.*", "", name)

@@ -1,0 +1,317 @@
+"""The gearbox turning, as a page of its own: wheels, sleeves, contact forces and the torque."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat import __version__
+from cyclofeat.plotting._torque import _thinned
+from cyclofeat.report._page import count_text, environment, lobes_text, target_of, versions, write_page
+
+if TYPE_CHECKING:
+    import os
+
+    from cyclofeat.simulators import LobeDefects, SimulationRun
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+MOST_FRAMES = 5000
+_OUTLINE_POINTS_PER_LOBE = 40
+_TRACE_POINTS = 4000
+# A single impact must not shrink all other arrows to nothing: arrows are longest at this quantile.
+_LONGEST_ARROW = 0.999
+
+
+def write_animation(
+    path: str | os.PathLike[str],
+    run: SimulationRun,
+    *,
+    frames: int = 720,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+    source: str = "simulated",
+    title: str = "",
+) -> Path:
+    """Write the gearbox turning: one HTML file that needs nothing else and no network.
+
+    The page shows both wheels between their sleeves, the force of each contact as an arrow, worn lobes
+    marked, and the torque running beside them. It can be played at several speeds, stopped, stepped and
+    scrubbed, with mouse or keyboard. The file appears whole or not at all; one of that name is replaced.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write, usually ``*.html``.
+    run : cyclofeat.simulators.SimulationRun
+        With forces and points: ``simulate(..., forces=True, points=True)``.
+    frames : int, default=720
+        Moments at which forces are shown, equally spaced, from 2 to 5000; between them the picture is
+        interpolated. A whole output turn in 720 frames has 48 of them to an input turn.
+    start_s, stop_s : float, optional
+        Part of the run to show, in s from its first sample; default, all of it.
+    source : {"simulated", "surrogate"}, default="simulated"
+        What the page calls the run; ``"surrogate"`` where a rig's drift and noise are in it.
+    title : str, optional
+        Heading.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ImportError
+        If jinja2 is not installed.
+    FileNotFoundError
+        If the folder does not exist.
+    ValueError
+        If the run holds no forces and points, or an argument is out of its range.
+
+    Notes
+    -----
+    Wheels are drawn where the kinematics put them, theta_k = rest - phi/z_s (paper B's rest position). What
+    contacts give way is left out: tenths of a millimetre at most, where a worn lobe passes. Forces and points
+    of contact are those of the simulation: what a sleeve does to the wheel.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from cyclofeat.report import write_animation
+    >>> from cyclofeat.simulators import LobeDefects, simulate
+    >>> run = simulate(None, LobeDefects.worn(1), duration=0.3, forces=True, points=True)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = write_animation(pathlib.Path(folder, "gearbox.html"), run, start_s=0.2, frames=40)
+    ...     "<svg" in file.read_text(encoding="utf-8")
+    True
+    """
+    target = target_of(path)
+    environment()  # a missing jinja2 is found out before the work is done
+    summary = summarise_animation(
+        run, frames=frames, start_s=start_s, stop_s=stop_s, source=source, title=title
+    )
+    script = files("cyclofeat.report").joinpath("templates/animation.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    return write_page(target, "animation.html", summary | {"script": script, "script_digest": digest})
+
+
+def summarise_animation(
+    run: SimulationRun,
+    *,
+    frames: int = 720,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+    source: str = "simulated",
+    title: str = "",
+) -> dict[str, Any]:
+    """All that the page of an animation shows, as plain values that JSON can hold.
+
+    Parameters are those of :func:`write_animation`.
+
+    Returns
+    -------
+    dict
+        ``title``, ``version``, ``surrogate``, ``worn`` (in words), ``steps`` (of the colours), ``provenance``
+        and ``machine``: geometry in mm, angles in rad and forces in N of each frame, the torque in Nm over
+        time in s.
+
+    Raises
+    ------
+    ValueError
+        As :func:`write_animation`.
+    """
+    if run.external_forces is None or run.external_points is None or run.internal_points is None:
+        raise ValueError("run must hold forces and points: simulate(..., forces=True, points=True)")
+    if source not in ("simulated", "surrogate"):
+        raise ValueError(f"source must be 'simulated' or 'surrogate', got {source!r}")
+    if not 2 <= frames <= MOST_FRAMES:
+        raise ValueError(f"frames must lie between 2 and {MOST_FRAMES}, got {frames!r}")
+    n_samples = run.torque_out.size
+    end = n_samples / run.sampling_rate
+    stop_s = end if stop_s is None else stop_s
+    if not 0 <= start_s < stop_s <= end * (1 + 1e-9):
+        raise ValueError(
+            f"start_s and stop_s must lie in order within the run's {end:g} s, got {start_s:g} and {stop_s:g}"
+        )
+    first, last = round(start_s * run.sampling_rate), round(stop_s * run.sampling_rate) - 1
+    if last - first < 1:
+        raise ValueError(f"the part from start_s = {start_s:g} to stop_s = {stop_s:g} s holds no two samples")
+    picked = np.linspace(first, last, frames).round().astype(int)
+    machine = _machine(run) | _frames(run, picked) | _trace(run, first, last)
+    defects, gearbox = run.defects, run.gearbox
+    said = _said(defects)
+    return {
+        "title": title or "The gearbox turning",
+        "version": __version__,
+        "surrogate": {
+            "heading": "Simulated:" if source == "simulated" else "SURROGATE:",
+            "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
+        },
+        "origin": "",
+        "worn": said,
+        "steps": _steps(machine["force_scale"]),
+        "machine": machine,
+        "provenance": [
+            ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
+             f"{gearbox.n_internal_sleeves} internal sleeves"),
+            ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
+            ("wear", said + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
+            ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
+            ("load", f"{gearbox.load_torque:.4g} Nm"),
+            ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
+            ("integration step", f"{run.dt:g} s"),
+            ("made with", versions()),
+        ],
+    }  # fmt: skip
+
+
+def _said(defects: LobeDefects) -> str:
+    """What is wrong with the lobes, in words."""
+    parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
+    if defects.worn_lobes or not parts:
+        parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
+    if defects.defect_count and len(defects.wheels) == 1:
+        parts.append(f"on wheel {defects.wheels[0] + 1} only")
+    return "; ".join(parts)
+
+
+# -- what the script draws
+
+
+def _machine(run: SimulationRun) -> dict[str, Any]:
+    """Geometry in mm; each wheel in its own frame, with the tip of lobe 0 on the x axis."""
+    gearbox, z = run.gearbox, run.gearbox.n_lobes
+    profile = gearbox.profile
+    wheels = []
+    for wheel in range(2):
+        has = wheel in run.defects.wheels
+        worn = run.defects.worn_lobes if has else ()
+        removed = run.defects.removed_lobes if has else ()
+        wheels.append({
+            "rest": round(_rest(z)[wheel], 6),
+            "cam": round((-1) ** wheel * 1e3 * gearbox.eccentricity, 4),
+            "outline": _points(_without(profile.outline(worn, _OUTLINE_POINTS_PER_LOBE), removed)),
+            "worn": list(worn),
+            "removed": list(removed),
+        })  # fmt: skip
+    return {
+        "n_lobes": z,
+        "n_pins": gearbox.n_pins,
+        "n_sleeves": gearbox.n_internal_sleeves,
+        "pin_circle": _mm(gearbox.pin_circle_radius),
+        "pin_radius": _mm(gearbox.pin_radius),
+        "sleeve_circle": _mm(gearbox.internal_pitch_radius),
+        "sleeve_radius": _mm(gearbox.internal_sleeve_radius),
+        "hole_radius": _mm(gearbox.internal_sleeve_radius + gearbox.eccentricity + gearbox.clearance),
+        "tip": _mm(abs(profile.point(0.0))),
+        "pit": _mm(abs(profile.point(math.pi / z))),
+        "wheels": wheels,
+    }
+
+
+def _rest(n_lobes: int) -> tuple[float, float]:
+    """Angles of the wheels in rad where the input's is 0."""
+    return -math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes
+
+
+def _without(outline: Complex, removed: tuple[int, ...]) -> Complex:
+    """The outline with a recess from tip to tip where a lobe is removed: there is no surface there."""
+    outline = outline.copy()
+    for lobe in removed:
+        part = slice(lobe * _OUTLINE_POINTS_PER_LOBE + 1, (lobe + 1) * _OUTLINE_POINTS_PER_LOBE)
+        outline[part] *= 0.93 * np.abs(outline).min() / np.abs(outline[part])
+    return outline
+
+
+def _frames(run: SimulationRun, picked: NDArray[np.int64]) -> dict[str, Any]:
+    """Angles, and the force of each sleeve on each wheel as whole N along x and y."""
+    gearbox = run.gearbox
+    phi = run.input_angle[picked]
+    psi = -phi / gearbox.n_lobes if run.output_angle is None else run.output_angle[picked]
+    pins = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
+    place = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    sleeves = gearbox.internal_pitch_radius * np.exp(1j * (place + psi[:, np.newaxis]))
+    assert run.external_forces is not None  # checked by the caller
+    assert run.internal_forces is not None
+    assert run.external_points is not None
+    assert run.internal_points is not None
+    external = _vectors(run.external_forces[picked], run.external_points[picked], pins)
+    internal = _vectors(run.internal_forces[picked], run.internal_points[picked], sleeves[:, np.newaxis])
+    sizes = np.abs(np.concatenate([external.ravel(), internal.ravel()]))
+    largest = float(np.quantile(sizes[sizes > 0], _LONGEST_ARROW)) if np.any(sizes > 0) else 1.0
+    return {
+        "phi": phi.round(4).tolist(),
+        "psi": psi.round(5).tolist(),
+        "external": _whole(external),
+        "internal": _whole(internal),
+        "force_scale": _round_up(largest),
+        "largest_force": round(float(sizes.max())),
+    }
+
+
+def _vectors(forces: Float, points: Complex, centres: Complex) -> Complex:
+    """Force on the wheel as a vector: it points from the sleeve's centre to where it touches."""
+    away = points - centres
+    size = np.abs(away)
+    return np.where(size > 0, forces * away / np.where(size > 0, size, 1.0), 0.0)
+
+
+def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
+    """Torque over time from the first frame on, and when the cam points at a worn or removed lobe."""
+    part = slice(first, last + 1)
+    time = np.arange(last + 1 - first) / run.sampling_rate
+    times, values = _thinned(time, run.torque_out[part], _TRACE_POINTS)
+    z, defects = run.gearbox.n_lobes, run.defects
+    marked = np.zeros(time.size, dtype=int)
+    for wheel in defects.wheels:
+        cam_in_wheel = (z + 1) / z * run.input_angle[part] + wheel * np.pi - _rest(z)[wheel]
+        lobe = np.floor(cam_in_wheel * z / (2 * np.pi) + 0.5).astype(int) % z
+        marked |= np.isin(lobe, [*defects.worn_lobes, *defects.removed_lobes])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked, [0]])))
+    bands = time[np.minimum(edges, time.size - 1)].round(5).reshape(-1, 2)
+    return {
+        "duration": round(float(time[-1]), 6),
+        "trace_times": times.round(5).tolist(),
+        "trace": values.round(3).tolist(),
+        "bands": bands.tolist(),
+    }
+
+
+def _steps(largest: float) -> list[str]:
+    """The five colours' ranges of force, in words: equal steps of its root, as the arrows' lengths are."""
+    ends = [largest * (k / 5) ** 2 for k in range(6)]
+    ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
+    return [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
+
+
+def _round_up(value: float) -> float:
+    """The next round number: 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
+    power = 10 ** math.floor(math.log10(value))
+    return float(
+        next(m * power for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9))
+    )
+
+
+def _mm(length: Any) -> float:
+    return round(1e3 * float(length), 4)
+
+
+def _points(outline: Complex) -> list[float]:
+    """x, y, x, y, ... in mm."""
+    return (1e3 * np.column_stack([outline.real, outline.imag])).round(2).ravel().tolist()
+
+
+def _whole(vectors: Complex) -> list[list[int]]:
+    """For each frame x, y of every sleeve, wheel by wheel, in whole N."""
+    pairs = np.stack([vectors.real, vectors.imag], axis=-1).round().astype(int)
+    return pairs.reshape(len(vectors), -1).tolist()

@@ -1,0 +1,239 @@
+"""What the examples on the papers share with each other and with ``benchmarks/papers.py``.
+
+Lobes and sleeves count from 0 in code: the papers' 14th sleeve is sleeve 13. Everything here is simulated;
+torque on an assumed rig is called surrogate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import matplotlib
+import numpy as np
+import pywt
+from numpy.typing import NDArray
+from scipy.signal import butter, find_peaks, sosfiltfilt
+
+from cyclofeat.datasets import load_published_tables, make_rig_recordings
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, simulate
+from cyclofeat.spectral import magnitude_squared_coherence, shannon_entropy, welch_psd
+from cyclofeat.wavelets import minima_mask, morris_names
+
+Float = NDArray[np.float64]
+
+RATE = 10_000  # Hz: every 10th of the papers' steps of 1e-5 s
+RIG_RATE = 25_600  # Hz: paper A's rig
+LOBE_PERIOD = 1125  # samples at RATE in which every lobe passes the load once: 15/16 of an input turn
+COUNTS = tuple(range(8))
+STEEL = CycloidalGearbox.steel()  # paper B: C = 150 Ns/m
+STEEL_A = CycloidalGearbox.steel(contact_damping=200.0)  # paper A table 3
+ABS = CycloidalGearbox.abs()  # H = 0.2, an assumption: see A11
+SOFT_ABS = ABS.replace(stiffness_scale=0.1)
+HEALTHY = LobeDefects.healthy()
+ONE, BOTH = (0,), (0, 1)
+
+
+def shades(n: int) -> Float:
+    """Colours from dark to light, which a grey print keeps apart."""
+    return np.asarray(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, n)))
+
+
+# The papers' runs -------------------------------------------------------------------------------------------
+
+
+@cache
+def run(
+    defects: LobeDefects = HEALTHY,
+    gearbox: CycloidalGearbox = STEEL,
+    duration: float = 0.6,
+    start: float = -math.pi,
+) -> SimulationRun:
+    """A run as in the papers: from rest, ramps of 0.2 s, every 10th step kept, with all sleeve forces.
+
+    The first wheel starts unturned, the tip of its first lobe at the first sleeve. The papers do not state
+    this; the ringing of eight worn lobes at the start (B5) is the evidence for it.
+    """
+    return simulate(
+        gearbox, defects, duration=duration, sampling_rate=RATE, decimation="pick", forces=True,
+        start_angle=start,
+    )  # fmt: skip
+
+
+def settled(torque: Float) -> Float:
+    """The last two lobe periods of a record (0.225 s)."""
+    return torque[-2 * LOBE_PERIOD :]
+
+
+def torques(gearbox: CycloidalGearbox, wheels: Sequence[int] = BOTH, counts: Sequence[int] = COUNTS) -> Float:
+    """Output torque of each count in Nm, shape (n_counts, 6000)."""
+    return np.array([run(LobeDefects.worn(n, wheels=wheels), gearbox).torque_out for n in counts])
+
+
+# Paper B ----------------------------------------------------------------------------------------------------
+
+
+def sleeve_force(defects: LobeDefects, sleeve: int, kind: str = "external", **options: float) -> Float:
+    """Force on one sleeve in N, both wheels added (paper B figs. 3 and 4)."""
+    forces: Float = getattr(run(defects, **options), f"{kind}_forces")
+    return np.asarray(forces[..., sleeve].sum(axis=1))
+
+
+def peaks(force: Float, height: float = 150.0) -> Float:
+    """Heights in N of the peaks that are 5 ms or more apart."""
+    found, _ = find_peaks(force, height=height, distance=50)
+    return force[found]
+
+
+def change_at_maxima(count: int) -> float:
+    """Largest change of an internal sleeve's force where the healthy one is near its maximum, in N (B3)."""
+    healthy, worn = (
+        np.array([sleeve_force(defects, k, "internal") for k in range(8)])[:, 2000:]
+        for defects in (HEALTHY, LobeDefects.worn(count))
+    )
+    return float(np.abs(worn - healthy)[healthy > 0.8 * healthy.max()].max())
+
+
+def oscillation(torque: Float) -> Float:
+    """Part above 100 Hz, without delay."""
+    return np.asarray(sosfiltfilt(butter(4, 100, "highpass", fs=RATE, output="sos"), torque))
+
+
+def first_oscillation(defects: LobeDefects) -> float:
+    """Largest oscillation of the output torque in the first 0.12 s, in Nm (B5)."""
+    return float(np.abs(oscillation(run(defects).torque_out)[:1200]).max())
+
+
+def coherence_with_healthy(kind: str, counts: Sequence[int] = range(1, 9)) -> tuple[Float, Float]:
+    """Lines to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, per count (B6)."""
+    healthy = getattr(run(), kind)
+    lines = [
+        magnitude_squared_coherence(getattr(run(LobeDefects.worn(n)), kind), healthy, RATE) for n in counts
+    ]
+    frequencies = lines[0][0]
+    shown = frequencies <= 1500
+    return frequencies[shown], np.array([values[shown] for _, values in lines])
+
+
+def minima_shared_with_seven(torque: Float, **options: object) -> tuple[NDArray[np.bool_], Float]:
+    """Cells of the lowest colour both in each record and in the last one, and their shares per level (B10).
+
+    Shapes (n_records - 1, levels, n_samples) and (n_records - 1, levels).
+    """
+    minima = minima_mask(torque, **options)  # type: ignore[arg-type]
+    shared = minima[:-1] & minima[-1]
+    return shared, shared.mean(axis=-1)
+
+
+@cache
+def graded_wavelets() -> dict[str, bool]:
+    """Whether the overlap at levels 3 and 4 grows at every step from 1 to 6 worn lobes, by wavelet (B7)."""
+    torque = torques(STEEL)[1:]
+    found = {}
+    for name in (*morris_names(), *pywt.wavelist(kind="discrete")):
+        _, share = minima_shared_with_seven(torque, wavelet=name, levels=4)
+        found[name] = bool(np.all(np.diff(share[:, 2:], axis=0) > 0))
+    return found
+
+
+def amplitude_lines(torque: Float) -> tuple[Float, Float]:
+    """Frequencies and amplitudes in Nm: 8192-point transform, Hamming window, of the last samples (B9)."""
+    window = np.hamming(8192)
+    part = torque[-8192:]
+    amplitudes = 2 * np.abs(np.fft.rfft((part - part.mean()) * window)) / window.sum()
+    return np.fft.rfftfreq(8192, 1 / RATE), amplitudes
+
+
+def from_200_to_800_hz(torque: Float) -> float:
+    """Root of the summed squared amplitudes there, in Nm (B9)."""
+    frequencies, amplitudes = amplitude_lines(torque)
+    return float(np.linalg.norm(amplitudes[(frequencies >= 200) & (frequencies <= 800)]))
+
+
+# Paper A ----------------------------------------------------------------------------------------------------
+
+
+@cache
+def surrogate_set(seed: int, rig: str = "published") -> Float:
+    """Eight **surrogate** records of 1.8 s, one per count as on paper A's rig: torque in Nm, (8, 46080)."""
+    made = make_rig_recordings(1, COUNTS, rig=rig, random_state=seed)
+    return np.array([recording.torque for recording in made])
+
+
+def surrogate_sets(rig: str = "published", n_sets: int = 4) -> Float:
+    """So many sets, each of eight assemblies of its own: (n_sets, 8, 46080)."""
+    return np.array([surrogate_set(seed, rig) for seed in range(n_sets)])
+
+
+def binary_entropy(share: Float) -> Float:
+    """Entropy in bits of an alternative of probability ``share``."""
+    return np.asarray(-share * np.log2(share) - (1 - share) * np.log2(1 - share))
+
+
+def table_6_from_table_4() -> tuple[Float, Float, Float]:
+    """Published entropies, those fitted from mean and deviation, and the two constants of the fit.
+
+    With a = std^2 / (mean^2 + std^2) the entropy is b + c h(a), h the binary entropy.
+    """
+    tables = load_published_tables()
+    mean, std = (tables.signal_statistics[name] for name in ("mean_nm", "std_nm"))
+    h = binary_entropy(std**2 / (mean**2 + std**2))
+    entropy = tables.spectral_entropy["entropy_bits"]
+    slope, constant = np.polyfit(h, entropy, 1)
+    return entropy, constant + slope * h, np.array([constant, slope])
+
+
+def bands_of_falling_entropy(torque: Float, from_sample: int = 2000) -> tuple[Float, NDArray[np.bool_]]:
+    """Line frequencies, and for each pair of first and last line whether entropy falls strictly (A10).
+
+    ``torque`` holds one record per count, in their order. Bands have five lines or more. The entropy of the
+    lines p with the sum s is log2 s - sum(p log2 p) / s, from cumulative sums.
+    """
+    frequencies, density = welch_psd(torque[:, from_sample:], RATE)
+    density = np.maximum(density, 1e-300)
+    n = density.shape[1]
+    sums, products = (
+        np.pad(np.cumsum(values, axis=1), ((0, 0), (1, 0)))
+        for values in (density, density * np.log2(density))
+    )
+    falls = np.zeros((n, n), dtype=bool)
+    for low in range(n - 4):
+        s = sums[:, low + 5 :] - sums[:, [low]]
+        entropy = np.log2(s) - (products[:, low + 5 :] - products[:, [low]]) / s
+        falls[low, low + 4 :] = np.all(np.diff(entropy, axis=0) < 0, axis=0)
+    return frequencies, falls
+
+
+def n_bands(n_lines: int) -> int:
+    """Number of bands of five lines or more among so many lines."""
+    return (n_lines - 4) * (n_lines - 3) // 2
+
+
+def spectrum(record: Float, rate: float = RATE) -> tuple[Float, Float]:
+    """Frequencies and amplitudes in Nm under a Hann window, mean removed (A11)."""
+    window = np.hanning(record.size)
+    amplitudes = 2 * np.abs(np.fft.rfft((record - record.mean()) * window)) / window.sum()
+    return np.fft.rfftfreq(record.size, 1 / rate), amplitudes
+
+
+def amplitude_in(record: Float, low: float, high: float, rate: float = RATE) -> float:
+    """Root of the summed squared amplitudes from ``low`` to below ``high``, in Nm."""
+    frequencies, amplitudes = spectrum(record, rate)
+    return float(np.linalg.norm(amplitudes[(frequencies >= low) & (frequencies < high)]))
+
+
+def upward_over_downward(torque: Float) -> Float:
+    """(max - mean) / (mean - min) of each record (A12): 1 is symmetric."""
+    mean = torque.mean(axis=-1)
+    return np.asarray((torque.max(axis=-1) - mean) / (mean - torque.min(axis=-1)))
+
+
+def entropy_bits(torque: Float, rate: float = RIG_RATE) -> Float:
+    """Shannon entropy of the density in bits, mean kept: MATLAB's pwelch defaults, eq. 8 (A6)."""
+    return np.asarray(shannon_entropy(welch_psd(torque, rate)[1]))
+
+
+def falls_strictly(values: Float) -> bool:
+    """Whether each value is below the one before."""
+    return bool(np.all(np.diff(values) < 0))

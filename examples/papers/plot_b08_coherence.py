@@ -1,0 +1,48 @@
+"""
+Paper B, figs. 8 and 9: coherence with the healthy gearbox
+==========================================================
+
+Figs. 8 and 9 show the coherence of input and output torque with the healthy gearbox's for one to eight worn
+lobes (MATLAB's ``mscohere``, 0 to 1500 Hz): a pattern of its own for each count, no gradual dependence.
+Here is the same of this simulator's **surrogate** torque, the ramp included as in the paper (statement B6).
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from _papers import coherence_with_healthy, shades
+
+for kind, title in (("torque_in", "input torque (fig. 8)"), ("torque_out", "output torque (fig. 9)")):
+    frequencies, coherence = coherence_with_healthy(kind)
+    fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+    for count, ax in enumerate(axes.flat, 1):
+        ax.fill_between(frequencies, coherence[count - 1], color="C0", lw=0)
+        ax.set_title(f"{count} worn, mean {coherence[count - 1].mean():.2f}", fontsize="medium")
+        ax.set(xlim=(0, 1500), ylim=(0, 1))
+    for ax in axes[-1]:
+        ax.set_xlabel("frequency in Hz")
+    fig.suptitle(title)
+    plt.show()
+
+# %%
+# Line by line, the curves are as ragged as the paper's and differ for every count. Their means over bands
+# do not:
+
+fig, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", sharey=True)
+bands = ((0, 200), (200, 500), (500, 600), (600, 1500))
+for ax, kind in zip(axes, ("torque_in", "torque_out"), strict=True):
+    frequencies, coherence = coherence_with_healthy(kind)
+    for (low, high), style, colour in zip(bands, ("o-", "s--", "^-.", "d:"), shades(4), strict=True):
+        inside = (frequencies >= low) & (frequencies < high)
+        label = f"{low} to {high} Hz"
+        ax.plot(np.arange(1, 9), coherence[:, inside].mean(axis=1), style, color=colour, label=label)
+    ax.set(title={"torque_in": "input", "torque_out": "output"}[kind], xlabel="worn lobes", ylim=(0, 1.05))
+axes[0].set_ylabel("mean coherence")
+axes[1].legend(loc="lower left", ncols=2, fontsize="small")
+plt.show()
+
+# %%
+# The mean of the output's coherence falls with the count up to six worn lobes: a gradual dependence after
+# all, which the paper did not see line by line. Low values at 500 to 600 Hz, which the paper has for 2, 5
+# and 6 worn lobes and not for 3 and 4, are here those of every count from 2 on. All this is of one
+# noiseless machine with a free output; a coherence of machines that differ in pins and drift says much less
+# (see paper A, figs. 10 and 11).

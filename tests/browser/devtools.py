@@ -1,0 +1,183 @@
+"""Chromium without a window, over a pair of pipes in the DevTools protocol: no driver, no library."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import select
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+_PATIENCE = 60.0
+
+
+def find_chromium() -> str | None:
+    """The browser's program; $CHROMIUM chooses another."""
+    return os.environ.get("CHROMIUM") or next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+class Browser:
+    """One page of one browser, without network.
+
+    Attributes
+    ----------
+    said : list of str
+        What a page said to its console or the browser of it: errors, warnings, violated policies.
+    asked : list of str
+        Addresses that were asked for.
+    """
+
+    def __init__(self, profile: Path) -> None:
+        program = find_chromium()
+        assert program is not None, "no Chromium; look with find_chromium() before"
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        command = [
+            program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+            "--no-first-run", "--disable-background-networking", "--disable-component-update",
+            "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={profile}",
+            "--remote-debugging-pipe", "about:blank",
+        ]  # fmt: skip
+        # Chromium reads commands from file 3 and writes answers to file 4.
+        shell = f'exec 3<&{to_browser} 4>&{from_browser}; exec "$@"'
+        self._process = subprocess.Popen(
+            ["bash", "-c", shell, "bash", *command],
+            pass_fds=(to_browser, from_browser), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(to_browser)
+        os.close(from_browser)
+        self._buffer = b""
+        self._number = 0
+        self._session: str | None = None
+        self._events: list[dict[str, Any]] = []
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+        self.call(
+            "Network.emulateNetworkConditions",
+            offline=True,
+            latency=0,
+            downloadThroughput=0,
+            uploadThroughput=0,
+        )
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session = None
+        try:
+            self.call("Browser.close")
+        except (OSError, AssertionError):
+            self._process.kill()
+        self._process.wait(timeout=_PATIENCE)
+        os.close(self._out)
+        os.close(self._in)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Ask for something and wait for the answer; what happens meanwhile is kept."""
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, f"{method}: {answer.get('error')}"
+                return dict(answer["result"])
+            self._note(answer)
+
+    def _next(self) -> dict[str, Any]:
+        end = time.monotonic() + _PATIENCE
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._in], [], [], max(0.0, end - time.monotonic()))
+            assert ready, f"Chromium said nothing for {_PATIENCE:g} s"
+            part = os.read(self._in, 1 << 20)
+            assert part, "Chromium ended"
+            self._buffer += part
+        message, _, self._buffer = self._buffer.partition(b"\0")
+        return dict(json.loads(message))
+
+    def _note(self, event: dict[str, Any]) -> None:
+        name, what = event.get("method"), event.get("params", {})
+        if name == "Runtime.exceptionThrown":
+            details = what["exceptionDetails"]
+            self.said.append(str(details.get("exception", details).get("description", details)))
+        elif name == "Runtime.consoleAPICalled":
+            self.said.append(f"{what['type']}: {[argument.get('value') for argument in what['args']]}")
+        elif name == "Log.entryAdded":
+            self.said.append(f"{what['entry']['level']}: {what['entry']['text']}")
+        elif name == "Network.requestWillBeSent":
+            self.asked.append(what["request"]["url"])
+        self._events.append(event)
+
+    def open(self, path: Path) -> None:
+        """Load a file and wait until all of it is there."""
+        self._events.clear()
+        self.call("Page.navigate", url=path.resolve().as_uri())
+        while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
+            self._note(self._next())
+
+    def run(self, script: str) -> Any:
+        """Value of an expression in the page."""
+        answer = self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True, userGesture=True
+        )
+        assert "exceptionDetails" not in answer, answer.get("exceptionDetails")
+        return answer["result"].get("value")
+
+    def wait_for(self, script: str, holds: Callable[[Any], bool], seconds: float = 20.0) -> Any:
+        """Value of an expression as soon as something holds of it."""
+        end = time.monotonic() + seconds
+        while not holds(value := self.run(script)):
+            assert time.monotonic() < end, f"{script} stayed at {value!r} for {seconds:g} s"
+            time.sleep(0.05)
+        return value
+
+    def press(self, key: str) -> None:
+        """A key, as from the keyboard; ``" "`` is the space bar."""
+        code = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}[key]
+        text = {"text": key} if len(key) == 1 else {}
+        for kind in ("keyDown", "keyUp"):
+            more = text if kind == "keyDown" else {}
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **more)
+
+    def prefer(self, scheme: str) -> None:
+        """Prefer ``"light"`` or ``"dark"`` pages."""
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+
+    def resize(self, width: int, height: int = 900) -> None:
+        """Size of the page in pixels."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+
+    def screenshot(self, path: Path, *, whole: bool = True) -> Path:
+        """The page as PNG, all of it or what is seen."""
+        options: dict[str, Any] = {"format": "png", "captureBeyondViewport": whole}
+        if whole:
+            size = self.call("Page.getLayoutMetrics")["cssContentSize"]
+            options["clip"] = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", **options)["data"]))
+        return path
+
+    def print(self, path: Path) -> Path:
+        """The page on A4 paper, as PDF."""
+        answer = self.call("Page.printToPDF", printBackground=False, paperWidth=8.27, paperHeight=11.69)
+        path.write_bytes(base64.b64decode(answer["data"]))
+        return path

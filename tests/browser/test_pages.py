@@ -1,0 +1,262 @@
+"""Every kind of page in a real browser: it opens without a word of complaint and without any network.
+
+Marked ``browser``, not part of the plain tests: they need Chromium (Debian's package ``chromium``).
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from devtools import Browser, find_chromium
+from sklearn.naive_bayes import GaussianNB
+from small_model import recording, small_model, unlike_training
+from test_report import CONTENT
+from test_report_gap_html import findings, locators  # noqa: F401, fixtures
+
+from cyclofeat.counting import evaluate
+from cyclofeat.report import (
+    CountedRecording,
+    write_animation,
+    write_count_report,
+    write_demo_report,
+    write_evaluation_report,
+    write_gap_report,
+)
+from cyclofeat.simulators import LobeDefects, simulate
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find_chromium() is None, reason="no Chromium: install Debian's package chromium"),
+]
+
+HOSTILE = "<script>document.title = 'taken'</script>.npz"
+SAYS = {
+    "count": ["3 worn lobes", "On what grounds", "What the features said", "What the words mean"],
+    "several": ["3 recordings", "refused", HOSTILE, "not counted"],
+    "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
+    "gap": ["The answer", "Model and recordings disagree", "Mains hum in the torque signal"],
+    "demo": ["The answer", "Methods on the same folds", "SURROGATE"],
+    "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "Simulated:"],
+}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(
+        None, LobeDefects.worn((0, 4)), duration=0.5, sampling_rate=6400, forces=True, points=True
+    )
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory, findings, run):  # noqa: F811
+    folder = tmp_path_factory.mktemp("pages")
+    model = small_model()
+    counted = [
+        CountedRecording(name, one, model.count(one))
+        for name, one in (
+            ("worn.npz", recording((4, 5, 6), seed=100)),
+            (HOSTILE, recording((), seed=101)),
+            ("strange.npz", unlike_training()),
+        )
+    ]
+    y = np.repeat(np.arange(60) % 3, 2)
+    groups = np.repeat(np.arange(60), 2)
+    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (120, 1))
+    results = {"bayes": evaluate(GaussianNB(), X, y, groups)}
+    return {
+        "count": write_count_report(folder / "count.html", model, counted[:1]),
+        "several": write_count_report(
+            folder / "several.html", model, counted, failures={"bad.csv": "empty"}, most_sections=2
+        ),
+        "evaluation": write_evaluation_report(folder / "evaluation.html", results, y, groups),
+        "gap": write_gap_report(folder / "gap.html", findings),
+        "demo": write_demo_report(folder / "demo.html", **CONTENT),
+        "animation": write_animation(folder / "animation.html", run, start_s=0.25, frames=61),
+    }
+
+
+@pytest.fixture
+def opened(browser, pages):
+    """Opens a page; at the end nothing may have been said, and nothing asked of a network."""
+    browser.said.clear()
+    browser.asked.clear()
+    browser.prefer("light")
+    browser.resize(1200)
+
+    def open_page(name):
+        browser.open(pages[name])
+        return browser
+
+    yield open_page
+    assert browser.said == []
+    assert {address.partition(":")[0] for address in browser.asked} <= {"file", "data"}
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_a_page_opens_quietly_and_says_what_it_must(opened, pages, name):
+    browser = opened(name)
+    text = browser.run("document.body.innerText.replace(/\\s+/g, ' ')")
+    for part in SAYS[name]:
+        assert part in text, part
+    assert browser.run("document.title") != "taken"
+    assert browser.run("Array.from(document.images).every(i => i.complete && i.naturalWidth > 0)")
+    assert (
+        browser.run("document.querySelectorAll('img:not([alt]), svg[role=img]:not([aria-label])').length")
+        == 0
+    )
+    assert pages[name].stat().st_size < 5e6
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_a_page_is_dark_on_dark_screens_and_light_on_paper(opened, browser, name, tmp_path):
+    shade = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+    shown = "Array.from(document.images).filter(i => i.offsetParent).map(i => i.className)"
+    browser = opened(name)
+    assert min(browser.run(shade)) > 200
+    assert set(browser.run(shown)) <= {"on-light"}
+    browser.prefer("dark")
+    opened(name)
+    assert max(browser.run(shade)) < 60
+    assert set(browser.run(shown)) <= {"on-dark"}
+    paper = browser.print(tmp_path / "page.pdf").read_bytes()
+    assert paper.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", paper)) >= 1
+    # what a printer is given: the light scheme, whatever the screen prefers
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    assert min(browser.run(shade)) > 200
+    assert set(browser.run(shown)) <= {"on-light"}
+    browser.call("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_a_page_fits_a_narrow_screen(opened, browser, name):
+    browser.resize(400, 800)
+    opened(name)
+    assert browser.run("document.documentElement.scrollWidth") <= 400
+
+
+# -- the animation
+
+
+def state(browser):
+    return browser.run(
+        "({time: parseFloat(document.getElementById('now-time').textContent),"
+        " turns: parseFloat(document.getElementById('now-turns').textContent),"
+        " lobe: Number(document.getElementById('now-lobe').textContent),"
+        " cursor: Number(document.querySelector('.cursor').getAttribute('x1')),"
+        " wheel: document.querySelector('#wheel-0 g g').getAttribute('transform'),"
+        " scrub: Number(document.getElementById('scrub').value),"
+        " button: document.getElementById('play').textContent})"
+    )
+
+
+def scrub_to(browser, frame):
+    browser.run(
+        f"(() => {{ const s = document.getElementById('scrub'); s.value = {frame};"
+        " s.dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+
+
+def test_it_turns_when_played_and_stands_when_stopped(opened):
+    browser = opened("animation")
+    before = state(browser)
+    assert (before["time"], before["button"]) == (0, "Play")
+    browser.run("document.getElementById('play').click()")
+    now = "parseFloat(document.getElementById('now-time').textContent)"
+    browser.wait_for(now, lambda time: time > 0.002)
+    browser.run("document.getElementById('play').click()")
+    after = state(browser)
+    assert after["button"] == "Play"
+    assert after["wheel"] != before["wheel"]
+    assert after["cursor"] > before["cursor"]
+    assert state(browser) == after
+    said = browser.run("document.getElementById('said').textContent")
+    assert said.startswith(f"{after['time']:.4f} s: output torque")
+
+
+def test_it_can_be_scrubbed_to_any_frame(opened, run):
+    browser = opened("animation")
+    for frame in (60, 17, 0):
+        scrub_to(browser, frame)
+        found = state(browser)
+        sample = round(np.linspace(0.25 * 6400, run.torque_out.size - 1, 61)[frame])
+        phi = run.input_angle[sample]
+        assert found["time"] == pytest.approx(frame / 60 * (0.25 - 1 / 6400), abs=1e-4)
+        assert found["turns"] == pytest.approx((phi - run.input_angle[1600]) / (2 * np.pi), abs=1e-3)
+        assert found["lobe"] - 1 == np.floor((16 * phi + np.pi) / (2 * np.pi) + 0.5) % 15
+
+
+def test_arrows_point_to_where_the_simulated_sleeves_touch(opened, run):
+    browser = opened("animation")
+    frame = 23
+    scrub_to(browser, frame)
+    sample = round(np.linspace(0.25 * 6400, run.torque_out.size - 1, 61)[frame])
+    tips = browser.run(
+        "[0, 1].map(w => Array.from(document.querySelectorAll(`#wheel-${w} g.external path`))"
+        ".map(p => (p.getAttribute('d').match(/^M(\\S+) (\\S+)L/) || []).slice(1).map(Number)))"
+    )
+    forces, points = run.external_forces[sample], run.external_points[sample]
+    drawn = 0
+    for wheel in range(2):
+        for pin in np.flatnonzero(forces[wheel] > 25):
+            tip = complex(*tips[wheel][pin])
+            assert abs(tip - 1e3 * points[wheel, pin]) < 0.3  # mm: forces are sent as whole N
+            drawn += 1
+    assert drawn > 0
+
+
+def test_the_keyboard_is_enough(opened):
+    browser = opened("animation")
+    browser.press(" ")
+    browser.wait_for("document.getElementById('play').textContent", lambda text: text == "Stop")
+    browser.press(" ")
+    browser.wait_for("document.getElementById('play').textContent", lambda text: text == "Play")
+    scrub_to(browser, 30)
+    browser.press("ArrowRight")
+    assert state(browser)["scrub"] == 31
+    browser.press("ArrowLeft")
+    browser.press("ArrowLeft")
+    assert state(browser)["scrub"] == 29
+    # on the slider the keys are the slider's own
+    browser.run("document.getElementById('scrub').focus()")
+    browser.press("ArrowRight")
+    assert state(browser)["scrub"] == 30
+    browser.press("End")
+    assert state(browser)["scrub"] == 60
+
+
+def test_it_goes_on_from_the_start_after_the_end(opened):
+    browser = opened("animation")
+    scrub_to(browser, 60)
+    browser.run("document.getElementById('speed').value = '0.05'; document.getElementById('play').click()")
+    now = "parseFloat(document.getElementById('now-time').textContent)"
+    browser.wait_for(now, lambda time: time < 0.2)
+    browser.run("document.getElementById('play').click()")
+
+
+def test_forces_can_be_hidden(opened):
+    browser = opened("animation")
+    shown = "Array.from(document.querySelectorAll('g.external')).map(g => getComputedStyle(g).display)"
+    assert browser.run(shown) == ["inline", "inline"]
+    browser.run("document.getElementById('show-external').click()")
+    assert browser.run(shown) == ["none", "none"]
+
+
+def test_a_page_that_complains_would_be_heard(browser, tmp_path):
+    path = tmp_path / "bad.html"
+    path.write_text(
+        "<!DOCTYPE html><title>x</title><script>setTimeout(() => {throw Error('heard')});"
+        "console.warn('this too'); fetch('http://example.org/').catch(() => 0)</script>"
+    )
+    browser.open(path)
+    browser.wait_for("1", lambda _: any("heard" in text for text in browser.said))
+    assert any("this too" in text for text in browser.said)
+    assert any(address.startswith("http://example.org") for address in browser.asked)

@@ -1,0 +1,50 @@
+"""Reading pages as their readers do: parsed strictly, without pictures, by their words."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
+
+
+class Balanced(HTMLParser):
+    """Parser that fails where an element is closed that was not the last one opened."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.text, self.attributes = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, *pair) for pair in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)  # closed at once, as in SVG
+        self.attributes += [(tag, *pair) for pair in attrs]
+
+    def handle_endtag(self, tag):
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "title", "script"):
+            self.text.append(data)
+
+
+def parse(page):
+    parser = Balanced()
+    parser.feed(page)
+    parser.close()
+    assert not parser.open
+    return parser
+
+
+def words(parsed):
+    return " ".join(" ".join(parsed.text).split()).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def without_pictures(page):
+    return re.sub(r"data:image/svg\+xml;base64,[A-Za-z0-9+/=]+", "", page)

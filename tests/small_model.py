@@ -1,0 +1,66 @@
+"""A model small enough to be trained in a moment, and recordings that it can count: bursts at worn lobes."""
+
+from __future__ import annotations
+
+import numpy as np
+from sklearn.pipeline import Pipeline
+
+from cyclofeat import Recording, Windower
+from cyclofeat.counting import LobeModel, TrainingDomain
+from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
+from cyclofeat.counting._model import versions
+from cyclofeat.counting._trees import CountingTrees
+from cyclofeat.features import LobeMap
+
+RATE = 2000.0
+SPEED = 500 / 60
+SAMPLES = 3600  # of an output turn
+LINES = 44
+
+
+def recording(lobes, seed=0, turns=1, **labels):
+    """Whole output turns with a burst at each worn lobe, seen by a tachometer."""
+    random = np.random.default_rng(seed)
+    phi = 2 * np.pi * SPEED * np.arange(turns * SAMPLES) / RATE
+    cam = (16 * phi + np.pi) / (2 * np.pi)  # in lobes
+    torque = 22 + random.normal(0, 0.05, phi.size)
+    for lobe in lobes:
+        torque += random.uniform(0.8, 1.2) * np.exp(-((((cam - lobe + 7.5) % 15 - 7.5) / 0.15) ** 2))
+    known = {
+        "angle": phi, "angle_is_absolute": True, "assembly": f"A{seed}", "source": "surrogate",
+        "worn_lobes": lobes, "speed_rpm": 500,
+    }  # fmt: skip
+    return Recording(torque, RATE, **(known | labels))
+
+
+def unlike_training(seed=0):
+    """What no lobe does: the torque jumps twice in each input turn."""
+    time = np.arange(SAMPLES) / RATE
+    torque = 22 + np.sign(np.sin(2 * np.pi * SPEED * time + 0.1))
+    torque += np.random.default_rng(seed).normal(0, 0.01, SAMPLES)
+    return Recording(torque, RATE, speed_rpm=500, source="measured")
+
+
+def small_model(counts=(0, 1, 3), per_count=12):
+    """Few windows, few trees, but all parts: counter, locator, training domain."""
+    random = np.random.default_rng(5)
+    made = [
+        recording(tuple(int(lobe) for lobe in (random.integers(15) + np.arange(count)) % 15), seed=seed)
+        for seed, count in enumerate(np.tile(counts, per_count))
+    ]
+    windows = Windower().windows(made)
+    lobe_map = LobeMap(RATE, input_speed_hz=SPEED, n_lines=LINES)
+    features = lobe_map.fit_transform(windows.X)
+    trees = CountingTrees(n_estimators=30, random_state=0).fit(features, windows.y)
+    worn = np.zeros((len(made), 15), dtype=bool)
+    for row, one in zip(worn, made, strict=True):
+        row[list(one.worn_lobes)] = True
+    locator = LobeLocator(RATE, input_speed_hz=SPEED, n_trees=20, random_state=0)
+    locator.fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle))
+    card = {
+        "description": "bursts <i>by hand</i>", "n_windows": len(windows), "sources": ["surrogate"],
+        "classes": list(counts), "calibrated": False, "cross_validation": None, "versions": versions(),
+    }  # fmt: skip
+    domain = TrainingDomain().fit(features, windows.y, groups=windows.groups)
+    counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
+    return LobeModel(counter, locator, RATE, SPEED, 15, card, domain)

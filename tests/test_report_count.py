@@ -1,0 +1,159 @@
+"""The report of a count: the answer first, escaped, whole, and honest about what it rests on."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from pages import parse, without_pictures, words
+from small_model import recording, small_model, unlike_training
+
+from cyclofeat.counting import ConformalCounter, LobeModel
+from cyclofeat.recording import Windower
+from cyclofeat.report import CountedRecording, summarise_count, write_count_report
+
+
+@pytest.fixture(scope="module")
+def model():
+    return small_model()
+
+
+@pytest.fixture(scope="module")
+def counted(model):
+    found = {
+        "<b>worn</b>.npz": recording((4, 5, 6), seed=100, turns=2),
+        "healthy.npz": recording((), seed=101),
+        "strange.npz": unlike_training(),
+    }
+    return [CountedRecording(name, one, model.count(one)) for name, one in found.items()]
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """What would have been drawn, in place of pictures."""
+    made = []
+
+    def picture(draw, size, alt):
+        made.append(alt)
+        return {"light": "data:,", "dark": "data:,", "alt": alt, "width": 1, "height": 1}
+
+    monkeypatch.setattr("cyclofeat.report._figures.picture", picture)
+    return made
+
+
+@pytest.fixture(scope="module")
+def page(model, counted, tmp_path_factory):
+    path = tmp_path_factory.mktemp("count") / "count.html"
+    write_count_report(path, model, counted[:1], settings={"model file": "<model>"})
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_count_comes_before_all_evidence(page):
+    text = words(parse(page))
+    order = [
+        "Worn lobes: <b>worn</b>.npz", "All recordings are SURROGATE", "3 worn lobes probability",
+        "5, 6, 7 as numbered on the disc", "Against the training Inside", "the count agrees",
+        "probabilities are not calibrated", "On what grounds", "The disc", "How sure", "Torque", "Spectrum",
+        "Orders", "Beside the training windows", "What the features said", "What the words mean",
+        "Not calibrated: it ranks the counts", "The model", "bursts <i>by hand</i>", "Made from",
+        "model file <model>",
+    ]  # fmt: skip
+    places = [text.find(part) for part in order]
+    assert -1 not in places, [part for part, place in zip(order, places, strict=True) if place < 0]
+    assert places == sorted(places)
+
+
+def test_the_page_is_whole_and_escaped(page):
+    assert len(page) < 2e6
+    bare = without_pictures(page)
+    assert "<b>worn" not in bare
+    assert "<model>" not in bare
+    assert "http" not in bare.replace('http-equiv="Content-Security-Policy"', "")
+    assert "<script" not in bare
+    parsed = parse(page)
+    images = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "src")]
+    # disc, torque, spectrum, orders, distance and four kinds of features, each for two schemes
+    assert len(images) == 2 * 9
+    assert all(image.startswith("data:image/svg+xml;base64,") for image in images)
+
+
+def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
+    path = write_count_report(
+        tmp_path / "all.html", model, counted, failures={"bad.csv": "bad.csv: <i>empty</i>"}
+    )
+    text = words(parse(path.read_text(encoding="utf-8")))
+    assert (
+        "4 recordings: 1 with no worn lobe, 1 with 3 worn lobes, 1 refused, 1 could not be counted." in text
+    )
+    assert "2 of 3 recordings are SURROGATE" in text
+    assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
+    assert text.index("strange.npz") < text.index("Against the training")
+    refused = text[text.rindex("strange.npz") :]
+    assert refused.index("Refused (else") < refused.index("outside what I was trained on")
+    assert "Against the training Outside" in refused
+
+
+def test_sections_go_first_to_recordings_that_need_a_look(model, counted, drawn):
+    found = summarise_count(model, counted, most_sections=1)
+    assert [section["name"] for section in found["sections"]] == ["strange.npz"]
+    assert found["n_more"] == 2
+    assert [bool(row["anchor"]) for row in found["rows"]] == [False, False, True]
+    assert len(drawn) == 9
+    json.dumps(found)
+
+
+def test_lobes_without_an_absolute_angle_are_said_to_be_relative(model, drawn):
+    turned = recording((4, 5, 6), seed=100).replace(angle=None, angle_is_absolute=False)
+    (section,) = summarise_count(model, [CountedRecording("a", turned, model.count(turned))])["sections"]
+    assert section["relative"]
+    assert any("relative" in warning for warning in section["warnings"])
+
+
+def test_a_wrong_count_stands_out(model, drawn):
+    one = recording((4, 5, 6), seed=100)
+    mislabelled = one.replace(worn_lobes=None, defect_count=0)
+    (row,) = summarise_count(model, [CountedRecording("a", mislabelled, model.count(one))])["rows"]
+    assert (row["count"], row["stated"], row["wrong"]) == (3, "0", True)
+
+
+def test_sets_of_counts_are_those_of_the_counter(model, drawn):
+    made = [recording(tuple(range(k % 2 * 3)), seed=k) for k in range(40)]
+    windows = Windower().windows(made)
+    conformal = ConformalCounter(model.counter, coverage=0.8).fit(windows.X, windows.y, windows.groups)
+    with_sets = LobeModel.of_counter(conformal, sampling_rate=2000.0)
+    one = recording((1, 2, 3), seed=77, turns=3)
+    found = summarise_count(with_sets, [CountedRecording("a", one, with_sets.count(one))])
+    (section,) = found["sections"]
+    sets = conformal.predict_counts(Windower().windows([one]).X)
+    assert section["sets"]["coverage"] == "80 %"
+    assert {text.split(" (")[0] for text in section["sets"]["sets"]} == {str(answer) for answer in sets}
+    assert section["lobe_table"] == []
+
+
+def test_what_spoils_a_count_is_told(model, drawn):
+    one = recording((4, 5, 6), seed=100)
+    clipped = one.replace(torque=np.minimum(one.torque, 22.3))
+    (section,) = summarise_count(model, [CountedRecording("a", clipped, model.count(clipped))])["sections"]
+    assert any("clipped" in warning for warning in section["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"counted": []}, "counted must hold"), ({"most_sections": -1}, "most_sections must not be negative")],
+)
+def test_reports_refuse(model, counted, options, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        write_count_report(tmp_path / "a.html", model, **({"counted": counted[:1]} | options))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_folder_is_found_out_before_the_work(model, counted, tmp_path):
+    began = time.perf_counter()
+    with pytest.raises(FileNotFoundError, match="make it first"):
+        write_count_report(tmp_path / "no" / "a.html", model, counted)
+    assert time.perf_counter() - began < 1
+
+
+def test_only_failures_make_a_page_too(model, tmp_path):
+    path = write_count_report(tmp_path / "a.html", model, [], failures={"x.csv": "x.csv: empty"})
+    assert "x.csv could not be counted: x.csv: empty" in words(parse(path.read_text(encoding="utf-8")))
