@@ -208,7 +208,7 @@ class LobeModel:
             trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
             trees.fit(features, windows.y, groups=member)
             counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
-            if worn is not None and worn.any() and not worn.all():
+            if worn is not None and passage is not None and worn.any() and not worn.all():
                 locator = LobeLocator(
                     windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
                 ).fit(windows.X, worn, passage)
