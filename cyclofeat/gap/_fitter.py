@@ -126,7 +126,7 @@ class EffectFitter(BaseEstimator):
     >>> from cyclofeat.simulators import Hum
     >>> truth = CompositeSimulator(effects=[Hum(0.3)])
     >>> X = make_bank(truth, NuisancePrior(), [0, 3], n=4, random_state=5).X
-    >>> fitter = EffectFitter(Hum(0.1), 25_600, n_interval=8).fit(X, y=[0, 3, 0, 3])
+    >>> fitter = EffectFitter(Hum(0.1), 25_600, n_interval=12).fit(X, y=[0, 3, 0, 3])
     >>> round(fitter.theta_["hum.amplitude_nm"], 1)
     0.3
     """
