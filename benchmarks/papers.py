@@ -116,6 +116,7 @@ def draw(folder: Path | None) -> None:
     failed = []
     for path in sorted(SCRIPTS.glob("plot_*.py")):
         begin = time.process_time()
+        plt.close("all")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -126,7 +127,6 @@ def draw(folder: Path | None) -> None:
                         plt.figure(number).savefig(folder / f"{path.stem}_{number}.png", dpi=80)
         except Exception as error:  # the others are worth knowing, too
             failed.append(f"{path.name}: {type(error).__name__}: {error}")
-        plt.close("all")
         print(f"{path.name}: {time.process_time() - begin:.1f} s of processor time", flush=True)
     if failed:
         sys.exit("\n".join(failed))

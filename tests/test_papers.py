@@ -5,11 +5,14 @@ from __future__ import annotations
 import ast
 import csv
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("matplotlib")
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the benchmarks are no part of the package
 
 from benchmarks import papers
 
