@@ -528,7 +528,8 @@ class _Typical:
         # Components too are made without them: those that a sample spreads along most flatter it.
         self.folds: list[tuple[PCA, list[tuple[LedoitWolf, Float]]]] = []
         for train, test in folds:
-            components = PCA(min(_COMPONENTS, features.shape[1])).fit(features[train])
+            # The default for tables of this size draws random numbers.
+            components = PCA(min(_COMPONENTS, features.shape[1]), svd_solver="full").fit(features[train])
             known, left_out = (components.transform(features[part]) for part in (train, test))
             of_class = []
             for k in np.unique(labels):
