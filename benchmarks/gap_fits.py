@@ -91,12 +91,12 @@ def parameters(results: Path) -> Iterator[dict[str, Any]]:
 def score(results: Path) -> str:
     """The table, goal beside figure."""
     rows = list(parameters(results))
-    told = [row for row in rows if row["told"]]
+    told, cases = [row for row in rows if row["told"]], {row["case"] for row in rows}
     lines = [
         "# Hidden effects: sizes and intervals",
         "",
         "Made by `python -m benchmarks.gap_fits`: the effect's name is given, its size is looked for.",
-        f"{len({row['case'] for row in rows})} cases of one hidden effect, 8 recordings each.",
+        f"{len(cases)} of {len(chosen())} cases of one hidden effect, 8 recordings each.",
         "",
         "|  | goal | figure | parameters |",
         "|---|---|---|---|",

@@ -25,7 +25,8 @@ SHOWN = [*features.__all__, "find_monotone_bands", "scan_wavelets"]
 
 @pytest.fixture
 def pyplot(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "examples" / "features")  # as "python plot_....py" would
+    for folder in ("features", "gap"):
+        monkeypatch.syspath_prepend(ROOT / "examples" / folder)  # as "python plot_....py" would
     matplotlib.use("Agg")
     plt = importlib.import_module("matplotlib.pyplot")
     plt.close("all")

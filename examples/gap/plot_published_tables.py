@@ -10,17 +10,16 @@ simulated rigs whose statistics lie beside this script. Remade without them (``t
 simulates 3000 records, a quarter of an hour on one core.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
+from _stored import DATA
 
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap._summary_mode import SummaryGap, to_statistics
 
 tables = load_published_tables()
 published, entropy = tables.signal_statistics, tables.spectral_entropy["entropy_bits"]
-stored = Path(__file__).parent / "data" / "published_tables.npz"
+stored = DATA / "published_tables.npz"
 gap = SummaryGap(table=stored).fit(published, entropy=entropy)  # gap.save_table(stored) writes it
 
 # %%
