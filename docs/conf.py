@@ -55,7 +55,9 @@ sphinx_gallery_conf = {
 }
 
 # Examples share helper modules that lie beside them.
-sys.path[:0] = [str(Path(__file__).parents[1] / "examples" / folder) for folder in ("features", "gap", "papers")]
+sys.path[:0] = [
+    str(Path(__file__).parents[1] / "examples" / folder) for folder in ("features", "gap", "papers")
+]
 
 
 def escape_bars_and_powers(app, what, name, obj, options, lines):
