@@ -94,7 +94,7 @@ def run(name: str, results: Path, cache: Path, quick: bool) -> str:
     )  # fmt: skip
     hold = case.X_hold if len(case.X_hold) else None
     workflow.fit(case.X_fit, hold, y_fit=case.y_fit, y_hold=case.y_hold if hold is not None else None)
-    _write(results, name, workflow.result_)
+    write_result(results, name, workflow.result_)
     return name
 
 
@@ -114,11 +114,11 @@ def named(name: str, results: Path, cache: Path) -> str:
         result["tie_group"] = [ranking[0].effect_id, *alike] if alike else []
         result["unknown"] = ranker.unknown_
         result["unknown_score"] = 1 - max(ranker.conformal_p_.values())
-    _write(results, name, result)
+    write_result(results, name, result)
     return name
 
 
-def _write(results: Path, name: str, result: dict[str, Any]) -> None:
+def write_result(results: Path, name: str, result: dict[str, Any]) -> None:
     content = json.dumps(result, indent=1).encode()
     write_whole(results / f"{name}.json", lambda stream: stream.write(content))
 

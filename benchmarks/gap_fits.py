@@ -18,9 +18,8 @@ from typing import Any
 import joblib
 import numpy as np
 
-from benchmarks.gap import SAMPLING_RATE, SUBSET
+from benchmarks.gap import SAMPLING_RATE, SUBSET, write_result
 from benchmarks.hidden_effects._cases import case_names, make_case, truth
-from cyclofeat._files import write_whole
 from cyclofeat.gap import EffectFitter
 from cyclofeat.simulators import Effect, SimulationFailed, effect_library
 
@@ -65,8 +64,7 @@ def fit(name: str, results: Path, cache: Path) -> str:
         }  # fmt: skip
     except SimulationFailed as failure:
         found = {"failed": str(failure)}
-    content = json.dumps(found, indent=1).encode()
-    write_whole(results / f"{name}.json", lambda stream: stream.write(content))
+    write_result(results, name, found)
     return name
 
 

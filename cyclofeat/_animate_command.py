@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _simulated(arguments: argparse.Namespace) -> SimulationRun:
     """The same assembly as ``simulate`` makes of these options, after its start has died away."""
-    from cyclofeat.datasets._surrogate import _seed
+    from cyclofeat.datasets._surrogate import assembly_seed
     from cyclofeat.simulators import CompositeSimulator
 
     rig = _simulate_command.rig_of_machine(arguments)
@@ -65,7 +65,7 @@ def _simulated(arguments: argparse.Namespace) -> SimulationRun:
         _simulate_command.defects_of(arguments),
         duration=duration,
         sampling_rate=_SAMPLING_RATE,
-        seed=0 if rig is None else _seed(rig, arguments.seed, 0),
+        seed=0 if rig is None else assembly_seed(rig, arguments.seed, 0),
         start_angle=0.0 if rig is None else None,
         forces=True,
         points=True,

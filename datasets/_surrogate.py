@@ -222,7 +222,7 @@ def _unless_failed(result: Recording | _Failure) -> Recording:
     raise error
 
 
-def _seed(rig: Rig, random_state: int, index: int) -> np.random.SeedSequence:
+def assembly_seed(rig: Rig, random_state: int, index: int) -> np.random.SeedSequence:
     """Seed of one recording. Its second child is that of the defects; the others are the simulator's."""
     # The rig's name counts: assemblies of two rigs are different ones, and one may train and the other test.
     return np.random.SeedSequence([random_state, *rig.name.encode()], spawn_key=(index,))
@@ -242,7 +242,7 @@ def _drawn_recording(
     """One recording with randomly placed defects."""
     from cyclofeat.simulators import LobeDefects
 
-    random = np.random.default_rng(_seed(rig, random_state, index).spawn(2)[1])
+    random = np.random.default_rng(assembly_seed(rig, random_state, index).spawn(2)[1])
     n_lobes = rig.gearbox.n_lobes
     consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
     defects = LobeDefects.drawn(count, n_lobes, random, consecutive=consecutive, wheels=wheels)
@@ -262,7 +262,7 @@ def _recording(
     from cyclofeat.simulators import CompositeSimulator, SimulationFailed, settling_time
     from cyclofeat.simulators.rig import LONGEST_SETTLING
 
-    seed = _seed(rig, random_state, index)
+    seed = assembly_seed(rig, random_state, index)
     assembly = f"{rig.name}-{random_state}-{index:04d}"
     simulator = CompositeSimulator(rig)
     gearbox, effects = simulator.assemble(seed)

@@ -97,7 +97,7 @@ class Calibration:
         return float(np.mean(left**2) / (1 / len(statistics) + at @ self._inverse @ at))
 
     def _shares(self, labels: Labels) -> Float:
-        return np.asarray(labels[:, None] == self._known[None, :], dtype=float)
+        return _one_hot(labels, self._known)
 
 
 def slopes(places: Float, values: Float, labels: Labels, weights: Float) -> Float:
@@ -111,9 +111,14 @@ def slopes(places: Float, values: Float, labels: Labels, weights: Float) -> Floa
     weights : ndarray, shape (n,)
         Inverse variances, up to a factor.
     """
-    levels = np.asarray(labels[:, None] == np.unique(labels)[None, :], dtype=float)
+    levels = _one_hot(labels, np.unique(labels))
     # Around their middle, for the sake of the numbers.
     design = np.column_stack([levels, places - places.mean(axis=0)])
     root = np.sqrt(weights)[:, None]
     found = np.linalg.lstsq(root * design, root * values, rcond=None)[0]
     return np.asarray(found[levels.shape[1] :].T)
+
+
+def _one_hot(labels: Labels, known: Labels) -> Float:
+    """A column per known label, 1 where it is the row's."""
+    return np.asarray(labels[:, None] == known[None, :], dtype=float)

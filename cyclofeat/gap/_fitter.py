@@ -261,7 +261,7 @@ class EffectFitter(BaseEstimator):
                 # together is taken from those without effect, of which there are more.
                 simulated = model.summaries(place, _AT_OPTIMUM)
                 scatter = model.centred(simulated)
-                # Weights by one half, the interval by the other: weights fitted to the recordings whose
+                # Weights by one half, the step's error by the other: weights fitted to the recordings whose
                 # scatter they reduce would promise too much.
                 half = _every_other(model.counts[: len(scatter)])
                 whitener = Whitener(null, scatter[half], cells)

@@ -24,6 +24,14 @@
     return path + "Z";
   };
 
+  const circlesAround = (parent, kind, n, radius, r) => {
+    for (let k = 0; k < n; k++) {
+      const at = (2 * Math.PI * k) / n;
+      make(parent, "circle", { class: kind, r, cx: radius * Math.cos(at), cy: radius * Math.sin(at) });
+    }
+    return parent;
+  };
+
   const buildWheel = (number) => {
     const wheel = machine.wheels[number];
     const svg = byId(`wheel-${number}`);
@@ -41,35 +49,9 @@
         d: outline([...half, ...end, inner * half[0], inner * half[1]]),
       });
     }
-    const holes = make(upright, "g");
-    for (let k = 0; k < machine.n_sleeves; k++) {
-      const at = (2 * Math.PI * k) / machine.n_sleeves;
-      make(holes, "circle", {
-        class: "hole",
-        r: machine.hole_radius,
-        cx: machine.sleeve_circle * Math.cos(at),
-        cy: machine.sleeve_circle * Math.sin(at),
-      });
-    }
-    const sleeves = make(upright, "g");
-    for (let k = 0; k < machine.n_sleeves; k++) {
-      const at = (2 * Math.PI * k) / machine.n_sleeves;
-      make(sleeves, "circle", {
-        class: "sleeve",
-        r: machine.sleeve_radius,
-        cx: machine.sleeve_circle * Math.cos(at),
-        cy: machine.sleeve_circle * Math.sin(at),
-      });
-    }
-    for (let k = 0; k < machine.n_pins; k++) {
-      const at = (2 * Math.PI * k) / machine.n_pins;
-      make(upright, "circle", {
-        class: "sleeve",
-        r: machine.pin_radius,
-        cx: machine.pin_circle * Math.cos(at),
-        cy: machine.pin_circle * Math.sin(at),
-      });
-    }
+    const holes = circlesAround(make(upright, "g"), "hole", machine.n_sleeves, machine.sleeve_circle, machine.hole_radius);
+    const sleeves = circlesAround(make(upright, "g"), "sleeve", machine.n_sleeves, machine.sleeve_circle, machine.sleeve_radius);
+    circlesAround(upright, "sleeve", machine.n_pins, machine.pin_circle, machine.pin_radius);
     // On top of the holes, and turning with the wheel.
     const labels = make(upright, "g");
     const numbers = Array.from({ length: machine.n_lobes }, (_, lobe) => {
