@@ -81,21 +81,6 @@ class Calibration:
             shift = np.asarray(covariance @ self.slope.T @ weight @ apart.mean(axis=0), dtype=float)
         return self._centre + shift, covariance
 
-    def misfit(self, statistics: Float, labels: Labels, parameters: Float) -> float:
-        """Mean square of what is left between measured and expected means; 1 where nothing but scatter is.
-
-        Parameters
-        ----------
-        statistics : ndarray, shape (n_measured, n_statistics)
-            In units of the scatter of one recording.
-        labels : ndarray of int, shape (n_measured,)
-        parameters : ndarray, shape (n_parameters,)
-        """
-        shares, shift = self._shares(labels), parameters - self._centre
-        left = (statistics - shares @ self._levels).mean(axis=0) - self.slope @ shift
-        at = np.r_[shares.mean(axis=0), shift]
-        return float(np.mean(left**2) / (1 / len(statistics) + at @ self._inverse @ at))
-
     def _shares(self, labels: Labels) -> Float:
         return _one_hot(labels, self._known)
 

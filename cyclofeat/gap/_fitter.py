@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Sequence
@@ -10,16 +11,13 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
-from scipy.stats import qmc
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._calibration import Calibration, slopes
+from cyclofeat.gap._fit_interval import BOXES, calibrated
 from cyclofeat.gap._fit_model import (
     AT_BOUND,
-    PER_STEP,
     FitModel,
     FitSpace,
     as_effects,
@@ -43,11 +41,6 @@ _RANDOM_STARTS = 2
 _CORRECTIONS = 2
 _FITS = 2.0  # loss below which nothing is left to search for
 _AT_OPTIMUM = 32  # recordings that correct the optimum and weigh the cells there
-_BOXES = 3  # in which recordings for the interval are spread, each around what the last one said
-_FIRST_BOX = 0.15  # half its width, in widths of the prior
-_LEAST_BOX, _WIDEST_BOX = 0.01, 0.5
-_REACH = 3.0  # half the width of the next box, in standard deviations
-_APART = 10_000  # first seed of these recordings
 _FAR = 2.0  # standard deviations from which a correction is repeated
 _BANK = 200
 # A parameter whose interval is wider than this share of the prior's has hardly been told by the recordings.
@@ -96,7 +89,8 @@ class EffectFitter(BaseEstimator):
     at_bound_ : dict from str to bool
         Whether the optimum lies at the end of the searched range: the true value may lie beyond.
     loss_ : float
-        Mean square of the whitened residuals at ``theta_``, 1 where model and measurement agree.
+        Mean square of the whitened residuals of recordings simulated with ``theta_``, about 1 where model and
+        measurement agree.
     n_calls_ : int
         Simulated recordings.
     n_failed_ : int
@@ -118,7 +112,8 @@ class EffectFitter(BaseEstimator):
     box, with a level for each count, is turned around (linear calibration: Brown 1982). Theta's covariance
     then has the scatter of single recordings, measured or simulated, whichever is larger, and the line's own
     uncertainty. Intervals take Student's t with the line's degrees of freedom, and are widened by the root of
-    ``loss_`` where that is above 1 (Birge 1932).
+    ``loss_`` where that is above 1 (Birge 1932). The loss is that of 32 recordings simulated at theta; where
+    it is above 2 there and lower where the search ended, theta is that place.
 
     Examples
     --------
@@ -242,10 +237,20 @@ class EffectFitter(BaseEstimator):
         # more than without.
         start = search.best(whitener)
         whitener = Whitener(null, model.centred(model.summaries(start, _AT_OPTIMUM // 2)), cells)
-        best, estimate = self._optimum(search, null, whitener, cells, n)
-        reach, loss = np.full(best.size, np.inf), estimate.loss
+        optimum, estimate = self._optimum(search, null, whitener, cells, n)
+        misfit = functools.partial(_misfit, model, measured=measured, null=null, cells=cells)
+        best, loss, reach = optimum, math.inf, np.full(optimum.size, np.inf)
         if self.n_interval:
-            best, reach, loss = self._calibrated(search, best, estimate, measured, counts)
+            best, reach = calibrated(
+                search, optimum, estimate, measured, counts, self.n_interval, self.alpha,
+                np.random.default_rng([self.random_state, 4]),
+            )  # fmt: skip
+            loss = misfit(best)
+        if loss > _FITS:
+            # Where summaries are far from linear in a box, the line may end beside what the search found.
+            loss, best = min((loss, best), (misfit(optimum), optimum), key=lambda fit: fit[0])
+        # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong.
+        reach = reach * math.sqrt(max(loss, 1.0))
         self._settle(model, at, best, reach, loss)
         return self
 
@@ -281,59 +286,6 @@ class EffectFitter(BaseEstimator):
         _, best, estimate = min(found, key=lambda one: one[0])
         return best, estimate
 
-    def _calibrated(
-        self,
-        search: Search,
-        best: Float,
-        estimate: Estimate,
-        measured: Float,
-        counts: NDArray[np.int64] | None,
-    ) -> tuple[Float, Float, float]:
-        """Parameters, half their intervals, and loss, by recordings of known parameters around the best."""
-        model, at = search.model, search.at
-        radius = np.maximum(_FIRST_BOX * at.widths, _REACH * np.minimum(estimate.deviation, at.widths))
-        spread = qmc.Halton(best.size, rng=np.random.default_rng([self.random_state, 4]))
-        told = estimate.weighted(measured)
-        of_told = np.zeros(len(measured), dtype=np.int64) if counts is None else counts
-        drawn, values, labels = np.empty((0, best.size)), np.empty((0, told.shape[1])), of_told[:0]
-        turn = None
-        for k in range(_BOXES):
-            share = len(range(k, self.n_interval, _BOXES))
-            low, high = at.clipped(best - radius), at.clipped(best + radius)
-            places = low + spread.random(share) * (high - low)
-            simulated, done, own = model.scattered(places, counts, _APART + k * self.n_interval)
-            places, simulated = places[done], estimate.weighted(simulated)
-            own = 0 * own if counts is None else own
-            drawn, values = np.vstack([drawn, places]), np.vstack([values, simulated])
-            labels = np.r_[labels, own]
-            # Means over the search's own recordings have a level of their own, and weigh as many.
-            searched, means = search.within(low, high)
-            following = np.linalg.pinv(
-                slopes(
-                    np.vstack([drawn, searched]),
-                    np.vstack([values, estimate.weighted(means)]),
-                    np.r_[labels, np.full(len(searched), -1)],
-                    np.r_[np.ones(len(drawn)), np.full(len(searched), PER_STEP)],
-                )
-            )
-            # Statistics that these very recordings chose would promise too much, but for the first step.
-            turn = following if turn is None else turn
-            line = Calibration(places, simulated @ turn.T, own, best, at.widths / 2)
-            found, covariance = line.solve(told @ turn.T, of_told)
-            deviation = np.sqrt(np.diag(covariance))
-            # A line holds in its box.
-            centre, best = best, np.clip(found, low, high)
-            if k > 0:
-                # What is told narrows; what is not is spread as widely as it may be, or the little that is
-                # known of its slope would blur all others.
-                radius = np.clip(_REACH * deviation, _LEAST_BOX * at.widths, _WIDEST_BOX * at.widths)
-            turn = following
-        cells = Calibration(places, simulated / estimate.weights, own, centre, at.widths)
-        loss = cells.misfit(told / estimate.weights, of_told, best)
-        # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong.
-        deviation = deviation * math.sqrt(max(loss, 1.0))
-        return best, float(stats.t.ppf(1 - self.alpha / 2, line.degrees)) * deviation, loss
-
     def _effects(self) -> tuple[Effect, ...]:
         given = as_effects(self.effect)
         if not given or not all(isinstance(effect, Effect) for effect in given):
@@ -344,7 +296,7 @@ class EffectFitter(BaseEstimator):
         return given
 
     def _check_n_interval(self, n_counts: int, n_parameters: int) -> None:
-        least = _BOXES * (n_counts + n_parameters + 1)
+        least = BOXES * (n_counts + n_parameters + 1)
         if 0 < self.n_interval < least:
             raise ValueError(
                 f"n_interval must be 0 or at least {least} for {n_counts} counts of worn lobes and "
@@ -398,6 +350,14 @@ class EffectFitter(BaseEstimator):
         if isinstance(given, Rig):
             return given.replace(effects=())
         return CycloidalGearbox.steel() if given is None else given
+
+
+def _misfit(model: FitModel, place: Float, measured: Float, null: Float, cells: list[Cell]) -> float:
+    """Mean square of what is left between measured and simulated means, 1 where nothing but scatter is."""
+    simulated = model.summaries(place, _AT_OPTIMUM)
+    whitener = Whitener(null, model.centred(simulated), cells)
+    left = whitener(measured.mean(axis=0) - simulated.mean(axis=0))
+    return float(np.mean(left**2) / (1 / len(measured) + 1 / len(simulated)))
 
 
 def _every_other(counts: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, EffectFitter, NuisancePrior, _fit_model, _fit_search, _fitter
+from cyclofeat.gap import (
+    Bank,
+    EffectFitter,
+    NuisancePrior,
+    _fit_interval,
+    _fit_model,
+    _fit_search,
+    _fitter,
+)
 from cyclofeat.gap._summaries import Cell
 from cyclofeat.simulators import (
     BrakeRotor,
@@ -207,6 +215,14 @@ def test_an_effect_that_never_can_be_simulated_is_an_error(
         fitter(Hum(0.1), simulations).fit(with_hum.X, y=with_hum.counts)
 
 
+def test_an_interval_from_too_few_that_succeed_is_an_error(
+    with_hum: Bank, simulations: Any, failing: Any
+) -> None:
+    failing(lambda i, _: i >= _fit_interval._APART and i % 4 == 1)
+    with pytest.raises(SimulationFailed, match="only 3 of 4 simulations .* take a larger n_interval"):
+        fitter(Hum(0.1), simulations, n_interval=12).fit(with_hum.X, y=with_hum.counts)
+
+
 # Bad input
 
 
@@ -295,6 +311,35 @@ def test_recordings_of_an_evaluation_have_the_measured_counts() -> None:
     assert sorted(matched[:step]) == sorted([0, 0, 2, 4] * (step // 4))
     assert len(matched) == 16
     assert len(set(_fit_model.matched_counts(None, NuisancePrior(), 8))) == min(step, 8)
+
+
+def test_the_misfit_is_one_where_nothing_but_scatter_is_left() -> None:
+    rng = np.random.default_rng(3)
+    cells = [Cell("features", str(k), "1") for k in range(8)]
+    null = rng.normal(size=(200, 8))
+
+    class Normal:
+        def summaries(self, place: np.ndarray, n: int) -> np.ndarray:
+            return place + rng.normal(size=(n, 8))
+
+        def centred(self, values: np.ndarray) -> np.ndarray:
+            return values - values.mean(axis=0)
+
+    for offset, least, most in ((0.0, 0.9, 1.15), (2.0, 10.0, 50.0)):
+        found = [
+            _fitter._misfit(Normal(), np.full(8, offset), rng.normal(size=(8, 8)), null, cells)
+            for _ in range(300)
+        ]
+        assert least < np.mean(found) < most
+
+
+def test_where_the_line_leads_astray_the_search_is_believed(
+    with_hum: Bank, simulations: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_fitter, "calibrated", lambda *_: (np.log([3.0]), np.array([0.1])))
+    found = fitter(Hum(0.1), simulations).fit(with_hum.X, y=with_hum.counts)
+    assert found.theta_["hum.amplitude_nm"] == pytest.approx(0.3, rel=0.1)
+    assert found.loss_ < 4
 
 
 def test_both_halves_hold_all_counts_alike() -> None:
