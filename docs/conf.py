@@ -23,12 +23,12 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
+    "myst_parser",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
 ]
 templates_path = ["_templates"]
-exclude_patterns = ["_build", "decisions", "notes"]
-source_suffix = {".rst": "restructuredtext"}  # the notes in Markdown are read in the repository
+exclude_patterns = ["_build"]
 
 html_theme = "alabaster"
 html_theme_options = {"description": cyclofeat.__doc__.splitlines()[0], "page_width": "1100px"}
@@ -60,6 +60,36 @@ sys.path[:0] = [
 ]
 
 
+# Tables that the benchmarks write, as pages of their own.
+RESULTS = {
+    "counting": "Counting worn lobes: the whole table",
+    "gap": "Hidden effects: the whole chain",
+    "gap_names": "Hidden effects: where and what, without sizes",
+    "gap_fits": "Hidden effects: sizes and intervals",
+    "hidden_effects/README": "Hidden effects: the cases, and how to compete",
+    "published_rig": "The rig called published",
+    "simulator": "Speed of the simulator",
+    "features": "Speed of the features",
+    "campaign": "Cost of a campaign",
+}
+RESULTS_FOLDER = Path(__file__).parent / "generated" / "results"
+
+
+def copy_results(app, config):
+    """Benchmarks' tables into the pages' folder, with titles that differ."""
+    for name, title in RESULTS.items():
+        text = (Path(__file__).parents[1] / "benchmarks" / f"{name}.md").read_text(encoding="utf-8")
+        heading, _, rest = text.partition("\n")
+        page = RESULTS_FOLDER / f"{name}.md"
+        page.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(f"# {title}\n\n{rest if heading.startswith('# ') else text}", encoding="utf-8")
+
+
+def link_results(app, name, source):
+    """Links to tables, which lead to files in the repository, lead to their pages here."""
+    source[0] = source[0].replace("](../benchmarks/", "](generated/results/")
+
+
 def escape_bars_and_powers(app, what, name, obj, options, lines):
     """Docstrings write |u| for a size and ``rms``^2 for a power: reST takes both for markup of its own."""
     inside = None  # indent of the directive (an equation) that the line belongs to
@@ -79,5 +109,7 @@ def escape_bars_and_powers(app, what, name, obj, options, lines):
 
 
 def setup(app):
+    app.connect("config-inited", copy_results)
+    app.connect("source-read", link_results)
     # After numpydoc, which has put the sections in order by then.
     app.connect("autodoc-process-docstring", escape_bars_and_powers, priority=900)
