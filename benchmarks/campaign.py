@@ -203,8 +203,8 @@ def table(n_runs: int) -> str:
     head = (
         f"{campaign.n_runs} runs of rig {RIG.name} with hum and quantisation, records of "
         f"{DESIGN.duration_s:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes. The machine has "
-        f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the bench's own: "
-        "where others are at work too, processor time says more than runs per second.\n"
+        f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
+        "bench's own: where others are at work too, processor time says more than runs per second.\n"
     )
     lines = [head, "| what | result |", "|---|---|"]
     return "\n".join(lines + [f"| {name} | {value} |" for name, value in rows]) + "\n"

@@ -359,6 +359,8 @@ def main() -> None:
     arguments = parser.parse_args()
     page = ROOT / "benchmarks" / "published_rig.md"
     if arguments.fit:
+        if arguments.bank is not None:
+            arguments.bank.mkdir(parents=True, exist_ok=True)
         found = search(arguments.bank)
         checked = check(found)
         write_table(values_of(checked[0]))

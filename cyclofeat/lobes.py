@@ -181,28 +181,88 @@ def lobe_lines(
     )
     if X.shape[1] * nominal < 2 * sampling_rate:
         return empty
+    white = _whitened(X, sampling_rate, nominal, n_lines, ar_order)
+    numbers = np.arange(1, n_lines + 1)
+    factor = np.ones(n_windows)
+    if speed_tolerance > 0:
+        teeth = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :] if searched is None else np.asarray(searched)
+        factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
+        factor = factors[np.argmax(white.prominence(factors, teeth * nominal).sum(axis=2), axis=1)]
+    frequencies = np.outer(factor * nominal, numbers)
+    bins = frequencies / white.resolution
+    at_centre = np.stack([_between_bins(*row) for row in zip(white.spectrum, bins, strict=True)])
+    return LobeLines(
+        input_speed_hz=factor * input_speed_hz,
+        lines=at_centre * np.exp(-2j * np.pi * frequencies * white.centre),
+        floor=np.stack([_between_bins(*row) for row in zip(white.floor, bins, strict=True)]),
+    )
+
+
+def comb_prominence(
+    X: Float,
+    sampling_rate: float,
+    input_speed_hz: float,
+    factors: Float,
+    *,
+    n_lobes: int = 15,
+    n_lines: int = 44,
+    ar_order: int = 16,
+) -> Float:
+    """How far each lobe line of several input speeds stands out of the spectrum around it.
+
+    Parameters
+    ----------
+    X, sampling_rate, input_speed_hz, n_lobes, n_lines, ar_order
+        As for :func:`lobe_lines`.
+    factors : ndarray, shape (n_factors,)
+        Input speeds, as multiples of ``input_speed_hz``.
+
+    Returns
+    -------
+    ndarray, shape (n_windows, n_factors, n_lines - 4)
+        Power over local floor of the lobe lines from the fifth on: 1 on average where there are none.
+    """
+    nominal = lobe_frequency(input_speed_hz, n_lobes)
+    teeth = np.arange(min(_FIRST_SEARCHED, n_lines), n_lines + 1)
+    white = _whitened(X, sampling_rate, nominal, n_lines, ar_order)
+    return white.prominence(factors, teeth * nominal)
+
+
+@dataclass(frozen=True)
+class _Whitened:
+    """Spectra of whitened windows about their middle.
+
+    Attributes
+    ----------
+    spectrum : ndarray of complex, shape (n_windows, n_bins)
+    power, floor : ndarray, shape (n_windows, n_bins)
+        Its square, and the mean of that around each bin.
+    resolution : float
+        From bin to bin in Hz.
+    centre : float
+        The middle's time in s.
+    """
+
+    spectrum: Complex
+    power: Float
+    floor: Float
+    resolution: float
+    centre: float
+
+    def prominence(self, factors: Float, frequencies: Float) -> Float:
+        """Power over floor, shape (n_windows, n_factors, n_frequencies)."""
+        ratio = np.divide(self.power, self.floor, out=np.zeros_like(self.power), where=self.floor > 0)
+        bins = np.outer(factors, frequencies / self.resolution)
+        return np.stack([_between_bins(row, bins) for row in ratio])
+
+
+def _whitened(X: Float, sampling_rate: float, nominal: float, n_lines: int, ar_order: int) -> _Whitened:
     reduced, rate = reduce_rate(X, sampling_rate, _RATE_PER_LINE * n_lines * nominal)
     white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
     spectrum, resolution, centre = _centred_spectrum(white, rate)
     power = np.abs(spectrum) ** 2
     floor = uniform_filter1d(power, max(1, round(_FLOOR_WIDTH * nominal / resolution)), axis=1)
-    numbers = np.arange(1, n_lines + 1)
-    factor = np.ones(n_windows)
-    if speed_tolerance > 0:
-        prominence = np.divide(power, floor, out=np.zeros_like(power), where=floor > 0)
-        teeth = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :] if searched is None else np.asarray(searched)
-        factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
-        bins = np.outer(factors, teeth * (nominal / resolution))
-        fit = np.stack([_between_bins(row, bins).sum(axis=1) for row in prominence])
-        factor = factors[np.argmax(fit, axis=1)]
-    frequencies = np.outer(factor * nominal, numbers)
-    bins = frequencies / resolution
-    at_centre = np.stack([_between_bins(*row) for row in zip(spectrum, bins, strict=True)])
-    return LobeLines(
-        input_speed_hz=factor * input_speed_hz,
-        lines=at_centre * np.exp(-2j * np.pi * frequencies * centre),
-        floor=np.stack([_between_bins(*row) for row in zip(floor, bins, strict=True)]),
-    )
+    return _Whitened(spectrum, power, floor, resolution, centre)
 
 
 def _centred_spectrum(X: Float, sampling_rate: float) -> tuple[Complex, float, float]:

@@ -63,6 +63,7 @@ sys.path[:0] = [
 # Tables that the benchmarks write, as pages of their own.
 RESULTS = {
     "counting": "Counting worn lobes: the whole table",
+    "other_speed": "Discs at another speed",
     "gap": "Hidden effects: the whole chain",
     "gap_names": "Hidden effects: where and what, without sizes",
     "gap_fits": "Hidden effects: sizes and intervals",

@@ -1,5 +1,7 @@
 """Counting: pipelines, grouped evaluation, locating, models for whole recordings."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -233,6 +235,17 @@ def test_training_needs_labels_of_more_than_one_kind(surrogates):
         LobeModel.train([surrogates[0].replace(defect_count=None, worn_lobes=None)], input_speed_hz=SPEED)
     with pytest.raises(ValueError, match="at least two defect counts, got 0 only"):
         LobeModel.train([r for r in surrogates if r.defect_count == 0], input_speed_hz=SPEED)
+
+
+def test_a_disc_at_another_speed_is_refused_and_not_called_healthy(model, surrogates):
+    """The stated speed is wrong, there is no tachometer: only the torque tells."""
+    worn = max(surrogates, key=lambda recording: recording.defect_count)
+    samples = np.arange(worn.torque.size)
+    slower = np.interp(0.96 * samples, samples, worn.torque)
+    found = model.count(worn.replace(torque=slower, angle=None, angle_is_absolute=False))
+    assert found.refused
+    assert re.search(r"fit another speed, such as 4\d\d RPM, better than the model's 500 RPM", found.reason)
+    assert not model.count(worn.replace(angle=None, angle_is_absolute=False)).refused
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):

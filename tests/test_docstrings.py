@@ -13,6 +13,7 @@ MODULES = (WALKED | {"cyclofeat"}) - {"cyclofeat.__main__"}
 
 
 def test_all_rooms_are_walked():
+    assert LONG < MODULES
     for room in ("features", "counting", "plotting", "report"):
         assert f"cyclofeat.{room}" in MODULES
 
@@ -25,7 +26,23 @@ MAPPED = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(MODULES | MAPPED))
+# Their examples simulate or fit for half a minute and more.
+LONG = {
+    "cyclofeat.counting._lobes",
+    "cyclofeat.gap._fitter",
+    "cyclofeat.gap._ranker",
+    "cyclofeat.gap._report",
+    "cyclofeat.report._gap",
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
+        for name in sorted(MODULES | MAPPED)
+    ],
+)
 def test_examples(name, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     failed, _ = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)

@@ -26,6 +26,7 @@ from cyclofeat.counting._folds import fewest_assemblies
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
+from cyclofeat.counting._speed import other_speed
 from cyclofeat.features import LobeMap
 from cyclofeat.lobes import LobeLines, lobe_frequency
 from cyclofeat.recording import Recording, Windower, WindowSet
@@ -310,7 +311,8 @@ class LobeModel:
         Windows of whole output turns are classified one by one and their probabilities combined, see
         :func:`predict_recordings`; a counter that has not learned how much windows of one assembly err
         together is taken to be no surer of many than of one. The recording is refused where more than half
-        of its windows lie outside the training domain; it still has a count.
+        of its windows lie outside the training domain, or where, without a tachometer, its lobe lines are
+        those of another speed; it still has a count.
 
         Parameters
         ----------
@@ -336,7 +338,10 @@ class LobeModel:
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
         distance, n_outside = self._distance(features)
-        refused = n_outside > len(windows) / 2
+        # The speed first: it explains why windows lie outside.
+        reason = self._another_speed(windows.X) if recording.angle is None else ""
+        if not reason and n_outside > len(windows) / 2:
+            reason = OUTSIDE
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -367,8 +372,8 @@ class LobeModel:
             absolute=absolute,
             n_windows=len(windows),
             warnings=tuple(notes),
-            refused=refused,
-            reason=OUTSIDE if refused else "",
+            refused=bool(reason),
+            reason=reason,
             distance=distance,
         )
 
@@ -396,6 +401,16 @@ class LobeModel:
             deciding, seen, np.zeros(len(X), dtype=int), dependence=1.0 if learned is None else learned
         )
         return combined, features, found
+
+    def _another_speed(self, X: Float) -> str:
+        """Why the torque cannot come from the model's speed; empty where nothing says so."""
+        speed = other_speed(X, self.sampling_rate, self.input_speed_hz, _SPEED_TOLERANCE, self.n_lobes)
+        if speed is None:
+            return ""
+        return (
+            f"its lobe lines fit another speed, such as {60 * speed:.3g} RPM, better than the model's "
+            f"{60 * self.input_speed_hz:.5g} RPM"
+        )
 
     def _distance(self, features: Float | None) -> tuple[float, int]:
         """Median distance of windows in units of the largest inside, and how many are outside."""

@@ -87,6 +87,7 @@ def change_card(file, **changes):
     card_path(file).write_text(json.dumps(card | changes))
 
 
+@pytest.mark.slow
 def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_path):
     np.save(tmp_path / "X.npy", data[0][:3])
     expected = {}

@@ -195,7 +195,7 @@ def lines_of(process, n):
     return [process.stdout.readline() for _ in range(n)]
 
 
-@pytest.mark.parametrize("ask", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("ask", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
 def test_a_process_that_watches(tmp_path, model_file, ask):
     """Files in pieces, garbage, files renamed into place; a clean end, and nothing counted twice."""
     folder = tmp_path / "in"

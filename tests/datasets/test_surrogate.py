@@ -451,7 +451,7 @@ def test_an_error_in_the_callback_stops_the_work(n_jobs):
         make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, **SHORT)
 
 
-@pytest.mark.parametrize("n_jobs", [1, 2])
+@pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_diverged_run_names_its_assembly(n_jobs):
     stiff = Rig.r1().replace(gearbox=CycloidalGearbox.steel(stiffness_scale=1e3))
     with pytest.raises(SimulationDiverged, match=r"assembly R1-0-0000 \(worn lobes .*stiffness") as caught:

@@ -33,7 +33,7 @@ def test_as_one_by_one() -> None:
         assert np.array_equal(run.external_forces, alone.external_forces)
 
 
-@pytest.mark.parametrize("prefer", ["threads", "processes"])
+@pytest.mark.parametrize("prefer", ["threads", pytest.param("processes", marks=pytest.mark.slow)])
 def test_workers_and_order_change_nothing(prefer: str) -> None:
     tolerances = AssemblyTolerances()
     alone = simulate_many(n_runs=4, tolerances=tolerances, random_state=5, duration=0.02)
