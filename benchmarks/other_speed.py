@@ -61,7 +61,8 @@ def main() -> None:
         f"Made by `python -m benchmarks.other_speed`: {8 * ASSEMBLIES} **simulated** assemblies with 0 to 7",
         f"worn lobes at each speed, one window of {WINDOW_S:g} s each, seen by a counter for",
         f"{NOMINAL_RPM:g} RPM that is told no speed. Share refused because the lobe lines fit another speed,",
-        f"worn discs / healthy ones. At 469 RPM the lobe lines fall on those of an input shaft at {NOMINAL_RPM:g} RPM.",
+        f"worn discs / healthy ones. At 469 RPM the lobe lines fall on those of an input shaft at "
+        f"{NOMINAL_RPM:g} RPM.",
         "",
         "| rig, noise | " + " | ".join(f"{rpm:g} RPM" for rpm in SPEEDS_RPM) + " |",
         "|---|" + "---|" * len(SPEEDS_RPM),

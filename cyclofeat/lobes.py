@@ -249,7 +249,7 @@ class _Whitened:
     resolution: float
     centre: float
 
-    def prominence(self, factors: Float, frequencies: Float) -> Float:
+    def prominence(self, factors: Float, frequencies: NDArray[Any]) -> Float:
         """Power over floor, shape (n_windows, n_factors, n_frequencies)."""
         ratio = np.divide(self.power, self.floor, out=np.zeros_like(self.power), where=self.floor > 0)
         bins = np.outer(factors, frequencies / self.resolution)

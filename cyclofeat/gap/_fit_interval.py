@@ -80,14 +80,13 @@ def calibrated(
         labels = np.r_[labels, own]
         # Means over the search's own recordings have a level of their own, and weigh as many.
         searched, means = search.within(low, high)
-        following = np.linalg.pinv(
-            slopes(
-                np.vstack([drawn, searched]),
-                np.vstack([values, estimate.weighted(means)]),
-                np.r_[labels, np.full(len(searched), -1)],
-                np.r_[np.ones(len(drawn)), np.full(len(searched), PER_STEP)],
-            )
+        slope = slopes(
+            np.vstack([drawn, searched]),
+            np.vstack([values, estimate.weighted(means)]),
+            np.r_[labels, np.full(len(searched), -1)],
+            np.r_[np.ones(len(drawn)), np.full(len(searched), PER_STEP)],
         )
+        following = np.asarray(np.linalg.pinv(slope), dtype=float)
         # Statistics that these very recordings chose would promise too much, but for the first step.
         turn = following if turn is None else turn
         line = Calibration(places, simulated @ turn.T, own, best, at.widths / 2)
