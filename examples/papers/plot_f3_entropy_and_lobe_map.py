@@ -48,9 +48,8 @@ for (name, method), style in zip(methods.items(), ("o-", "s--", "^-."), strict=T
     print(f"{name:30}", " ".join(f"{value:.2f}" for value in accuracies))
 left.axhline(1 / len(COUNTS), color="black", lw=0.8, ls=":", label="chance")
 left.set_xticks(range(len(sizes)), [f"{size:g}" for size in sizes])
-left.set(xlabel="drift in Nm rms", ylabel="accuracy, assemblies held out", ylim=(0, 1.4))
-left.set_yticks(np.arange(0, 1.1, 0.2))
-left.legend(fontsize="small", loc="upper right")
+left.set(xlabel="drift in Nm rms", ylabel="accuracy, assemblies held out", ylim=(0, 1.05))
+left.legend(fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 for ax, size in ((middle, 0.0), (right, 1.0)):
     bits = entropy.fit_transform(X + size * drift)[:, 0]
