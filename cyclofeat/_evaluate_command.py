@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _load_levels(arguments)
     if not arguments.files:
         raise ValueError("evaluate needs labelled recording files, or --dataset oedi")
-    from cyclofeat.recording import Windower
+    from cyclofeat.recording import Windower, common_n_lobes
 
     if arguments.report:
         from cyclofeat.report._page import target_of
@@ -48,11 +48,12 @@ def run(arguments: argparse.Namespace) -> int:
         target_of(arguments.report)  # found out now rather than after the folds
     recordings = read_all(arguments.files, arguments)
     speed = recordings[0].input_speed_hz
-    windows = Windower(input_speed_hz=speed).windows(recordings)
+    n_lobes = common_n_lobes(recordings)
+    windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
     if windows.y is None or windows.groups is None:
         raise ValueError("evaluate needs files that state defect_count and assembly, some do not")
     assert speed is not None  # the windower would have raised
-    results = _results(arguments, windows, speed)
+    results = _results(arguments, windows, speed, n_lobes)
     if arguments.report:
         _write_report(arguments, recordings, windows, results)
     if arguments.json:
@@ -77,7 +78,9 @@ def _load_levels(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _results(arguments: argparse.Namespace, windows: WindowSet, speed: float) -> dict[str, Evaluation]:
+def _results(
+    arguments: argparse.Namespace, windows: WindowSet, speed: float, n_lobes: int
+) -> dict[str, Evaluation]:
     from cyclofeat.counting import (
         GroupCalibratedCounter,
         evaluate,
@@ -96,7 +99,7 @@ def _results(arguments: argparse.Namespace, windows: WindowSet, speed: float) ->
             progress=Progress(name), **more,
         )  # fmt: skip
 
-    counter = make_lobe_counter(windows.sampling_rate, input_speed_hz=speed)
+    counter = make_lobe_counter(windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes)
     # A lobe map learns nothing from other windows: made once, it serves every fold.
     features = counter["lobe_map"].fit_transform(windows.X)
     trees = counter["trees"]
@@ -104,10 +107,10 @@ def _results(arguments: argparse.Namespace, windows: WindowSet, speed: float) ->
         # As train does; it changes no count.
         trees = GroupCalibratedCounter(trees)
     results = {_MAIN: evaluated(_MAIN, trees, features)}
-    worn = worn_of_windows(windows, counter["lobe_map"].n_lobes) if arguments.report else None
+    worn = worn_of_windows(windows, n_lobes) if arguments.report else None
     if worn is not None:
-        lobes = make_lobe_counter(windows.sampling_rate, input_speed_hz=speed, kind="lobes")
-        passage = passage_of_lobe_zero(windows.start_angle, lobes.n_lobes)
+        lobes = make_lobe_counter(windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, kind="lobes")
+        passage = passage_of_lobe_zero(windows.start_angle, n_lobes)
         name = "lobes one by one"
         results[name] = evaluated(name, lobes, windows.X, worn=worn, passage=passage)
     name = "Shannon entropy (papers)"

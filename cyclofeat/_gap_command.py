@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         For files that cannot be read or written, and as :class:`cyclofeat.gap.DiscrepancyWorkflow`.
     """
     from cyclofeat.gap import DiscrepancyWorkflow
-    from cyclofeat.recording import Windower
+    from cyclofeat.recording import Windower, common_n_lobes
     from cyclofeat.simulators import CompositeSimulator
 
     for option in ("out", "save_simulator"):
@@ -81,7 +81,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError("the recordings must state one nominal speed between them: give --speed (RPM)")
     (speed,) = speeds
     assert speed is not None
-    windower = Windower(input_speed_hz=speed)
+    n_lobes = common_n_lobes([*fit, *(hold or [])])
+    simulator = None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator)
+    of_model = (simulator or CompositeSimulator()).to_rig().gearbox.n_lobes
+    if n_lobes != of_model:
+        raise ValueError(
+            f"the model's discs have {of_model} lobes, those of the recordings {n_lobes}: give --simulator "
+            "with their gearbox, or --n-lobes"
+        )
+    windower = Windower(input_speed_hz=speed, reduction=n_lobes)
     given = _windows(windower, fit)
     held = None if hold is None else _windows(windower, hold)
     if held is not None and held["rate"] != given["rate"]:
@@ -89,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--hold-out must hold recordings with the rate of MEASURED, {rates}")
     workflow = DiscrepancyWorkflow(
         given["rate"],
-        None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator),
+        simulator,
         input_speed_hz=speed,
         alpha=arguments.alpha,
         one_assembly=arguments.one_assembly,
@@ -200,7 +208,11 @@ def _windows(windower: Any, recordings: list[Recording]) -> dict[str, Any]:
     cut = windower.windows(recordings)
     angle: NDArray[np.float64] | None = None
     # The tachometer may have been on a disc: what is compared is the input's angle.
-    angles = [turned for recording in recordings if (turned := recording.input_angle()) is not None]
+    angles = [
+        turned
+        for recording in recordings
+        if (turned := recording.input_angle(windower.reduction)) is not None
+    ]
     if len(angles) == len(recordings):
         n = cut.X.shape[1]
         starts = np.round(cut.start_s * cut.sampling_rate).astype(int)

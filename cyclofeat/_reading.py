@@ -17,7 +17,7 @@ FILES = "recordings (.csv, .npz, .tdms, .mat, .parquet, .wav), or folders of the
 _OPTIONS = {
     "sampling_rate": "--sampling-rate", "time_channel": "--time-channel", "angle_channel": "--angle-channel",
     "angle_unit": "--angle-unit", "channel": "--channel", "scale": "--scale", "delimiter": "--delimiter",
-    "speed_rpm": "--speed",
+    "speed_rpm": "--speed", "n_lobes": "--n-lobes",
 }  # fmt: skip
 
 
@@ -33,6 +33,7 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
     group.add_argument("--angle-absolute", action="store_true", help="the angle's zero is cam 0 at pin 0")
     group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
     group.add_argument("--speed", type=float, help="nominal input speed, RPM")
+    group.add_argument("--n-lobes", type=int, metavar="N", help="lobes of a disc (15)")
     group.add_argument("--scale", type=float, help="Nm per unit of the channel")
     group.add_argument("--delimiter", choices=(",", ";", "tab"), help="of CSV files")
     parser.set_defaults(reads=True)
@@ -50,6 +51,7 @@ def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
         "angle_unit": arguments.angle_unit,
         "angle_is_absolute": True if arguments.angle_absolute else None,
         "speed_rpm": arguments.speed,
+        "n_lobes": arguments.n_lobes,
         "scale": arguments.scale,
         "delimiter": "\t" if arguments.delimiter == "tab" else arguments.delimiter,
     }

@@ -793,6 +793,23 @@ def _meta(value: Any) -> dict[str, Any]:
     return dict(value)
 
 
+def common_n_lobes(recordings: Sequence[Recording]) -> int:
+    """Lobes of a disc, the same for all recordings.
+
+    Raises
+    ------
+    ValueError
+        If recordings differ in it.
+    """
+    found = sorted({recording.n_lobes for recording in recordings})
+    if len(found) > 1:
+        raise ValueError(
+            f"n_lobes must be the same for all recordings, got {', '.join(map(str, found))}: take those of "
+            "one kind of disc at a time"
+        )
+    return found[0] if found else 15
+
+
 def _defects(worn_lobes: Any, defect_count: Any, n_lobes: int) -> tuple[tuple[int, ...] | None, int | None]:
     count = None if defect_count is None else _whole("defect_count", defect_count, 0)
     if count is not None and count > n_lobes:

@@ -312,6 +312,7 @@ def _recording(
         assembly=assembly,
         defect_count=defects.defect_count,
         worn_lobes=None if removed else defects.worn_lobes,
+        n_lobes=gearbox.n_lobes,
         speed_rpm=_rpm(rig.gearbox),
         load_nm=rig.gearbox.load_torque,
         source="surrogate",

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import sys
 import warnings
 from pathlib import Path
@@ -78,6 +79,7 @@ RESULTS_FOLDER = Path(__file__).parent / "generated" / "results"
 
 def copy_results(app, config):
     """Benchmarks' tables into the pages' folder, with titles that differ."""
+    shutil.rmtree(RESULTS_FOLDER, ignore_errors=True)
     for name, title in RESULTS.items():
         text = (Path(__file__).parents[1] / "benchmarks" / f"{name}.md").read_text(encoding="utf-8")
         heading, _, rest = text.partition("\n")

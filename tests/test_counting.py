@@ -230,6 +230,21 @@ def test_windows_of_one_recording_are_combined(model, surrogates):
     assert max(both.probability.values()) >= max(once.probability.values())
 
 
+def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
+    """The same windows taken for discs of 11 lobes: whole output turns are shorter, and so are answers."""
+    of_eleven = [
+        recording.replace(n_lobes=11, worn_lobes=None, angle=None, angle_is_absolute=False)
+        for recording in surrogates
+        if recording.defect_count in (0, 3)
+    ]
+    model = LobeModel.train(of_eleven, n_splits=0, n_trees=10)
+    assert model.n_lobes == model.counter[0].n_lobes == 11
+    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
+        LobeModel.train([*of_eleven, surrogates[0]])
+    with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):
+        model.count(of_eleven[0].replace(n_lobes=13))
+
+
 def test_training_needs_labels_of_more_than_one_kind(surrogates):
     with pytest.raises(ValueError, match="must all state their defect_count"):
         LobeModel.train([surrogates[0].replace(defect_count=None, worn_lobes=None)], input_speed_hz=SPEED)

@@ -29,7 +29,7 @@ from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.features import LobeMap
 from cyclofeat.lobes import LobeLines, lobe_frequency
-from cyclofeat.recording import Recording, Windower, WindowSet
+from cyclofeat.recording import Recording, Windower, WindowSet, common_n_lobes
 
 Float = NDArray[np.float64]
 
@@ -61,8 +61,8 @@ class LobeCount:
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows lie outside what the model was trained on: the count then stands on
-        nothing but trust.
+        Whether most of the windows lie outside what the model was trained on, or the lobe lines fit another
+        speed: the count then stands on nothing but trust.
     reason : str
         Why refused, else empty.
     distance : float
@@ -138,7 +138,7 @@ class LobeModel:
         recordings: Sequence[Recording],
         *,
         input_speed_hz: float | None = None,
-        n_lobes: int = 15,
+        n_lobes: int | None = None,
         random_state: int = 0,
         n_splits: int = 5,
         n_trees: int = 300,
@@ -157,8 +157,8 @@ class LobeModel:
             that do not all state theirs are taken for one assembly each.
         input_speed_hz : float, optional
             Nominal input speed; default the one that the recordings share.
-        n_lobes : int
-            Number of lobes of a disc.
+        n_lobes : int, optional
+            Number of lobes of a disc; default the one that the recordings share.
         random_state : int
             Seed of the trees.
         n_splits : int
@@ -178,6 +178,7 @@ class LobeModel:
         ValueError
             Where recordings lack a defect count, hold one class only or cannot be cut into windows.
         """
+        n_lobes = common_n_lobes(recordings) if n_lobes is None else n_lobes
         windower = Windower(input_speed_hz=input_speed_hz, reduction=n_lobes)
         windows = windower.windows(recordings)
         if windows.y is None:
@@ -283,7 +284,13 @@ class LobeModel:
         return cls(counter, None, sampling_rate, input_speed_hz, n_lobes, card, domain)
 
     def check(self, recording: Recording) -> None:
-        """Raise ``ValueError`` where a recording does not suit the model: sampling rate, speed, length."""
+        """Raise ``ValueError`` where a recording does not suit the model: sampling rate, lobes, speed."""
+        # Recordings that say nothing of their lobes have 15.
+        if recording.n_lobes not in (15, self.n_lobes):
+            raise ValueError(
+                f"n_lobes of the recording is {recording.n_lobes}, but the model was trained for discs of "
+                f"{self.n_lobes}: train a model for them"
+            )
         if abs(recording.sampling_rate / self.sampling_rate - 1) > 1e-6:
             raise ValueError(
                 f"sampling_rate of the recording is {recording.sampling_rate:g} Hz, but the model was "
@@ -404,12 +411,15 @@ class LobeModel:
 
     def _another_speed(self, X: Float) -> str:
         """Why the torque cannot come from the model's speed; empty where nothing says so."""
-        speed = other_speed(X, self.sampling_rate, self.input_speed_hz, _SPEED_TOLERANCE, self.n_lobes)
+        first = self.counter[0] if isinstance(self.counter, Pipeline) else None
+        searched = first.speed_tolerance if isinstance(first, LobeMap) else 0.0
+        tolerance = max(_SPEED_TOLERANCE, searched)
+        speed = other_speed(X, self.sampling_rate, self.input_speed_hz, tolerance, self.n_lobes)
         if speed is None:
             return ""
         return (
-            f"its lobe lines fit another speed, such as {60 * speed:.3g} RPM, better than the model's "
-            f"{60 * self.input_speed_hz:.5g} RPM"
+            f"its lobe lines fit another speed, such as {60 * speed:.0f} RPM, better than the model's "
+            f"{60 * self.input_speed_hz:.0f} RPM"
         )
 
     def _distance(self, features: Float | None) -> tuple[float, int]:

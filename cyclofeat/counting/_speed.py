@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.lobes import comb_prominence, highest_frequency
+from cyclofeat.lobes import comb_prominence, highest_frequency, lobe_frequency
 
 Float = NDArray[np.float64]
 
 # Speeds looked at, as multiples of the nominal one; in windows of an output turn lines of neighbours overlap.
 _LOWEST, _HIGHEST, _STEP = 0.75, 1.25, 0.0008
-_LINES, _FEWEST_LINES = 35, 15
-# No line counts for more than this ratio of power: seven harmonics of the mains are no comb of 31 lines.
-_MOST = 4.0
-# The mean ratio from which a comb stands out at all (noise has up to 1.8 at the best of 625 speeds), and how
-# much more than the nominal one it has to.
-_STANDING_OUT, _CLEARLY = 1.85, 1.4
+_FIRST_LINE, _LINES, _FEWEST_LINES = 5, 35, 15
+# No line counts for more than this ratio of power, so that few strong ones are no comb; those within a
+# spectrum line's width of a harmonic of the mains do not count at all, and 12 others have to be left.
+_MOST, _MAINS_HZ, _WIDTH, _FEWEST_COUNTED = 4.0, (50.0, 60.0), 2.0, 12
+# How far above 1 the mean ratio of 31 lines has to stand (noise reaches 0.93 at the best of 625 speeds), and
+# how much higher than the nominal speed's.
+_STANDING_OUT, _CLEARLY = 0.95, 1.4
 _MOST_WINDOWS = 8
 
 
@@ -27,12 +28,13 @@ def other_speed(
 
     The lines of the input shaft at the nominal speed are the lobe lines of a speed z_s/(z_s + 1) as high, and
     taken for the former: a disc whose lobes hardly differ shows hardly anything else. A recording at that
-    very speed is not found out.
+    very speed is not found out. Anything else that repeats 0.8 to 1.3 times a turn of the input looks like
+    lobes at another speed.
 
     Parameters
     ----------
     X : ndarray, shape (n_windows, n_samples)
-        Windows of torque in Nm, of one recording.
+        Windows of torque in Nm, of one recording. Of many the middle ones are looked at.
     sampling_rate : float
     input_speed_hz : float
         Nominal input speed in turns per second.
@@ -48,19 +50,39 @@ def other_speed(
     fitting = int(sampling_rate / 2 / highest_frequency(input_speed_hz, n_lobes, 1, _HIGHEST - 1))
     if fitting < _FEWEST_LINES:
         return None
+    n_lines = min(_LINES, fitting)
     factors = np.arange(_LOWEST, _HIGHEST, _STEP)
+    first = max(0, (len(X) - _MOST_WINDOWS) // 2)
     ratios = comb_prominence(
-        X[:_MOST_WINDOWS],
+        X[first : first + _MOST_WINDOWS],
         sampling_rate,
         input_speed_hz,
         factors,
         n_lobes=n_lobes,
-        n_lines=min(_LINES, fitting),
+        n_lines=n_lines,
     )
-    found = np.minimum(ratios, _MOST).mean(axis=(0, 2))
+    lines = np.arange(_FIRST_LINE, n_lines + 1) * lobe_frequency(input_speed_hz, n_lobes)
+    counted = _apart_from_mains(np.outer(factors, lines), _WIDTH * sampling_rate / X.shape[1])
+    n_counted = counted.sum(axis=1)
+    above = ((np.minimum(ratios, _MOST).mean(axis=0) - 1) * counted).sum(axis=1) / np.maximum(n_counted, 1)
+    # Of fewer lines the mean scatters more.
+    standing_out = above * np.sqrt(n_counted / (_LINES - _FIRST_LINE + 1))
+    known = n_counted >= _FEWEST_COUNTED
     of_shaft = n_lobes / (n_lobes + 1)
     expected = np.minimum(np.abs(factors - 1), np.abs(factors / of_shaft - 1)) <= tolerance + _STEP
-    elsewhere = int(np.argmax(np.where(expected, 0.0, found)))
-    if found[elsewhere] < max(_STANDING_OUT, _CLEARLY * found[expected].max()):
+    if not np.any(known & expected):
+        return None
+    elsewhere = int(np.argmax(np.where(known & ~expected, above, -1.0)))
+    nominal = above[known & expected].max()
+    if standing_out[elsewhere] < _STANDING_OUT or 1 + above[elsewhere] < _CLEARLY * (1 + nominal):
         return None
     return float(factors[elsewhere] * input_speed_hz)
+
+
+def _apart_from_mains(frequencies: Float, width: float) -> NDArray[np.bool_]:
+    """Frequencies that lie farther than the width from all harmonics of the mains."""
+    apart = np.ones(frequencies.shape, dtype=bool)
+    for mains in _MAINS_HZ:
+        harmonic = mains * np.maximum(1, np.round(frequencies / mains))
+        apart &= np.abs(frequencies - harmonic) > width
+    return apart

@@ -71,7 +71,7 @@ def calibrated(
         simulated, done, own = model.scattered(places, counts, _APART + box * n)
         places, simulated = places[done], estimate.weighted(simulated)
         own = 0 * own if counts is None else own
-        if len(places) <= np.unique(own).size + best.size:
+        if len(places) <= np.unique(own).size + best.size or not np.all(np.isin(of_told, own)):
             raise SimulationFailed(
                 f"only {len(places)} of {len(done)} simulations around the optimum succeed: no interval can "
                 "be stated; take a larger n_interval"

@@ -10,6 +10,7 @@ from typing import Any
 import joblib
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from cyclofeat.gap._null import SPARE, NuisancePrior, machine
 from cyclofeat.gap._recordings import registered
@@ -37,6 +38,7 @@ class FitModel:
     nuisance: NuisancePrior
     effects: tuple[Effect, ...]
     counts: NDArray[np.int64]
+    by_count: bool
     n_samples: int
     sampling_rate: float
     input_speed_hz: float
@@ -63,8 +65,9 @@ class FitModel:
         return values
 
     def centred(self, values: Float) -> Float:
-        """Less the mean of each count."""
-        return less_means(values, self.counts[: len(values)])
+        """Less the mean of each count, or less the mean of all where counts are not known."""
+        counts = self.counts[: len(values)]
+        return less_means(values, counts if self.by_count else 0 * counts)
 
     def _values(self, place: Float, n: int) -> Float:
         in_machine, on_torque = self._parted(place)
@@ -81,8 +84,8 @@ class FitModel:
         self, places: Float, known: NDArray[np.int64] | None, first: int
     ) -> tuple[Float, NDArray[np.bool_], NDArray[np.int64]]:
         """One recording at each place: summaries of those that succeed, which these are, and their counts."""
-        of_model = np.array(self.nuisance.defect_counts) if known is None else np.sort(known)
-        counts = np.resize(of_model, len(places))
+        of_model = np.array(self.nuisance.defect_counts) if known is None else known
+        counts = matched(of_model, len(places))
         jobs = (
             joblib.delayed(self._recorded)(place, first + k, int(counts[k])) for k, place in enumerate(places)
         )
@@ -219,10 +222,15 @@ def less_means(values: Float, counts: NDArray[Any]) -> Float:
 
 
 def matched_counts(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:
-    """Counts of the simulated recordings: those measured, spread evenly over each evaluation's."""
-    known = np.sort(np.array(nuisance.defect_counts) if counts is None else counts)
-    at = ((np.arange(PER_STEP) + 0.5) * len(known) / PER_STEP).astype(int)
-    return np.asarray(np.tile(known[at], -(-n // PER_STEP)))
+    """Counts of the simulated recordings: those measured, spread evenly over each evaluation and over all."""
+    return matched(np.array(nuisance.defect_counts) if counts is None else counts, n)
+
+
+def matched(counts: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """n of these counts, whose every beginning has them in about the shares that all have."""
+    # Shifted so that the first four are the middles of the quarters.
+    shares = (qmc.Halton(1, scramble=False).random(n)[:, 0] + 0.5 / PER_STEP) % 1
+    return np.asarray(np.sort(counts)[(shares * len(counts)).astype(int)])
 
 
 def _prior_ends(parameter: EffectParameter) -> tuple[float, float]:

@@ -33,6 +33,7 @@ from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
     Rig,
+    SimulationFailed,
 )
 
 Float = NDArray[np.float64]
@@ -113,7 +114,7 @@ class EffectFitter(BaseEstimator):
     then has the scatter of single recordings, measured or simulated, whichever is larger, and the line's own
     uncertainty. Intervals take Student's t with the line's degrees of freedom, and are widened by the root of
     ``loss_`` where that is above 1 (Birge 1932). The loss is that of 32 recordings simulated at theta; where
-    it is above 2 there and lower where the search ended, theta is that place.
+    it is above 2 there and lower where the search ended, theta is that place, and the interval holds both.
 
     Examples
     --------
@@ -199,6 +200,8 @@ class EffectFitter(BaseEstimator):
         ValueError
             If an effect has no parameter to fit, there are fewer than two recordings, windows are too short,
             or the data do not belong together.
+        SimulationFailed
+            If the simulations with the effect fail where its size is to be stated.
         """
         effects = self._effects()
         windows = validate_data(self, X, dtype=[np.float64, np.float32]).astype(np.float32)
@@ -217,6 +220,7 @@ class EffectFitter(BaseEstimator):
             nuisance=nuisance,
             effects=effects,
             counts=matched_counts(counts, nuisance, _AT_OPTIMUM),
+            by_count=counts is not None,
             n_samples=windows.shape[1],
             sampling_rate=self.sampling_rate,
             input_speed_hz=self.input_speed_hz,
@@ -239,18 +243,27 @@ class EffectFitter(BaseEstimator):
         whitener = Whitener(null, model.centred(model.summaries(start, _AT_OPTIMUM // 2)), cells)
         optimum, estimate = self._optimum(search, null, whitener, cells, n)
         misfit = functools.partial(_misfit, model, measured=measured, null=null, cells=cells)
-        best, loss, reach = optimum, math.inf, np.full(optimum.size, np.inf)
+        line, loss, reach = optimum, math.inf, np.full(optimum.size, np.inf)
         if self.n_interval:
-            best, reach = calibrated(
+            line, reach = calibrated(
                 search, optimum, estimate, measured, counts, self.n_interval, self.alpha,
                 np.random.default_rng([self.random_state, 4]),
             )  # fmt: skip
-            loss = misfit(best)
-        if loss > _FITS:
+            loss = misfit(line)
+        best = line
+        if not loss <= _FITS:
             # Where summaries are far from linear in a box, the line may end beside what the search found.
-            loss, best = min((loss, best), (misfit(optimum), optimum), key=lambda fit: fit[0])
-        # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong.
-        reach = reach * math.sqrt(max(loss, 1.0))
+            try:
+                of_optimum = misfit(optimum)
+            except SimulationFailed:
+                if not self.n_interval:
+                    raise
+                of_optimum = math.inf
+            if of_optimum < loss:
+                best, loss = optimum, of_optimum
+        # The Birge ratio: residuals beyond the scatter say that it is not all that goes wrong. And where line
+        # and search disagree, the interval holds both.
+        reach = np.maximum(reach * math.sqrt(max(loss, 1.0)), np.abs(line - best))
         self._settle(model, at, best, reach, loss)
         return self
 

@@ -15,14 +15,14 @@ _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
 _LINES = 44
 
 
-def describe(recording: Recording, *, reduction: int = 15) -> dict[str, Any]:
+def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
     """What a recording holds, how whole it is, and what in it would spoil a count.
 
     Parameters
     ----------
     recording : Recording
-    reduction : int, default 15
-        Input turns per output turn: the number of lobes.
+    reduction : int, optional
+        Input turns per output turn: the number of lobes. Default: what the recording states.
 
     Returns
     -------
@@ -60,6 +60,7 @@ def describe(recording: Recording, *, reduction: int = 15) -> dict[str, Any]:
     >>> round(found["clipped_share"], 2), found["whole_output_turns"]
     (0.14, 1)
     """
+    reduction = recording.n_lobes if reduction is None else reduction
     if reduction < 2:
         raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
     meta = recording.meta or {}

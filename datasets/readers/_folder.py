@@ -16,9 +16,9 @@ MANIFEST = "recordings.csv"
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
 _ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
 _LABELS = {
-    "defect_count": "defect_count", "worn_lobes": "worn_lobes", "run": "run", "speed": "speed_rpm",
-    "load": "load_nm", "source": "source", "assembly": "assembly", "angle_of": "angle_of",
-    "angle_is_absolute": "angle_is_absolute",
+    "defect_count": "defect_count", "worn_lobes": "worn_lobes", "n_lobes": "n_lobes", "run": "run",
+    "speed": "speed_rpm", "load": "load_nm", "source": "source", "assembly": "assembly",
+    "angle_of": "angle_of", "angle_is_absolute": "angle_is_absolute",
 }  # fmt: skip
 _COLUMNS = ("file", *_ARGUMENTS, *_LABELS)
 _NUMBERS = ("sampling_rate", "scale", "speed", "load")
@@ -57,9 +57,10 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
         recording and the columns ``file`` (within the folder) and any of ``channel``, ``sampling_rate`` (Hz),
         ``time_channel``, ``angle_channel``, ``angle_unit``, ``scale`` (Nm per unit), ``defect_count``,
-        ``worn_lobes`` (counted from 0, separated by spaces), ``run``, ``speed`` (RPM of the input), ``load``
-        (Nm), ``source``, ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell
-        states nothing. Without a manifest all files that :func:`read_recording` knows are read, by name.
+        ``worn_lobes`` (counted from 0, separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
+        ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``, ``angle_of``,
+        ``angle_is_absolute`` (true or false). An empty cell states nothing. Without a manifest all files that
+        :func:`read_recording` knows are read, by name.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
 
@@ -229,7 +230,7 @@ def _value(column: str, cell: str, delimiter: str) -> Any:
     try:
         if column in _NUMBERS:
             return float(cell.replace(",", ".") if delimiter != "," else cell)
-        if column == "defect_count":
+        if column in ("defect_count", "n_lobes"):
             return int(cell)
         if column == "worn_lobes":
             return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
@@ -240,6 +241,7 @@ def _value(column: str, cell: str, delimiter: str) -> Any:
     except (ValueError, KeyError):
         right = {
             "defect_count": "a whole number",
+            "n_lobes": "a whole number",
             "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
             "angle_is_absolute": "true or false",
         }.get(column, "a number")

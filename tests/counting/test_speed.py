@@ -49,11 +49,39 @@ def test_lines_of_the_shaft_are_not_taken_for_lobes():
         assert other_speed(torque(SPEED, 1.0, seed), RATE, SPEED, TOLERANCE) is None
 
 
-def test_hum_is_no_speed():
-    t = np.arange(round(SECONDS * RATE)) / RATE
-    hum = sum(np.sin(2 * np.pi * 50 * k * t + k) for k in range(1, 8))
+@pytest.mark.parametrize("mains", [50, 60])
+@pytest.mark.parametrize("rpm", [500, 1450, 2900])
+def test_hum_is_no_speed(mains, rpm):
+    """Seven harmonics in noise, next to nothing of the disc."""
+    speed = rpm / 60
+    t = np.arange(round(15 / speed * RATE)) / RATE
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        hum = sum(np.sin(2 * np.pi * mains * k * t + rng.uniform(0, 7)) for k in range(1, 8))
+        assert other_speed((22 + hum + rng.normal(size=t.size))[np.newaxis], RATE, speed, TOLERANCE) is None
+
+
+def test_a_weaker_comb_beside_that_of_the_lobes_is_no_speed():
+    """Brake poles, say. Without lobes they would be taken for lobes at another speed, which is the price."""
     for seed in range(5):
-        assert other_speed(torque(SPEED, LOBES, seed) + 0.5 * hum, RATE, SPEED, TOLERANCE) is None
+        poles = torque(1.1 * SPEED, LOBES, 100 + seed, noise=0.0) - 22
+        assert other_speed(torque(SPEED, LOBES, seed) + 0.3 * poles, RATE, SPEED, TOLERANCE) is None
+        assert other_speed(torque(SPEED, LOBES, seed, n=2) * 0 + 22 + poles, RATE, SPEED, TOLERANCE)
+
+
+def test_noise_is_no_speed_at_any_rate():
+    rng = np.random.default_rng(2)
+    for rate in (345.0, 500.0, 2560.0):
+        for _ in range(60):
+            window = rng.normal(22, 1, (1, round(SECONDS * rate)))
+            assert other_speed(window, rate, SPEED, TOLERANCE) is None
+
+
+def test_of_many_windows_the_middle_ones_count():
+    """Run-up and run-down may turn otherwise."""
+    ends = torque(1.1 * SPEED, LOBES, 0, n=3)
+    middle = torque(SPEED, LOBES, 1, n=8)
+    assert other_speed(np.vstack([ends, middle, ends]), RATE, SPEED, TOLERANCE) is None
 
 
 def test_where_there_is_nothing_to_go_by_nothing_is_said():

@@ -27,17 +27,18 @@ def manifest(folder, text, encoding="utf-8"):
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
 def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
     rows = [
-        "file,channel,sampling_rate,defect_count,worn_lobes,run,speed,load,source,assembly",
-        "b.csv,torque,25600,,0 4,r1,500,22.5,measured,Getriebe ä",
+        "file,channel,sampling_rate,defect_count,worn_lobes,run,speed,load,source,assembly,n_lobes",
+        "b.csv,torque,25600,,0 4,r1,500,22.5,measured,Getriebe ä,11",
         "",
-        "a.csv,0,12800.5,3,,r2,,,,7",
-        "c.csv,,1000,,,,,,,",
+        "a.csv,0,12800.5,3,,r2,,,,7,",
+        "c.csv,,1000,,,,,,,,",
     ]
     text = "\n".join(rows).replace(",", separator)
     if separator != ",":
         text = text.replace("22.5", "22,5")
     first, second, third = read_folder(manifest(folder, text + "\n", encoding), channel="torque")
     assert (first.meta["file"], first.sampling_rate, first.worn_lobes) == ("b.csv", 25_600, (0, 4))
+    assert (first.n_lobes, second.n_lobes) == (11, 15)
     assert (first.run, first.speed_rpm, first.load_nm) == ("r1", 500, 22.5)
     assert (first.source, first.assembly) == ("measured", "Getriebe ä")
     assert (second.sampling_rate, second.defect_count, second.assembly) == (12_800.5, 3, "7")

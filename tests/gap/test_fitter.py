@@ -310,7 +310,7 @@ def test_recordings_of_an_evaluation_have_the_measured_counts() -> None:
     step = _fit_model.PER_STEP
     assert sorted(matched[:step]) == sorted([0, 0, 2, 4] * (step // 4))
     assert len(matched) == 16
-    assert len(set(_fit_model.matched_counts(None, NuisancePrior(), 8))) == min(step, 8)
+    assert sorted(_fit_model.matched_counts(None, NuisancePrior(), 8)) == [*range(8)]
 
 
 def test_the_misfit_is_one_where_nothing_but_scatter_is_left() -> None:
@@ -340,6 +340,16 @@ def test_where_the_line_leads_astray_the_search_is_believed(
     found = fitter(Hum(0.1), simulations).fit(with_hum.X, y=with_hum.counts)
     assert found.theta_["hum.amplitude_nm"] == pytest.approx(0.3, rel=0.1)
     assert found.loss_ < 4
+    low, high = found.theta_ci_["hum.amplitude_nm"]
+    assert low <= 0.3 <= 3.0 <= high * 1.001  # what they disagree about is not known
+
+
+def test_counts_of_recordings_are_those_measured_however_many() -> None:
+    for counts, n in (([*range(8)] * 8, 48), ([*range(8)], 32), ([0, 0, 0, 3], 16)):
+        found = _fit_model.matched(np.array(counts), n)
+        assert len(found) == n
+        for count in set(counts):
+            assert np.mean(found == count) == pytest.approx(np.mean(np.array(counts) == count), abs=1 / n)
 
 
 def test_both_halves_hold_all_counts_alike() -> None:

@@ -261,6 +261,7 @@ def bad_calls(folder: Path) -> dict[str, tuple[list[Any], str]]:
         "draws": ([good, "--draws", "0"], "n_draws"),
         "simulator": ([good, "--simulator", folder / "broken.json"], "broken.json"),
         "two speeds": ([two_speeds], "one nominal speed between them: give --speed"),
+        "another disc": ([good, "--n-lobes", "11"], "discs have 15 lobes, those of the recordings 11"),
         "NaN": ([write_folder(folder / "nan", nan, [0, 3])], "r1.npz"),
         "short": ([write_folder(folder / "short", NOISE[:2, :2000], [0, 3])], "1.8 s"),
         "one": ([write_folder(folder / "one", NOISE[:1, :11_520], [0])], "at least 2 recordings"),
