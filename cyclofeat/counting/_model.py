@@ -418,8 +418,8 @@ class LobeModel:
         if speed is None:
             return ""
         return (
-            f"its lobe lines fit another speed, such as {60 * speed:.0f} RPM, better than the model's "
-            f"{60 * self.input_speed_hz:.0f} RPM"
+            f"its torque repeats as lobes at another speed would, such as {60 * speed:.0f} RPM, rather than "
+            f"at the model's {60 * self.input_speed_hz:.0f} RPM"
         )
 
     def _distance(self, features: Float | None) -> tuple[float, int]:
