@@ -93,8 +93,9 @@ def score(results: Path) -> str:
     lines = [
         "# Hidden effects: sizes and intervals",
         "",
-        "Made by `python -m benchmarks.gap_fits`: the effect's name is given, its size is looked for.",
-        f"{len(cases)} of {len(chosen())} cases of one hidden effect, 8 recordings each.",
+        "Made by `python -m benchmarks.gap_fits`: the effect's name is given, its size is looked for, from",
+        "places some 30 % beside the true one. "
+        f"{len(cases)} of {len(chosen())} cases of one hidden effect, 8 simulated recordings each.",
         "",
         "|  | goal | figure | parameters |",
         "|---|---|---|---|",

@@ -517,7 +517,8 @@ def to_markdown(scored: Mapping[str, Any]) -> str:
     """The score as a page of tables."""
     present, total = scored["cases"], scored["cases_in_all"]
     counted = ", ".join(f"{present.get(kind, 0)} of {n} {kind}" for kind, n in sorted(total.items()))
-    lines = ["# Hidden effects: score", "", f"Results present: {counted} cases.", ""]
+    present_of = f"All recordings are simulated. Results present: {counted} cases."
+    lines = ["# Hidden effects: score", "", present_of, ""]
     rows = []
     for goal in scored["goals"]:
         if goal["figure"] is None:
