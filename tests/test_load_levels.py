@@ -129,6 +129,7 @@ def test_loads_plain_to_see_are_all_found(clear):
         assert case.validation_error < 0.5
 
 
+@pytest.mark.slow
 def test_shuffled_labels_are_predicted_no_better_than_by_chance():
     random = np.random.default_rng(1)
     cases = []

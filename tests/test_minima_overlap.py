@@ -258,6 +258,7 @@ def simulated():
     return torques[:, :46_080], torques[:, 7777 : 7777 + 46_080], counts
 
 
+@pytest.mark.slow
 def test_the_worst_class_overlaps_most_with_itself(simulated):
     """A later window of the reference's recording shares more minima than windows of other recordings do.
 

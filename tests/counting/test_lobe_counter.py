@@ -178,6 +178,7 @@ def rows_and_any(n_sets, seed):
     ]
 
 
+@pytest.mark.slow
 def test_lobes_apart_are_counted_and_found_where_any_were_trained_on():
     """Every other lobe worn: no set of the training looks so."""
     every_other = [(np.arange(4) * 2 + k) % 15 for k in range(15)]

@@ -37,6 +37,7 @@ def in_a_process_of_its_own(jit: bool) -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in json.loads(found.stdout).items()}
 
 
+@pytest.mark.slow
 def test_compiled_and_interpreted_runs_agree() -> None:
     """But for the order of sums, which the compiler may change."""
     compiled, interpreted = in_a_process_of_its_own(jit=True), in_a_process_of_its_own(jit=False)
