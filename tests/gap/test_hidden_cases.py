@@ -16,7 +16,7 @@ from benchmarks.hidden_effects._cases import FIT_COUNTS, HOLD_COUNTS, table, tie
 from benchmarks.hidden_effects._rig import nuisance_and_seed, record  # noqa: E402
 from cyclofeat.gap import DiscrepancyWorkflow, EffectRanker  # noqa: E402
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.bench
 
 RATE = 25_600.0  # the generator's: a filter is another one at another rate
 SEED = 471_100
