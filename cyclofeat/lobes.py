@@ -27,6 +27,8 @@ Complex = NDArray[np.complex128]
 
 # The reduced sampling rate, in lobe frequencies per lobe line kept: its Nyquist is 3 times the highest line.
 _RATE_PER_LINE = 6
+# Order of the autoregressive model, where nothing else is said.
+_AR_ORDER = 16
 # A spectrum padded this many times is read between its bins by straight lines.
 _PADDING = 8
 # The local floor averages over this many lobe lines; the contrast compares a line with as many neighbours.
@@ -134,7 +136,7 @@ def lobe_lines(
     *,
     n_lobes: int = 15,
     n_lines: int = 44,
-    ar_order: int = 16,
+    ar_order: int = _AR_ORDER,
     speed_tolerance: float = 0.015,
     searched: Sequence[int] | None = None,
 ) -> LobeLines:
@@ -203,29 +205,28 @@ def comb_prominence(
     sampling_rate: float,
     input_speed_hz: float,
     factors: Float,
-    *,
+    numbers: NDArray[np.int64],
     n_lobes: int = 15,
-    n_lines: int = 44,
-    ar_order: int = 16,
 ) -> Float:
     """How far each lobe line of several input speeds stands out of the spectrum around it.
 
     Parameters
     ----------
-    X, sampling_rate, input_speed_hz, n_lobes, n_lines, ar_order
+    X, sampling_rate, input_speed_hz, n_lobes
         As for :func:`lobe_lines`.
     factors : ndarray, shape (n_factors,)
         Input speeds, as multiples of ``input_speed_hz``.
+    numbers : ndarray of int, shape (n_lines,)
+        Lobe lines, counted from 1.
 
     Returns
     -------
-    ndarray, shape (n_windows, n_factors, n_lines - 4)
-        Power over local floor of the lobe lines from the fifth on: 1 on average where there are none.
+    ndarray, shape (n_windows, n_factors, n_lines)
+        Power over local floor: 1 on average where there are no lines.
     """
     nominal = lobe_frequency(input_speed_hz, n_lobes)
-    teeth = np.arange(min(_FIRST_SEARCHED, n_lines), n_lines + 1)
-    white = _whitened(X, sampling_rate, nominal, n_lines, ar_order)
-    return white.prominence(factors, teeth * nominal)
+    white = _whitened(X, sampling_rate, nominal, int(numbers.max()), _AR_ORDER)
+    return white.prominence(factors, numbers * nominal)
 
 
 @dataclass(frozen=True)

@@ -50,19 +50,13 @@ def other_speed(
     fitting = int(sampling_rate / 2 / highest_frequency(input_speed_hz, n_lobes, 1, _HIGHEST - 1))
     if fitting < _FEWEST_LINES:
         return None
-    n_lines = min(_LINES, fitting)
+    numbers = np.arange(_FIRST_LINE, min(_LINES, fitting) + 1)
     factors = np.arange(_LOWEST, _HIGHEST, _STEP)
     first = max(0, (len(X) - _MOST_WINDOWS) // 2)
-    ratios = comb_prominence(
-        X[first : first + _MOST_WINDOWS],
-        sampling_rate,
-        input_speed_hz,
-        factors,
-        n_lobes=n_lobes,
-        n_lines=n_lines,
-    )
-    lines = np.arange(_FIRST_LINE, n_lines + 1) * lobe_frequency(input_speed_hz, n_lobes)
-    counted = _apart_from_mains(np.outer(factors, lines), _WIDTH * sampling_rate / X.shape[1])
+    middle = X[first : first + _MOST_WINDOWS]
+    ratios = comb_prominence(middle, sampling_rate, input_speed_hz, factors, numbers, n_lobes)
+    lines = np.outer(factors, numbers * lobe_frequency(input_speed_hz, n_lobes))
+    counted = _apart_from_mains(lines, _WIDTH * sampling_rate / X.shape[1])
     n_counted = counted.sum(axis=1)
     above = ((np.minimum(ratios, _MOST).mean(axis=0) - 1) * counted).sum(axis=1) / np.maximum(n_counted, 1)
     # Of fewer lines the mean scatters more.

@@ -84,8 +84,7 @@ class FitModel:
         self, places: Float, known: NDArray[np.int64] | None, first: int
     ) -> tuple[Float, NDArray[np.bool_], NDArray[np.int64]]:
         """One recording at each place: summaries of those that succeed, which these are, and their counts."""
-        of_model = np.array(self.nuisance.defect_counts) if known is None else known
-        counts = matched(of_model, len(places))
+        counts = matched_counts(known, self.nuisance, len(places))
         jobs = (
             joblib.delayed(self._recorded)(place, first + k, int(counts[k])) for k, place in enumerate(places)
         )
@@ -222,15 +221,11 @@ def less_means(values: Float, counts: NDArray[Any]) -> Float:
 
 
 def matched_counts(counts: NDArray[np.int64] | None, nuisance: NuisancePrior, n: int) -> NDArray[np.int64]:
-    """Counts of the simulated recordings: those measured, spread evenly over each evaluation and over all."""
-    return matched(np.array(nuisance.defect_counts) if counts is None else counts, n)
-
-
-def matched(counts: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """n of these counts, whose every beginning has them in about the shares that all have."""
+    """Counts of n simulated recordings, of which every beginning has those measured in about their shares."""
+    known = np.sort(np.array(nuisance.defect_counts) if counts is None else counts)
     # Shifted so that the first four are the middles of the quarters.
     shares = (qmc.Halton(1, scramble=False).random(n)[:, 0] + 0.5 / PER_STEP) % 1
-    return np.asarray(np.sort(counts)[(shares * len(counts)).astype(int)])
+    return np.asarray(known[(shares * len(known)).astype(int)])
 
 
 def _prior_ends(parameter: EffectParameter) -> tuple[float, float]:

@@ -346,7 +346,7 @@ def test_where_the_line_leads_astray_the_search_is_believed(
 
 def test_counts_of_recordings_are_those_measured_however_many() -> None:
     for counts, n in (([*range(8)] * 8, 48), ([*range(8)], 32), ([0, 0, 0, 3], 16)):
-        found = _fit_model.matched(np.array(counts), n)
+        found = _fit_model.matched_counts(np.array(counts), NuisancePrior(), n)
         assert len(found) == n
         for count in set(counts):
             assert np.mean(found == count) == pytest.approx(np.mean(np.array(counts) == count), abs=1 / n)
