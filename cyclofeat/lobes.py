@@ -11,12 +11,14 @@ each window takes it out beforehand.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import firwin, lfilter, resample_poly
@@ -60,6 +62,14 @@ class LobeLines:
     lines: Complex
     floor: Float
 
+    def repeated(self, times: int) -> LobeLines:
+        """The windows one after the other, several times over."""
+        return LobeLines(
+            np.tile(self.input_speed_hz, times),
+            np.tile(self.lines, (times, 1)),
+            np.tile(self.floor, (times, 1)),
+        )
+
 
 def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
     """Rate in Hz at which one lobe passes the load: (z_s + 1)/z_s of the input speed."""
@@ -79,11 +89,27 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
     factor = int(sampling_rate // wanted_rate)
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
-    # The filter that resample_poly would design anew for each window.
-    taps = firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0))
+    taps = _anti_alias(factor)
     # Row by row: a window and what is made of it stay in the processor's cache.
     rows = [resample_poly(row - row.mean(), 1, factor, window=taps) for row in X]
     return np.asarray(rows).reshape(len(X), -1), sampling_rate / factor
+
+
+@functools.lru_cache(maxsize=16)
+def _anti_alias(factor: int) -> Float:
+    """The filter that resample_poly would design anew for each window."""
+    return _fixed(firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0)))
+
+
+@functools.lru_cache(maxsize=16)
+def _taper(n_samples: int) -> Float:
+    return _fixed(hann(n_samples, sym=False))
+
+
+def _fixed(values: NDArray[Any]) -> NDArray[Any]:
+    """The same, never to be written to: what is kept is shared."""
+    values.flags.writeable = False
+    return values
 
 
 def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> Float:
@@ -111,12 +137,13 @@ def prewhiten(X: Float, sampling_rate: float, order: int, lowest_hz: float) -> F
     """
     n_samples = X.shape[1]
     if order > 0:
-        power = np.abs(np.fft.rfft(X * hann(n_samples, sym=False), 2 * n_samples)) ** 2
-        frequencies = np.fft.rfftfreq(2 * n_samples, 1 / sampling_rate)
+        length = next_fast_len(2 * n_samples, real=True)
+        power = np.abs(np.fft.rfft(X * _taper(n_samples), length)) ** 2
+        frequencies = np.fft.rfftfreq(length, 1 / sampling_rate)
         drifting = frequencies < lowest_hz
         above = ~drifting & (frequencies < 1.25 * lowest_hz)
         power[:, drifting] = power[:, above].mean(axis=1, keepdims=True)
-        correlation = np.fft.irfft(power)[:, : order + 1]
+        correlation = np.fft.irfft(power, length)[:, : order + 1]
         residual = np.zeros_like(X)
         for row, (r, x) in enumerate(zip(correlation, X, strict=True)):
             if r[0] > 0:
@@ -272,10 +299,10 @@ def _centred_spectrum(X: Float, sampling_rate: float) -> tuple[Complex, float, f
     About the middle the phase of a line hardly turns from bin to bin, so that it can be read between bins.
     """
     n_windows, n_samples = X.shape
-    taper = hann(n_samples, sym=False)
+    taper = _taper(n_samples)
     tapered = X * (taper * (2 / taper.sum()))
     middle = n_samples // 2
-    padded = np.zeros((n_windows, _PADDING * n_samples))
+    padded = np.zeros((n_windows, next_fast_len(_PADDING * n_samples, real=True)))
     padded[:, : n_samples - middle] = tapered[:, middle:]
     padded[:, padded.shape[1] - middle :] = tapered[:, :middle]
     return np.fft.rfft(padded), sampling_rate / padded.shape[1], middle / sampling_rate
@@ -307,10 +334,16 @@ def fold(lines: Complex, n_lobes: int = 15, points: int = 16, lowest_line: int =
     ndarray, shape (n_windows, n_lobes, points)
         Slot 0 begins at the window's first sample (or where the lines' phase has been shifted to).
     """
-    numbers = np.arange(lowest_line, lines.shape[1] + 1)
-    phase = np.outer(numbers, np.arange(n_lobes * points) / (n_lobes * points))
-    folded = lines[:, numbers - 1] @ np.exp(2j * np.pi * phase)
+    waves = _waves(lowest_line, lines.shape[1], n_lobes * points)
+    folded = lines[:, lowest_line - 1 :] @ waves
     return np.ascontiguousarray(folded.real).reshape(len(lines), n_lobes, points)
+
+
+@functools.lru_cache(maxsize=16)
+def _waves(lowest_line: int, highest_line: int, n_points: int) -> Complex:
+    """One turn of the fold of each lobe line, shape (n_lines, n_points)."""
+    phase = np.outer(np.arange(lowest_line, highest_line + 1), np.arange(n_points) / n_points)
+    return _fixed(np.exp(2j * np.pi * phase))
 
 
 def shift(lines: Complex, turns: Float) -> Complex:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +28,15 @@ from cyclofeat.counting import (
     ConformalCounter,
     GroupCalibratedCounter,
     LobeCounter,
+    LobeModel,
     evaluate,
     make_lobe_counter,
     predict_recordings,
 )
 from cyclofeat.counting._scores import at_the_ends, draws, interval, ratio, sums_by_assembly
+from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.lobes import lobe_lines
+from cyclofeat.persistence import load_model, save_model
 
 GOALS: dict[str, dict[float, float]] = {
     "R1": {0.05: 0.99, 0.2: 0.98, 0.5: 0.96, 1.0: 0.92, 2.0: 0.85},
@@ -235,7 +241,7 @@ def ninth(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
 
 def latency(work: Work) -> dict[str, Any]:
-    """Array at the full rate to count, and to count and lobes, in processor time of one window."""
+    """Array at the full rate to count, to count and lobes, and by a stored model; of one window each."""
 
     def run() -> dict[str, Any]:
         judged = work.windows(designs.JUDGED["R1"]).take(slice(0, 160)).noisy(0.2)
@@ -244,19 +250,28 @@ def latency(work: Work) -> dict[str, Any]:
         lobes = LobeCounter(SAMPLING_RATE, n_splits=2).fit(
             X, judged.y, worn=judged.worn, passage=judged.passage, groups=judged.assembly
         )
-        times = {"count": [], "lobes": []}  # type: dict[str, list[float]]
-        for k in range(40):
-            window, passage = X[k : k + 1], judged.passage[k : k + 1]
-            for name, work_ in (
-                ("count", lambda w=window: counter.predict(w)),
-                ("lobes", lambda w=window, p=passage: lobes.predict_lobes(w, p)),
-            ):
-                began = time.process_time()
-                work_()
-                times[name].append(time.process_time() - began)
-        return {name: 1e3 * float(np.median(values)) for name, values in times.items()}
+        recordings = make_rig_recordings(12, n_jobs=work.n_jobs, with_angle=True)
+        untold = [recording.replace(angle=None, angle_is_absolute=False) for recording in recordings]
+        with tempfile.TemporaryDirectory() as folder:
+            path = save_model(Path(folder) / "model.skops", LobeModel.train(recordings, n_splits=0))
+            model = load_model(path)
+        return {
+            "count": _milliseconds(counter.predict, X[:40, np.newaxis]),
+            "lobes": _milliseconds(lobes.predict_lobes, X[:40, np.newaxis], judged.passage[:40, np.newaxis]),
+            "model": _milliseconds(model.count, untold[:40]),
+        }
 
     return work.kept("latency", run)
+
+
+def _milliseconds(call: Callable[..., Any], *arguments: Any) -> float:
+    """Processor time of a call, the median over the arguments."""
+    times = []
+    for one in zip(*arguments, strict=True):
+        began = time.process_time()
+        call(*one)
+        times.append(time.process_time() - began)
+    return 1e3 * float(np.median(times))
 
 
 def shares(right: NDArray[np.float64], assembly: Any = None) -> dict[str, Any]:

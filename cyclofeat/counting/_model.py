@@ -441,10 +441,9 @@ class LobeModel:
         # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
         # Where between two lobes the recording begins is not known: the most decided answer tells.
         again = -windows.start_s * lobe_frequency(1.0, self.n_lobes) * found.input_speed_hz
-        answers = [
-            self.locator._from_lines(found, again + begin / (_BEGINNINGS * self.n_lobes)).mean(axis=0)
-            for begin in range(_BEGINNINGS)
-        ]
+        begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
+        shares = self.locator._from_lines(found.repeated(_BEGINNINGS), begins.ravel())
+        answers = shares.reshape(_BEGINNINGS, len(windows), -1).mean(axis=1)
         return np.asarray(max(answers, key=lambda share: float(np.abs(share - 0.5).sum())))
 
 

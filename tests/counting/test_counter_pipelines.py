@@ -34,8 +34,8 @@ def test_trees_asked_together_answer_as_one_by_one():
     together = trees.predict_proba(new)
     assert_allclose(together, np.mean([tree.predict_proba(new) for tree in trees.estimators_], axis=0))
     # the many go the other way, and say the same
-    many = trees.predict_proba(np.repeat(new, 20, axis=0))
-    assert_allclose(many[::20], together)
+    many = trees.predict_proba(np.repeat(new, 120, axis=0))
+    assert_allclose(many[::120], together)
     assert np.array_equal(trees.predict(new), trees.classes_[together.argmax(axis=1)])
 
 
