@@ -90,6 +90,22 @@ def check_counting() -> None:
     print(f"counted {answer['defect_count']} worn lobes")
 
 
+def check_gap() -> None:
+    """A fit and a loop: what they take of numpy and scipy has had other names."""
+    import numpy as np
+
+    from cyclofeat.gap import EffectFitter, NuisancePrior, loop_shape, make_bank
+    from cyclofeat.simulators import CompositeSimulator, Hum
+
+    options = {"n_samples": 11_520, "sampling_rate": 6400.0}
+    bank = make_bank(CompositeSimulator(effects=[Hum(0.3)]), NuisancePrior(), [0, 3], n=4, **options)
+    fitter = EffectFitter(Hum(0.2), 6400.0, n_sims=16, n_interval=12).fit(bank.X, y=bank.counts)
+    assert abs(fitter.theta_["hum.amplitude_nm"] - 0.3) < 0.05, fitter.theta_
+    wave = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    shape = loop_shape(20 * np.sin(wave), np.sin(wave - 0.1) / 200)
+    assert abs(shape.area / (20 * np.pi / 200 * np.sin(0.1)) - 1) < 0.01, shape
+
+
 failed = 0
 for check in (
     check_cold_import,
@@ -98,6 +114,7 @@ for check in (
     check_simulation,
     check_command_line,
     check_counting,
+    check_gap,
 ):
     try:
         check()

@@ -40,6 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _load_levels(arguments)
     if not arguments.files:
         raise ValueError("evaluate needs labelled recording files, or --dataset oedi")
+    from cyclofeat.counting._model import common_speed
     from cyclofeat.recording import Windower, common_n_lobes
 
     if arguments.report:
@@ -47,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         target_of(arguments.report)  # found out now rather than after the folds
     recordings = read_all(arguments.files, arguments)
-    speed = recordings[0].input_speed_hz
+    speed = common_speed(recordings)
     n_lobes = common_n_lobes(recordings)
     windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
     if windows.y is None or windows.groups is None:

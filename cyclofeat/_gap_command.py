@@ -92,15 +92,19 @@ def run(arguments: argparse.Namespace) -> int:
     windower = Windower(input_speed_hz=speed, reduction=n_lobes)
     given = _windows(windower, fit)
     held = None if hold is None else _windows(windower, hold)
+    if held is not None and given["y"] is not None and held["y"] is None:
+        raise ValueError("--hold-out must hold recordings that state defect_count, as those of MEASURED do")
     if held is not None and held["rate"] != given["rate"]:
         rates = f"{given['rate']:g} Hz, got {held['rate']:g} Hz"
         raise ValueError(f"--hold-out must hold recordings with the rate of MEASURED, {rates}")
+    stated = {recording.assembly for recording in fit}
+    one_assembly = arguments.one_assembly or (len(fit) > 1 and len(stated) == 1 and None not in stated)
     workflow = DiscrepancyWorkflow(
         given["rate"],
         simulator,
         input_speed_hz=speed,
         alpha=arguments.alpha,
-        one_assembly=arguments.one_assembly,
+        one_assembly=one_assembly,
         library=None if arguments.effects is None else arguments.effects.split(","),
         max_effects=arguments.max_effects,
         n_draws=arguments.draws,
@@ -119,6 +123,11 @@ def run(arguments: argparse.Namespace) -> int:
         groups_hold=None if held is None else held["groups"],
         angle_hold=None if held is None or given["angle"] is None else held["angle"],
     )
+    if not one_assembly and None not in stated and len(stated) < len(fit):
+        workflow.result_["warnings"].append(
+            f"{len(fit)} recordings are of {len(stated)} assemblies, and each counts as one of its own: "
+            "differences may look surer than they are"
+        )
     if arguments.save_simulator is not None:
         workflow.simulator_.to_json(arguments.save_simulator)
     if arguments.out is not None:
@@ -166,8 +175,9 @@ def text_of(workflow: DiscrepancyWorkflow) -> str:
         if grr is None:
             lines.append("held out: too little disagreement to state how far it shrank")
         else:
-            low, high = result["grr"]["ci"]
-            lines.append(f"held out: {grr:.0%} of the gap closed ({low:.0%} to {high:.0%})")
+            low, high = result["grr"].get("ci", (float("nan"),) * 2)
+            within = f" ({low:.0%} to {high:.0%})" if low <= high else ""
+            lines.append(f"held out: {grr:.0%} of the gap closed{within}")
     return "\n".join([*lines, *(f"note: {warning}" for warning in result["warnings"])])
 
 
@@ -183,17 +193,22 @@ def _split(arguments: argparse.Namespace) -> tuple[list[Recording], list[Recordi
         return recordings, _read([arguments.hold_out], options)
     if not 0 < share < 1:
         raise ValueError(f"--hold-out must be a folder or a share between 0 and 1, got {arguments.hold_out}")
+    # An assembly is held out as a whole.
+    known = all(recording.assembly is not None for recording in recordings)
+    assemblies: dict[Any, list[int]] = {}
+    for i, recording in enumerate(recordings):
+        assemblies.setdefault(recording.assembly if known else i, []).append(i)
     # Every count gives its share, so that both parts hold the same classes.
     random = np.random.default_rng(arguments.seed)
-    by_count: dict[Any, list[int]] = {}
-    for i in random.permutation(len(recordings)).tolist():
-        by_count.setdefault(recordings[i].defect_count, []).append(i)
-    order = [i for members in by_count.values() for i in members]
-    held = {order[int(k / share)] for k in range(int(share * len(order)))}
+    by_count: dict[Any, list[list[int]]] = {}
+    for members in [list(assemblies.values())[k] for k in random.permutation(len(assemblies))]:
+        by_count.setdefault(tuple({recordings[i].defect_count for i in members}), []).append(members)
+    order = [members for alike in by_count.values() for members in alike]
+    held = {i for k in range(int(share * len(order))) for i in order[int(k / share)]}
     if not held or len(held) == len(recordings):
         raise ValueError(
             f"--hold-out {share:g} leaves {len(recordings) - len(held)} of {len(recordings)} recordings to "
-            "fit: more recordings are needed"
+            f"fit, of {len(assemblies)} assemblies each held out as a whole: more are needed"
         )
     parts = [[r for i, r in enumerate(recordings) if (i in held) == inside] for inside in (False, True)]
     return parts[0], parts[1]

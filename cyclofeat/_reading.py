@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,14 +59,28 @@ def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value is not None}
 
 
-def entries(paths: Sequence[str]) -> list[Entry]:
+@dataclass(frozen=True)
+class _Unreadable:
+    """A folder without recordings or with a wrong manifest, which is an error only when it comes to it."""
+
+    path: Path
+    error: Exception
+
+    def read(self, **_: Any) -> Recording:
+        raise self.error
+
+
+def entries(paths: Sequence[str]) -> list[Entry | _Unreadable]:
     """The files named, and what the folders named hold, by their manifests."""
     from cyclofeat.datasets.readers import Entry, folder_entries
 
-    found: list[Entry] = []
+    found: list[Entry | _Unreadable] = []
     for name in paths:
         path = Path(name)
-        found += folder_entries(path) if path.is_dir() else [Entry(path)]
+        try:
+            found += folder_entries(path) if path.is_dir() else [Entry(path)]
+        except (ValueError, OSError) as error:
+            found.append(_Unreadable(path, error))
     return found
 
 

@@ -18,7 +18,7 @@ from cyclofeat._reading import add_reading_options, in_options, reading_argument
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
-    from cyclofeat.counting._watch import FolderWatch
+    from cyclofeat.counting._watch import DoneList, FolderWatch
     from cyclofeat.recording import Recording
 
 TEXT = "count recordings as they arrive in a folder"
@@ -136,7 +136,7 @@ def _loop(
     counted = failed = 0
     began = time.monotonic()
     now = began
-    lost = False
+    lost = unwritten = False
     while not stop.is_asked():
         try:
             ready = watch.poll(now)
@@ -158,6 +158,9 @@ def _loop(
             counted += 1
             _emit(path, result, arguments.json)
             watch.counted(path)
+            unwritten = _written(watch.done, unwritten)
+        if unwritten:
+            unwritten = _written(watch.done, unwritten)
         # A file that cannot be read may only be half written, by a writer that pauses: told later, and once.
         last = arguments.once and now - began >= arguments.settle
         for path, message in watch.bad(now, at_once=last):
@@ -168,6 +171,17 @@ def _loop(
         stop.wait(min(arguments.interval, arguments.settle) if arguments.once else arguments.interval)
         now = time.monotonic()
     return counted, failed
+
+
+def _written(done: DoneList, before: bool) -> bool:
+    """Write the list of what is done; whether it could not be, which is told once."""
+    try:
+        done.write()
+    except OSError as error:  # a disk that is full, or a share that is gone for a while
+        if not before:
+            _say(f"error: --done cannot be written, trying on: {' '.join(str(error).split())}")
+        return True
+    return False
 
 
 def _counted(path: Path, model: LobeModel, options: dict[str, Any], skip: float) -> dict[str, Any]:

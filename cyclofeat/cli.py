@@ -80,7 +80,7 @@ def _train(arguments: argparse.Namespace) -> int:
         rig = _simulate_command.rig_of(arguments, default="r2")
         if arguments.windows < 1:
             raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
-        sampling_rate = arguments.sampling_rate or 25_600.0
+        sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
         turn_s = rig.gearbox.n_lobes * 2 * math.pi / rig.gearbox.input_speed
         recordings = make_rig_recordings(
             arguments.assemblies,
@@ -96,17 +96,17 @@ def _train(arguments: argparse.Namespace) -> int:
         )
         origin = f"{len(recordings)} simulated assemblies of rig {rig.name}, seed {arguments.seed}"
     print(f"training on {origin}", file=sys.stderr)
-    speed = recordings[0].input_speed_hz
-    model = LobeModel.train(recordings, input_speed_hz=speed, random_state=arguments.seed, description=origin)
+    model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
     save_model(arguments.out, model)
     if arguments.json:
         _print_json({"file": str(arguments.out), **model.card})
     else:
         print(f"{arguments.out}: counts {model.card['classes']}, trained on {origin}")
-        print(
-            f"for recordings at {model.sampling_rate:g} Hz and {60 * model.input_speed_hz:g} RPM; "
-            f"{'locates lobes' if model.locator is not None else 'does not locate lobes'}"
-        )
+        located = "locates lobes"
+        if model.locator is None:
+            located = "does not locate lobes (not all state worn_lobes and an absolute angle)"
+        speed_rpm = 60 * model.input_speed_hz
+        print(f"for recordings at {model.sampling_rate:g} Hz and {speed_rpm:g} RPM; {located}")
         scores = model.card["cross_validation"]
         if scores is None:
             print("too few assemblies per count to cross-validate (5 needed): accuracy unknown")

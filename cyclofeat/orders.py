@@ -257,7 +257,8 @@ def estimate_input_speed(
 
     The lobe lines are the multiples of (z_s + 1)/z_s of the input speed; every z_s-th of them is a mesh line
     (order z_s + 1). The speed is the one, of 301 within the tolerance, whose comb stands out most from the
-    spectrum around it, summed in decibels; see :func:`cyclofeat.lobes.lobe_lines`, whose search this is.
+    spectrum around it, in power over the local floor; see :func:`cyclofeat.lobes.lobe_lines`, whose search
+    this is.
 
     Parameters
     ----------

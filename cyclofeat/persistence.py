@@ -50,7 +50,27 @@ def _type_names(*types: type) -> tuple[str, ...]:
     return tuple(f"{kind.__module__}.{kind.__qualname__}" for kind in types)
 
 
-#: What a ``.skops`` file may hold beside what skops itself knows (scikit-learn's estimators, numpy's arrays).
+#: What a ``.skops`` file may hold: this package's own types, trees, and these.
+PLAIN_TYPES: tuple[str, ...] = (
+    *_type_names(dict, list, tuple, set, str, bytes, int, float, bool),
+    "numpy.random.mtrand.RandomState",
+    # Of scikit-learn's estimators those that counters are made of, and some whose answers are numpy's
+    # arithmetic. Others are compiled and believe their numbers: a file could make them read foreign memory.
+    "sklearn.pipeline.Pipeline",
+    "sklearn.preprocessing._data.StandardScaler",
+    "sklearn.preprocessing._label.LabelBinarizer",
+    "sklearn.isotonic.IsotonicRegression",
+    "sklearn.neural_network._multilayer_perceptron.MLPClassifier",
+    "sklearn.tree._classes.ExtraTreeClassifier",
+    "sklearn.tree._classes.DecisionTreeClassifier",
+    "sklearn.ensemble._forest.ExtraTreesClassifier",
+    "sklearn.ensemble._forest.RandomForestClassifier",
+    "sklearn.linear_model._logistic.LogisticRegression",
+    "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
+    "sklearn.naive_bayes.GaussianNB",
+)
+
+#: Of what a ``.skops`` file may hold, what skops does not know by itself.
 TRUSTED_TYPES: tuple[str, ...] = (
     *_type_names(
         LobeModel,
@@ -541,7 +561,7 @@ def _dump(target: Path, counter: Any) -> bytes:
         raise ValueError(
             f"counter cannot be written as .skops ({type(error).__name__}: {error}): write .joblib"
         ) from error
-    unknown = set(skops.io.get_untrusted_types(data=data)) - set(TRUSTED_TYPES)
+    unknown = _foreign_types(data)
     if unknown:
         raise ValueError(
             f"counter holds {', '.join(sorted(unknown))}, which .skops files are not trusted with: "
@@ -563,18 +583,40 @@ def _read_joblib(source: Path, data: bytes) -> Any:
 def _read_skops(source: Path, data: bytes) -> Any:
     skops = _skops()
     try:
-        loaded = skops.io.loads(data, trusted=list(TRUSTED_TYPES))
+        foreign = _foreign_types(data)
+        loaded = None if foreign else skops.io.loads(data, trusted=list(TRUSTED_TYPES))
         _check_trees(loaded)
-    except skops.io.exceptions.UntrustedTypesFoundException as error:
-        raise ModelFileError(
-            f"{source} holds types that no counter needs, it is not loaded: {error}"
-        ) from None
     except Exception as error:
         raise ModelFileError(
             f"{source} cannot be read as a skops model ({type(error).__name__}: {error}): it is damaged or "
             "was written by other versions"
         ) from error
+    if foreign:
+        raise ModelFileError(
+            f"{source} holds types that no counter needs, it is not loaded: {', '.join(sorted(foreign))}"
+        )
     return loaded
+
+
+def _foreign_types(data: bytes) -> set[str]:
+    """Types that a ``.skops`` file must not hold."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        schema = json.loads(archive.read("schema.json"))
+    known = {*TRUSTED_TYPES, *PLAIN_TYPES}
+    held = {name for name in _types_in(schema) if not re.fullmatch(r"numpy\.\w+", name)}
+    return (held | set(_skops().io.get_untrusted_types(data=data))) - known
+
+
+def _types_in(node: Any) -> Iterator[str]:
+    """Names of all types in the schema of a ``.skops`` file."""
+    if isinstance(node, dict):
+        if "__class__" in node:
+            yield f"{node.get('__module__')}.{node['__class__']}"
+        for value in node.values():
+            yield from _types_in(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from _types_in(value)
 
 
 def _check_trees(loaded: Any) -> None:

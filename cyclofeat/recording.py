@@ -161,14 +161,14 @@ class Recording:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Recording):
             return NotImplemented
-        return all(
-            np.array_equal(mine, theirs)
-            if isinstance(mine, np.ndarray)
-            else type(theirs) is type(mine) and mine == theirs
-            for mine, theirs in (
-                (getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self)
-            )
-        )
+        return all(_alike(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in ("torque", "angle"):
+            if state[name] is not None:
+                # Pickles forget it.
+                state[name].flags.writeable = False
 
     @classmethod
     def from_run(cls, run: Any, /, *, with_angle: bool = True, **labels: Any) -> Recording:
@@ -241,13 +241,13 @@ class Recording:
         """Nominal input speed in turns per second; None where ``speed_rpm`` is not known."""
         return None if self.speed_rpm is None else self.speed_rpm / 60
 
-    def input_angle(self, reduction: int = 15) -> Float | None:
+    def input_angle(self, reduction: int | None = None) -> Float | None:
         """Angle phi of the input shaft, increasing.
 
         Parameters
         ----------
-        reduction : int, default 15
-            Input turns per turn of the disc; used where ``angle_of`` is "disc".
+        reduction : int, optional
+            Input turns per turn of the disc; used where ``angle_of`` is "disc". Default: ``n_lobes``.
 
         Returns
         -------
@@ -257,7 +257,8 @@ class Recording:
         if self.angle is None or self.angle_of == "input":
             return self.angle
         falls = self.angle[-1] < self.angle[0]
-        return input_angle_from_disc(self.angle if falls else -self.angle, reduction)
+        turns = self.n_lobes if reduction is None else reduction
+        return input_angle_from_disc(self.angle if falls else -self.angle, turns)
 
     def replace(self, **changes: Any) -> Recording:
         """A copy with other values for the named parameters, checked anew."""
@@ -321,8 +322,8 @@ class Windower:
     input_speed_hz : float, optional
         Nominal input speed in turns per second, from which the window's length follows. Default: the
         ``speed_rpm`` that the recordings share.
-    reduction : int, default 15
-        Input turns per output turn: the number of lobes.
+    reduction : int, optional
+        Input turns per output turn: the number of lobes. Default: the ``n_lobes`` that the recordings share.
     skip_s : float, default 0.0
         Time to leave out at the beginning of each recording (ramp and settling), in s.
     overlap : float, default 0.0
@@ -368,7 +369,7 @@ class Windower:
     _: KW_ONLY
     duration_s: float | None = None
     input_speed_hz: float | None = None
-    reduction: int = 15
+    reduction: int | None = None
     skip_s: float = 0.0
     overlap: float = 0.0
     remainder: Literal["drop", "error", "shift"] = "drop"
@@ -377,7 +378,8 @@ class Windower:
 
     def __post_init__(self) -> None:
         _whole("output_turns", self.output_turns, 1)
-        _whole("reduction", self.reduction, 2)
+        if self.reduction is not None:
+            _whole("reduction", self.reduction, 2)
         for name in ("duration_s", "input_speed_hz"):
             if getattr(self, name) is not None:
                 _positive(name, getattr(self, name), "s" if name == "duration_s" else "Hz")
@@ -464,9 +466,12 @@ class Windower:
             If something else than recordings is given, or assemblies are partly text, partly numbers.
         ValueError
             If there is no recording; one is shorter than a window, constant over a window, or lacks the angle
-            or nominal speed that is needed; or rates or speeds are mixed and the windows are cut by time.
+            or nominal speed that is needed; discs have different numbers of lobes; or rates or speeds are
+            mixed and the windows are cut by time.
         """
         records = _as_list(recordings)
+        if self.reduction is None:
+            return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records)
         groups = _groups(records)
         if self.angle_resample:
             per_turn = self._common_samples_per_turn(records)
@@ -497,15 +502,15 @@ class Windower:
         if self.duration_s is None:
             speed = self._nominal_speed(records, required=True)
             assert speed is not None
-            return max(1, round(self.output_turns * self.reduction / speed * rate))
+            return max(1, round(self.output_turns * self._turns / speed * rate))
         speed = self._nominal_speed(records, required=False)
         if speed is not None:
             # A lobe passes the load once in z_s / (z_s + 1) input turns: less shows no lobe at all.
-            lobe = self.reduction / (self.reduction + 1) / speed
+            lobe = self._turns / (self._turns + 1) / speed
             if self.duration_s < lobe:
                 raise ValueError(
                     f"duration_s = {self.duration_s:g} s is shorter than one lobe period, {lobe:.4g} s at "
-                    f"{speed:.4g} Hz input speed: one output turn is {self.reduction / speed:.4g} s"
+                    f"{speed:.4g} Hz input speed: one output turn is {self._turns / speed:.4g} s"
                 )
         length = round(self.duration_s * rate)
         if length < 2:
@@ -556,7 +561,7 @@ class Windower:
         starts = first + self._starts(name, available, length, grid=1)
         for start in starts:
             _reject_constant(name, recording, start, start + length)
-        angle = recording.input_angle(self.reduction)
+        angle = recording.input_angle(self._turns)
         at = np.full(starts.size, np.nan) if angle is None else angle[starts]
         windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]
         return windows, starts / recording.sampling_rate, at
@@ -579,7 +584,7 @@ class Windower:
 
     def _cut_by_angle(self, name: str, recording: Recording, per_turn: int) -> tuple[Float, Float, Float]:
         """Windows, their starts in s and in rad."""
-        angle = recording.input_angle(self.reduction)
+        angle = recording.input_angle(self._turns)
         if angle is None:
             raise ValueError(
                 f"{name} has no angle, which angle_resample=True needs: give Recording(angle=...) from a "
@@ -603,14 +608,14 @@ class Windower:
         step = 2 * math.pi / per_turn
         origin = round(grid[0] / step)
         first = max(origin, math.ceil(angle[skipped] / step - 1e-6))
-        length = self.output_turns * self.reduction * per_turn
-        period = self.reduction * per_turn if recording.angle_is_absolute else 1
+        length = self.output_turns * self._turns * per_turn
+        period = self._turns * per_turn if recording.angle_is_absolute else 1
         start = math.ceil(first / period) * period
         available = origin + torque.size - start
         if available < length:
             start_rule, remedy = "", ""
             if recording.angle_is_absolute:
-                start_rule = f" from the first multiple of {self.reduction} turns of its absolute angle on"
+                start_rule = f" from the first multiple of {self._turns} turns of its absolute angle on"
                 remedy = (
                     "; record one output turn more, or give up absolute lobe positions with "
                     "angle_is_absolute=False"
@@ -618,7 +623,7 @@ class Windower:
             raise ValueError(
                 f"{name} is too short: it lasts {recording.duration:.4g} s and holds "
                 f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._described()} needs "
-                f"{self.output_turns * self.reduction}{remedy}"
+                f"{self.output_turns * self._turns}{remedy}"
             )
         starts = start - origin + self._starts(name, available, length, grid=period)
         windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
@@ -649,12 +654,18 @@ class Windower:
             starts = np.append(starts, (available - length) // grid * grid)
         return starts
 
+    @property
+    def _turns(self) -> int:
+        """Input turns per output turn, which :meth:`windows` has settled."""
+        assert self.reduction is not None
+        return self.reduction
+
     def _described(self) -> str:
         if self.duration_s is not None:
             length = f"{self.duration_s:g} s"
         else:
             length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns} output turns"
-            length += f" ({self.output_turns * self.reduction} input turns)"
+            length += f" ({self.output_turns * self._turns} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
 
 
@@ -713,6 +724,15 @@ def _reject_constant(name: str, recording: Recording, start: int, stop: int) -> 
             f"{start / recording.sampling_rate:.4g} s: nothing can be diagnosed from it (sensor dead or not "
             "connected?)"
         )
+
+
+def _alike(mine: Any, theirs: Any) -> bool:
+    """Whether two values of a field are the same, whatever the user's own ones may be."""
+    if isinstance(mine, Mapping) and isinstance(theirs, Mapping):
+        return mine.keys() == theirs.keys() and all(_alike(mine[key], theirs[key]) for key in mine)
+    if isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray):
+        return type(theirs) is type(mine) and np.array_equal(mine, theirs)
+    return type(theirs) is type(mine) and bool(mine == theirs)
 
 
 # Checks of single values. Arguments are typed loosely: these are the ones that hold users to the types.
@@ -815,7 +835,7 @@ def _defects(worn_lobes: Any, defect_count: Any, n_lobes: int) -> tuple[tuple[in
     if count is not None and count > n_lobes:
         raise ValueError(f"defect_count must be at most n_lobes = {n_lobes}, got {count}")
     if worn_lobes is None:
-        return None, count
+        return () if count == 0 else None, count
     if isinstance(worn_lobes, str) or not isinstance(worn_lobes, Iterable):
         raise TypeError(f"worn_lobes must be a sequence of lobe indices from 0, got {worn_lobes!r}")
     lobes = tuple(sorted(_whole("worn_lobes", lobe, 0) for lobe in worn_lobes))

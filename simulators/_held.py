@@ -8,6 +8,9 @@ from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators._kernels import N_RESULT, N_STATE, derivatives, new_memory
 from cyclofeat.simulators._outline import CAM_X, CAM_Y, FASTMATH
 
+# Of _kernels.py, which has that of _outline.py: numba's cache on disk notices a change of this file only.
+KERNELS_CHECKSUM = 0x869E16F2
+
 
 @njit(fastmath=FASTMATH, forceinline=True)
 def _accelerations(

@@ -509,7 +509,9 @@ def _is_index(value: object) -> bool:
 
 
 def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
-    found = tuple(sorted(wheels)) if isinstance(wheels, Iterable) else ()
+    given = tuple(wheels) if isinstance(wheels, Iterable) else ()
+    whole = all(isinstance(wheel, (int, np.integer)) and not isinstance(wheel, bool) for wheel in given)
+    found = tuple(sorted(int(wheel) for wheel in given)) if whole else ()
     if found not in ((0,), (1,), (0, 1)):
         raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
     return found

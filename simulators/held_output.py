@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 from cyclofeat.simulators import _held
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
@@ -78,7 +79,7 @@ class TorqueDeflection:
 
     def hysteresis(self) -> float:
         """Area of the last loop in J: what is lost in one cycle."""
-        return float(abs(np.trapezoid(*self._closed())))
+        return float(abs(trapezoid(*self._closed())))
 
     def _closed(self) -> tuple[Float, Float]:
         torque, deflection = self.last_cycle()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal, overload
 
@@ -129,7 +130,9 @@ def simulate_many(
             each[name] = list(values)
     lengths = {name: len(values) for name, values in each.items()}
     if n_runs is not None:
-        lengths["n_runs"] = n_runs
+        if isinstance(n_runs, bool) or not isinstance(n_runs, (int, np.integer)) or n_runs < 0:
+            raise ValueError(f"n_runs must be a number of runs from 0, got {n_runs!r}")
+        lengths["n_runs"] = int(n_runs)
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise ValueError(f"gearboxes, defects, start_angles and n_runs must agree in number, got {told}")
@@ -149,13 +152,20 @@ def simulate_many(
 
     workers = joblib.Parallel(n_jobs=n_jobs, prefer=prefer, return_as="generator")
     results: list[Any] = []
-    for found in workers(joblib.delayed(_attempt)(arguments(index), options) for index in range(total)):
-        if isinstance(found, Exception) and on_failure == "raise":
-            found.add_note(f"in run {len(results)} of {total} (counted from 0)")
-            raise found
-        results.append(found)
-        if progress is not None:
-            progress(len(results), total)
+    made = workers(joblib.delayed(_attempt)(arguments(index), options) for index in range(total))
+    try:
+        for found in made:
+            if isinstance(found, Exception) and on_failure == "raise":
+                found.add_note(f"in run {len(results)} of {total} (counted from 0)")
+                raise found
+            results.append(found)
+            if progress is not None:
+                progress(len(results), total)
+    finally:
+        with warnings.catch_warnings():
+            # After an error joblib would warn that the runs still under way are given up.
+            warnings.simplefilter("ignore", UserWarning)
+            made.close()
     return results
 
 

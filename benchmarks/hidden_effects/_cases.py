@@ -243,23 +243,25 @@ def make_case(name: str) -> Case:
     if name not in definitions():
         raise ValueError(f"name must be one of case_names(), got {name!r}")
     case = definitions()[name]
-    common = np.random.default_rng([SEED, case.number, 3]).random(4).tolist()
-
-    def recordings(part: int, counts: Sequence[int]) -> NDArray[np.float32]:
-        found = np.empty((len(counts), N_SAMPLES), dtype=np.float32)
-        for i, count in enumerate(counts):
-            nuisance, seed = nuisance_and_seed([SEED, case.number, part, i], decoy=case.decoy, common=common)
-            found[i] = record(count, case.effects, seed, nuisance)
-        return found
-
     hold = HOLD_COUNTS if case.kind != "null" else ()
     return Case(
         name=name,
-        X_fit=recordings(0, FIT_COUNTS),
+        X_fit=make_recordings(name, 0, FIT_COUNTS),
         y_fit=np.array(FIT_COUNTS),
-        X_hold=recordings(1, hold),
+        X_hold=make_recordings(name, 1, hold),
         y_hold=np.array(hold, dtype=np.int64),
     )
+
+
+def make_recordings(name: str, part: int, counts: Sequence[int]) -> NDArray[np.float32]:
+    """Recordings of a case with these counts; another part of its random numbers gives others."""
+    case = definitions()[name]
+    common = np.random.default_rng([SEED, case.number, 3]).random(4).tolist()
+    found = np.empty((len(counts), N_SAMPLES), dtype=np.float32)
+    for i, count in enumerate(counts):
+        nuisance, seed = nuisance_and_seed([SEED, case.number, part, i], decoy=case.decoy, common=common)
+        found[i] = record(count, case.effects, seed, nuisance)
+    return found
 
 
 def truth_text() -> str:

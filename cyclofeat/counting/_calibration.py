@@ -59,6 +59,8 @@ class GroupCalibratedCounter(Counter):
         The reciprocal of the power, 1 for ``"isotonic"``.
     steps_ : list of IsotonicRegression
         One per class for ``"isotonic"``, else empty.
+    calibrated_ : bool
+        Whether there were enough assemblies to hold some out.
     dependence_ : float or None
         How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
         :func:`predict_recordings`. None where no assembly has several windows.
@@ -141,6 +143,7 @@ class GroupCalibratedCounter(Counter):
         self.temperature_ = 1.0
         self.steps_: list[IsotonicRegression] = []
         self.dependence_: float | None = None
+        self.calibrated_ = bool(folds)
         if folds:
             held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
             self._learn(held_out, rank, member)

@@ -84,7 +84,8 @@ class ConformalCounter(Counter):
         What coverage counts. ``"window"``: one window of a new assembly. ``"assembly"``: all windows of a new
         assembly at once (with as many windows as those in calibration); its score is its worst window's.
     calibration_size : float, default=0.3
-        Share of assemblies that calibrate, for ``"split"``.
+        Share of assemblies that calibrate, for ``"split"``: one fold of 1/size, rounded, or of as many as
+        the rarest class has assemblies.
     n_splits : int, default=5
         Folds by assembly, for ``"cross"``.
     domain : TrainingDomain, "default" or None, default="default"

@@ -570,7 +570,8 @@ def _summarise(
         return value, at_the_ends(value, found, groups.size, confidence)
 
     accuracy, accuracy_interval = share(right)
-    errors = np.abs(labels - predictions)
+    # Unsigned numbers would wrap around.
+    errors = np.abs(labels.astype(float) - predictions.astype(float))
     sums = sums_by_assembly(np.column_stack([errors, np.ones(errors.size)]), member)
     error, error_interval = interval(ratio, sums, drawn, confidence)
     if error == 0:  # what none wrong is compatible with, each wrong by one

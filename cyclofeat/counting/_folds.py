@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,20 @@ def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
         raise ValueError(
             f"{name} must hold one value per window, shape ({n_windows},), got shape {array.shape}"
         )
+    missing = _missing(array)
+    if missing.any():
+        where = int(np.argmax(missing))
+        raise ValueError(f"{name} must hold a value for every window, got {array[where]} at window {where}")
     return array
+
+
+def _missing(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """None, NaN and infinity, also among the objects of a data frame's column."""
+    if values.dtype.kind in "fc":
+        return np.asarray(~np.isfinite(values))
+    if values.dtype.kind != "O":
+        return np.zeros(values.shape, dtype=bool)
+    return np.array([one is None or (isinstance(one, float) and not math.isfinite(one)) for one in values])
 
 
 def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:

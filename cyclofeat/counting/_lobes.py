@@ -85,6 +85,8 @@ class LobeCounter(Counter):
     ----------
     classes_ : ndarray, shape (n_classes,)
         Counts in training, in order.
+    calibrated_ : bool
+        Whether there were enough assemblies to hold some out.
     weights_ : ndarray, shape (2,)
         Exponents of the two opinions of the count: trees on the lobe map, and lobes.
     lobe_network_ : Pipeline or None
@@ -229,6 +231,7 @@ class LobeCounter(Counter):
         found = self.lobe_map_.lines(windows)
         features = self.lobe_map_._from_lines(found)
         folds = grouped_folds(rank, member, self.n_splits, seed)
+        self.calibrated_ = bool(folds)
         self.count_trees_ = self._count_trees(seed).fit(features, rank)
         self.lobe_network_, held_out = None, None
         self.calibration_: Float = np.array([0.0, 1.0])

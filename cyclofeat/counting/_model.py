@@ -19,7 +19,7 @@ from sklearn.pipeline import Pipeline
 from cyclofeat import __version__
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
-from cyclofeat.counting._conformal import OUTSIDE, features_seen
+from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
 from cyclofeat.counting._folds import fewest_assemblies
@@ -61,8 +61,9 @@ class LobeCount:
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows lie outside what the model was trained on, or the lobe lines fit another
-        speed: the count then stands on nothing but trust.
+        Whether most of the windows lie outside what the model was trained on, no count fits most of them
+        (where the counter is a :class:`ConformalCounter`), or the lobe lines fit another speed: the count
+        then stands on nothing but trust.
     reason : str
         Why refused, else empty.
     distance : float
@@ -156,7 +157,7 @@ class LobeModel:
             model learns to locate lobes too. Probabilities are calibrated on held-out assemblies; recordings
             that do not all state theirs are taken for one assembly each.
         input_speed_hz : float, optional
-            Nominal input speed; default the one that the recordings share.
+            Nominal input speed; default the median of those that the recordings state.
         n_lobes : int, optional
             Number of lobes of a disc; default the one that the recordings share.
         random_state : int
@@ -176,14 +177,18 @@ class LobeModel:
         Raises
         ------
         ValueError
-            Where recordings lack a defect count, hold one class only or cannot be cut into windows.
+            Where recordings lack a defect count, hold one class only, cannot be cut into windows, or state
+            another number of lobes or a speed more than 1.5 % beside the nominal one.
         """
-        n_lobes = common_n_lobes(recordings) if n_lobes is None else n_lobes
-        windower = Windower(input_speed_hz=input_speed_hz, reduction=n_lobes)
-        windows = windower.windows(recordings)
+        stated = common_n_lobes(recordings)
+        # Recordings that say nothing of their lobes have 15.
+        if n_lobes is not None and stated not in (15, n_lobes):
+            raise ValueError(f"n_lobes must be that of the recordings, {stated}, got {n_lobes}")
+        n_lobes = stated if n_lobes is None else n_lobes
+        speed = common_speed(recordings, input_speed_hz)
+        windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
         if windows.y is None:
             raise ValueError("recordings must all state their defect_count to train on, some do not")
-        speed = input_speed_hz or recordings[0].input_speed_hz
         assert speed is not None  # the windower would have raised
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
@@ -193,7 +198,7 @@ class LobeModel:
         plain = make_lobe_counter(windows.sampling_rate, **made_for)
         lobe_map = plain["lobe_map"]
         # A lobe map learns nothing from other windows: made once, it serves every fold.
-        features = lobe_map.fit_transform(windows.X)
+        features = np.asarray(lobe_map.fit_transform(windows.X))
         member = windows.recording if windows.groups is None else windows.groups
         worn = worn_of_windows(windows, n_lobes)
         passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
@@ -272,7 +277,8 @@ class LobeModel:
                 f"counter must be fitted to windows of one output turn, {samples} samples at "
                 f"{sampling_rate:g} Hz and {60 * input_speed_hz:g} RPM, got one fitted to {fitted} samples"
             )
-        calibrated = any(hasattr(part, "dependence_") for part in (counter, getattr(counter, "counter_", 0)))
+        parts = (counter, getattr(counter, "counter_", None))
+        calibrated = any(getattr(part, "calibrated_", False) for part in parts)
         card = {
             "description": description,
             "classes": np.asarray(counter.classes_).tolist(),
@@ -349,6 +355,9 @@ class LobeModel:
         reason = self._another_speed(windows.X) if recording.angle is None else ""
         if not reason and n_outside > len(windows) / 2:
             reason = OUTSIDE
+        if not reason and hasattr(self.counter, "predict_set"):
+            n_empty = int(np.sum(~self.counter.predict_set(windows.X).any(axis=1)))
+            reason = NO_CLASS if n_empty > len(windows) / 2 else ""
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -370,7 +379,7 @@ class LobeModel:
         if probability.max() < 0.5:
             notes.append(f"uncertain: {count} is most probable with {probability.max():.3f} only")
         if not self.card.get("calibrated", False):
-            notes.append("probabilities are not calibrated: training had a count with one assembly only")
+            notes.append("probabilities are not calibrated on assemblies that training did not see")
         return LobeCount(
             defect_count=count,
             probability={int(c): float(p) for c, p in zip(combined.classes, probability, strict=True)},
@@ -440,11 +449,31 @@ class LobeModel:
             return np.asarray(self.locator._from_lines(found, passage).mean(axis=0))
         # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
         # Where between two lobes the recording begins is not known: the most decided answer tells.
-        again = -windows.start_s * lobe_frequency(1.0, self.n_lobes) * found.input_speed_hz
+        again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, found.input_speed_hz)
         begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
         shares = self.locator._from_lines(found.repeated(_BEGINNINGS), begins.ravel())
         answers = shares.reshape(_BEGINNINGS, len(windows), -1).mean(axis=1)
         return np.asarray(max(answers, key=lambda share: float(np.abs(share - 0.5).sum())))
+
+
+def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None = None) -> float | None:
+    """Nominal input speed in turns per second: the given one, else the median of those stated.
+
+    Raises
+    ------
+    ValueError
+        If a recording states one so far beside it that the lobe map's search would not find it.
+    """
+    stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
+    speed = float(np.median(stated)) if input_speed_hz is None and stated else input_speed_hz
+    off = [one for one in stated if speed is not None and abs(one / speed - 1) > _SPEED_TOLERANCE]
+    if off:
+        raise ValueError(
+            f"speed_rpm of {len(off)} of {len(recordings)} recordings lies more than "
+            f"{_SPEED_TOLERANCE:.1%} beside {60 * speed:.5g} RPM, the first at {60 * off[0]:.5g} RPM: take "
+            "the recordings of one speed at a time"
+        )
+    return speed
 
 
 def versions() -> dict[str, str]:
@@ -473,6 +502,14 @@ def _cross_validation(
     ).to_dict()
     # that of plain trees is not the model's
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
+
+
+def _turned(windows: WindowSet, speed_hz: Float) -> Float:
+    """Input turns from the first window's beginning to that of each, of one recording."""
+    if np.isfinite(windows.start_angle).all():
+        return (windows.start_angle - windows.start_angle[0]) / (2 * np.pi)
+    between = np.diff(windows.start_s) * (speed_hz[1:] + speed_hz[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(between)])
 
 
 def _any_apart(worn: NDArray[np.bool_]) -> bool:

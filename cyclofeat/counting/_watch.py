@@ -15,6 +15,9 @@ from pathlib import Path
 # time to settle.
 _PATIENCE = 5
 
+# How a line of the list of what is done begins.
+_BEGINNING = b'{"file": '
+
 # Size, time of change in ns, inode: another file renamed into its place has another inode.
 Signature = tuple[int, int, int]
 
@@ -103,8 +106,8 @@ class FolderWatch:
                 continue
             if not seen.told:
                 found.append((self.folder / name, seen.message))
+            # Not done: the next start may read it, with other options.
             seen.message, seen.told = None, True
-            self.done.add(name, seen.signature)
         return found
 
     def _files(self) -> Iterator[tuple[str, Signature]]:
@@ -143,13 +146,15 @@ class DoneList:
     def __init__(self, path: Path | None = None) -> None:
         self._done: dict[str, tuple[int, int]] = {}
         self._path = path
+        self._unwritten: list[bytes] = []
+        self._whole: int | None = None  # bytes before a line that was cut
         if path is None:
             return
         if not path.parent.is_dir():
             raise FileNotFoundError(f"folder {path.parent} for --done does not exist: make it first")
         written = path.read_bytes() if path.exists() else b""
         whole = written[: written.rfind(b"\n") + 1]
-        if not whole and written and not written.startswith(b"{"):
+        if not whole and written and not written.startswith(_BEGINNING):
             raise ValueError(f"{path} is not a list that watch wrote: name a new file for --done")
         for number, line in enumerate(whole.splitlines(), 1):
             try:
@@ -159,17 +164,35 @@ class DoneList:
                 raise ValueError(
                     f"{path} is not a list that watch wrote (line {number}): name a new file for --done"
                 ) from None
-        with path.open("ab") as file:  # which also tells now whether it can be written
-            file.truncate(len(whole))
+        with path.open("ab"):
+            pass  # which tells now whether it can be written
+        if len(whole) < len(written):
+            self._whole = len(whole)
 
     def holds(self, name: str, signature: Signature) -> bool:
         """Whether this file, in this state, is done; a restored copy with another inode is the same."""
         return self._done.get(name) == signature[:2]
 
     def add(self, name: str, signature: Signature) -> None:
-        """Remember a file in this state."""
+        """Remember a file in this state, for the next :meth:`write`."""
         self._done[name] = signature[:2]
-        if self._path is not None:
-            entry = {"file": name, "size": signature[0], "mtime_ns": signature[1]}
-            with self._path.open("ab") as file:
-                file.write(json.dumps(entry).encode() + b"\n")
+        entry = {"file": name, "size": signature[0], "mtime_ns": signature[1]}
+        self._unwritten.append(json.dumps(entry).encode() + b"\n")
+
+    def write(self) -> None:
+        """Write what was added since.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; the next call tries again.
+        """
+        if self._path is None or not self._unwritten:
+            return
+        with self._path.open("ab") as file:
+            if self._whole is not None:
+                file.truncate(self._whole)
+            self._whole = file.seek(0, os.SEEK_END)
+            file.write(b"".join(self._unwritten))
+        self._whole = None
+        self._unwritten.clear()

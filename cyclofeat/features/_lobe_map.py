@@ -21,7 +21,8 @@ class LobeMap(WindowTransformer):
     rig's torsional resonance (residual of an autoregressive model), its input speed is refined, and it is
     folded at that rate into one slot per lobe. Each window gives
 
-    - mean and rms of the whitened torque in each slot, in units of its standard deviation,
+    - mean of the whitened torque in each slot, and its rms about that mean, in units of the whole window's
+      standard deviation,
     - prominence of each lobe line k (k times the lobe frequency) over the spectrum around it, in dB,
     - contrast of each lobe line to the lines around it, in dB: the pattern of the worn lobes alone, which no
       resonance changes; n consecutive worn lobes have zeros at multiples of z_s/n.

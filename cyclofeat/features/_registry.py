@@ -135,8 +135,8 @@ _ROWS = (
         "Nm",
         "2 |mean(x exp(-2 pi i f k t))| over whole turns, f refined",
         "cyclofeat.orders",
+        2,
     ),
-    # Version 2: the speed by the power of the lobe lines over their floor, no longer by its logarithm.
     Feature("lobe_slot_mean", "1", "mean of the whitened, folded torque in a slot", "cyclofeat.lobes", 2),
     Feature("lobe_slot_rms", "1", "std of the whitened, folded torque in a slot", "cyclofeat.lobes", 2),
     Feature("lobe_line_prominence", "dB", "10 log10(|c_k|^2 / floor_k + 0.001)", "cyclofeat.lobes", 2),
@@ -148,6 +148,7 @@ _ROWS = (
         "1",
         "median over the reference of: cells of a level with the lowest colour in both / cells",
         "paper B section 7, paper A section 5.1",
+        2,
     ),
     Feature(
         "wavelet_envelope_mean",

@@ -418,7 +418,9 @@ def floor_draws(
     sizes = np.array([np.sum(strata(counts) == group) for group in strata(counts)])
     squares = ((own / spread) ** 2 @ weights.T) * (sizes / np.maximum(sizes - 1, 1))[:, None]
     mean = squares.mean(axis=0)
-    return np.asarray(floor * np.sqrt(chances @ squares / np.where(mean > 0, mean, 1.0)))
+    # Half-samples give some recordings negative weight: a mean square below zero is none.
+    drawn = np.maximum(chances @ squares, 0.0)
+    return np.asarray(floor * np.sqrt(drawn / np.where(mean > 0, mean, 1.0)))
 
 
 def centred(draws: Float, estimate: Float | float) -> Float:

@@ -64,7 +64,7 @@ def calibrated(
     drawn, values, labels = np.empty((0, best.size)), np.empty((0, told.shape[1])), of_told[:0]
     turn: Float | None = None
     radius = np.maximum(_FIRST_BOX * at.widths, _REACH * np.minimum(estimate.deviation, at.widths))
-    spread = qmc.Halton(best.size, rng=random)
+    spread = qmc.Halton(best.size, seed=random)
     for box in range(BOXES):
         low, high = at.clipped(best - radius), at.clipped(best + radius)
         places = low + spread.random(len(range(box, n, BOXES))) * (high - low)

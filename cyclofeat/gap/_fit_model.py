@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from cyclofeat.gap._null import SPARE, NuisancePrior, machine
+from cyclofeat.gap._null import NO_SUCH_RIG, SPARE, NuisancePrior, machine
 from cyclofeat.gap._recordings import registered
 from cyclofeat.gap._summaries import summarise_all
 from cyclofeat.simulators import CompositeSimulator, Effect, MachineRun, SimulationFailed, SimulationRun
@@ -76,7 +76,7 @@ class FitModel:
             return np.empty((0, 0))
         try:
             return self._summarised([run.record(on_torque) for run in runs])
-        except ValueError:  # a filter beyond half of the sampling rate, say: no such rig
+        except NO_SUCH_RIG:
             self.n_failed += len(runs)
             return np.empty((0, 0))
 
@@ -101,7 +101,7 @@ class FitModel:
         run = self._run(self._with(in_machine), i, count)
         try:
             return None if run is None else run.record(on_torque)
-        except ValueError:
+        except NO_SUCH_RIG:
             return None
 
     def _parted(self, place: Float) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
@@ -147,7 +147,7 @@ class FitModel:
             return machine(
                 simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, spare=SPARE
             )
-        except SimulationFailed:
+        except NO_SUCH_RIG:
             return None
 
 

@@ -111,7 +111,7 @@ class Search:
         size = self.at.widths.size
         for _ in range(_ROUNDS):
             centre = self.best(whitener)
-            offsets = qmc.Halton(size, rng=self.random).random(_PER_ROUND + 2 * size) * 2 - 1
+            offsets = qmc.Halton(size, seed=self.random).random(_PER_ROUND + 2 * size) * 2 - 1
             for offset in offsets:
                 self.visit(centre + offset * self.radius)
             centre = self.best(whitener)

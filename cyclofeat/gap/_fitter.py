@@ -207,7 +207,7 @@ class EffectFitter(BaseEstimator):
         windows = validate_data(self, X, dtype=[np.float64, np.float32]).astype(np.float32)
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
         composite = nuisance.simulator(self.simulator)
-        n_lobes = nuisance.gearbox(self.simulator).n_lobes
+        n_lobes = nuisance.n_lobes(self.simulator, self.input_speed_hz)
         speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
         windows = registered(windows, self.sampling_rate, self.input_speed_hz, n_lobes)
         of_window, counts = recordings_of(len(windows), y, groups)

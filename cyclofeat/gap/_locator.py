@@ -246,7 +246,7 @@ class GapLocator(BaseEstimator):
                 f"disagree, got {self.n_permutations}"
             )
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
-        n_lobes = nuisance.gearbox(self.simulator).n_lobes
+        n_lobes = nuisance.n_lobes(self.simulator, self.input_speed_hz)
         speeds = None if angle is None else mean_speeds(angle, windows.shape, self.sampling_rate)
         # In the precision of the bank, or the share of distinct values would tell them apart.
         windows = windows.astype(np.float32)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import trapezoid
 from scipy.optimize import differential_evolution
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
@@ -21,7 +22,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Wh
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._summary_mode import sign_flip_p
+from cyclofeat.gap._summary_scores import sign_flip_p
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 Float = NDArray[np.float64]
@@ -104,7 +105,7 @@ def loop_shape(torque: ArrayLike, deflection: ArrayLike) -> LoopShape:
     """
     t, x = _checked_loop(torque, deflection)
     closed_t, closed_x = np.append(t, t[0]), np.append(x, x[0])
-    area = abs(float(np.trapezoid(closed_t, closed_x)))
+    area = abs(float(trapezoid(closed_t, closed_x)))
     rising, falling = _branches(t)
     widths = []
     for branch in (rising, falling):

@@ -33,6 +33,9 @@ Float = NDArray[np.float64]
 # One evaluation per step instead of two: what it does otherwise lies below the summaries' resolution.
 _INTEGRATOR = "adams_bashforth"
 _STORED = ("X", "counts", "input_angle", "assemblies")
+# What cannot be simulated, or cannot be built: a filter beyond half of the sampling rate, a gearbox that
+# never settles, an effect on what this contact law does not have.
+NO_SUCH_RIG = (SimulationFailed, ValueError)
 SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
 _LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
@@ -82,20 +85,41 @@ class NuisancePrior:
         Parameters
         ----------
         simulator : CompositeSimulator, Rig, CycloidalGearbox or None
-            A rig keeps its brake, drift and noise; its tolerances are replaced. None: paper B's gearbox.
+            A rig keeps its brake, drift and noise; its tolerances are replaced. A gearbox keeps its own
+            clearance, to which this prior's comes. None: paper B's gearbox.
         """
         composite = simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
-        rig = composite.to_rig()
-        return CompositeSimulator(rig.replace(effects=(), tolerances=self.tolerances), rig.effects)
+        rig, tolerances = composite.to_rig(), self.tolerances
+        if isinstance(composite.base, CycloidalGearbox) and composite.base.clearance:
+            own = composite.base.clearance
+            low, high = tolerances.clearance
+            tolerances = dataclasses.replace(tolerances, clearance=(low + own, high + own))
+        return CompositeSimulator(rig.replace(effects=(), tolerances=tolerances), rig.effects)
 
-    def gearbox(self, simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CycloidalGearbox:
-        """The simulator's gearbox, before an assembly's own errors.
+    def n_lobes(
+        self, simulator: CompositeSimulator | Rig | CycloidalGearbox | None, input_speed_hz: float
+    ) -> int:
+        """Lobes of the simulator's discs, where it turns at the recordings' speed.
 
         Parameters
         ----------
         simulator : CompositeSimulator, Rig, CycloidalGearbox or None
+        input_speed_hz : float
+            Nominal speed of the recordings.
+
+        Raises
+        ------
+        ValueError
+            If the simulator turns at another speed.
         """
-        return self.simulator(simulator).to_rig().gearbox
+        gearbox = self.simulator(simulator).to_rig().gearbox
+        own = gearbox.input_speed / (2 * np.pi)
+        if abs(own / input_speed_hz - 1) > _summaries.SPEED_TOLERANCE:
+            raise ValueError(
+                f"input_speed_hz must be the model's speed, {own:.4g} Hz ({60 * own:.4g} RPM), got "
+                f"{input_speed_hz:.4g} ({60 * input_speed_hz:.4g} RPM): give a simulator of that speed"
+            )
+        return int(gearbox.n_lobes)
 
     def draw_defects(self, count: int, n_lobes: int, random: np.random.Generator) -> LobeDefects:
         """Consecutive worn lobes with a random first one, on random wheels."""
@@ -289,7 +313,7 @@ def summarised_bank(
 ) -> tuple[Bank, Float]:
     """A bank (:func:`make_bank`, whose other options are taken too) and its recordings' summaries."""
     bank = make_bank(simulator, nuisance, counts, sampling_rate=sampling_rate, cache=cache, **options)
-    n_lobes = nuisance.gearbox(simulator).n_lobes
+    n_lobes = nuisance.n_lobes(simulator, input_speed_hz)
     values = summaries_of_bank(
         bank, sampling_rate, input_speed_hz, n_lobes, with_tachometer=with_tachometer, cache=cache
     )

@@ -37,6 +37,8 @@ _COMPONENTS = 12
 _FOLDS = 5
 _SETS_PER_DRAW = 6
 _FEWEST_SETS = 30
+# Draws of an effect from which it can be learned; of one that a model cannot have all fail.
+_FEWEST_DRAWS = 3
 _NULL_SETS = 1000
 _REFINED = 20  # pairs of draws whose distance is taken in all combinations of cells
 _SMALLEST = 0.05  # a cell's spread is at least this, in its unit
@@ -128,6 +130,8 @@ class EffectRanker(BaseEstimator):
     table_ : EffectTable
     classes_ : list of str
         Effects.
+    left_out_ : tuple of str
+        Those of the default library that this model cannot have, or not at this rate.
     confusion_ : ndarray, shape (n_classes, n_classes)
         Shares of out-of-fold names by true effect, rows adding up to one.
     temperature_ : float
@@ -229,7 +233,7 @@ class EffectRanker(BaseEstimator):
         """
         nuisance = NuisancePrior() if self.nuisance is None else self.nuisance
         self.classes_ = self._names(nuisance.simulator(self.simulator))
-        self.table_ = make_table(
+        table = make_table(
             self.simulator,
             nuisance,
             self.classes_,
@@ -243,6 +247,15 @@ class EffectRanker(BaseEstimator):
             n_jobs=self.n_jobs,
             cache=self.cache,
         )
+        made = [name for name in self.classes_ if len(_simulated(table, name)) >= _FEWEST_DRAWS]
+        self.left_out_ = tuple(name for name in self.classes_ if name not in made)
+        if not made or (self.left_out_ and self.library is not None):
+            raise ValueError(
+                "library must hold effects that this model and rate can have, got "
+                f"{', '.join(self.left_out_)}"
+            )
+        self.classes_ = made
+        self.table_ = table.of(made)
         self._learned: dict[int, _Learned] = {}
         learned = self._learn(self.n_recordings)
         self.temperature_, self.confusion_ = learned.temperature, learned.confusion
@@ -379,22 +392,33 @@ class EffectRanker(BaseEstimator):
 
     def _draws(self, name: str) -> tuple[Float, Float]:
         """Parameters and mean changes of an effect's draws, without those whose simulation failed."""
-        shifts = self.table_.shifts(name)
-        simulated = np.all(np.isfinite(shifts), axis=1)
-        return self.table_.vectors[name][simulated], shifts[simulated]
+        simulated = _simulated(self.table_, name)
+        return self.table_.vectors[name][simulated], self.table_.shifts(name)[simulated]
 
     def _in_table(self, locator: GapLocator) -> NDArray[np.bool_]:
         """Which of a locator's cells the table has: all but those of the tachometer."""
         found = np.array(["tachometer" not in cell.name for cell in locator.cells_])
-        assert found.sum() == self.table_.null.shape[1]
+        if (locator.sampling_rate, locator.input_speed_hz) != (self.sampling_rate, self.input_speed_hz):
+            raise ValueError(
+                "locator must compare recordings of the ranker's rate and speed, "
+                f"{self.sampling_rate:g} Hz and {self.input_speed_hz:g} turns/s, "
+                f"got {locator.sampling_rate:g} and {locator.input_speed_hz:g}"
+            )
+        if found.sum() != self.table_.null.shape[1]:
+            raise ValueError(
+                f"locator must compare the {self.table_.null.shape[1]} figures of the ranker's table, got "
+                f"{found.sum()}: windows of another length?"
+            )
         return found
 
     def _names(self, composite: CompositeSimulator) -> list[str]:
         known = effect_library()
         if self.library is not None:
             unknown = [name for name in self.library if name not in known]
-            if unknown or not self.library:
-                raise ValueError(f"library must name effects of {', '.join(known)}, got {self.library!r}")
+            if unknown or not self.library or len(set(self.library)) < len(self.library):
+                raise ValueError(
+                    f"library must name different effects of {', '.join(known)}, got {self.library!r}"
+                )
             return list(self.library)
         rig = composite.to_rig()
         braked = rig.has_brake or any(effect.effect_id == "brake_rotor" for effect in rig.effects)
@@ -406,6 +430,11 @@ class EffectRanker(BaseEstimator):
                 self.table_, n_recordings, self.n_trees, self.alpha, self.random_state, self.n_jobs
             )
         return self._learned[n_recordings]
+
+
+def _simulated(table: EffectTable, name: str) -> NDArray[np.intp]:
+    """Draws of an effect none of whose simulations failed."""
+    return np.flatnonzero(np.all(np.isfinite(table.shifts(name)), axis=1))
 
 
 def _together(first: NDArray[Any], second: NDArray[Any], in_db: NDArray[np.bool_]) -> NDArray[Any]:
@@ -458,7 +487,7 @@ class _Learned:
             self.detectable[name] = float(found.mean())
             # An effect that is never found is learned from its strongest sets: it has to have a name.
             if found.sum() < _FEWEST_SETS:
-                found = size >= np.sort(size)[-_FEWEST_SETS]
+                found = size >= np.sort(size)[-min(_FEWEST_SETS, size.size)]
             features.append(self.scale.features(means[found], variances[found], n))
             labels.append(np.full(found.sum(), k))
             draws.append(of_draw[found] + k * len(table.used))

@@ -469,7 +469,7 @@ class GapReport(BaseEstimator):
         return NuisancePrior() if self.nuisance is None else self.nuisance
 
     def _n_lobes(self) -> int:
-        return int(self._prior().gearbox(self.before).n_lobes)
+        return self._prior().n_lobes(self.before, self.input_speed_hz)
 
     def _banks(self) -> Banks:
         return Banks(
@@ -571,7 +571,7 @@ def downstream_gain(
     (4, True)
     """
     prior = NuisancePrior() if nuisance is None else nuisance
-    n_lobes = prior.gearbox(before).n_lobes
+    n_lobes = prior.n_lobes(before, input_speed_hz)
     windows = check_array(X_hold, dtype=[np.float64, np.float32]).astype(np.float32)
     of_window, counts = recordings_of(len(windows), y_hold, groups)
     assert counts is not None

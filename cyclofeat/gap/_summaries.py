@@ -27,7 +27,7 @@ _LOWEST_BAND, _HIGHEST_BAND_SHARE = 10, 0.4
 _LOBE_LINES, _SHAFT_LINES = 48, 20
 _QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
 _WAVELET, _LEVELS = "db4", 10
-_SPEED_TOLERANCE = 0.03
+SPEED_TOLERANCE = 0.03
 _BINS = 64  # of a synchronous average
 _AT_A_TIME = 16
 
@@ -110,7 +110,7 @@ def summarise(
             f"X must hold windows of at least one output turn ({turn:.3g} s), got {n / sampling_rate:.3g} s"
         )
     by_mesh = estimate_input_speed(
-        torque, sampling_rate, input_speed_hz, _SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
+        torque, sampling_rate, input_speed_hz, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
     )
     own = by_mesh if speeds is None else np.asarray(speeds, dtype=float)
     mean = torque.mean(axis=1, keepdims=True)

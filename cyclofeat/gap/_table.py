@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
-from cyclofeat.gap._null import SPARE, NuisancePrior, cache_key, machine
+from cyclofeat.gap._null import NO_SUCH_RIG, SPARE, NuisancePrior, cache_key, machine
 from cyclofeat.gap._recordings import registered
 from cyclofeat.gap._summaries import summarise_all
 from cyclofeat.simulators import (
@@ -61,6 +63,11 @@ class EffectTable:
     def n_failed(self) -> int:
         """Number of simulations that failed."""
         return sum(int(np.isnan(values[..., 0]).sum()) for values in self.values.values())
+
+    def of(self, names: Sequence[str]) -> EffectTable:
+        """The table of some of the effects."""
+        vectors, values = ({name: part[name] for name in names} for part in (self.vectors, self.values))
+        return dataclasses.replace(self, names=tuple(names), vectors=vectors, values=values)
 
     def null_deviations(self) -> Float:
         """Summaries without effect less the mean of their count, shape (n_null, n_cells)."""
@@ -116,7 +123,7 @@ def make_table(
                 values = {name: stored[f"values_{name}"] for name in names}
                 return EffectTable(tuple(names), vectors, values, used, stored["null"], counts)
 
-    n_lobes = nuisance.gearbox(simulator).n_lobes
+    n_lobes = nuisance.n_lobes(simulator, input_speed_hz)
 
     def summaries(i: int, effect: Effect | None, measured_by: Sequence[Sequence[Effect]]) -> Float | None:
         changed = composite
@@ -126,11 +133,20 @@ def make_table(
         spare = 0.0 if effect is not None else SPARE
         try:
             run = machine(changed, nuisance, int(counts[i]), n_samples, sampling_rate, seed, spare=spare)
-            torque = [run.record(chain).torque_out.astype(np.float32) for chain in measured_by]
-        except SimulationFailed:
+        except NO_SUCH_RIG:
             return None
-        X = registered(np.array(torque), sampling_rate, input_speed_hz, n_lobes)
-        return summarise_all(X, sampling_rate, input_speed_hz, n_lobes)[0]
+        torque = np.full((len(measured_by), n_samples), np.nan, dtype=np.float32)
+        for row, chain in zip(torque, measured_by, strict=True):
+            with contextlib.suppress(*NO_SUCH_RIG):
+                row[:] = run.record(chain).torque_out
+        made = np.isfinite(torque).all(axis=1)
+        if not made[0]:
+            return None
+        X = registered(torque[made], sampling_rate, input_speed_hz, n_lobes)
+        values = summarise_all(X, sampling_rate, input_speed_hz, n_lobes)[0]
+        found = np.full((len(torque), values.shape[1]), np.nan)
+        found[made] = values
+        return found
 
     on_torque = [name for name in names if not effect_library()[name].needs_simulation()]
     chains = [[(name, j, k) for name in on_torque for j, k in np.argwhere(used == i)] for i in range(n_null)]
@@ -167,7 +183,7 @@ def _used(n_draws: int, n_recordings: int, n_null: int, n_classes: int) -> NDArr
 
 
 def _draws(name: str, n: int, random_state: int) -> list[Effect]:
-    """Draws from the prior, stratified: each share of the first parameter's prior is met alike."""
+    """Independent draws from the prior."""
     kind = effect_library()[name]
     random = np.random.default_rng([random_state, *name.encode()])
     return [kind().draw_parameters(random) for _ in range(n)]

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
@@ -101,8 +101,8 @@ class DiscrepancyWorkflow(BaseEstimator):
         Effects that are considered. Default: all of :func:`cyclofeat.simulators.effect_library` that fit the
         model.
     ranker : EffectRanker, optional
-        One that has been fitted for the same model, prior, rate and window length, so that several sets of
-        recordings share it. Default: one is made for ``library``.
+        For the same model, prior, rate and window length; one that has been fitted is shared by several sets
+        of recordings. Default: one is made for ``library``.
     max_effects : {1, 2}, default=2
     n_candidates : int, default=2
         Explanations that are fitted before one is chosen; look-alikes count as one.
@@ -419,8 +419,9 @@ class DiscrepancyWorkflow(BaseEstimator):
         )
 
     def _fitted_ranker(self, n_samples: int) -> EffectRanker:
-        if self.ranker is not None and hasattr(self.ranker, "table_"):
-            return copy.copy(self.ranker)  # its ranking is set anew
+        if self.ranker is not None:
+            fitted = hasattr(self.ranker, "table_")
+            return copy.copy(self.ranker) if fitted else clone(self.ranker).fit()  # its ranking is set anew
         ranker = EffectRanker(
             self.sampling_rate,
             self.simulator,
@@ -437,6 +438,10 @@ class DiscrepancyWorkflow(BaseEstimator):
         """Name, fit and add what is missing."""
         self._say("naming what is missing")
         self.ranker_ = self._fitted_ranker(windows.shape[1])
+        if self.ranker_.left_out_:
+            self.warnings_.append(
+                f"this model cannot have {', '.join(self.ranker_.left_out_)} at this rate: not considered"
+            )
         if self.ranker_.table_.n_failed:
             self.warnings_.append(
                 f"{self.ranker_.table_.n_failed} simulations of the table of effects failed and are left out"

@@ -127,7 +127,7 @@ class LobeMapDisplay:
         recording: Recording,
         *,
         input_speed_hz: float | None = None,
-        n_lobes: int = 15,
+        n_lobes: int | None = None,
         n_lines: int = 44,
         skip_s: float = 0.0,
         start_angle: float | None = None,
@@ -143,8 +143,8 @@ class LobeMapDisplay:
         input_speed_hz : float, optional
             Nominal input speed in turns per second; default, the recording's own. The speed is then taken
             from the recording's angle or, without one, refined from the torque.
-        n_lobes : int, default=15
-            Number of lobes z_s of a disc.
+        n_lobes : int, optional
+            Number of lobes z_s of a disc; default, the recording's own.
         n_lines : int, default=44
             Number of lobe lines to fold; a low sampling rate holds fewer.
         skip_s : float, default=0.0
@@ -172,6 +172,7 @@ class LobeMapDisplay:
             If the speed is not known, the recording is shorter than one output turn, constant, or sampled
             too slowly for the lobe lines.
         """
+        n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         nominal = recording.input_speed_hz if input_speed_hz is None else input_speed_hz
         if nominal is None:
             raise ValueError(

@@ -90,7 +90,7 @@ class OrderDisplay:
 
     @classmethod
     def from_recording(
-        cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int = 15
+        cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int | None = None
     ) -> Self:
         """Display of the first whole output turn of a recording, up to order 48 or what its rate holds.
 
@@ -101,8 +101,8 @@ class OrderDisplay:
             Input speed in turns per second. Default: by the recording's angle; without an angle its nominal
             speed, whose error of 1 % blends neighbouring lines: pass the refined
             ``LobeMapDisplay.input_speed_hz`` then.
-        n_lobes : int, default=15
-            Number of lobes z_s of a disc.
+        n_lobes : int, optional
+            Number of lobes z_s of a disc; default, the recording's own.
 
         Returns
         -------
@@ -113,6 +113,7 @@ class OrderDisplay:
         ValueError
             If no speed is known, or the recording is shorter than one output turn.
         """
+        n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         nominal = input_speed_hz or recording.input_speed_hz
         if nominal is None:
             raise ValueError(

@@ -109,7 +109,7 @@ class SpectrumDisplay:
         quantity: Literal["amplitude", "psd"] = "amplitude",
         preset: str = "ripple",
         input_speed_hz: float | None = None,
-        n_lobes: int = 15,
+        n_lobes: int | None = None,
     ) -> Self:
         """Display of the spectrum of a whole recording.
 
@@ -126,13 +126,14 @@ class SpectrumDisplay:
             Input speed in turns per second. Default: the mean speed by the recording's angle; without an
             angle its nominal speed. A true speed 1 % beside it puts the marks between the lines: pass the
             refined ``LobeMapDisplay.input_speed_hz`` then.
-        n_lobes : int, default=15
-            Number of lobes z_s of a disc.
+        n_lobes : int, optional
+            Number of lobes z_s of a disc; default, the recording's own.
 
         Returns
         -------
         SpectrumDisplay
         """
+        n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         if input_speed_hz is None:
             measured = input_speed_from_angle(recording, n_lobes, 0, recording.n_samples)
             input_speed_hz = recording.input_speed_hz if measured is None else measured

@@ -703,7 +703,7 @@ def _warnings(findings: GapFindings) -> list[str]:
 def _of_assemblies(locator: GapLocator) -> str:
     if locator.one_assembly:
         return "All recordings are of one assembly, as stated: they count as fewer for what it has in common."
-    return "Each recording counts as one of an assembly of its own: nothing else was stated."
+    return "Each recording counts as one of an assembly of its own."
 
 
 def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ import numpy as np
 from _stored import DATA
 
 from cyclofeat.datasets import load_published_tables
-from cyclofeat.gap._summary_mode import SummaryGap, to_statistics
+from cyclofeat.gap import SummaryGap
 
 tables = load_published_tables()
 published, entropy = tables.signal_statistics, tables.spectral_entropy["entropy_bits"]
@@ -136,7 +136,7 @@ plt.show()
 
 print(gap.simulator_.effects)
 simulated = np.array([np.median(gap.predictive(k), axis=0) for k in range(8)])
-measured = to_statistics(*(published[f"{name}_nm"] for name in ("min", "max", "mean", "std")), 22.0)
+measured = gap.measured_
 for k, name in enumerate(("mean - set-point, Nm", "ln std", "ln up", "ln down")):
     print(f"  {name:21} measured {measured[:, k].mean():+.2f}, its rig {simulated[:, k].mean():+.2f}")
 skews = [np.exp(np.mean(x[:, 2] - x[:, 3])) for x in (measured, simulated)]

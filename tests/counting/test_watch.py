@@ -170,8 +170,10 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     assert [os.path.basename(line["file"]) for line in lines] == ["empty.csv", "garbage.npz"]
     assert all(line["error"] for line in lines)
     assert err.count("cyclofeat: error: ") == 2
+    # what was counted is done; what could not be may be another time
     code, out, err = once(capsys, tmp_path, model_file, *done)
-    assert (code, out) == (0, "")
+    assert (code, out) == (2, "")
+    assert err.count("cyclofeat: error: ") == 2
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,17 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, 
 
 
 def write_folder(
-    folder: Path, X: Sequence[np.ndarray], counts: Sequence[int], rate: float = RATE, **more: Sequence[Any]
+    folder: Path,
+    X: Sequence[np.ndarray],
+    counts: Sequence[int],
+    rate: float = RATE,
+    assemblies: Sequence[str] | None = None,
+    **more: Sequence[Any],
 ) -> Path:
-    """A folder of recordings with their table; ``more`` are arrays of the files or columns of the table."""
+    """A folder of recordings with their table; ``more`` are arrays of the files or columns of the table.
+
+    Without names each recording is of an assembly of its own.
+    """
     folder.mkdir()
     columns = {name: values for name, values in more.items() if not isinstance(values[0], np.ndarray)}
     arrays = {name: values for name, values in more.items() if name not in columns}
@@ -62,9 +70,8 @@ def write_folder(
             others = {name: values[i] for name, values in arrays.items()}
             np.savez(folder / f"r{i}.npz", torque=torque, sampling_rate=np.float64(rate), **others)
             own = [values[i] for values in columns.values()]
-            rows.writerow(
-                [f"r{i}.npz", rate, count, f"r{i}", f"{folder.name}_{i}", 500, 22, "surrogate", *own]
-            )
+            assembly = f"{folder.name}_{i}" if assemblies is None else assemblies[i]
+            rows.writerow([f"r{i}.npz", rate, count, f"r{i}", assembly, 500, 22, "surrogate", *own])
     return folder
 
 
@@ -210,6 +217,16 @@ def test_a_share_is_held_out_of_every_class(given: Any, tmp_path: Path) -> None:
     assert not np.array_equal(other["X_hold"], found["X_hold"])
 
 
+def test_an_assembly_is_held_out_as_a_whole(given: Any, tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "m", NOISE[:, :11_520], [0, 0, 0, 0, 3, 3, 3, 3], assemblies="aabbccdd")
+    found = given(folder, "--hold-out", "0.5")
+    assert sorted(found["y_fit"]) == sorted(found["y_hold"]) == [0, 0, 3, 3]
+    place = {row[0]: i // 2 for i, row in enumerate(NOISE)}
+    fit, hold = ({place[float(row[0])] for row in found[name]} for name in ("X_fit", "X_hold"))
+    assert len(fit) == len(hold) == 2
+    assert not fit & hold
+
+
 def test_an_angle_is_used_where_all_have_it(given: Any, tmp_path: Path) -> None:
     angle = [2 * np.pi * 8.3 * (1 + 0.001 * i) * np.arange(23_040) / RATE for i in range(2)]
     folder = write_folder(tmp_path / "m", NOISE[:2], [0, 3], angle=angle)
@@ -256,7 +273,7 @@ def bad_calls(folder: Path) -> dict[str, tuple[list[Any], str]]:
         "share": ([good, "--hold-out", "1.5"], "--hold-out must be a folder or a share between 0 and 1"),
         "small share": ([good, "--hold-out", "0.01"], "--hold-out 0.01 leaves 4 of 4 recordings to fit"),
         "hold-out absent": ([good, "--hold-out", folder / "absent"], "no such file"),
-        "effects": ([good, "--effects", "rust"], "library must name effects of pin_errors"),
+        "effects": ([good, "--effects", "rust"], "library must name different effects of pin_errors"),
         "alpha": ([good, "--alpha", "3"], "alpha"),
         "draws": ([good, "--draws", "0"], "n_draws"),
         "simulator": ([good, "--simulator", folder / "broken.json"], "broken.json"),

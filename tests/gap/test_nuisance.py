@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cyclofeat.gap import GapLocator, NuisancePrior, make_bank
+from cyclofeat.gap import EffectFitter, EffectRanker, GapLocator, NuisancePrior, make_bank
 from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
 from cyclofeat.gap._summaries import Cell
-from cyclofeat.simulators import AssemblyTolerances, CompositeSimulator, Offset, Rig
+from cyclofeat.simulators import AssemblyTolerances, CompositeSimulator, CycloidalGearbox, Hum, Offset, Rig
 
 CELLS = [
     Cell("speed", "input speed by the mesh lines", "%"),
@@ -159,3 +159,28 @@ def test_an_offset_within_what_the_load_may_do_is_not_a_disagreement(simulations
     bank = make_bank(truth, NuisancePrior(), COUNTS, n=6, random_state=33, cache=simulations, **SHORT)
     locator = GapLocator(SHORT["sampling_rate"], BASE, n_bank=40, n_permutations=499, cache=simulations)
     assert locator.fit(bank.X, y=bank.counts).family_p_["amplitudes"] > 0.05
+
+
+# The model as the prior takes it
+
+
+def test_a_gearbox_keeps_its_own_clearance() -> None:
+    own = CycloidalGearbox.steel(clearance=5e-5)
+    wide = NuisancePrior(AssemblyTolerances(clearance=(0.0, 2e-5)))
+    for prior, expected in ((NuisancePrior(), (5e-5, 5e-5)), (wide, (5e-5, 7e-5))):
+        assert prior.simulator(own).to_rig().tolerances.clearance == pytest.approx(expected)
+    # a rig's is a spread between assemblies, which the prior replaces
+    assert NuisancePrior().simulator(Rig.r1()).to_rig().tolerances.clearance == (0.0, 0.0)
+
+
+def test_a_model_of_another_speed_is_refused() -> None:
+    prior = NuisancePrior()
+    assert prior.n_lobes(None, 500 / 60) == prior.n_lobes(None, 510 / 60) == 15
+    X = np.random.default_rng(0).normal(22, 1, (4, 11_520))
+    for call in (
+        lambda: GapLocator(6400.0, input_speed_hz=1000 / 60).fit(X),
+        lambda: EffectFitter(Hum(0.1), 6400.0, input_speed_hz=1000 / 60).fit(X),
+        lambda: EffectRanker(6400.0, input_speed_hz=1000 / 60).fit(),
+    ):
+        with pytest.raises(ValueError, match=r"must be the model's speed, 8.333 Hz \(500 RPM\), got 16.67"):
+            call()

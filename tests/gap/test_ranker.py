@@ -20,7 +20,16 @@ from cyclofeat.gap._ranker import (
     _Typical,
 )
 from cyclofeat.gap._table import _used, make_table
-from cyclofeat.simulators import Effect, Gain, Hum, Offset, Rig, SimulationFailed, TorqueMeterLowPass
+from cyclofeat.simulators import (
+    CycloidalGearbox,
+    Effect,
+    Gain,
+    Hum,
+    Offset,
+    Rig,
+    SimulationFailed,
+    TorqueMeterLowPass,
+)
 
 FS = RATE
 BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
@@ -79,7 +88,7 @@ def test_typical_cases_are_rarely_refused_and_strange_ones_are() -> None:
 
 
 def test_unknown_effects_are_refused() -> None:
-    with pytest.raises(ValueError, match="library must name effects of pin_errors"):
+    with pytest.raises(ValueError, match="library must name different effects of pin_errors"):
         EffectRanker(FS, library=["magic"]).fit()
 
 
@@ -267,3 +276,20 @@ def test_summaries_of_another_rate_are_refused(ranker: EffectRanker, recorded: R
     other.fit(bank.X[:, ::2], y=bank.counts)
     with pytest.raises(ValueError, match="same sampling_rate"):
         ranker.rank(other)
+
+
+def test_what_a_model_or_a_rate_cannot_have_is_left_out(tmp_path: Path) -> None:
+    """The conservative law has no damping whose form could change."""
+    base = CycloidalGearbox.steel(contact_law="conservative")
+    options = {"n_draws": 5, "n_null": 16, "n_simulations": 2, "n_trees": 10, "cache": tmp_path}
+    with pytest.raises(ValueError, match="that this model and rate can have, got contact_damping_form"):
+        EffectRanker(FS, base, library=["offset", "contact_damping_form"], **options).fit()
+    ranker = EffectRanker(FS, base, **options)
+    ranker._names = lambda _: ["offset", "contact_damping_form", "noise"]
+    assert ranker.fit().classes_ == ["offset", "noise"]
+    assert ranker.left_out_ == ("contact_damping_form",)
+
+
+def test_an_effect_named_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="library must name different effects"):
+        EffectRanker(FS, library=["hum", "hum"]).fit()

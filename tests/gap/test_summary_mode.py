@@ -11,15 +11,9 @@ from scipy import stats
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap import NuisancePrior
 from cyclofeat.gap._null import record
-from cyclofeat.gap._summary_mode import (
-    SET_POINT,
-    STATISTICS,
-    BrakeSetPoint,
-    SummaryGap,
-    crps,
-    sign_flip_p,
-    to_statistics,
-)
+from cyclofeat.gap._summary_mode import SummaryGap
+from cyclofeat.gap._summary_rigs import SET_POINT, BrakeSetPoint
+from cyclofeat.gap._summary_scores import STATISTICS, crps, sign_flip_p, to_statistics
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Offset, Rig, SensorDrift
 
 SMALL = {"duration_s": 0.1, "n_draws": 2, "library": ["sensor_drift", "gain", "offset"]}
