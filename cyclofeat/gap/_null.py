@@ -36,6 +36,10 @@ _STORED = ("X", "counts", "input_angle", "assemblies")
 # What cannot be simulated, or cannot be built: a filter beyond half of the sampling rate, a gearbox that
 # never settles, an effect on what this contact law does not have.
 NO_SUCH_RIG = (SimulationFailed, ValueError)
+# What the summaries' code takes from the package, directly and by way of others.
+_SUMMARISED_WITH = (
+    "_density.py", "_wavelet_filters.py", "_welch.py", "_windows.py", "lobes.py", "orders.py", "wavelets.py",
+)  # fmt: skip
 SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
 _LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
@@ -295,9 +299,18 @@ def machine(
 
 def cache_key(composite: CompositeSimulator, nuisance: NuisancePrior, *others: Any) -> str:
     """Name for what follows from these, from the summaries' code and from all of the simulator's."""
-    here = hashlib.sha256(Path(_summaries.__file__).read_bytes()).hexdigest()
-    stated = [composite.to_rig().to_text(), dataclasses.asdict(nuisance), *others, made_with(), here]
+    code = code_of("_recordings.py", "_summaries.py")
+    stated = [composite.to_rig().to_text(), dataclasses.asdict(nuisance), *others, made_with(), code]
     return hashlib.sha256(json.dumps(stated, sort_keys=True, default=str).encode()).hexdigest()[:20]
+
+
+def code_of(*here: str) -> str:
+    """Sum of some of this folder's files and of all that summaries are made with."""
+    folder = Path(__file__).parent
+    code = hashlib.sha256()
+    for path in (*(folder.parent / name for name in _SUMMARISED_WITH), *(folder / name for name in here)):
+        code.update(path.name.encode() + b"\0" + path.read_bytes())
+    return code.hexdigest()
 
 
 def summarised_bank(
@@ -332,7 +345,7 @@ def summaries_of_bank(
     """Summaries of a bank's recordings, (n, n_cells), or what the cache has of them."""
     file = None
     if cache is not None:
-        file = Path(cache) / f"summaries-{bank.key}-{input_speed_hz:g}{'-angle' * with_tachometer}.npy"
+        file = Path(cache) / f"summaries-{bank.key}-{input_speed_hz!r}{'-angle' * with_tachometer}.npy"
         if file.exists():
             return np.asarray(np.load(file))
     speeds = bank.speeds * sampling_rate if with_tachometer else None

@@ -133,6 +133,9 @@ class SimulatedRigs:
         return CompositeSimulator(base, (*self.simulator.effects, *left))
 
     def n_rigs(self, key: Set) -> int:
+        """As many as are simulated, or more where effects on the torque alone tell them apart."""
+        if simulated_ones(key) == key:
+            return self._n_gear(key)
         n_parameters = sum(len(_parameters(name)) for name in key)
         return max(
             self._n_gear(simulated_ones(key)),
@@ -262,12 +265,12 @@ class SimulatedRigs:
             for name in stored.files:
                 kind, _, joined = name.partition(":")
                 key = tuple(joined.split("+")) if joined else ()
+                n = self.n_rigs(key)
                 if kind == "values":
-                    self.tables[key] = RigTable(
-                        stored["theta:" + joined].astype(np.float64), stored[name].astype(np.float64)
-                    )
+                    theta = stored["theta:" + joined][:n].astype(np.float64)
+                    self.tables[key] = RigTable(theta, stored[name][:n].astype(np.float64))
                 elif kind == "entropy":
-                    self.entropy[key] = stored[name].astype(np.float64)
+                    self.entropy[key] = stored[name][:n].astype(np.float64)
 
 
 class BrakeSetPoint(Effect):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import hashlib
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from typing import Any, ClassVar, Self
 
 import joblib
 import numpy as np
+import sklearn
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_array, check_is_fitted
@@ -23,7 +23,7 @@ from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._fit_model import as_effects
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior, make_bank
+from cyclofeat.gap._null import NuisancePrior, code_of, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
 from cyclofeat.gap._recordings import mixed, recordings_of
 from cyclofeat.gap._report import GapReport
@@ -675,10 +675,8 @@ def _both_told(fitter: EffectFitter) -> bool:
 
 def _version() -> dict[str, str]:
     """Versions of all that decides about a fit."""
-    code = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        code.update(path.read_bytes())
-    return made_with() | {"gap_sha256": code.hexdigest()}
+    here = sorted(path.name for path in Path(__file__).parent.glob("*.py"))
+    return made_with() | {"gap_sha256": code_of(*here), "scikit-learn": sklearn.__version__}
 
 
 def _stated(fitter: EffectFitter) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cyclofeat.gap import EffectFitter, EffectRanker, GapLocator, NuisancePrior, make_bank
+import cyclofeat.gap
+from cyclofeat.gap import EffectFitter, EffectRanker, GapLocator, NuisancePrior, _null, make_bank
 from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
 from cyclofeat.gap._summaries import Cell
 from cyclofeat.simulators import AssemblyTolerances, CompositeSimulator, CycloidalGearbox, Hum, Offset, Rig
@@ -184,3 +186,24 @@ def test_a_model_of_another_speed_is_refused() -> None:
     ):
         with pytest.raises(ValueError, match=r"must be the model's speed, 8.333 Hz \(500 RPM\), got 16.67"):
             call()
+
+
+# Kept banks
+
+
+def test_banks_are_named_by_all_the_code_that_summarises_them() -> None:
+    package = Path(cyclofeat.gap.__file__).parents[1]
+
+    def imported(name: str, seen: set[str]) -> set[str]:
+        if name not in seen and (package / name).exists():
+            seen.add(name)
+            for node in ast.walk(ast.parse((package / name).read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cyclofeat"):
+                    inside = "/".join((node.module or "").split(".")[1:])
+                    names = [inside] if inside else [alias.name for alias in node.names]
+                    for other in names:
+                        imported(f"{other}.py", seen)
+        return seen
+
+    needed = imported("gap/_summaries.py", set()) | imported("gap/_recordings.py", set())
+    assert needed == {*_null._SUMMARISED_WITH, "gap/_summaries.py", "gap/_recordings.py"}

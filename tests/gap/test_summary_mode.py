@@ -12,7 +12,7 @@ from cyclofeat.datasets import load_published_tables
 from cyclofeat.gap import NuisancePrior
 from cyclofeat.gap._null import record
 from cyclofeat.gap._summary_mode import SummaryGap
-from cyclofeat.gap._summary_rigs import SET_POINT, BrakeSetPoint
+from cyclofeat.gap._summary_rigs import SET_POINT, BrakeSetPoint, SimulatedRigs
 from cyclofeat.gap._summary_scores import STATISTICS, crps, sign_flip_p, to_statistics
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Offset, Rig, SensorDrift
 
@@ -209,3 +209,14 @@ def test_unknown_effects_and_entropies_of_other_discs_are_named():
         SummaryGap(**SMALL).fit(PUBLISHED.signal_statistics, entropy=[1.0])
     with pytest.raises(ValueError, match="1 to 20 finite"):
         sign_flip_p([])
+
+
+@pytest.mark.parametrize("key", [("clearance",), ("load_drift",), ("brake_rotor",), ("clearance", "gain")])
+def test_no_rig_is_counted_twice(key):
+    rigs = SimulatedRigs(
+        np.array([0, 3, 6]), simulator=None, nuisance=NuisancePrior(), duration_s=0.1, sampling_rate=25_600.0,
+        n_draws=4, table=None, random_state=0, n_jobs=1, cache=None,
+    )  # fmt: skip
+    theta = rigs.thetas(key)
+    assert len(theta) == rigs.n_rigs(key)
+    assert len(np.unique(theta, axis=0)) == len(theta)
