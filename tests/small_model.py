@@ -18,10 +18,11 @@ SAMPLES = 3600  # of an output turn
 LINES = 44
 
 
-def recording(lobes, seed=0, turns=1, **labels):
-    """Whole output turns with a burst at each worn lobe, seen by a tachometer."""
+def recording(lobes, seed=0, turns=1, slowing=0.0, **labels):
+    """Whole output turns with a burst at each worn lobe, seen by a tachometer; slower by a share at the end."""
     random = np.random.default_rng(seed)
-    phi = 2 * np.pi * SPEED * np.arange(turns * SAMPLES) / RATE
+    done = np.arange(turns * SAMPLES) / (turns * SAMPLES)
+    phi = 2 * np.pi * SPEED * np.arange(turns * SAMPLES) / RATE * (1 - slowing * done / 2)
     cam = (16 * phi + np.pi) / (2 * np.pi)  # in lobes
     torque = 22 + random.normal(0, 0.05, phi.size)
     for lobe in lobes:

@@ -9,6 +9,7 @@ from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.pipeline import Pipeline
+from small_model import recording, small_model
 
 from cyclofeat.counting import (
     LobeLocator,
@@ -243,6 +244,33 @@ def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
         LobeModel.train([*of_eleven, surrogates[0]])
     with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):
         model.count(of_eleven[0].replace(n_lobes=13))
+
+
+def test_a_drifting_speed_does_not_move_the_lobes():
+    """Ten turns without a tachometer, the last of them slower by a hundredth: the lobes stay."""
+    model = small_model()
+    for slowing in (0.0, 0.01):
+        made = recording((4, 5, 6), seed=99, turns=10, slowing=slowing)
+        found = model.count(made.replace(angle=None, angle_is_absolute=False))
+        assert found.n_windows == 10
+        # counted from the first to pass, which is a lobe and a half from lobe 0
+        assert found.lobes == (3, 4, 5)
+        assert min(found.lobe_probability[lobe] for lobe in found.lobes) > 0.6
+
+
+def test_recordings_of_one_speed_train_a_model(surrogates):
+    """The median of what they state, and none so far from it that its lobes would not be found."""
+    some = [r.replace(angle=None, angle_is_absolute=False) for r in surrogates if r.defect_count in (0, 3)]
+    stated = [r.replace(speed_rpm=498 + k % 5) for k, r in enumerate(some)]
+    assert LobeModel.train(stated, n_splits=0, n_trees=5).input_speed_hz == pytest.approx(500 / 60)
+    for order in (some, some[::-1]):
+        mixed = [r.replace(speed_rpm=518.0) if k < 3 else r for k, r in enumerate(order)]
+        with pytest.raises(
+            ValueError, match="speed_rpm of 3 of 16 recordings lies more than 1.5% beside 500"
+        ):
+            LobeModel.train(mixed, n_splits=0)
+    with pytest.raises(ValueError, match="n_lobes must be that of the recordings, 20, got 15"):
+        LobeModel.train([r.replace(n_lobes=20) for r in some], n_lobes=15)
 
 
 def test_training_needs_labels_of_more_than_one_kind(surrogates):

@@ -688,3 +688,30 @@ def test_lobes_that_a_disc_does_not_have_are_errors():
     with pytest.raises(ValueError, match=r"defect_count must be at most n_lobes = 13, got 14"):
         Recording([1, 2], 1, defect_count=14, n_lobes=13)
     assert Recording([1, 2], 1, worn_lobes=(3, 15), n_lobes=16).defect_count == 2
+
+
+def test_a_healthy_disc_states_its_worn_lobes():
+    healthy = Recording([22.0, 22.1], 100.0, defect_count=0)
+    assert healthy.worn_lobes == ()
+    assert Recording([22.0, 22.1], 100.0, defect_count=2).worn_lobes is None
+
+
+def test_recordings_stay_read_only_on_the_way_to_another_process():
+    one = Recording([22.0, 22.1], 100.0, angle=[0.0, 0.1], meta={"gains": np.ones(3), "by": "hand"})
+    copy = pickle.loads(pickle.dumps(one))
+    assert copy == one
+    assert copy != one.replace(meta={"gains": np.zeros(3), "by": "hand"})
+    for values in (copy.torque, copy.angle):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
+
+
+def test_windows_and_angles_follow_the_disc_s_own_lobes():
+    torque = np.random.default_rng(0).normal(22, 1, 100_000)
+    of_13 = Recording(torque, 25_600.0, speed_rpm=500, n_lobes=13)
+    assert Windower().windows(of_13).X.shape == (2, 39_936)
+    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 13, 15"):
+        Windower().windows([of_13, of_13.replace(n_lobes=15)])
+    disc = -np.arange(torque.size) / 25_600 * 2 * np.pi * 500 / 60 / 13
+    angle = of_13.replace(angle=disc, angle_of="disc").input_angle()
+    assert (angle[-1] - angle[0]) / (2 * np.pi) == pytest.approx(500 / 60 * (torque.size - 1) / 25_600)

@@ -175,7 +175,8 @@ def test_a_calibrated_counter_hands_its_dependence_over():
     [
         (None, 0.0, "groups must name the recording of every window, got None"),
         (["a"], 0.0, r"groups must hold one value per window, shape \(2,\), got shape \(1,\)"),
-        ([0.0, np.nan], 0.0, "groups must name the recording of every window, got NaN"),
+        ([0.0, np.nan], 0.0, "groups must hold a value for every window, got nan at window 1"),
+        (np.array(["a", np.nan], dtype=object), 0.0, "groups must hold a value .*, got nan at window 1"),
         (["a", "a"], 1.5, "dependence must be a number from 0 to 1 or 'auto', got 1.5"),
         (["a", "a"], "learn", "dependence must be a number from 0 to 1 or 'auto', got 'learn'"),
     ],

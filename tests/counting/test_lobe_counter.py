@@ -229,7 +229,7 @@ def test_a_model_trained_on_lobes_apart_counts_lobe_by_lobe():
             {"passage": np.zeros(3)},
             r"passage must hold one value per window, shape \(32,\), got shape \(3,\)",
         ),
-        ({"passage": np.full(32, np.nan)}, "passage must hold one finite number"),
+        ({"passage": np.full(32, np.nan)}, "passage must hold a value for every window, got nan at window 0"),
         ({"groups": [1, 2]}, "groups must hold one value per window"),
         ({"y": np.ones(32)}, "y must hold at least two classes, got 1 class"),
     ],

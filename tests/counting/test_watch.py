@@ -124,21 +124,46 @@ def test_what_is_done_stays_done_after_a_cut_line(tmp_path):
     done = DoneList(file)
     done.add("ä.csv", (1, 2, 3))
     done.add("b.csv", (4, 5, 6))
+    done.write()
     whole = file.read_bytes()
     file.write_bytes(whole[:-7])  # killed while it wrote
     again = DoneList(file)
     assert again.holds("ä.csv", (1, 2, 99))
     assert not again.holds("ä.csv", (1, 3, 3))
     assert not again.holds("b.csv", (4, 5, 6))
+    assert file.read_bytes() == whole[:-7]  # nothing is changed before there is something to write
     again.add("b.csv", (4, 5, 6))
+    again.write()
+    again.write()
     assert file.read_bytes() == whole
     file.write_bytes(whole[5:])
     with pytest.raises(ValueError, match="not a list that watch wrote .line 1."):
         DoneList(file)
-    file.write_text("a letter to a friend")
-    with pytest.raises(ValueError, match="not a list that watch wrote"):
-        DoneList(file)
-    assert file.read_text() == "a letter to a friend"
+    for other in ("a letter to a friend", '{"my": "design"}'):
+        file.write_text(other)
+        with pytest.raises(ValueError, match="not a list that watch wrote"):
+            DoneList(file)
+        assert file.read_text() == other
+
+
+def test_what_cannot_be_written_is_written_later(tmp_path):
+    file = tmp_path / "done.jsonl"
+    done = DoneList(file)
+    done.add("a.csv", (1, 2, 3))
+    done.write()
+    whole = file.read_bytes()
+    done.add("b.csv", (4, 5, 6))
+    file.unlink()
+    file.mkdir()  # in its place, as a share that is gone
+    for _ in range(2):
+        with pytest.raises(OSError, match="directory"):
+            done.write()
+        assert done.holds("b.csv", (4, 5, 99))
+    file.rmdir()
+    file.write_bytes(whole)
+    done.write()
+    assert DoneList(file).holds("b.csv", (4, 5, 6))
+    assert file.read_bytes().startswith(whole)
 
 
 # The command
@@ -228,8 +253,11 @@ def test_a_process_that_watches(tmp_path, model_file, ask):
     assert err.count("error: ") == 1
     assert "Traceback" not in err
     assert err.endswith("stopped: 2 counted, 1 could not be\n")
-    again = subprocess.run([*command, "--once"], capture_output=True, text=True, check=True)
-    assert again.stdout == ""
+    again = subprocess.run([*command, "--once"], capture_output=True, text=True, check=False)
+    assert again.returncode == 2  # what could not be counted is tried again
+    assert [os.path.basename(json.loads(line)["file"]) for line in again.stdout.splitlines()] == [
+        "garbage.npz"
+    ]
 
 
 def test_killed_it_counts_nothing_twice(tmp_path, model_file):
