@@ -19,7 +19,7 @@ LINES = 44
 
 
 def recording(lobes, seed=0, turns=1, slowing=0.0, **labels):
-    """Whole output turns with a burst at each worn lobe, seen by a tachometer; slower by a share at the end."""
+    """Whole output turns with a burst at each worn lobe, by a tachometer; slower at the end by a share."""
     random = np.random.default_rng(seed)
     done = np.arange(turns * SAMPLES) / (turns * SAMPLES)
     phi = 2 * np.pi * SPEED * np.arange(turns * SAMPLES) / RATE * (1 - slowing * done / 2)

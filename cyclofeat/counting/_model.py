@@ -465,8 +465,12 @@ def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None =
         If a recording states one so far beside it that the lobe map's search would not find it.
     """
     stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
-    speed = float(np.median(stated)) if input_speed_hz is None and stated else input_speed_hz
-    off = [one for one in stated if speed is not None and abs(one / speed - 1) > _SPEED_TOLERANCE]
+    speed = input_speed_hz
+    if speed is None:
+        if not stated:
+            return None
+        speed = float(np.median(stated))
+    off = [one for one in stated if abs(one / speed - 1) > _SPEED_TOLERANCE]
     if off:
         raise ValueError(
             f"speed_rpm of {len(off)} of {len(recordings)} recordings lies more than "
@@ -507,7 +511,7 @@ def _cross_validation(
 def _turned(windows: WindowSet, speed_hz: Float) -> Float:
     """Input turns from the first window's beginning to that of each, of one recording."""
     if np.isfinite(windows.start_angle).all():
-        return (windows.start_angle - windows.start_angle[0]) / (2 * np.pi)
+        return np.asarray((windows.start_angle - windows.start_angle[0]) / (2 * np.pi))
     between = np.diff(windows.start_s) * (speed_hz[1:] + speed_hz[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(between)])
 

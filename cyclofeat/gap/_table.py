@@ -139,7 +139,7 @@ def make_table(
         for row, chain in zip(torque, measured_by, strict=True):
             with contextlib.suppress(*NO_SUCH_RIG):
                 row[:] = run.record(chain).torque_out
-        made = np.isfinite(torque).all(axis=1)
+        made = np.asarray(np.isfinite(torque).all(axis=1))
         if not made[0]:
             return None
         X = registered(torque[made], sampling_rate, input_speed_hz, n_lobes)
