@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import signal
 import sys
 import threading
@@ -73,7 +74,7 @@ def read_model(arguments: argparse.Namespace) -> LobeModel:
 
 def without_start(recording: Recording, seconds: float) -> Recording:
     """A recording without its run-up."""
-    first = round(seconds * recording.sampling_rate)
+    first = round(seconds * recording.sampling_rate) if math.isfinite(seconds) else -1
     if first == 0:
         return recording
     if not 0 < first < recording.n_samples - 1:

@@ -228,7 +228,8 @@ def ninth(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
     def run() -> dict[str, Any]:
         X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
-        further, eight = work.features(designs.NINTH, noise, JUDGED_NOISE)
+        # noise of its own, as for `conditions`
+        further, eight = work.features(designs.NINTH, noise, JUDGED_NOISE + 8)
         result = evaluate(
             default_trees(),
             np.concatenate([X, further]),

@@ -360,14 +360,24 @@ class LoopModel(RegressorMixin, BaseEstimator):
         Raises
         ------
         ValueError
-            If an effect is unknown, there is no loop, or a loop is no cycle.
+            If an effect is unknown, there is no loop, a loop is no cycle, or its torque is too large.
         """
         names = _known(self.effects)
         pairs = [_even(*_checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
         if not pairs:
             raise ValueError("loops must hold at least one loop, got none")
         self.plain_ = CycloidalGearbox.printed_14_pin() if self.gearbox is None else self.gearbox
-        parameters = [(f"{name}.{p}", b) for name in names for p, b in LOOP_EFFECTS[name].items()]
+        bounds = {f"{name}.{p}": b for name in names for p, b in LOOP_EFFECTS[name].items()}
+        peak, factor = max(float(np.abs(t).max()) for t, _ in pairs), "contact_stiffness_scale.factor"
+        softest, hardest = bounds.get(factor, (1.0, 1.0))
+        if peak > _LARGEST_TORQUE * hardest:
+            raise ValueError(
+                f"loops must not exceed {_LARGEST_TORQUE * hardest:g} Nm, at which the contacts' curve ends, "
+                f"got {peak:.4g} Nm"
+            )
+        if factor in bounds:
+            bounds[factor] = (max(softest, peak / _LARGEST_TORQUE), hardest)
+        parameters = list(bounds.items())
 
         def error(logs: Float) -> Float:
             theta = {name: np.exp(v) for (name, _), v in zip(parameters, logs, strict=True)}
@@ -375,9 +385,9 @@ class LoopModel(RegressorMixin, BaseEstimator):
             return np.asarray(np.mean(errors, axis=0))
 
         if parameters:
-            bounds = [(math.log(low), math.log(high)) for _, (low, high) in parameters]
+            ends = [(math.log(low), math.log(high)) for _, (low, high) in parameters]
             found = differential_evolution(
-                error, bounds, maxiter=self.max_iter, popsize=12, tol=1e-4, seed=self.random_state,
+                error, ends, maxiter=self.max_iter, popsize=12, tol=1e-4, seed=self.random_state,
                 init="sobol", vectorized=True, updating="deferred", polish=False,
             )  # fmt: skip
             best, self.loss_ = found.x, float(found.fun)

@@ -724,9 +724,11 @@ class GapReductionDisplay:
         ax.tick_params(axis="y", length=0)
         least = min([-12.0, *(100 * row.low for row in rows if np.isfinite(row.low)),
                      *(100 * row.grr for row in rows)])  # fmt: skip
+        most = max([105.0, *(100 * row.high for row in rows if np.isfinite(row.high)),
+                    *(100 * row.grr for row in rows)])  # fmt: skip
         ax.set(
             xlabel="share of the gap closed on recordings not used before (%)",
-            xlim=(max(least - 5, _GRR_FLOOR - 8), 112),
+            xlim=(max(least - 5, _GRR_FLOOR - 8), most + 7),
             ylim=(len(names) - 0.5, -0.5),
         )
         if len(conditions) > 1:

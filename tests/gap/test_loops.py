@@ -164,3 +164,13 @@ def test_bad_input_is_named(call, message):
 
 def test_bounds_are_those_of_positive_parameters():
     assert all(0 < low < high for bounds in LOOP_EFFECTS.values() for low, high in bounds.values())
+
+
+def test_torque_beyond_the_contacts_curve_is_taken_as_far_as_a_factor_reaches():
+    wave = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    loop = SimpleNamespace(torque=60 * np.sin(wave), deflection=1e-3 * np.sin(wave - 0.1))
+    found = LoopModel(("contact_stiffness_scale",), n_points=40, max_iter=2).fit([loop])
+    assert found.theta_["contact_stiffness_scale.factor"] >= 60 / 115
+    loop.torque = 2 * loop.torque
+    with pytest.raises(ValueError, match="loops must not exceed 115 Nm"):
+        LoopModel((), n_points=40).fit([loop])
