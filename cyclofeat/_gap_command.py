@@ -16,8 +16,9 @@ from cyclofeat._reading import add_reading_options, entries, reading_arguments
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cyclofeat.gap import DiscrepancyWorkflow
+    from cyclofeat.gap import DiscrepancyWorkflow, NuisancePrior
     from cyclofeat.recording import Recording
+    from cyclofeat.simulators import CompositeSimulator
 
 TEXT = "find where model and measurement disagree, name what is missing, correct the model"
 
@@ -75,6 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
             raise FileNotFoundError(
                 f"folder {Path(path).parent} for --{option.replace('_', '-')} does not exist"
             )
+    if arguments.out is not None:
+        from cyclofeat.report._page import environment, target_of
+
+        target_of(arguments.out)  # found out now rather than after hours
+        environment()
+    library = _library(arguments.effects)
     fit, hold = _split(arguments)
     speeds = {recording.input_speed_hz for recording in fit}
     if len(speeds) != 1 or None in speeds:
@@ -83,6 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     assert speed is not None
     n_lobes = common_n_lobes([*fit, *(hold or [])])
     simulator = None if arguments.simulator is None else CompositeSimulator.from_json(arguments.simulator)
+    nuisance = _own_spread(simulator)
     of_model = (simulator or CompositeSimulator()).to_rig().gearbox.n_lobes
     if n_lobes != of_model:
         raise ValueError(
@@ -102,10 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     workflow = DiscrepancyWorkflow(
         given["rate"],
         simulator,
+        nuisance,
         input_speed_hz=speed,
         alpha=arguments.alpha,
         one_assembly=one_assembly,
-        library=None if arguments.effects is None else arguments.effects.split(","),
+        library=library,
         max_effects=arguments.max_effects,
         n_draws=arguments.draws,
         random_state=arguments.seed,
@@ -131,7 +140,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.save_simulator is not None:
         workflow.simulator_.to_json(arguments.save_simulator)
     if arguments.out is not None:
-        settings = {"model": arguments.simulator or "paper B's gearbox", "recordings": f"{len(fit)}"}
+        settings = {
+            "model": arguments.simulator or "paper B's gearbox",
+            "spread between assemblies": "the default prior's" if nuisance is None else "the model's own",
+            "effects considered": "all" if library is None else ", ".join(library),
+            "parameter sets per effect": f"{arguments.draws}",
+            "recordings": f"{len(fit)}",
+        }
         if hold is not None:
             settings["recordings held out"] = f"{len(hold)}"
         workflow.to_html(arguments.out, sources=[recording.source for recording in fit], settings=settings)
@@ -143,6 +158,27 @@ def run(arguments: argparse.Namespace) -> int:
             if getattr(arguments, option) is not None:
                 print(f"{word}: {getattr(arguments, option)}")
     return 0
+
+
+def _library(effects: str | None) -> list[str] | None:
+    from cyclofeat.simulators import effect_library
+
+    if effects is None:
+        return None
+    names = effects.split(",")
+    unknown = [name for name in names if name not in effect_library()]
+    if unknown or len(set(names)) < len(names):
+        known = ", ".join(effect_library())
+        raise ValueError(f"--effects must name different effects of {known}, got {effects}")
+    return names
+
+
+def _own_spread(simulator: CompositeSimulator | None) -> NuisancePrior | None:
+    """The spread between assemblies that a rig's file states, as what may differ without being missing."""
+    from cyclofeat.gap import NuisancePrior
+
+    own = None if simulator is None else simulator.to_rig().tolerances
+    return NuisancePrior(tolerances=own) if own is not None and own.has_spread else None
 
 
 def text_of(workflow: DiscrepancyWorkflow) -> str:

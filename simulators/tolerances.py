@@ -61,6 +61,13 @@ class AssemblyTolerances:
         if np.shape(self.clearance) != (2,) or self.clearance[0] > self.clearance[1]:
             raise ValueError(f"clearance must be (lower, upper) in m, got {self.clearance!r}")
 
+    @property
+    def has_spread(self) -> bool:
+        """Whether assemblies differ at all."""
+        low, high = self.clearance
+        others = (getattr(self, one.name) for one in dataclasses.fields(self) if one.name != "clearance")
+        return low < high or any(value > 0 for value in others)
+
     def draw(self, gearbox: CycloidalGearbox, seed: int | np.random.Generator) -> CycloidalGearbox:
         """One assembly: the gearbox with errors drawn from these tolerances.
 

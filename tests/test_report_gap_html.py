@@ -130,9 +130,9 @@ def test_all_is_told(parsed):
     text = words(parsed)
     for part in (
         "Model and recordings disagree",
-        "in about 1 of 56 such comparisons (p = 0.018, 6 recordings against 24 simulated ones)",
+        "in at most 1 of 56 such comparisons (p = 0.018, 6 recordings against 24 simulated ones)",
         "Mains hum in the torque signal hum",
-        "More likely than not: probability 0.62, among the effects of the library. It has look-alikes",
+        "More likely than not: probability 0.62, among the effects considered. It has look-alikes",
         "amplitude 1.99 Nm 1.91 to 2.06 Nm",
         "Position errors of the pins",
         "12 µm 2 to 50 µm not fixed by these recordings: other values do as well; at an end of what was",
@@ -285,7 +285,7 @@ def test_without_disagreement_nothing_is_named(findings, locators, bare, tmp_pat
 def test_nothing_in_the_library(findings, bare, tmp_path):
     result = findings.result | {"effects": [], "unknown": True, "tie_group": [], "next_measurement": ""}
     text = bare(dataclasses.replace(findings, result=result, effects=(), report=None), tmp_path)
-    assert "Missing in the model not known Nothing in the library explains it" in text
+    assert "Missing in the model not known No effect considered explains it" in text
     assert "not that one of them is right" in text
     assert "Nothing was added to the model, so there is nothing to show." in text
     assert "held out" not in text

@@ -89,13 +89,13 @@ class NuisancePrior:
         Parameters
         ----------
         simulator : CompositeSimulator, Rig, CycloidalGearbox or None
-            A rig keeps its brake, drift and noise; its tolerances are replaced. A gearbox keeps its own
-            clearance, to which this prior's comes. None: paper B's gearbox.
+            A rig keeps its brake, drift and noise; its spread between assemblies is replaced. A gearbox, or
+            a rig without spread, keeps its clearance, to which this prior's comes. None: paper B's gearbox.
         """
         composite = simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
         rig, tolerances = composite.to_rig(), self.tolerances
-        if isinstance(composite.base, CycloidalGearbox) and composite.base.clearance:
-            own = composite.base.clearance
+        if not rig.tolerances.has_spread:
+            own = rig.tolerances.clearance[0]
             low, high = tolerances.clearance
             tolerances = dataclasses.replace(tolerances, clearance=(low + own, high + own))
         return CompositeSimulator(rig.replace(effects=(), tolerances=tolerances), rig.effects)

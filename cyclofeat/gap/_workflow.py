@@ -90,7 +90,8 @@ class DiscrepancyWorkflow(BaseEstimator):
     simulator : CompositeSimulator, Rig or CycloidalGearbox, optional
         The model. Default: paper B's gearbox.
     nuisance : NuisancePrior, optional
-        What may differ without being a missing effect.
+        What may differ without being a missing effect; a rig's own spread is not taken by itself:
+        ``NuisancePrior(tolerances=rig.tolerances)``.
     input_speed_hz : float, default=500 / 60
         Nominal input speed.
     alpha : float, default=0.03

@@ -159,7 +159,7 @@ def _range(limits: Sequence[float] | None) -> str:
 
 
 def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[str, str]]:
-    lobes = next((r for r in results.values() if r.exact_lobes is not None), None)
+    name, lobes = next(((n, r) for n, r in results.items() if r.exact_lobes is not None), ("", None))
     found: list[tuple[str, float, Sequence[float] | None, str]] = [
         ("Accuracy", first.accuracy, first.accuracy_interval, "of windows counted right"),
         (
@@ -168,7 +168,8 @@ def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[st
         ),
     ]  # fmt: skip
     if lobes is not None and lobes.exact_lobes is not None:
-        found.append(("Exactly the right lobes", lobes.exact_lobes, lobes.exact_lobes_interval, "of windows"))
+        by = "of windows" if lobes is first else f"of windows, by {name}"
+        found.append(("Exactly the right lobes", lobes.exact_lobes, lobes.exact_lobes_interval, by))
     if first.calibration_error is not None:
         found.append((
             "Calibration error", first.calibration_error, first.calibration_error_interval,
@@ -209,16 +210,26 @@ def _classes(result: Evaluation, y: NDArray[Any], groups: NDArray[Any]) -> list[
         cells = result.confusion[k]
         said = int(result.confusion[:, k].sum())
         others = np.where(np.arange(cells.size) == k, 0, cells)
+        n_assemblies = int(np.unique(groups[y == label]).size)
         rows.append({
             "label": str(label),
             "windows": int(cells.sum()),
-            "assemblies": int(np.unique(groups[y == label]).size),
+            "assemblies": n_assemblies,
             "found": f"{cells[k] / cells.sum():.3f}" if cells.sum() else "-",
-            "range": _range(result.confusion_interval[:, k, k].tolist()) if cells.sum() else "",
+            "range": _range(_of_class(result, k, n_assemblies)) if cells.sum() else "",
             "right": f"{cells[k] / said:.3f}" if said else "-",
             "taken_for": f"{result.classes[others.argmax()]} ({others.max()})" if others.any() else "",
         })  # fmt: skip
     return rows
+
+
+def _of_class(result: Evaluation, k: int, n_assemblies: int) -> tuple[float, float]:
+    """Range of the share of a count that was found; where all or none were, by the rule of three."""
+    from cyclofeat.counting._scores import at_the_ends
+
+    low, high = result.confusion_interval[:, k, k].tolist()
+    found = float(result.confusion[k, k] / result.confusion[k].sum())
+    return at_the_ends(found, (low, high), n_assemblies, 0.95)
 
 
 def _calibration(result: Evaluation, y: NDArray[Any], groups: NDArray[Any]) -> Picture | None:

@@ -217,7 +217,7 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
     p = float(findings.result.get("p", min(locator.family_p_.values())))
     if verdict == "disagree":
         sentences = [
-            f"Were the model right, chance would give a difference this clear in about 1 of "
+            f"Were the model right, chance would give a difference this clear in at most 1 of "
             f"{_round(1 / max(p, 1e-9))} such comparisons ({unbroken(p_words(p))}, "
             f"{number(n, 'recording')} against {len(locator.simulated_)} simulated ones)."
         ]
@@ -225,6 +225,8 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
         if flagged:
             sentences.append(f"Clearest: {in_words(flagged[0])} than simulated." if flagged[0].of == "mean"
                              else f"Clearest: {in_words(flagged[0])} as simulated ones.")  # fmt: skip
+        if findings.result.get("unknown", False):
+            sentences.append("None of the effects considered explains all of it.")
         return {"heading": f"Model and {word} disagree", "sentences": sentences}
     if verdict == "equivalent":
         return {
@@ -356,18 +358,18 @@ def _missing(findings: GapFindings) -> dict[str, Any]:
         for k, row in enumerate(result.get("effects", ()))
     ]
     unknown = bool(result.get("unknown", False))
-    heading = "Nothing in the library explains it" if unknown else "No effect was accepted"
+    heading = "No effect considered explains it" if unknown else "No effect was accepted"
     if unknown and accepted:
-        heading = "Nothing in the library explains the rest"
+        heading = "No effect considered explains the rest"
     text = ""
     if unknown:
         text = (
-            "None of the library's effects does to the torque what is seen here. The probabilities below say "
-            "which come nearest, not that one of them is right. The pictures show what a new effect would "
-            "have to do."
+            "None of the effects considered does to the torque what is seen here. The probabilities below "
+            "say which come nearest, not that one of them is right. The pictures show what a new effect "
+            "would have to do."
         )
     elif not accepted:
-        text = "Model and recordings disagree, but none of the library's effects was found to close the gap."
+        text = "Model and recordings disagree, but none of the effects considered was found to close the gap."
     alike = [name for name in tie_group if name not in {effect["id"] for effect in accepted}]
     together = sum(probability.get(name, 0.0) for name in tie_group)
     return {
@@ -382,8 +384,8 @@ def _missing(findings: GapFindings) -> dict[str, Any]:
             _named(findings, name) | {"probability": share, "text": probability_text(share)}
             for name, share in list(probability.items())[:_N_RANKED]
         ],
-        "ranking_caption": "The most probable effects of the library, given that something is missing"
-        + (" and that the library holds it (which is doubtful here)." if unknown else "."),
+        "ranking_caption": "The most probable of the effects considered, given that something is missing"
+        + (" and that it is one of them (which is doubtful here)." if unknown else "."),
     }
 
 
@@ -397,7 +399,7 @@ def _effect(
     if probability is not None:
         text = probability_text(float(probability))
         short = f"{_likely(float(probability))}: probability {text}"
-        confidence = f"{short[0].upper()}{short[1:]}, among the effects of the library."
+        confidence = f"{short[0].upper()}{short[1:]}, among the effects considered."
         if len(tie_group) > 1:
             short += f", with {number(len(tie_group) - 1, 'look-alike')}"
             confidence += " It has look-alikes, see below."

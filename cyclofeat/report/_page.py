@@ -20,8 +20,10 @@ SIMULATED = ("simulated", "surrogate")
 
 
 def target_of(path: str | os.PathLike[str]) -> Path:
-    """The file to write; its folder must exist, which is found out before the work is done."""
+    """The page to write, which is found out to be possible before the work is done."""
     target = Path(path)
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"a report is a page: its name must end in .html, got {target.name!r}")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
     return target

@@ -179,7 +179,8 @@ def given(monkeypatch: pytest.MonkeyPatch) -> Callable[..., dict[str, Any]]:
     """What a call hands over, without any simulation."""
 
     def fit(self: Any, X_fit: Any, X_hold: Any, **data: Any) -> None:
-        raise _Given({"rate": self.sampling_rate, "X_fit": X_fit, "X_hold": X_hold, **data})
+        of_model = {"rate": self.sampling_rate, "nuisance": self.nuisance}
+        raise _Given({**of_model, "X_fit": X_fit, "X_hold": X_hold, **data})
 
     monkeypatch.setattr(cyclofeat.gap.DiscrepancyWorkflow.func, "fit", fit)
 
@@ -225,6 +226,15 @@ def test_an_assembly_is_held_out_as_a_whole(given: Any, tmp_path: Path) -> None:
     fit, hold = ({place[float(row[0])] for row in found[name]} for name in ("X_fit", "X_hold"))
     assert len(fit) == len(hold) == 2
     assert not fit & hold
+
+
+def test_a_rig_s_own_spread_is_what_may_differ(given: Any, tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "m", NOISE[:2, :11_520], [0, 3])
+    gearbox, rig = tmp_path / "gearbox.json", tmp_path / "rig.json"
+    CompositeSimulator(effects=[Hum(0.1)]).to_json(gearbox)
+    Rig.r1().to_json(rig)
+    assert given(folder, "--simulator", gearbox)["nuisance"] is None
+    assert given(folder, "--simulator", rig)["nuisance"] == NuisancePrior(tolerances=Rig.r1().tolerances)
 
 
 def test_an_angle_is_used_where_all_have_it(given: Any, tmp_path: Path) -> None:
@@ -273,7 +283,7 @@ def bad_calls(folder: Path) -> dict[str, tuple[list[Any], str]]:
         "share": ([good, "--hold-out", "1.5"], "--hold-out must be a folder or a share between 0 and 1"),
         "small share": ([good, "--hold-out", "0.01"], "--hold-out 0.01 leaves 4 of 4 recordings to fit"),
         "hold-out absent": ([good, "--hold-out", folder / "absent"], "no such file"),
-        "effects": ([good, "--effects", "rust"], "library must name different effects of pin_errors"),
+        "effects": ([good, "--effects", "rust"], "--effects must name different effects of pin_errors"),
         "alpha": ([good, "--alpha", "3"], "alpha"),
         "draws": ([good, "--draws", "0"], "n_draws"),
         "simulator": ([good, "--simulator", folder / "broken.json"], "broken.json"),
