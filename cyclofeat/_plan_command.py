@@ -62,8 +62,9 @@ def text_of(plan: RecordingPlan) -> str:
         lines = [f"to tell {pair}: no recording in the table is long enough for {plan.confidence:g}"]
         if plan.largest_noise_nm is not None:
             lines.append(f"  the longest is enough at {plan.largest_noise_nm:g} Nm noise or less")
-    entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
     lines.append(f"  probability {plan.probability:.3f} on {plan.assemblies} simulated assemblies of rig R1")
-    lines.append(f"  answered by the table's next worse entry: {entry}")
+    if (plan.tabulated_noise_nm, plan.tabulated_depth) != (plan.noise_nm, plan.depth):
+        entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
+        lines.append(f"  answered by the table's next worse entry: {entry}")
     lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
     return "\n".join(lines)
