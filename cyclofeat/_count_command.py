@@ -51,7 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
             shown = message if message.startswith(path) else f"{path}: {message}"
             print(f"cyclofeat: error: {shown}", file=sys.stderr)
             continue
-        turn = model.n_lobes / model.input_speed_hz
+        # Rounded: the speed in turns per second is no round number.
+        turn = round(model.n_lobes / model.input_speed_hz, 9)
         # Rounding of a window to whole samples leaves a residue that is no time.
         unused = max(0.0, round(recording.duration - result.n_windows * turn, 6))
         results.append({"file": path, **result.to_dict(), "window_s": turn, "unused_s": unused})

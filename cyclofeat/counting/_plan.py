@@ -194,7 +194,8 @@ def plan_recording(
         tabulated_noise_nm=noise,
         tabulated_depth=shallow,
         turns=None if enough is None else enough.turns,
-        seconds=None if enough is None else enough.turns * _LOBES / float(input_speed_hz),
+        # Rounded: the speed in turns per second is no round number.
+        seconds=None if enough is None else round(enough.turns * _LOBES / float(input_speed_hz), 9),
         probability=answer.probability,
         assemblies=answer.assemblies,
         largest_noise_nm=max(fine, default=None),

@@ -13,6 +13,7 @@ from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
 from cyclofeat.recording import Recording
 
 MANIFEST = "recordings.csv"
+_CAMPAIGN = "campaign.json"  # what a campaign's folder is known by
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
 _ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
 _LABELS = {
@@ -130,6 +131,11 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
         raise FileNotFoundError(f"no such folder: {folder}")
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder; use read_recording for a file")
+    if (folder / _CAMPAIGN).is_file():
+        raise ValueError(
+            f"folder {folder} holds a campaign, whose windows are arrays and not recordings: "
+            "cyclofeat.simulators.load_campaign reads it"
+        )
     files = sorted(
         file for file in folder.iterdir() if file.suffix.lower() in SOURCES and file.name != MANIFEST
     )

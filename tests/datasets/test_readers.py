@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cyclofeat.datasets import describe_recording, one_line, read_recording, write_recording
+from cyclofeat.datasets import describe_recording, one_line, read_folder, read_recording, write_recording
 from cyclofeat.recording import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=60)
@@ -613,3 +613,10 @@ def test_a_dead_sensor_is_shown():
 def test_another_unit_is_stated_where_the_record_is_no_torque():
     text = one_line(Recording([1, 2], RATE, meta={"channel": "a1", "unit": "g"}))
     assert text.startswith("a1 1 to 2 g")
+
+
+def test_a_campaign_s_folder_is_no_folder_of_recordings(tmp_path):
+    (tmp_path / "campaign.json").write_text("{}")
+    (tmp_path / "parameters.parquet").write_bytes(b"PAR1")
+    with pytest.raises(ValueError, match="holds a campaign.*load_campaign reads it"):
+        read_folder(tmp_path)
