@@ -42,8 +42,8 @@ def test_names_and_order_of_the_features():
     X = torque(2, 500)
     names = [clone(t).fit(X).get_feature_names_out().tolist() for t in TRANSFORMERS]
     bank = "bank180df8e9"
-    assert names[0] == [f"minima_overlap(mb32.3;64colours;energy;worst;level0{k})" for k in range(1, 6)]
-    assert names[1] == [f"minima_overlap({bank};8colours;none;worst;level0{k})" for k in range(1, 4)]
+    assert names[0] == [f"minima_overlap(mb32.3;64colours;energy;worst;level0{k};v2)" for k in range(1, 6)]
+    assert names[1] == [f"minima_overlap({bank};8colours;none;worst;level0{k};v2)" for k in range(1, 4)]
     assert names[2] == [
         "wavelet_envelope_mean_nm(mb32.3;level07)",
         *(f"wavelet_envelope_line_nm(mb32.3;level07;shaft{k:02d})" for k in range(1, 16)),

@@ -147,9 +147,9 @@ def test_reference_by_label_or_without_labels():
     assert by_label.reference_class_ == 7
     assert_array_equal(by_label.transform(X), overlap().fit(X[:2]).transform(X))
     assert overlap().fit(X).reference_class_ is None
-    assert by_label.get_feature_names_out()[0] == "minima_overlap(db4;64colours;energy;7;level01)"
+    assert by_label.get_feature_names_out()[0] == "minima_overlap(db4;64colours;energy;7;level01;v2)"
     named = overlap(reference="worn (5, x)").fit(X, ["worn (5, x)"] * 6)
-    assert named.get_feature_names_out()[0] == "minima_overlap(db4;64colours;energy;worn__5__x_;level01)"
+    assert named.get_feature_names_out()[0] == "minima_overlap(db4;64colours;energy;worn__5__x_;level01;v2)"
 
 
 def test_up_to_eight_windows_at_equal_distances():

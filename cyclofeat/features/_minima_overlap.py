@@ -123,7 +123,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
     >>> y = np.repeat([1, 2, 3], 3)
     >>> transformer = WaveletMinimaOverlap(sampling_rate=25_600, levels=4).fit(X, y)
     >>> transformer.get_feature_names_out()[3]
-    'minima_overlap(mb32.3;64colours;energy;worst;level04)'
+    'minima_overlap(mb32.3;64colours;energy;worst;level04;v2)'
     >>> transformer.transform(X)[:, 3].round(1)
     array([0.5, 0.5, 0.5, 0.8, 0.8, 0.8, 0.9, 0.9, 0.9])
 

@@ -83,7 +83,7 @@ class OrderSpectrum(WindowTransformer):
     >>> transformer = OrderSpectrum(sampling_rate=25_600, comb="mesh").fit(torque[np.newaxis])
     >>> names, amplitudes = transformer.get_feature_names_out(), transformer.transform(torque[np.newaxis])[0]
     >>> for k in (225, 239, 240, 255):
-    ...     print(k, amplitudes[names == f"order_amplitude_nm(output;k{k})"][0].round(2))
+    ...     print(k, amplitudes[names == f"order_amplitude_nm(output;k{k};v2)"][0].round(2))
     225 0.1
     239 0.02
     240 1.0

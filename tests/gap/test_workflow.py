@@ -286,7 +286,7 @@ def test_bad_input(X: np.ndarray, options: dict, message: str, simulations: Path
 
 def test_effects_that_do_not_exist_are_named(done: Done) -> None:
     options = {**SMALL, "library": ["rust"]}
-    with pytest.raises(ValueError, match="library must name effects of pin_errors"):
+    with pytest.raises(ValueError, match="library must name different effects of pin_errors"):
         DiscrepancyWorkflow(RATE, cache=done.folder, **options).fit(done.fit.X, y_fit=done.fit.counts)
 
 
