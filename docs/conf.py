@@ -68,6 +68,7 @@ RESULTS = {
     "gap": "Hidden effects: the whole chain",
     "gap_names": "Hidden effects: where and what, without sizes",
     "gap_fits": "Hidden effects: sizes and intervals",
+    "gap_downstream": "Hidden effects: what the corrected model is worth to a counter",
     "hidden_effects/README": "Hidden effects: the cases, and how to compete",
     "published_rig": "The rig called published",
     "simulator": "Speed of the simulator",

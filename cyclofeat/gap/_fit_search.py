@@ -21,6 +21,7 @@ _ROUNDS = 4
 _PER_ROUND = 3
 _WIDEST = 0.25  # radius of the first round, in widths of the prior
 _NEAR = 0.01  # distance below which places weigh alike
+_LEAST_SCATTER = 0.3  # of a figure, as a share of its scatter without the effect
 _LEAST_LEFT = 0.5  # of variance: few recordings do not show that something hardly scatters at all
 _FAILED = 50.0  # whitened residual of every cell where the simulation fails
 
@@ -30,7 +31,9 @@ class Whitener:
 
     def __init__(self, correlated: Float, scatter: Float, cells: list[Cell]) -> None:
         smallest = smallest_spreads(cells)
-        self._scale = np.sqrt(scatter.var(axis=0) + smallest**2)
+        # A filter leaves a figure all but exact, and rounding then decides what is far.
+        least = _LEAST_SCATTER**2 * correlated.var(axis=0)
+        self._scale = np.sqrt(np.maximum(scatter.var(axis=0), least) + smallest**2)
         self._turn = uncorrelating(correlated / np.sqrt(correlated.var(axis=0) + smallest**2))
         # What hangs together may hang together otherwise with the effect.
         left = np.mean(self(scatter) ** 2, axis=0)
