@@ -16,6 +16,7 @@ import functools
 import json
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,10 +67,7 @@ def main() -> None:
         f"{len(missing)} of {len(names)} cases to do; simulations ready after {_minutes(began)}", flush=True
     )
     one = named if arguments.names_only else functools.partial(run, quick=arguments.quick)
-    jobs = (joblib.delayed(one)(name, results, cache) for name in missing)
-    work = joblib.Parallel(n_jobs=arguments.jobs, return_as="generator_unordered")
-    for k, name in enumerate(work(jobs), start=1):
-        print(f"{k} of {len(missing)}: {name}, {_minutes(began)}", flush=True)
+    each_told(one, missing, arguments.jobs, results, cache)
     print(f"{len(missing)} cases in {_minutes(began)}")
     score = arguments.score or ("benchmarks/gap_names.md" if arguments.names_only else "benchmarks/gap.md")
     text = score_folder(results, results.with_name(f"{results.name} score"))
@@ -77,6 +75,14 @@ def main() -> None:
     command = " ".join(["python -m benchmarks.gap", *sys.argv[1:]])
     Path(score).write_text(f"{heading}\n\nMade by `{command}`.\n\n{rest}\n", encoding="utf-8")
     print(text)
+
+
+def each_told(job: Callable[..., str], names: Sequence[str], n_jobs: int, *arguments: Any) -> None:
+    """A job of each case in processes, each told of as it ends."""
+    work = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")
+    began = time.monotonic()
+    for k, name in enumerate(work(joblib.delayed(job)(name, *arguments) for name in names), start=1):
+        print(f"{k} of {len(names)}: {name}, {_minutes(began)}", flush=True)
 
 
 def run(name: str, results: Path, cache: Path, quick: bool) -> str:

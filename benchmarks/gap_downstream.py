@@ -14,10 +14,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 
-from benchmarks.gap import SAMPLING_RATE, SUBSET, write_result
+from benchmarks.gap import SAMPLING_RATE, SUBSET, each_told, write_result
 from benchmarks.hidden_effects._cases import case_names, make_recordings, truth
 from cyclofeat.gap import downstream_gain
 from cyclofeat.simulators import CompositeSimulator, effect_library
@@ -110,9 +109,7 @@ def main() -> None:
     arguments = parser.parse_args()
     results, cache = Path(arguments.out) / "results", Path(arguments.out) / "simulations"
     missing = [name for name, result in done(results).items() if "downstream" not in result]
-    work = joblib.Parallel(n_jobs=arguments.jobs, return_as="generator_unordered")
-    for k, name in enumerate(work(joblib.delayed(gain)(name, results, cache) for name in missing), start=1):
-        print(f"{k} of {len(missing)}: {name}", flush=True)
+    each_told(gain, missing, arguments.jobs, results, cache)
     text = score(results)
     PAGE.write_text(text, encoding="utf-8")
     print(text, end="")

@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 
-from benchmarks.gap import SAMPLING_RATE, SUBSET, write_result
+from benchmarks.gap import SAMPLING_RATE, SUBSET, each_told, write_result
 from benchmarks.hidden_effects._cases import case_names, make_case, truth
 from cyclofeat.gap import EffectFitter
 from cyclofeat.simulators import Effect, SimulationFailed, effect_library
@@ -140,11 +139,7 @@ def main() -> None:
     results, cache = Path(arguments.out) / "fits", Path(arguments.out) / "simulations"
     results.mkdir(parents=True, exist_ok=True)
     missing = [name for name in chosen() if not (results / f"{name}.json").exists()]
-    jobs = (joblib.delayed(fit)(name, results, cache) for name in missing)
-    for k, name in enumerate(
-        joblib.Parallel(n_jobs=arguments.jobs, return_as="generator_unordered")(jobs), start=1
-    ):
-        print(f"{k} of {len(missing)}: {name}", flush=True)
+    each_told(fit, missing, arguments.jobs, results, cache)
     text = score(results)
     PAGE.write_text(text, encoding="utf-8")
     print(text, end="")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -116,6 +115,8 @@ def make_rig_recordings(
     >>> [effect["effect"] for effect in one.meta["effects"]]
     ['torque_meter_low_pass', 'hum', 'quantisation']
     """
+    from cyclofeat.simulators._parallel import stopped_quietly
+
     chosen = _with_effects(_rig(rig), effects)
     n_lobes = chosen.gearbox.n_lobes
     counts = _counts(defect_counts, n_lobes)
@@ -138,16 +139,11 @@ def make_rig_recordings(
         for index in range(total)
     )  # fmt: skip
     recordings: list[Recording] = []
-    try:
+    with stopped_quietly(made):
         for result in made:
             recordings.append(_unless_failed(result))
             if progress is not None:
                 progress(len(recordings), total)
-    finally:
-        with warnings.catch_warnings():
-            # After an error joblib would warn that the runs still under way are given up.
-            warnings.simplefilter("ignore", UserWarning)
-            made.close()
     return recordings
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal, overload
 
 import joblib
 import numpy as np
 
+from cyclofeat.simulators._parallel import stopped_quietly
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 from cyclofeat.simulators.tolerances import AssemblyTolerances
@@ -153,7 +153,7 @@ def simulate_many(
     workers = joblib.Parallel(n_jobs=n_jobs, prefer=prefer, return_as="generator")
     results: list[Any] = []
     made = workers(joblib.delayed(_attempt)(arguments(index), options) for index in range(total))
-    try:
+    with stopped_quietly(made):
         for found in made:
             if isinstance(found, Exception) and on_failure == "raise":
                 found.add_note(f"in run {len(results)} of {total} (counted from 0)")
@@ -161,11 +161,6 @@ def simulate_many(
             results.append(found)
             if progress is not None:
                 progress(len(results), total)
-    finally:
-        with warnings.catch_warnings():
-            # After an error joblib would warn that the runs still under way are given up.
-            warnings.simplefilter("ignore", UserWarning)
-            made.close()
     return results
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
-import warnings
 from collections import deque
 from collections.abc import Generator, Iterable
 from typing import Any
 
 import joblib
 
+from cyclofeat.simulators._parallel import stopped_quietly
 from cyclofeat.simulators.campaign._design import Campaign, RunPlan
 from cyclofeat.simulators.campaign._run import RunResult, WrongVersion, made_with, simulate_run
 
@@ -58,18 +58,14 @@ def _on_this_machine(
     expected = made_with()
     made = workers(joblib.delayed(simulate_run)(campaign, plan, expected) for plan in plans)
     try:
-        yield from made
+        with stopped_quietly(made):
+            yield from made
     except concurrent.futures.BrokenExecutor as error:
         raise WorkerLost(
             f"a worker process died ({type(error).__name__}; killed, or out of memory?); {_KEPT}"
         ) from error
     except WrongVersion as error:
         raise ValueError(str(error)) from None
-    finally:
-        with warnings.catch_warnings():
-            # After an error joblib would warn that the runs still under way are given up.
-            warnings.simplefilter("ignore", UserWarning)
-            made.close()
 
 
 def _on_cluster(
