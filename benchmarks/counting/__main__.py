@@ -55,10 +55,7 @@ def steps() -> list[Step]:
         for rig, noise in cells
         for key in peers.PEERS
     ]  # type: ignore[misc]
-    found += [
-        ("oedi", lambda work, key=key: peers.load_levels(work, key))
-        for key in ("cyclofeat", "catch22", "tsfel", "minirocket")
-    ]  # type: ignore[misc]
+    found += [("oedi", lambda work, key=key: peers.load_levels(work, key)) for key in peers.LEVELS]  # type: ignore[misc]
     for rig in ("R2", "R0", "R1"):
         for noise in NOISES:
             found.append(("more", lambda work, r=rig, n=noise: rows.accuracy(work, r, n, more=True)))  # type: ignore[misc]

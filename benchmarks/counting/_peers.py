@@ -131,6 +131,11 @@ def minirocket(work: Work, X: Any) -> Float:
         return np.asarray(np.load(target), dtype=np.float64)
 
 
+LEVELS = {
+    "cyclofeat": "cyclofeat", "held": "cyclofeat, held", "catch22": "pycatch22", "tsfel": "tsfel",
+    "minirocket": "MiniRocket",
+}  # fmt: skip
+
 _PEERS = {"catch22": catch22, "tsfel": all_of_tsfel, "minirocket": minirocket}
 
 
@@ -142,10 +147,18 @@ def has_torch() -> bool:
 def load_levels(work: Work, key: str) -> dict[str, Any]:
     """OEDI's load levels across health states under the protocol of ``evaluate_load_levels``.
 
-    Everything but the features is that function's own: windows, ridge regression, folds, scores.
+    Everything but the features is that function's own: windows, ridge regression, folds, scores. ``held`` are
+    the toolkit's features, held within the range that they have in the training state.
     """
     from cyclofeat.counting import _load_levels as levels
     from cyclofeat.datasets import load_oedi_gearbox
+
+    def features(windows: Float, sampling_rate: float) -> Float:
+        if key == "held":
+            return levels._features_by_channel(windows, sampling_rate)[1]
+        flat = windows.reshape(-1, windows.shape[-1])
+        found = all_of_tsfel(work, flat, sampling_rate) if key == "tsfel" else _PEERS[key](work, flat)
+        return found.reshape(*windows.shape[:-1], -1)
 
     def run() -> dict[str, Any]:
         dataset = load_oedi_gearbox()
@@ -153,19 +166,19 @@ def load_levels(work: Work, key: str) -> dict[str, Any]:
             cases = levels.evaluate_load_levels(dataset).cases
         else:
             data = levels._checked(dataset)
-            windows = levels._cut(data, 4096)
-            flat = windows.reshape(-1, windows.shape[-1])
-            found = (
-                all_of_tsfel(work, flat, data.sampling_rate) if key == "tsfel" else _PEERS[key](work, flat)
-            )
-            table = found.reshape(*windows.shape[:-1], -1)
+            table = features(levels._cut(data, 4096), data.sampling_rate)
             chosen = [(name, [i]) for i, name in enumerate(data.channels)]
             chosen.append(("all", list(range(len(data.channels)))))
-            cases = tuple(
-                levels._case(data, name, np.concatenate([table[i] for i in members], axis=2), *ways, 0)
-                for name, members in chosen
-                for ways in ((0, 1), (1, 0))
-            )
+            found = []
+            for name, members in chosen:
+                of_channels = np.concatenate([table[i] for i in members], axis=2)
+                for trained, tested in ((0, 1), (1, 0)):
+                    given = of_channels
+                    if key == "held":
+                        seen = of_channels[data.broken == trained]
+                        given = np.clip(of_channels, seen.min(axis=(0, 1)), seen.max(axis=(0, 1)))
+                    found.append(levels._case(data, name, given, trained, tested, 0))
+            cases = tuple(found)
         return {
             f"{case.channel}, {case.direction}": [
                 case.per_recording.accuracy, case.per_recording.mean_absolute_error

@@ -132,6 +132,22 @@ def calibration_error(confidence: Sequence[float], right: Sequence[bool], bins: 
     return round(float(sum(gaps) / p.size), 12)
 
 
+def calibrated_error(confidence: Sequence[float], n_draws: int = 2000) -> float:
+    """Calibration error to be expected of these confidences if they were exact: never 0 with few cases.
+
+    Median over seeded draws of which names are right.
+
+    Examples
+    --------
+    >>> calibrated_error([1.0, 1.0]), calibrated_error([0.5] * 4)
+    (0.0, 0.25)
+    """
+    p, rng = np.asarray(confidence, dtype=float), np.random.default_rng(0)
+    return float(
+        np.median([calibration_error(p.tolist(), list(rng.random(p.size) < p)) for _ in range(n_draws)])
+    )
+
+
 def auroc(inside: Sequence[float], outside: Sequence[float]) -> float:
     """Chance that a case from outside has the larger score, ties counting half.
 
@@ -271,14 +287,12 @@ def _goals(of: Mapping[str, list[_Scored]]) -> list[Goal]:
         ),
     ]  # fmt: skip
     stated = [one for one in seen if one.confidence is not None]
-    ece = (
-        calibration_error([one.confidence or 0.0 for one in stated], [one.right for one in stated])
-        if stated
-        else None
-    )
-    goals.append(
-        _number("calibration error", "<= 0.05", ece, len(stated), _at_most(0.05), "singles detected, 10 bins")
-    )
+    confidences = [one.confidence or 0.0 for one in stated]
+    ece = calibration_error(confidences, [one.right for one in stated]) if stated else None
+    bins = "singles detected, 10 bins"
+    if stated:
+        bins += f"; exact confidences of so few cases come to {calibrated_error(confidences):.3f}"
+    goals.append(_number("calibration error", "<= 0.05", ece, len(stated), _at_most(0.05), bins))
     tied = [(one, group) for one in seen for group in tie_groups() if set(one.wanted) <= group]
     goals.append(
         _share(
