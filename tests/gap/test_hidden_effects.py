@@ -595,3 +595,10 @@ def test_bad_results_are_named(results: dict[str, dict[str, Any]], tmp_path: Pat
         _score.read_results(tmp_path)
     for part in ("verdict must be", "'maybe'", "case_00000001.json is no JSON", "none of the cases"):
         assert part in str(caught.value)
+
+
+def test_confidences_that_are_exact_have_an_error_too_and_less_with_more_cases() -> None:
+    few, many = (_score.calibrated_error([0.6, 0.75, 0.9] * n) for n in (9, 300))
+    assert few > 3 * many > 0
+    assert _score.calibrated_error([1.0, 1.0]) == 0
+    assert _score.calibrated_error([0.5] * 4) == 0.25
