@@ -46,6 +46,7 @@ def steps() -> list[Step]:
         ("ninth", rows.ninth),
         ("lobes", rows.lobe_sets),
         ("lobes", rows.patterns),
+        ("lobes", rows.neighbours),
         ("latency", rows.latency),
         *(("detection", lambda work, noise=noise: pod.detection(work, noise)) for noise in pod.NOISES),
     ]  # type: ignore[list-item]

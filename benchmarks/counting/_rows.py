@@ -117,25 +117,35 @@ def lobe_sets(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
 def patterns(work: Work, noise: float = 0.2) -> dict[str, Any]:
     """Count and positions of lobes that are no neighbours; trained on neighbours and on any lobes."""
+    return work.kept(
+        f"patterns-{noise:g}", lambda: _trained_on_any(work, designs.JUDGED["R1"], designs.PATTERNS, noise)
+    )
 
-    def run() -> dict[str, Any]:
-        training = Windows.joined([work.windows(design) for design in (designs.JUDGED["R1"], *designs.ANY)])
-        judged = work.windows(designs.PATTERNS)
-        counter = LobeCounter(REDUCED_RATE, n_splits=3).fit(
-            reduced(training, noise, TRAINING_NOISE),
-            training.y,
-            worn=training.worn,
-            passage=training.passage,
-            groups=training.assembly,
-        )
-        X = reduced(judged, noise, JUDGED_NOISE)
-        by_assembly = judged.assembly
-        right = (counter.predict(X) == judged.y).astype(float)
-        exact = (counter.predict_lobes(X, judged.passage) == judged.worn).all(axis=1).astype(float)
-        count, positions = shares(right, by_assembly), shares(exact, by_assembly)
-        return count | {"positions": positions["value"], "positions_interval": positions["interval"]}
 
-    return work.kept(f"patterns-{noise:g}", run)
+def neighbours(work: Work, noise: float = 0.2) -> dict[str, Any]:
+    """What training on any lobes costs where the worn ones are neighbours."""
+    return work.kept(
+        f"neighbours-{noise:g}",
+        lambda: _trained_on_any(work, designs.MORE["R1"], designs.JUDGED["R1"], noise),
+    )
+
+
+def _trained_on_any(work: Work, rows: Design, judged: Design, noise: float) -> dict[str, Any]:
+    """Count and positions by a counter trained on rows of worn lobes and on any."""
+    training = Windows.joined([work.windows(design) for design in (rows, *designs.ANY)])
+    windows = work.windows(judged)
+    counter = LobeCounter(REDUCED_RATE, n_splits=3).fit(
+        reduced(training, noise, TRAINING_NOISE),
+        training.y,
+        worn=training.worn,
+        passage=training.passage,
+        groups=training.assembly,
+    )
+    X = reduced(windows, noise, JUDGED_NOISE)
+    right = (counter.predict(X) == windows.y).astype(float)
+    exact = (counter.predict_lobes(X, windows.passage) == windows.worn).all(axis=1).astype(float)
+    count, positions = shares(right, windows.assembly), shares(exact, windows.assembly)
+    return count | {"positions": positions["value"], "positions_interval": positions["interval"]}
 
 
 def oracle(work: Work, rig: str, noise: float) -> dict[str, Any]:

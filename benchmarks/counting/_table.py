@@ -131,6 +131,11 @@ def _others(work: Work) -> str:
     lines.append(_row(f"{pattern}: count", ">= 0.95", judged(found, 0.95)))
     exact = judged(found, 0.90, "positions", "positions_interval")
     lines.append(_row("the same: positions", ">= 0.90", exact))
+    found = work.latest("neighbours-0.2")
+    mixed = f"{text(found)}; positions {text(found, 'positions', 'positions_interval')}" if found else NOT_RUN
+    lines.append(
+        _row("neighbouring lobes, R1, 0.2 Nm, by a counter trained on any lobes too", "stated", mixed)
+    )
     lines += _sets(work.latest("conformal-0.5"))
     found = work.latest("ninth-0.2")
     figure = text(found)

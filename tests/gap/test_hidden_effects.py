@@ -417,7 +417,7 @@ def result(verdict: str = "disagree", effects: Any = (), ranking: Any = None, **
 
 
 TRUTH = {
-    **{f"case_0000000{k}": ("null", []) for k in range(4)},
+    **{f"case_0000000{k}": ("null", []) for k in range(5)},
     "case_00000010": ("single", [("hum", {"amplitude_nm": 0.1})]),
     "case_00000011": ("single", [("noise", {"rms_nm": 0.2})]),
     "case_00000012": ("single", [("load_drift", {"rms_nm": 1.0, "cutoff_hz": 2.0})]),
@@ -448,6 +448,8 @@ def results(monkeypatch: pytest.MonkeyPatch) -> dict[str, dict[str, Any]]:
         "case_00000001": result("unresolved"),
         "case_00000002": result("disagree"),
         "case_00000003": result("disagree", [effect("hum")]),
+        # no fit was made: the first of the ranking is its name
+        "case_00000004": result("disagree", ranking=[{"id": "noise", "probability": 0.6}]),
         # right, 10 % off, covered
         "case_00000010": result(
             effects=[effect("hum", 0.95, {"amplitude_nm": 0.11}, {"amplitude_nm": [0.09, 0.12]})],
@@ -491,8 +493,8 @@ def figures(scored: dict[str, Any]) -> dict[str, Any]:
 def test_figures_by_hand(results: dict[str, dict[str, Any]]) -> None:
     found = figures(_score.score(results))
     want = {
-        'false "disagree" on nulls': (2 / 4, 4),
-        "any name on a null": (1 / 4, 4),
+        'false "disagree" on nulls': (3 / 5, 5),
+        "any name on a null": (2 / 5, 5),
         "detection": (6 / 7, 7),
         "right name first": (2 / 5, 5),  # hum, sensor_drift
         "right group first": (3 / 5, 5),  # and the drift of the load
@@ -536,12 +538,13 @@ def test_confusion_failures_and_decoys(results: dict[str, dict[str, Any]]) -> No
     }  # fmt: skip
     problems = {line["case"][-2:]: line["problem"] for line in scored["failures"]}
     assert problems == {
-        "02": 'false "disagree"', "03": 'false "disagree", and a name', "11": "wrong name",
+        "02": 'false "disagree"', "03": 'false "disagree", and a name',
+        "04": 'false "disagree", and a name', "11": "wrong name",
         "12": "wrong name, right group", "13": "known, but flagged as unknown", "14": "not detected",
         "20": "pair right by group only", "31": "not flagged as unknown",
     }  # fmt: skip
     assert scored["by_decoy"] == [
-        {"nuisance": "as the prior draws it", "n": 3, "disagree": 1, "named": 0},
+        {"nuisance": "as the prior draws it", "n": 4, "disagree": 2, "named": 1},
         {"nuisance": "edges", "n": 1, "disagree": 1, "named": 1},
     ]
 
@@ -553,7 +556,7 @@ def test_goals_that_the_results_do_not_cover_are_not_measured(results: dict[str,
     assert all(goal["met"] is None for name, goal in found.items() if "null" not in name)
     page = _score.to_markdown(scored)
     assert "| right name first | >= 95 % | not measured |" in page
-    assert "1 of 4 null" in page
+    assert "1 of 5 null" in page
 
 
 def test_undefined_grr_is_left_out(results: dict[str, dict[str, Any]]) -> None:
