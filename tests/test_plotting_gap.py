@@ -203,7 +203,7 @@ def test_other_spreads_are_marked_but_not_as_other_means():
     display = display_of(rows, family_p={"spectrum": 0.01}).plot("spectrum")
     assert (len(display.flags_), len(display.spread_flags_)) == (0, 1)
     assert display.spread_flags_[0].get_xdata()[0] == pytest.approx(np.sqrt(360 * 440))
-    assert "recordings spread 2.0 times as much" in all_texts(display.plot("families"))
+    assert "varies 2.0 times as much from one recording to the next" in all_texts(display.plot("families"))
 
 
 def test_families_are_placed_by_spreads_of_one_recording():
@@ -285,7 +285,7 @@ def test_spectra_before_and_after():
         (row("amplitudes", "skewness", -0.25, unit="1"), "skewness: 0.25 lower"),
         (
             row("amplitudes", "mean", -6.0206, unit="Nm", of="spread"),
-            "mean torque: recordings spread 0.5 times as much",
+            "mean torque: varies 0.5 times as much from one recording to the next",
         ),
     ],
 )

@@ -349,9 +349,41 @@ def test_what_stays_is_told(findings, locators, bare, tmp_path):
     text = bare(dataclasses.replace(findings, locator_after=locators.before), tmp_path)
     rest = text.split("What stays unexplained")[1]
     single = [row for row in locators.before.table_ if row.cell.family != "together"]
-    n = sum(row.p <= 0.05 for row in single)
-    assert f"{n} of {len(single)} numbers still differ" in rest
+    n = len({(row.cell.family, row.cell.name) for row in single if row.p <= 0.05})
+    assert f"{n} of {len(locators.before.cells_)} numbers still differ" in rest
     assert re.search(r"input order 6: \d+ dB more than simulated", rest)
+
+
+def test_as_many_numbers_are_compared_throughout(parsed, findings, locators, bare, tmp_path):
+    """Each in two ways, which is said, and does not make two numbers of it."""
+    n = len(locators.before.cells_)
+    assert f"summarised by {n} numbers, in the groups on the left. Each is compared twice" in words(parsed)
+    for after in (locators.null, locators.before):
+        text = bare(dataclasses.replace(findings, locator_after=after), tmp_path)
+        stated = re.findall(r"(?:of|by|All) (\d+) numbers", text)
+        assert stated.count(str(n)) >= 2
+        assert set(stated) == {str(n)}
+
+
+def test_a_number_that_differs_in_two_ways_counts_once(findings, locators, bare, tmp_path):
+    both = GapLocator(RATE, BASE, n_bank=12, n_permutations=19)
+    both.__dict__.update({k: v for k, v in vars(locators.null).items() if k not in both.get_params()})
+    at = [k for k, row in enumerate(both.table_) if row.cell == both.cells_[0]]
+    assert [both.table_[k].of for k in at] == ["mean", "spread"]
+    changes = {at[0]: 1e-3, at[1]: 1e-3}
+    both.table_ = [dataclasses.replace(row, p=changes.get(k, 1.0), effect=6.0206)
+                   for k, row in enumerate(both.table_)]  # fmt: skip
+    text = bare(dataclasses.replace(findings, locator_after=both), tmp_path)
+    assert (
+        f"1 of {len(both.cells_)} numbers still differs, in its mean or in how much recordings vary" in text
+    )
+    assert "varies 2.0 times as much from one recording to the next as simulated" in text
+
+
+def test_no_jargon_of_spreads(findings, locators, bare, tmp_path):
+    for after in (locators.null, locators.before):
+        text = bare(dataclasses.replace(findings, locator_after=after), tmp_path)
+        assert "spread" not in text.lower()
 
 
 # -- numbers

@@ -175,7 +175,7 @@ def compare(
             if found[BEFORE] - floor < _ERRORS * error:
                 reason = (
                     f"the gap before, {found[BEFORE]:.3g}, does not stand out of what replication leaves, "
-                    f"{floor:.3g} +- {error:.2g} spreads of a recording: there is no gap to close"
+                    f"{floor:.3g} +- {error:.2g} standard deviations of a recording: there is no gap to close"
                 )
         for name in alternatives:
             if reason:

@@ -704,7 +704,8 @@ def _doubts(
     doubts = []
     if n < _FEW_RECORDINGS:
         doubts.append(
-            f"{n} recordings: how far recordings spread is hardly known, and only large differences are found"
+            f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
+            "differences are found"
         )
     if counts is None:
         doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")

@@ -31,7 +31,7 @@ SIZES: dict[Kind, tuple[float, float]] = {
     "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
 }  # fmt: skip
 _LEAST_SPREADS = 0.1  # left end of the overview's axis
-_OTHER_SPREAD = "recordings spread otherwise"
+_OTHER_SPREAD = "varies more, or less, than simulated"
 _N_WORDS = 4  # differences that a picture tells in words
 _GRR_FLOOR = -100.0  # in percent: what is worse is drawn there and said in words
 
@@ -322,7 +322,7 @@ class GapDisplay:
             xscale="log",
             xlim=(_LEAST_SPREADS, max(2.5 * max(ends), 10)),
             ylim=(len(names) - 0.4, -0.75),
-            xlabel=f"largest difference, {self.label} against simulated (1 = spread of one recording)",
+            xlabel=f"largest difference, {self.label} against simulated (1 = std of one recording)",
         )
         _plain_log_ticks(ax)
         right = ax.secondary_yaxis("right")
@@ -478,9 +478,7 @@ class GapDisplay:
             linewidth=0,
         )
         ax.fill_between(x, measured - spread, measured + spread, color=_RECORDED, alpha=0.25, linewidth=0)
-        ax.plot(
-            x, simulated, "--", color=model, linewidth=1.3, label="simulated, with spread of one recording"
-        )
+        ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated, with standard deviation")
         ax.plot(x, measured, color=_RECORDED, linewidth=1.8, label=f"{self.label}, likewise")
 
     def _shade(self, ax: Axes, low: float, high: float) -> Artist:
@@ -503,7 +501,7 @@ class GapDisplay:
                 self.flags_.append(dot)
 
     def _mark_spreads(self, ax: Axes, x: Float) -> None:
-        """Triangles on the ground where recordings spread otherwise than simulated ones."""
+        """Triangles on the ground where recordings vary more, or less, than simulated ones."""
         for place in x.tolist():
             (mark,) = ax.plot(
                 place, 0.05, "^", color=_FLAGGED, markerfacecolor="none", transform=ax.get_xaxis_transform(),
@@ -749,7 +747,7 @@ class GapReductionDisplay:
         hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in self.before])
         spread: Float = np.array([row.spread for row in self.before])
         ax.fill_between(hz, -spread, spread, color=ink, alpha=0.12, linewidth=0,
-                        label="spread of one recording")  # fmt: skip
+                        label="standard deviation of one recording")  # fmt: skip
         ax.axhline(0, color=grey, linewidth=1)
         for rows, colour, style, name in (
             (self.before, _FLAGGED, "--", "before"),
@@ -807,7 +805,7 @@ def difference_words(row: Row) -> str:
     """The difference in words: ``6.0 dB less``."""
     size = abs(row.effect)
     if row.of == "spread":
-        return f"recordings spread {_rounded(10 ** (row.effect / 20))} times as much"
+        return f"varies {_rounded(10 ** (row.effect / 20))} times as much from one recording to the next"
     if row.cell.unit == "1":
         return f"{_rounded(size)} {'lower' if row.effect < 0 else 'higher'}"
     return f"{_rounded(size)} {row.cell.unit} {'less' if row.effect < 0 else 'more'}"

@@ -223,8 +223,7 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
         ]
         flagged = _flagged(locator)
         if flagged:
-            sentences.append(f"Clearest: {in_words(flagged[0])} than simulated." if flagged[0].of == "mean"
-                             else f"Clearest: {in_words(flagged[0])} as simulated ones.")  # fmt: skip
+            sentences.append(f"Clearest: {_against_simulated(flagged[0])}.")
         if findings.result.get("unknown", False):
             sentences.append("None of the effects considered explains all of it.")
         return {"heading": f"Model and {word} disagree", "sentences": sentences}
@@ -233,8 +232,8 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
             "heading": f"Model and {word} agree",
             "sentences": [
                 f"All {len(locator.cells_)} numbers compared agree within {_margin_db():g} dB, or within "
-                f"{_margin_spreads():g} of the spread of one recording where they are no levels. Nothing is "
-                "missing that these recordings could show."
+                f"{_margin_spreads():g} standard deviations of one recording where they are no levels. "
+                "Nothing is missing that these recordings could show."
             ],
         }
     energy = locator.p_global_.get("energy distance", 1.0)
@@ -328,6 +327,11 @@ def _where(locator: GapLocator, flagged: Sequence[Row]) -> str:
 def _flagged(locator: GapLocator) -> list[Row]:
     """Rows that differ, the clearest first."""
     return sorted((row for row in _single(locator) if row.p <= locator.alpha), key=lambda row: -clarity(row))
+
+
+def _against_simulated(row: Row) -> str:
+    """The difference as a whole: ``third octave at 400 Hz: 6.0 dB less than simulated``."""
+    return f"{in_words(row)} {'than' if row.of == 'mean' else 'as'} simulated"
 
 
 def _plain_row(row: Row) -> dict[str, str]:
@@ -621,19 +625,22 @@ def _remaining(findings: GapFindings, label: str) -> dict[str, Any] | None:
         text = "Not looked at: the recordings were not compared with the corrected simulator."
         return {"sentences": [text], "rows": [], "picture": None}
     flagged = _flagged(after)
-    n = len(_single(after))
+    n = len(after.cells_)
     if flagged:
+        # A number may differ both in its mean and in how much it varies.
+        n_differ = len({(row.cell.family, row.cell.name) for row in flagged})
         rest = "clearest first" if len(flagged) <= _N_REMAINING else f"the {_N_REMAINING} clearest"
-        verb = "differs" if len(flagged) == 1 else "differ"
-        sentences = [f"With the correction, {len(flagged)} of {n} numbers still {verb}; {rest}:"]
+        verb = "differs, in its" if n_differ == 1 else "differ, in their"
+        sentences = [
+            f"With the correction, {n_differ} of {n} numbers still {verb} mean or in how much "
+            f"recordings vary from one to the next; {rest}:"
+        ]
     else:
         sentences = [
-            f"With the correction, none of {n} numbers differs more than chance explains. {_unnoticed(after)}"
+            f"With the correction, none of {n} numbers differs more than chance explains, neither in its "
+            f"mean nor in how much recordings vary from one to the next. {_unnoticed(after)}"
         ]
-    rows = [
-        f"{in_words(row)} {'than simulated' if row.of == 'mean' else 'as simulated ones'}"
-        for row in flagged[:_N_REMAINING]
-    ]
+    rows = [_against_simulated(row) for row in flagged[:_N_REMAINING]]
     before = findings.locator
     drawn = None
     if _means(before, "spectrum") and _means(after, "spectrum"):
@@ -658,7 +665,7 @@ def _picture(display: GapDisplay, kind: Any, phase: str = "lobe") -> dict[str, A
     from cyclofeat.report._figures import picture
 
     texts = {
-        "families": "Clearest difference of each group of numbers, in spreads of one recording",
+        "families": "Clearest difference of each group of numbers, in standard deviations of one recording",
         "spectrum": "Levels in third octaves and their differences; bands that differ are shaded",
         "orders": "Differences of the lines of lobes and input shaft, by order",
         "phase": "Torque folded over turns, recordings against model, and the difference",
@@ -669,9 +676,10 @@ def _picture(display: GapDisplay, kind: Any, phase: str = "lobe") -> dict[str, A
 def _pictures(display: GapDisplay, word: str) -> list[dict[str, Any]]:
     chosen = (
         ("spectrum", "lobe", "Spectrum in third octaves",
-         f"Above: mean level of {word} and model; the bands show how far single recordings spread. Below: "
-         "the difference, with a range that holds for all bands at once. Shaded: bands that differ. A "
-         "range may miss zero without a mark: marks allow for the other groups of numbers, too."),
+         f"Above: mean level of {word} and model; the bands are one standard deviation of single "
+         "recordings wide. Below: the difference, with a range that holds for all bands at once. Shaded: "
+         "bands that differ. A range may miss zero without a mark: marks allow for the other groups of "
+         "numbers, too."),
         ("orders", "lobe", "Lines of lobes and input shaft",
          "Every line above its surroundings, compared with the model's. Zero is agreement; filled and "
          "orange: differs. The ranges hold for all lines of a kind at once; what is marked also "
@@ -716,8 +724,9 @@ def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
             f"Each recording is summarised by {len(locator.cells_)} numbers, and so are "
             f"{len(locator.simulated_)} recordings of the model, in which everything varies that may vary "
             "without being a missing effect (start angle, wear's place, speed, load, pins). Compared are the "
-            "means, and whether recordings spread more. What follows a recording's own speed and mean torque "
-            f"counts as explained, as far as both vary in the model. {_of_assemblies(locator)}",
+            "means, and whether recordings vary more from one to the next than simulated ones. What follows "
+            "a recording's own speed and mean torque counts as explained, as far as both vary in the model. "
+            f"{_of_assemblies(locator)}",
         ),
         (
             "p",
@@ -728,8 +737,9 @@ def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
         ),
         (
             "Agreement",
-            f"Shown only if every range lies within {_margin_db():g} dB, or {_margin_spreads():g} of one "
-            "recording's spread. Where neither difference nor agreement is shown, the answer is open.",
+            f"Shown only if every range lies within {_margin_db():g} dB, or {_margin_spreads():g} standard "
+            "deviations of one recording. Where neither difference nor agreement is shown, the answer is "
+            "open.",
         ),
     ]
     others = ", ".join(f"{name} {p_words(p)}" for name, p in getattr(locator, "p_global_", {}).items())
@@ -756,8 +766,8 @@ def _method(findings: GapFindings, disagree: bool) -> list[tuple[str, str]]:
         found.append((
             "Gap closed",
             "1 - (after - floor) / (before - floor), with distances between recordings held out and "
-            "simulator, in spreads of one recording; floor: distance of one half of the recordings from "
-            "the other. The range comes from drawing recordings anew.",
+            "simulator, in standard deviations of one recording; floor: distance of one half of the "
+            "recordings from the other. The range comes from drawing recordings anew.",
         ))  # fmt: skip
     return found
 

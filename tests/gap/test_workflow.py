@@ -236,7 +236,7 @@ def test_good_recordings_are_not_doubted() -> None:
     ("X", "options", "words"),
     [
         (RIPPLE, {"y": range(8)}, "one recording per class: exact tests .* cannot reject"),
-        (RIPPLE[:3], {}, "3 recordings: how far recordings spread is hardly known"),
+        (RIPPLE[:3], {}, "3 recordings: how much they vary from one to the next is hardly known"),
         (RIPPLE, {"groups": [0, 0, 0, 0, 1, 1, 1, 1]}, "2 recordings: .*one recording per class"),
         (RIPPLE, {"y": None}, "counts of worn lobes are not known"),
         (RIPPLE, {"angle": None}, "no tachometer: an error of the speed and one of the converter's clock"),
