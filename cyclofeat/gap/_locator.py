@@ -21,7 +21,7 @@ from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
 from cyclofeat.gap._null import Bank, NuisancePrior, summarised_bank
 from cyclofeat.gap._phase import PhaseMap, phase_maps
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
-from cyclofeat.gap._summaries import FAMILIES, Cell, summarise_all
+from cyclofeat.gap._summaries import FAMILIES, Cell, left_out, summarise_all
 from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Rig
 
@@ -134,6 +134,8 @@ class GapLocator(BaseEstimator):
     alike_ : ndarray, shape (n_cells,)
         Share of each cell's variance that recordings of one assembly have in common.
     cells_ : list of Cell
+    left_out_ : list of str
+        Lines and bands that are not compared: the rate does not hold them, or nothing lies between them.
     measured_, simulated_ : ndarray, shape (n_recordings, n_cells) and (n_bank, n_cells)
         Summaries, one row per recording.
     n_features_in_ : int
@@ -265,6 +267,7 @@ class GapLocator(BaseEstimator):
             nuisance, wanted, self.n_bank, windows.shape[1], with_tachometer
         )
         values, self.cells_ = summarise_all(windows, self.sampling_rate, self.input_speed_hz, n_lobes, speeds)
+        self.left_out_ = left_out(self.cells_, self.sampling_rate, n_lobes)
         self.measured_ = per_recording(values, of_window)
         self.counts_ = counts
         simulated = self.centred(self.simulated_, self.bank_.counts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,7 +99,9 @@ def summarise(
     skewness, excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter
     lower); third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over
     the floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
-    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by.
+    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by. There
+    are no cells of lines that the sampling rate does not hold up to 3 % above the nominal speed, of lines
+    beside which few lobes leave no floor, and of third octaves that fall between two bins of the spectrum.
     Levels are in dB of Nm^2. White noise of 1 mNm rms is part of every level and moment, as its expected
     value: less than that is no difference on any torque meter (an assumption).
     """
@@ -205,9 +208,45 @@ def _bands(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     for band in range(_LOWEST_BAND, last + 1):
         low, high = 10 ** ((band - 0.5) / 10), 10 ** ((band + 0.5) / 10)
         inside = (frequencies >= low) & (frequencies < high)
+        if not inside.any():  # the windows are shorter than the band can be told in
+            continue
         columns.append(level(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
-        cells.append(Cell("spectrum", f"third octave at {10 ** (band / 10):.3g} Hz", "dB", low, high))
+        cells.append(Cell("spectrum", _band_name(band), "dB", low, high))
     return np.column_stack(columns), cells
+
+
+def left_out(cells: list[Cell], sampling_rate: float, n_lobes: int) -> list[str]:
+    """What a comparison by these cells lacks of its lines and bands, in words; nothing at usual rates."""
+    names = {cell.name for cell in cells}
+    last_band = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
+    lobe_lines = {line: _lobe_line_name(line, n_lobes) for line in range(1, _LOBE_LINES + 1)}
+    # Where a multiple of the input's speed is a line of the lobes, it is compared as that.
+    shaft_lines = {
+        turn: _shaft_line_name(turn) for turn in range(1, _SHAFT_LINES + 1) if turn * n_lobes % (n_lobes + 1)
+    }
+    bands = {10 ** (band / 10): _band_name(band) for band in range(_LOWEST_BAND, last_band + 1)}
+    found = []
+    for word, unit, all_of_them in (
+        ("lobe lines", "", lobe_lines), ("input orders", "", shaft_lines), ("third octaves at", " Hz", bands),
+    ):  # fmt: skip
+        runs = itertools.groupby(all_of_them.items(), key=lambda item: item[1] in names)
+        lacking = [[f"{number:.3g}" for number, _ in run] for there, run in runs if not there]
+        if lacking:
+            ends = [" to ".join(dict.fromkeys((run[0], run[-1]))) for run in lacking]
+            found.append(f"{word} {', '.join(ends)}{unit}")
+    return found
+
+
+def _lobe_line_name(line: int, n_lobes: int) -> str:
+    return f"lobe line {line} (order {line * (n_lobes + 1) / n_lobes:.3g})"
+
+
+def _shaft_line_name(turn: int) -> str:
+    return f"input order {turn}"
+
+
+def _band_name(band: int) -> str:
+    return f"third octave at {10 ** (band / 10):.3g} Hz"
 
 
 def _white(sampling_rate: float) -> float:
@@ -223,7 +262,9 @@ def _orders(
     Every window is cut to one output turn of its own speed, or is a little shorter, and transformed at the
     exact multiples of 1/n_lobes of it, with a Hann window over two such lines.
     """
-    n_bins = (n_lobes + 1) * (_LOBE_LINES + 1)
+    # What half of the rate holds at the fastest speed that is looked for: the same cells for all recordings.
+    held = int(n_lobes * sampling_rate / 2 / (nominal_hz * (1 + SPEED_TOLERANCE))) + 1
+    n_bins = min((n_lobes + 1) * (_LOBE_LINES + 1), held)
     power = np.array(
         [
             _lines_of_a_turn(x, sampling_rate, speed, n_lobes, n_bins)
@@ -238,23 +279,26 @@ def _orders(
         # Multiples of the input's own speed are lines too.
         near = near[near % n_lobes > 1]
         near = near[(n_lobes - near % n_lobes) > 1]
+        if at + per_line // 2 >= n_bins or not near.size:
+            continue
         floor = np.median(power[:, near], axis=1)
         hz, half = at / n_lobes * nominal_hz, per_line / 2 / n_lobes * nominal_hz
-        order = f"order {at / n_lobes:.3g}"
         columns.append(level(power[:, at]) - level(floor))
-        cells.append(Cell("lobe lines", f"lobe line {line} ({order})", "dB", hz - half, hz + half))
+        cells.append(Cell("lobe lines", _lobe_line_name(line, n_lobes), "dB", hz - half, hz + half))
         floors.append(level(floor))
-        floor_cells.append(Cell("floor", f"around {order}", "dB", hz - half, hz + half))
+        floor_cells.append(Cell("floor", f"around order {at / n_lobes:.3g}", "dB", hz - half, hz + half))
     for turn in range(1, _SHAFT_LINES + 1):
         at = turn * n_lobes
         if at % per_line == 0:
             continue
         near = np.r_[at - 6 : at - 2, at + 3 : at + 7]
         near = near[(near > 2) & (near % per_line > 1) & ((per_line - near % per_line) > 1)]
+        if at + 6 >= n_bins or not near.size:
+            continue
         hz, half = turn * nominal_hz, nominal_hz / 2
         columns.append(level(power[:, at]) - level(np.median(power[:, near], axis=1)))
-        cells.append(Cell("shaft lines", f"input order {turn}", "dB", hz - half, hz + half))
-    return np.column_stack([*columns, *floors]), cells + floor_cells
+        cells.append(Cell("shaft lines", _shaft_line_name(turn), "dB", hz - half, hz + half))
+    return np.array([*columns, *floors]).T.reshape(len(ripple), -1), cells + floor_cells
 
 
 def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int, n_bins: int) -> Float:
@@ -262,8 +306,9 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     n_turn = n_lobes / speed * sampling_rate
     n_cut = min(round(n_turn), x.size)
     piece = (x[:n_cut] - x[:n_cut].mean()) * signal.windows.hann(n_cut, sym=False)
-    if n_cut < round(n_turn):
-        # The window ends before the turn does: its bins lie beside the multiples.
+    if n_cut < round(n_turn) or n_bins > n_cut // 2 + 1:
+        # The window ends before the turn does: its bins lie beside the multiples. Or it turns faster than is
+        # looked for, and the last of them lie beyond half of the rate.
         lines = signal.czt(piece, n_bins, np.exp(-2j * np.pi / n_turn))
     else:
         # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.

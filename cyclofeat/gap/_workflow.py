@@ -301,6 +301,11 @@ class DiscrepancyWorkflow(BaseEstimator):
         self._begin()
         self._say("comparing measurement and model")
         self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)
+        if self.locator_.left_out_:
+            self.warnings_.append(
+                f"not compared, as this rate or gearbox leaves nothing to tell them by: "
+                f"{'; '.join(self.locator_.left_out_)}"
+            )
         if self.locator_.bank_.n_failed:
             self.warnings_.append(f"{self.locator_.bank_.n_failed} simulations of the model itself failed")
         if self.locator_.verdict_ == "disagree":

@@ -1,0 +1,78 @@
+"""Cells that a rate or a gearbox does not hold are left out of all recordings alike, and named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cyclofeat.gap import GapLocator, summarise
+from cyclofeat.gap._summaries import left_out
+
+SPEED = 500 / 60
+
+
+def windows(
+    rate: float, n_lobes: int = 15, turns: float = 1.0, n: int = 3, speed: float = SPEED
+) -> np.ndarray:
+    random = np.random.default_rng(0)
+    time = np.arange(int(np.ceil(turns * n_lobes / SPEED * rate))) / rate
+    return 22 + random.normal(0, 0.1, (n, time.size)) + np.cos(2 * np.pi * (n_lobes + 1) * speed * time)
+
+
+@pytest.mark.parametrize("rate", [320.0, 600.0, 800.0, 863.0])
+@pytest.mark.parametrize("turns", [0.995, 1.0, 2.3])
+def test_lines_beyond_half_of_the_rate_are_left_out(rate: float, turns: float) -> None:
+    values, cells = summarise(windows(rate, turns=turns), rate, SPEED)
+    assert values.shape == (3, len(cells))
+    assert np.isfinite(values).all()
+    # At 3 % above the nominal speed the last line and its floor still lie below half of the rate.
+    lines = [cell for cell in cells if cell.family in ("lobe lines", "shaft lines", "floor")]
+    assert max(cell.high_hz for cell in lines) * 1.03 < rate / 2
+    held = {cell.name for cell in lines}
+    n_held = sum(name.startswith("lobe line") for name in held)
+    assert 8 < n_held < 48
+    assert left_out(cells, rate, 15)[0] == f"lobe lines {n_held + 1} to 48"
+
+
+def test_the_cells_do_not_depend_on_the_recording_s_speed() -> None:
+    for rate in (800.0, 880.0, 895.0):
+        slow, fast = (
+            summarise(windows(rate, speed=SPEED * factor), rate, SPEED) for factor in (0.971, 1.029)
+        )
+        assert slow[1] == fast[1]
+        tachometer = np.full(3, 1.1 * SPEED)
+        values, cells = summarise(windows(rate), rate, SPEED, speeds=tachometer)
+        assert [cell for cell in cells if cell.family != "speed"] == slow[1][1:]
+        assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize(
+    ("n_lobes", "named"),
+    [(3, "lobe lines 1 to 48"), (5, "lobe lines 2 to 3, 7 to 8"), (8, "lobe lines 4, 12, 20")],
+)
+def test_lines_of_few_lobes_without_a_floor_are_left_out(n_lobes: int, named: str) -> None:
+    values, cells = summarise(windows(6400.0, n_lobes), 6400.0, SPEED, n_lobes)
+    assert np.isfinite(values).all()
+    assert any(text.startswith(named) for text in left_out(cells, 6400.0, n_lobes))
+    of_lines, of_floors = ([c for c in cells if c.family == family] for family in ("lobe lines", "floor"))
+    assert [cell.low_hz for cell in of_lines] == [cell.low_hz for cell in of_floors]
+
+
+def test_bands_between_two_bins_are_left_out() -> None:
+    """A gearbox of two lobes turns its output four times a second."""
+    values, cells = summarise(windows(6400.0, 2), 6400.0, SPEED, 2)
+    assert np.isfinite(values).all()
+    assert any(text.startswith("third octaves at 10") for text in left_out(cells, 6400.0, 2))
+
+
+def test_usual_rates_leave_nothing_out() -> None:
+    for rate in (2000.0, 6400.0, 25_600.0):
+        _, cells = summarise(windows(rate), rate, SPEED)
+        assert left_out(cells, rate, 15) == []
+        assert sum(cell.family == "lobe lines" for cell in cells) == 48
+
+
+def test_a_locator_says_what_it_leaves_out() -> None:
+    locator = GapLocator(600.0, n_bank=10, n_permutations=219).fit(windows(600.0))
+    assert locator.left_out_[0].startswith("lobe lines 3")
+    assert len(locator.cells_) == locator.measured_.shape[1] == locator.simulated_.shape[1]
