@@ -276,7 +276,7 @@ class GapLocator(BaseEstimator):
         simulated = trend.without(simulated)
         measured = trend.without(self.centred(self.measured_, counts))
         self._compare(measured, simulated)
-        self._folded = (windows, n_lobes)
+        self._folded = (windows, n_lobes, speeds)
         self._phase = None
         return self
 
@@ -297,9 +297,16 @@ class GapLocator(BaseEstimator):
         """Torque folded over the turn, made when it is first asked for."""
         check_is_fitted(self)
         if self._phase is None:
-            windows, n_lobes = self._folded
+            windows, n_lobes, speeds = self._folded
+            tachometer = None if speeds is None else (speeds, self.bank_.speeds * self.sampling_rate)
             self._phase = phase_maps(
-                windows, self.bank_.X, self.sampling_rate, self.input_speed_hz, n_lobes, self.alpha
+                windows,
+                self.bank_.X,
+                self.sampling_rate,
+                self.input_speed_hz,
+                n_lobes,
+                self.alpha,
+                tachometer,
             )
         return self._phase
 

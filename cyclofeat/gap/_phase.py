@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap._summaries import slots
+from cyclofeat.gap._summaries import SPEED_TOLERANCE, slots
 from cyclofeat.orders import estimate_input_speed
 
 Float = NDArray[np.float64]
 
 _BINS = 240
 _ROUNDS = 3  # of alignment
+# The search takes the same number of steps whatever its tolerance: over a window's turns the finer ones draw
+# a sharper picture.
+_FINE_TOLERANCE = SPEED_TOLERANCE / 2
 
 
 @dataclass(frozen=True)
@@ -54,12 +57,16 @@ def phase_maps(
     input_speed_hz: float,
     n_lobes: int,
     alpha: float,
+    tachometer: tuple[Float, Float] | None = None,
 ) -> dict[str, PhaseMap]:
-    """Maps by input turn and by lobe of windows of measured and simulated torque in Nm."""
+    """Maps by input turn and by lobe of windows of measured and simulated torque in Nm.
+
+    ``tachometer`` has the mean input speeds in Hz of both, where measured ones are known; else the mesh lines
+    tell them.
+    """
     maps = {}
-    speeds = [
-        estimate_input_speed(X, sampling_rate, input_speed_hz, comb="mesh", n_lobes=n_lobes)
-        for X in (measured, simulated)
+    speeds = tachometer or [
+        _speeds_by_mesh(X, sampling_rate, input_speed_hz, n_lobes) for X in (measured, simulated)
     ]
     for name, per_turn in (("input", 1.0), ("lobe", (n_lobes + 1) / n_lobes)):
         folded = [
@@ -82,12 +89,25 @@ def phase_maps(
     return maps
 
 
+def _speeds_by_mesh(X: NDArray[Any], sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
+    """Mean input speed of each window in Hz, as far from the nominal one as summaries look for it."""
+    near, far = (
+        estimate_input_speed(X, sampling_rate, nominal_hz, tolerance, comb="mesh", n_lobes=n_lobes)
+        for tolerance in (_FINE_TOLERANCE, SPEED_TOLERANCE)
+    )
+    return np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near)
+
+
 def _folded(X: NDArray[Any], turns_per_sample: Float) -> Float:
     """Mean of each bin of the turn, less the window's mean: (n_windows, _BINS)."""
     waves = []
     for x, step in zip(X, turns_per_sample, strict=True):
         slot = slots(x.size, float(step), _BINS)
-        waves.append(np.bincount(slot, x - x.mean(), _BINS) / np.bincount(slot, minlength=_BINS))
+        count = np.bincount(slot, minlength=_BINS)
+        there = np.flatnonzero(count)
+        mean = np.bincount(slot, x - x.mean(), _BINS)[there] / count[there]
+        # Of few samples per turn at just the speed that repeats their places, some bins get none.
+        waves.append(mean if there.size == _BINS else np.interp(np.arange(_BINS), there, mean, period=_BINS))
     return np.array(waves)
 
 
