@@ -22,6 +22,7 @@ from sklearn.utils.validation import check_array, check_is_fitted
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._fit_model import as_effects
 from cyclofeat.gap._fitter import EffectFitter
+from cyclofeat.gap._held_out import check_held_out
 from cyclofeat.gap._locator import GapLocator
 from cyclofeat.gap._null import NuisancePrior, code_of, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
@@ -292,12 +293,23 @@ class DiscrepancyWorkflow(BaseEstimator):
         Raises
         ------
         ValueError
-            As the stages raise it.
+            As the stages raise it. The shape of ``X_hold`` and what goes with it are checked before the first
+            stage; its values are read in the last one alone.
         """
         began = time.monotonic()
         data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
+        held = {"y": y_hold, "groups": groups_hold, "angle": angle_hold}
         windows = check_array(X_fit, dtype=[np.float64, np.float32], input_name="X_fit")
         self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
+        if X_hold is not None:
+            check_held_out(
+                X_hold,
+                **held,
+                with_counts=y_fit is not None,
+                sampling_rate=self.sampling_rate,
+                input_speed_hz=self.input_speed_hz,
+                n_lobes=(self.nuisance or NuisancePrior()).n_lobes(self.simulator, self.input_speed_hz),
+            )
         self._begin()
         self._say("comparing measurement and model")
         self.locator_ = self._locator(self.simulator, self.n_bank).fit(windows, **data)
@@ -312,7 +324,7 @@ class DiscrepancyWorkflow(BaseEstimator):
             self._name(windows, data)
         if self.fitter_ is not None and X_hold is not None:
             self._say("judging on recordings held out")
-            self._judge(windows, data, X_hold, {"y": y_hold, "groups": groups_hold, "angle": angle_hold})
+            self._judge(windows, data, X_hold, held)
         self.seconds_ = time.monotonic() - began
         self.result_ = self._result()
         return self

@@ -197,6 +197,67 @@ def test_other_recordings_held_out_change_nothing_but_the_last_stage(done: Done,
         assert getattr(other.fitter_, name) == getattr(first.fitter_, name), name
 
 
+class _Shaped(_Unread):
+    """Recordings that tell their size and nothing else."""
+
+    def __init__(self, *shape: int, dtype: str = "float64") -> None:
+        self.shape, self.dtype = shape, np.dtype(dtype)
+
+
+def _of_two(n: int) -> np.ndarray:
+    return np.arange(n) * np.ones((2, 1))
+
+
+TWO = _Shaped(2, N_SAMPLES)
+
+
+@pytest.mark.parametrize(
+    ("X", "options", "message"),
+    [
+        (TWO, {}, "y_fit and y_hold must be given both or neither, got y_fit without y_hold"),
+        (_Shaped(N_SAMPLES), {"y": [0, 3]}, r"X_hold must have the shape \(n_windows, n_samples\), got"),
+        (_Shaped(2, N_SAMPLES, dtype="complex64"), {"y": [0, 3]}, "X_hold must hold real numbers, got"),
+        (_Shaped(2, 2000), {"y": [0, 3]}, r"X_hold must hold windows of at least one output turn \(1.8 s\)"),
+        ([[22.0] * 10] * 2, {"y": [0, 3]}, "X_hold must hold windows of at least one output turn"),
+        (TWO, {"y": [0]}, r"y_hold must hold one count per window: shape \(2,\), got \(1,\)"),
+        (TWO, {"y": [0, np.nan]}, "y_hold must hold whole numbers .*, got 0.0, nan"),
+        (TWO, {"y": ["0", "some"]}, "y_hold must hold whole numbers .*, got '0', 'some'"),
+        (TWO, {"y": [0, 16]}, "y_hold must hold counts from 0 to the 15 lobes, got 16"),
+        (TWO, {"y": [0, 3], "groups": [0]}, "groups_hold must hold one recording per window"),
+        (TWO, {"y": [0, 3], "groups": [1, np.nan]}, "groups_hold must name the recording of"),
+        (TWO, {"y": [0, 3], "groups": [1, 1]}, "y_hold must be the same within a recording"),
+        (TWO, {"y": [0, 3], "angle": _of_two(9)}, "angle_hold must have the shape of X_hold"),
+        (
+            TWO, {"y": [0, 3], "angle": np.nan * _of_two(N_SAMPLES)},
+            "angle_hold must be finite",
+        ),
+        (TWO, {"y": [0, 3], "angle": -_of_two(N_SAMPLES)}, "angle_hold must grow over each"),
+    ],
+)  # fmt: skip
+def test_what_is_held_out_is_refused_before_anything_is_simulated(
+    X: Any, options: dict, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def simulated(*_: Any, **__: Any) -> None:
+        raise AssertionError("simulated")
+
+    monkeypatch.setattr(_null, "machine", simulated)
+    held = {f"{name}_hold": values for name, values in options.items()}
+    with pytest.raises(ValueError, match=message):
+        DiscrepancyWorkflow(RATE, **SMALL).fit(RIPPLE, X, y_fit=[0, 0, 0, 0, 3, 3, 3, 3], **held)
+
+
+@pytest.mark.usefixtures("first_stage")
+def test_the_values_held_out_are_not_read_by_the_check(recorded: Recorder, simulations: Path) -> None:
+    """Where nothing is judged, nothing of them is read, though all that goes with them is there."""
+    bank = recorded([], COUNTS, seed=103)
+    angle = 2 * np.pi * bank.speeds[:, None] * np.arange(N_SAMPLES)
+    found = DiscrepancyWorkflow(RATE, cache=simulations, **SMALL).fit(
+        bank.X, _Shaped(*bank.X.shape), y_fit=bank.counts, y_hold=bank.counts,
+        groups_hold=np.arange(len(bank.X)), angle_hold=angle,
+    )  # fmt: skip
+    assert found.report_ is None
+
+
 # Again from the cache
 
 
