@@ -247,6 +247,8 @@ class GapReport(BaseEstimator):
         Its interval of 90 %.
     undefined_ : str
         Why it is undefined; empty where it is not.
+    n_recordings_ : int
+        Held-out recordings.
     distances_ : list of DistanceRow
     comparison_ : list of ComparisonRow
         Every alternative in every condition: ``"all"`` recordings, those of counts that occur among the fit
@@ -442,6 +444,7 @@ class GapReport(BaseEstimator):
         if data.counts is not None:
             assert self.fit_counts_ is not None
             counts, seen = data.counts, np.isin(data.counts, self.fit_counts_)
+        self.n_recordings_ = len(measured)
         scored = compare(measured, counts, simulated, parts, seen, random_state=self.random_state)
         self.distances_, self.comparison_, self.beats_ = scored.distances, scored.comparison, scored.beats
         row = next(r for r in scored.comparison if (r.alternative, r.condition) == (AFTER, "all"))

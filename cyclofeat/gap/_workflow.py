@@ -37,6 +37,7 @@ Progress = Callable[[str], None]
 FORMAT = "cyclofeat gap 1"
 
 _FEW_RECORDINGS = 4
+_FEW_HELD_OUT = 10  # below which the range of the gap reduction ratio is itself uncertain
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
 _SURE = 0.98  # probability from which no other candidate is fitted
 _LIKELY = 0.7  # probability from which others are fitted only if it fits badly
@@ -591,6 +592,12 @@ class DiscrepancyWorkflow(BaseEstimator):
             **self._common(),
         )
         self.report_.fit(windows, **data).score(X_hold, **hold)
+        n = self.report_.n_recordings_
+        if n < _FEW_HELD_OUT:
+            self.warnings_.append(
+                f"only {n} recording{'' if n == 1 else 's'} held out: the share of the gap that closed is "
+                f"uncertain, and with fewer than {_FEW_HELD_OUT} its range may be too narrow"
+            )
 
     def _placebo(self, windows: NDArray[Any], data: dict[str, Any]) -> CompositeSimulator | None:
         """The most probable wrong explanation by one effect, fitted."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
-from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fit_model, _fitter, _null, _table
+from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fit_model, _fitter, _null, _table, _workflow
 from cyclofeat.gap._workflow import _doubts
 from cyclofeat.simulators import CycloidalGearbox, Gain, Hum, Offset, effect_library
 
@@ -85,6 +85,23 @@ def test_the_gap_shrinks_on_recordings_held_out(done: Done) -> None:
     assert low <= grr["all"] <= high
     assert set(grr) == {"all", "seen", "unseen", "ci"}
     assert done.workflow.result_["alternatives"]["nothing"]["all"] == pytest.approx(0.0)
+
+
+def test_few_recordings_held_out_are_warned_of(done: Done, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert done.workflow.report_.n_recordings_ == 6
+    warning = "only 6 recordings held out: the share of the gap that closed is uncertain"
+    assert sum(text.startswith(warning) for text in done.workflow.result_["warnings"]) == 1
+    workflow = DiscrepancyWorkflow(RATE, **SMALL)
+    workflow.simulator_ = None
+
+    class Scored:
+        fit = score = lambda self, *_, **__: self
+
+    for n, expected in ((1, ["only 1 recording held out"]), (9, ["only 9 recordings held out"]), (10, [])):
+        workflow.warnings_, Scored.n_recordings_ = [], n
+        monkeypatch.setattr(_workflow, "GapReport", lambda *_, **__: Scored())
+        workflow._judge(RIPPLE, {}, RIPPLE, {})
+        assert [text.partition(":")[0] for text in workflow.warnings_] == expected
 
 
 def test_the_result_is_what_the_command_prints(done: Done) -> None:
