@@ -15,10 +15,14 @@ from scipy.stats import qmc
 from cyclofeat.gap._null import NO_SUCH_RIG, SPARE, NuisancePrior, machine
 from cyclofeat.gap._recordings import registered
 from cyclofeat.gap._summaries import summarise_all
-from cyclofeat.simulators import CompositeSimulator, Effect, MachineRun, SimulationFailed, SimulationRun
+from cyclofeat.simulators import CompositeSimulator, Effect, MachineRun, SimulationFailed
 from cyclofeat.simulators.effects import EffectParameter, LogUniform, Uniform
 
 Float = NDArray[np.float64]
+# What a worker needs of a run, in the order of :func:`cyclofeat.gap._null.machine`, and what it gives back of
+# a recording: torque in Nm, and the input angle in rad at both ends.
+_Task = tuple[CompositeSimulator, NuisancePrior, int, int, float, np.random.SeedSequence]
+_Record = tuple[NDArray[np.float32], tuple[float, float]]
 
 PER_STEP = 4  # simulated recordings behind one evaluation
 _BEYOND_PRIOR = 1.0  # how far beyond the prior's ends is searched, in its own width on a fitter's scale
@@ -75,7 +79,7 @@ class FitModel:
         if not runs:
             return np.empty((0, 0))
         try:
-            return self._summarised([run.record(on_torque) for run in runs])
+            return self._summarised([_as_recorded(run, on_torque) for run in runs])
         except NO_SUCH_RIG:
             self.n_failed += len(runs)
             return np.empty((0, 0))
@@ -85,24 +89,19 @@ class FitModel:
     ) -> tuple[Float, NDArray[np.bool_], NDArray[np.int64]]:
         """One recording at each place: summaries of those that succeed, which these are, and their counts."""
         counts = matched_counts(known, self.nuisance, len(places))
-        jobs = (
-            joblib.delayed(self._recorded)(place, first + k, int(counts[k])) for k, place in enumerate(places)
+        parted = [self._parted(place) for place in places]
+        records = joblib.Parallel(n_jobs=self.n_jobs)(
+            joblib.delayed(_recorded)(
+                on_torque, *self._task(self._with(in_machine), first + k, int(counts[k]))
+            )
+            for k, (in_machine, on_torque) in enumerate(parted)
         )
-        records = joblib.Parallel(n_jobs=self.n_jobs)(jobs)
         done = np.array([record is not None for record in records])
         self.n_calls += len(places)
         self.n_failed += int(np.sum(~done))
         if np.sum(done) < len(places) / 2:
             raise SimulationFailed("the simulations at the optimum fail: the effect's size cannot be stated")
         return self._summarised([record for record in records if record is not None]), done, counts[done]
-
-    def _recorded(self, place: Float, i: int, count: int) -> SimulationRun | None:
-        in_machine, on_torque = self._parted(place)
-        run = self._run(self._with(in_machine), i, count)
-        try:
-            return None if run is None else run.record(on_torque)
-        except NO_SUCH_RIG:
-            return None
 
     def _parted(self, place: Float) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
         """Effects that the gearbox answers, and those on the torque alone."""
@@ -115,9 +114,9 @@ class FitModel:
     def _with(self, effects: tuple[Effect, ...]) -> CompositeSimulator:
         return CompositeSimulator(self.composite.base, (*self.composite.effects, *effects))
 
-    def _summarised(self, records: list[SimulationRun]) -> Float:
-        X = np.array([record.torque_out for record in records], dtype=np.float32)
-        angles = np.array([[record.input_angle[0], record.input_angle[-1]] for record in records])
+    def _summarised(self, records: list[_Record]) -> Float:
+        X = np.array([torque for torque, _ in records])
+        angles = np.array([ends for _, ends in records])
         X = registered(X, self.sampling_rate, self.input_speed_hz, self.n_lobes)
         speeds = None
         if self.by_tachometer:
@@ -134,21 +133,43 @@ class FitModel:
         runs = self._runs.setdefault(key, [])
         simulator, missing = self._with(effects), range(len(runs), n)
         made = joblib.Parallel(n_jobs=self.n_jobs)(
-            joblib.delayed(self._run)(simulator, i, int(self.counts[i % len(self.counts)])) for i in missing
+            joblib.delayed(_machine_run)(*self._task(simulator, i, int(self.counts[i % len(self.counts)])))
+            for i in missing
         )
         self.n_calls += len(missing)
         self.n_failed += sum(run is None for run in made)
         runs += made
         return runs[:n]
 
-    def _run(self, simulator: CompositeSimulator, i: int, count: int) -> MachineRun | None:
+    def _task(self, simulator: CompositeSimulator, i: int, count: int) -> _Task:
         seed = np.random.SeedSequence([self.random_state, 1], spawn_key=(i,))
-        try:
-            return machine(
-                simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed, spare=SPARE
-            )
-        except NO_SUCH_RIG:
-            return None
+        return simulator, self.nuisance, count, self.n_samples, self.sampling_rate, seed
+
+
+# Functions of the module and no methods: with a method, a worker would be sent all runs that the model keeps.
+
+
+def _machine_run(*task: *_Task) -> MachineRun | None:
+    """A run of the machine, or None where it cannot be simulated."""
+    try:
+        return machine(*task, spare=SPARE)
+    except NO_SUCH_RIG:
+        return None
+
+
+def _recorded(on_torque: tuple[Effect, ...], *task: *_Task) -> _Record | None:
+    """A run and its recording at once."""
+    run = _machine_run(*task)
+    try:
+        return None if run is None else _as_recorded(run, on_torque)
+    except NO_SUCH_RIG:
+        return None
+
+
+def _as_recorded(run: MachineRun, on_torque: tuple[Effect, ...]) -> _Record:
+    record = run.record(on_torque)
+    angle = record.input_angle
+    return record.torque_out.astype(np.float32), (float(angle[0]), float(angle[-1]))
 
 
 class FitSpace:

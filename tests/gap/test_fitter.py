@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import re
 from typing import Any
 
@@ -357,3 +358,40 @@ def test_both_halves_hold_all_counts_alike() -> None:
         of = np.array(counts)
         half = _fitter._every_other(of)
         assert sorted(of[half]) == sorted(of[~half])
+
+
+# Worker processes
+
+
+def test_workers_are_sent_no_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every job goes through a pickle and back, as to another process, and gives the same numbers."""
+    effects, counts = (Hum(0.3), ContactDampingScale(2.0)), np.array([0, 3, 0, 3])
+
+    def model() -> _fit_model.FitModel:
+        return _fit_model.FitModel(
+            composite=NuisancePrior().simulator(None), nuisance=NuisancePrior(), effects=effects,
+            counts=counts, by_count=True, n_samples=N_SAMPLES, sampling_rate=RATE, input_speed_hz=500 / 60,
+            n_lobes=15, by_tachometer=True, random_state=0, n_jobs=1,
+        )  # fmt: skip
+
+    here = model()
+    place = _fit_model.FitSpace(effects).given
+    expected = here.summaries(place, 4), *here.scattered(place[None] * np.ones((3, 1)), None, 7)
+    sizes = []
+
+    class Parallel:
+        def __init__(self, n_jobs: int) -> None:
+            assert n_jobs == 1
+
+        def __call__(self, jobs: Any) -> list[Any]:
+            sent = [pickle.dumps(job) for job in jobs]
+            sizes.extend(len(one) for one in sent)
+            return [function(*args, **options) for function, args, options in map(pickle.loads, sent)]
+
+    monkeypatch.setattr(_fit_model.joblib, "Parallel", Parallel)
+    there = model()
+    there.summaries(place, 2)
+    found = there.summaries(place, 4), *there.scattered(place[None] * np.ones((3, 1)), None, 7)
+    assert all(np.array_equal(a, b) for a, b in zip(found, expected, strict=True))
+    assert len(sizes) == 4 + 3
+    assert max(sizes) < min(5000 + min(sizes), 4 * N_SAMPLES)
