@@ -332,11 +332,23 @@ class GapLocator(BaseEstimator):
         -------
         float
             Also kept as ``null_rate_``.
+
+        Raises
+        ------
+        ValueError
+            If ``n_trials`` is no whole number from 1, or the bank leaves too few recordings to compare with.
         """
         check_is_fitted(self)
+        if isinstance(n_trials, bool) or not isinstance(n_trials, Integral) or n_trials < 1:
+            raise ValueError(f"n_trials must be a whole number from 1, got {n_trials!r}")
         random = np.random.default_rng([self.random_state, 1])
         _, values = self._compared
         n = len(self.measured_)
+        if len(values) < n + 2:
+            raise ValueError(
+                f"n_bank must be at least {n + 2} to take {n} recordings out and compare them with the rest, "
+                f"got {len(values)}"
+            )
         alarms = 0
         for _ in range(n_trials):
             order = random.permutation(len(values))

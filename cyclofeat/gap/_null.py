@@ -6,8 +6,9 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +77,13 @@ class NuisancePrior:
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
 
     def __post_init__(self) -> None:
-        counts = tuple(int(count) for count in self.defect_counts)
-        if not counts or min(counts) < 0:
+        counts = tuple(self.defect_counts) if isinstance(self.defect_counts, Iterable) else ()
+        whole = (isinstance(c, Real) and float(c).is_integer() and c >= 0 for c in counts)
+        if not counts or not all(whole):
             raise ValueError(f"defect_counts must hold whole numbers from 0, got {self.defect_counts!r}")
-        object.__setattr__(self, "defect_counts", counts)
+        object.__setattr__(self, "defect_counts", tuple(int(count) for count in counts))
+        if not self.wheels:
+            raise ValueError(f"wheels must hold at least one of (0,), (1,) and (0, 1), got {self.wheels!r}")
         for wheels in self.wheels:
             LobeDefects.worn(0, wheels=wheels)
 

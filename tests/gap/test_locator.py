@@ -329,8 +329,22 @@ def test_bad_input(locator: GapLocator, X: np.ndarray, options: dict, message: s
         locator.fit(X, **options)
 
 
+def test_bad_trials_of_false_alarms(locator: GapLocator) -> None:
+    locator.measured_, locator._compared = np.zeros((6, 1)), (np.zeros((6, 1)), np.zeros((7, 1)))
+    locator.table_ = []
+    for n_trials in (0, -3, 2.5, True, "many"):
+        with pytest.raises(ValueError, match="n_trials must be a whole number from 1, got"):
+            locator.calibrate_null(n_trials)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="n_bank must be at least 8 to take 6 recordings out .*, got 7"):
+        locator.calibrate_null(1)
+
+
 def test_bad_prior() -> None:
-    with pytest.raises(ValueError, match="defect_counts must hold whole numbers from 0"):
-        NuisancePrior(defect_counts=())
+    for counts in ((), (0, 2.5), (0, -1), (0, np.nan), ("0", "3"), 3):
+        with pytest.raises(ValueError, match="defect_counts must hold whole numbers from 0, got"):
+            NuisancePrior(defect_counts=counts)  # type: ignore[arg-type]
+    assert NuisancePrior(defect_counts=np.array([0.0, 3.0])).defect_counts == (0, 3)
+    with pytest.raises(ValueError, match=r"wheels must hold at least one of \(0,\), \(1,\) and \(0, 1\)"):
+        NuisancePrior(wheels=())
     with pytest.raises(ValueError, match=r"wheels must be \(0,\), \(1,\) or \(0, 1\)"):
         NuisancePrior(wheels=((2,),))
