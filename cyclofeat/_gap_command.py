@@ -161,16 +161,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _library(effects: str | None) -> list[str] | None:
+    from cyclofeat.gap._names import different_names
     from cyclofeat.simulators import effect_library
 
-    if effects is None:
-        return None
-    names = effects.split(",")
-    unknown = [name for name in names if name not in effect_library()]
-    if unknown or len(set(names)) < len(names):
-        known = ", ".join(effect_library())
-        raise ValueError(f"--effects must name different effects of {known}, got {effects}")
-    return names
+    return (
+        None if effects is None else list(different_names(effects.split(","), effect_library(), "--effects"))
+    )
 
 
 def _own_spread(simulator: CompositeSimulator | None) -> NuisancePrior | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Integral, Real
@@ -22,6 +22,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Wh
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._names import different_names
 from cyclofeat.gap._summary_scores import sign_flip_p
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
@@ -362,7 +363,7 @@ class LoopModel(RegressorMixin, BaseEstimator):
         ValueError
             If an effect is unknown, there is no loop, a loop is no cycle, or its torque is too large.
         """
-        names = _known(self.effects)
+        names = _in_order(self.effects, "effects") if self.effects else ()
         pairs = [_even(*_checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
         if not pairs:
             raise ValueError("loops must hold at least one loop, got none")
@@ -515,7 +516,7 @@ class LoopGap(BaseEstimator):
         """
         if not 2 <= len(transfers) <= 20:
             raise ValueError(f"transfers must be 2 to 20 pairs of loops, got {len(transfers)}")
-        library = _known(tuple(LOOP_EFFECTS) if self.library is None else self.library)
+        library = tuple(LOOP_EFFECTS) if self.library is None else _in_order(self.library, "library")
         self.models_: dict[tuple[str, ...], list[LoopModel]] = {}
         errors: dict[tuple[str, ...], Float] = {}
         for size in range(min(self.max_effects, len(library)) + 1):
@@ -631,10 +632,8 @@ def _mean_error(predict: Any, loops: Sequence[Any], n_points: int) -> float:
     return float(np.mean(errors))
 
 
-def _known(effects: Iterable[str]) -> tuple[str, ...]:
-    given = tuple(effects)
-    if any(name not in LOOP_EFFECTS for name in given) or len(set(given)) < len(given):
-        raise ValueError(f"effects must be different names of {', '.join(LOOP_EFFECTS)}, got {given!r}")
+def _in_order(effects: Sequence[str], argument: str) -> tuple[str, ...]:
+    given = different_names(effects, LOOP_EFFECTS, argument)
     return tuple(name for name in LOOP_EFFECTS if name in given)
 
 

@@ -22,6 +22,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._locator import GapLocator
+from cyclofeat.gap._names import different_names
 from cyclofeat.gap._null import NuisancePrior
 from cyclofeat.gap._table import EffectTable, make_table
 from cyclofeat.gap._whitening import uncorrelating
@@ -414,12 +415,7 @@ class EffectRanker(BaseEstimator):
     def _names(self, composite: CompositeSimulator) -> list[str]:
         known = effect_library()
         if self.library is not None:
-            unknown = [name for name in self.library if name not in known]
-            if unknown or not self.library or len(set(self.library)) < len(self.library):
-                raise ValueError(
-                    f"library must name different effects of {', '.join(known)}, got {self.library!r}"
-                )
-            return list(self.library)
+            return list(different_names(self.library, known, "library"))
         rig = composite.to_rig()
         braked = rig.has_brake or any(effect.effect_id == "brake_rotor" for effect in rig.effects)
         return [name for name in known if not (braked and name == "brake_rotor")]

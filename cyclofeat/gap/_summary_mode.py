@@ -17,6 +17,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._names import different_names
 from cyclofeat.gap._null import NuisancePrior
 from cyclofeat.gap._summary_between import DenseRigs, interpolated
 from cyclofeat.gap._summary_rigs import SET_POINT, Set, SimulatedRigs, kind_of, simulated_ones
@@ -576,10 +577,9 @@ class SummaryGap(BaseEstimator):
 
 def _names(library: Sequence[str] | None) -> Set:
     known = (*effect_library(), SET_POINT)
-    chosen = tuple(n for n in known if n not in _UNSEEN) if library is None else tuple(library)
-    unknown = [name for name in chosen if name not in known]
-    if unknown or not chosen or len(set(chosen)) < len(chosen):
-        raise ValueError(f"library must name different effects of {', '.join(known)}, got {library!r}")
+    if library is None:
+        return tuple(name for name in known if name not in _UNSEEN)
+    chosen = different_names(library, known, "library")
     return tuple(name for name in known if name in chosen)
 
 

@@ -148,7 +148,9 @@ def test_shape_of_a_parallelogram():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: LoopModel(("rust",)).fit([]), "effects must be different names of clearance"),
+        (lambda: LoopModel(("rust",)).fit([]), "effects must name different effects of clearance"),
+        (lambda: LoopGap(library=("rust",)).fit([([], [])] * 2), "library must name different effects of cl"),
+        (lambda: LoopGap(library=()).fit([([], [])] * 2), "library must name different .*, got none"),
         (lambda: LoopModel().fit([]), "at least one loop"),
         (lambda: LoopModel().fit([SimpleNamespace(torque=[1.0] * 9, deflection=[0.0] * 9)]), "through zero"),
         (lambda: LoopGap().fit([]), "2 to 20 pairs"),
