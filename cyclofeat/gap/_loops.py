@@ -23,7 +23,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
 from cyclofeat.gap._names import different_names
-from cyclofeat.gap._summary_scores import sign_flip_p
+from cyclofeat.gap._summary_scores import fewest_units, sign_flip_p
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 Float = NDArray[np.float64]
@@ -459,9 +459,14 @@ class LoopGap(BaseEstimator):
         Other subsets of as many effects that predict as well, as far as the transfers tell.
     models_ : dict from tuple of str to list of LoopModel
         The fitted models of each subset, one per transfer.
+    warnings_ : list of str
+        That transfers are too few to name an effect.
 
     Notes
     -----
+    The p over n transfers is never below 2^-n: of fewer than 5 no effect can be named at the default
+    ``alpha`` (``warnings_``).
+
     The search begins with the subset of the smallest mean error, if the transfers gain by it at ``alpha``
     against no effect at all, and takes effects out as long as what is left does not predict worse. It does
     not begin with single effects: some show only together.
@@ -516,6 +521,13 @@ class LoopGap(BaseEstimator):
         """
         if not 2 <= len(transfers) <= 20:
             raise ValueError(f"transfers must be 2 to 20 pairs of loops, got {len(transfers)}")
+        n, fewest = len(transfers), fewest_units(self.alpha)
+        self.warnings_ = []
+        if n < fewest:
+            self.warnings_.append(
+                f"{n} transfers: no effect can be named, as p over them is never below {2.0**-n:.2g} and "
+                f"alpha is {self.alpha:g}; it takes at least {fewest}"
+            )
         library = tuple(LOOP_EFFECTS) if self.library is None else _in_order(self.library, "library")
         self.models_: dict[tuple[str, ...], list[LoopModel]] = {}
         errors: dict[tuple[str, ...], Float] = {}

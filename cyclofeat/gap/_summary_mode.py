@@ -21,7 +21,14 @@ from cyclofeat.gap._names import different_names
 from cyclofeat.gap._null import NuisancePrior
 from cyclofeat.gap._summary_between import DenseRigs, interpolated
 from cyclofeat.gap._summary_rigs import SET_POINT, Set, SimulatedRigs, kind_of, simulated_ones
-from cyclofeat.gap._summary_scores import STATISTICS, crps, sign_flip_p, student_samples, to_statistics
+from cyclofeat.gap._summary_scores import (
+    STATISTICS,
+    crps,
+    fewest_units,
+    sign_flip_p,
+    student_samples,
+    to_statistics,
+)
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, effect_library
 
 Float = NDArray[np.float64]
@@ -181,6 +188,8 @@ class SummaryGap(BaseEstimator):
         The model with the effects.
     held_out_ : list of HeldOut
         Each disc predicted without it, the naming repeated without it.
+    warnings_ : list of str
+        That discs are too few to name an effect, or to do so without one of them.
     n_simulated_, n_failed_ : int
         Records simulated in this call of ``fit``, and those that could not be.
 
@@ -194,6 +203,9 @@ class SummaryGap(BaseEstimator):
     2016), in which a statistic that no effect reaches does not decide alone as it would in a likelihood. A
     disc left out is scored by the CRPS of the weighted prediction, each statistic divided by its measured
     spread over the discs.
+
+    The p over n discs is never below 2^-n: at the default ``alpha``, of fewer than 5 discs no effect can be
+    named, and ``held_out_`` takes one more (``warnings_``).
 
     The p of a step is that of the best of all candidates, hence optimistic; ``held_out_`` repeats the whole
     search without each disc and is not.
@@ -283,6 +295,7 @@ class SummaryGap(BaseEstimator):
         entropies = None if entropy is None else np.asarray(entropy, dtype=np.float64)
         if entropies is not None and (entropies.shape != (n,) or not np.isfinite(entropies).all()):
             raise ValueError(f"entropy must hold {n} finite numbers, one per disc, got {entropy!r}")
+        self.warnings_ = _too_few(n, self.alpha)
         self.library_ = _names(self.library)
         self._rigs = SimulatedRigs(
             counts,
@@ -573,6 +586,22 @@ class SummaryGap(BaseEstimator):
             nothing=float(np.median(nothing)),
             constant=float(np.mean(others)),
         )
+
+
+def _too_few(n: int, alpha: float) -> list[str]:
+    """That n discs can name nothing, or n - 1 of them."""
+    fewest = fewest_units(alpha)
+    if n < fewest:
+        return [
+            f"{n} discs: no effect can be named, as p over them is never below {2.0**-n:.2g} and alpha is "
+            f"{alpha:g}; it takes at least {fewest}, and {fewest + 1} to predict one by the others"
+        ]
+    if n == fewest:
+        return [
+            f"{n} discs: no effect can be named without one of them, so held_out_ is the simulator alone; it "
+            f"takes at least {fewest + 1} at alpha={alpha:g}"
+        ]
+    return []
 
 
 def _names(library: Sequence[str] | None) -> Set:

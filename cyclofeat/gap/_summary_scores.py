@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
@@ -46,6 +48,17 @@ def sign_flip_p(differences: ArrayLike, alternative: str = "two-sided") -> float
     if alternative == "two-sided":
         sums, observed = np.abs(sums), abs(observed)
     return float(np.mean(sums >= observed - 1e-12 * np.abs(values).sum()))
+
+
+def fewest_units(alpha: float) -> int:
+    """Fewest independent units whose one-sided :func:`sign_flip_p` can be as small as alpha.
+
+    Examples
+    --------
+    >>> fewest_units(0.05)
+    5
+    """
+    return next(n for n in itertools.count(1) if 2.0**-n <= alpha)
 
 
 def to_statistics(

@@ -130,6 +130,17 @@ def test_no_effect_is_named_where_the_model_is_right():
     assert gap.effects_ == ()
 
 
+def test_too_few_transfers_are_warned_of():
+    loop = loop_of({"torsional_compliance.stiffness": 300.0}, 5.0)
+    options = {"library": ("torsional_compliance",), "max_iter": 1, "n_points": 20}
+    few, enough = (LoopGap(**options).fit([([loop], [loop])] * n) for n in (4, 5))
+    (warning,) = few.warnings_
+    assert warning.startswith("4 transfers: no effect can be named, as p over them is never below 0.062")
+    assert few.effects_ == ()
+    assert enough.warnings_ == []
+    assert enough.effects_ == ("torsional_compliance",)
+
+
 def test_the_smoother_goes_through_what_it_saw():
     theta = {"friction.coulomb_nm": 2.0, "torsional_compliance.stiffness": 350.0}
     loop = loop_of(theta, 25.0)

@@ -220,3 +220,22 @@ def test_no_rig_is_counted_twice(key):
     theta = rigs.thetas(key)
     assert len(theta) == rigs.n_rigs(key)
     assert len(np.unique(theta, axis=0)) == len(theta)
+
+
+@pytest.mark.parametrize(
+    ("n", "named", "warning"),
+    [
+        (4, False, "4 discs: no effect can be named, as p over them is never below 0.062 and alpha is 0.05"),
+        (5, True, "5 discs: no effect can be named without one of them"),
+        (6, True, None),
+    ],
+)
+def test_too_few_discs_are_warned_of(n, named, warning):
+    made = {name: column[:n] for name, column in table_of([Offset(8.0)], seed=8).items()}
+    gap = SummaryGap(**{**SMALL, "library": ["offset"], "max_effects": 1}).fit(made)
+    assert bool(gap.steps_) == named
+    assert any(row.effects for row in gap.held_out_) == (warning is None)
+    if warning is None:
+        assert gap.warnings_ == []
+    else:
+        assert gap.warnings_[0].startswith(warning)
