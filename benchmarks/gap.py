@@ -21,7 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+from sklearn.base import BaseEstimator
 
+from benchmarks._versions import made_with
 from benchmarks.hidden_effects._cases import FIT_COUNTS, N_SAMPLES, case_names, make_case, truth
 from benchmarks.hidden_effects._score import score_folder
 from cyclofeat._files import write_whole
@@ -100,7 +102,7 @@ def run(name: str, results: Path, cache: Path, quick: bool) -> str:
     )  # fmt: skip
     hold = case.X_hold if len(case.X_hold) else None
     workflow.fit(case.X_fit, hold, y_fit=case.y_fit, y_hold=case.y_hold if hold is not None else None)
-    write_result(results, name, workflow.result_)
+    write_result(results, name, workflow.result_ | {"made_with": made_with(**design_of(workflow))})
     return name
 
 
@@ -120,8 +122,15 @@ def named(name: str, results: Path, cache: Path) -> str:
         result["tie_group"] = [ranking[0].effect_id, *alike] if alike else []
         result["unknown"] = ranker.unknown_
         result["unknown_score"] = 1 - max(ranker.conformal_p_.values())
+    result["made_with"] = made_with(names_only=True, **design_of(_workflow(cache, 1)))
     write_result(results, name, result)
     return name
+
+
+def design_of(estimator: BaseEstimator) -> dict[str, Any]:
+    """Settings that decide about a result: not the case's truth, nor where and how fast it is computed."""
+    left_out = ("oracle", "ranker", "n_jobs", "cache", "progress", "effect", "starts")
+    return {name: value for name, value in estimator.get_params(deep=False).items() if name not in left_out}
 
 
 def write_result(results: Path, name: str, result: dict[str, Any]) -> None:

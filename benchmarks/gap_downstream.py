@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._versions import made_with, told_of_versions
 from benchmarks.gap import SAMPLING_RATE, SUBSET, each_told, write_result
 from benchmarks.hidden_effects._cases import case_names, make_recordings, truth
 from cyclofeat.gap import downstream_gain
@@ -41,6 +42,7 @@ def gain(name: str, results: Path, cache: Path) -> str:
     common: dict[str, Any] = {"n_per_class": N_PER_CLASS, "cache": cache}
     plain = downstream_gain(None, None, X, y, SAMPLING_RATE, **common).accuracy
     found: dict[str, Any] = {"before": plain["before"], "after": None, "oracle": None, "share": None}
+    found["made_with"] = made_with(counts=COUNTS, n_per_class=N_PER_CLASS)
     if plain["before"] < ALL_BUT:
         true = composite(truth()[name]["effects"])
         whole = downstream_gain(
@@ -69,6 +71,7 @@ def score(results: Path) -> str:
     """The table, case by case."""
     rows = {name: one["downstream"] for name, one in done(results).items() if "downstream" in one}
     shares = [row["share"] for row in rows.values() if row["share"] is not None]
+    versions = told_of_versions(rows.values())
     error = 0.5 / np.sqrt(len(COUNTS))
     lines = [
         "# Hidden effects: what the corrected model is worth to a counter",
@@ -78,6 +81,7 @@ def score(results: Path) -> str:
         f"counts {len(COUNTS)} recordings with the hidden effect; standard error up to {error:.2f}.",
         f"Where the model as it was already teaches to count {ALL_BUT:.0%} there is no gain to share, and",
         "the others are not run.",
+        *([versions] if versions else []),
         "",
         "|  | goal | figure | cases |",
         "|---|---|---|---|",

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gap import SAMPLING_RATE, SUBSET, each_told, write_result
+from benchmarks._versions import made_with, told_of_versions
+from benchmarks.gap import SAMPLING_RATE, SUBSET, design_of, each_told, write_result
 from benchmarks.hidden_effects._cases import case_names, make_case, truth
 from cyclofeat.gap import EffectFitter
 from cyclofeat.simulators import Effect, SimulationFailed, effect_library
@@ -63,7 +64,7 @@ def fit(name: str, results: Path, cache: Path) -> str:
         }  # fmt: skip
     except SimulationFailed as failure:
         found = {"failed": str(failure)}
-    write_result(results, name, found)
+    write_result(results, name, found | {"made_with": made_with(**design_of(fitter))})
     return name
 
 
@@ -89,12 +90,16 @@ def score(results: Path) -> str:
     """The table, goal beside figure."""
     rows = list(parameters(results))
     told, cases = [row for row in rows if row["told"]], {row["case"] for row in rows}
+    versions = told_of_versions(
+        json.loads(path.read_text(encoding="utf-8")) for path in results.glob("case_*.json")
+    )
     lines = [
         "# Hidden effects: sizes and intervals",
         "",
         "Made by `python -m benchmarks.gap_fits`: the effect's name is given, its size is looked for, from",
         "places some 30 % beside the true one. "
         f"{len(cases)} of {len(chosen())} cases of one hidden effect, 8 simulated recordings each.",
+        *([versions] if versions else []),
         "",
         "|  | goal | figure | parameters |",
         "|---|---|---|---|",

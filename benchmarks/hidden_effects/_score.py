@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm, rankdata
 
+from benchmarks._versions import told_of_versions
 from benchmarks.hidden_effects._cases import STRENGTHS, tie_groups, truth
 
 _FORMAT = "cyclofeat gap 1"
@@ -232,6 +233,7 @@ def score(results: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "failures": [line for one in scored for line in _failures(one)],
         "cases": {kind: len(ones) for kind, ones in of.items()},
         "cases_in_all": dict(Counter(case["kind"] for case in known.values())),
+        "versions": told_of_versions(results.values()),
     }
 
 
@@ -541,6 +543,8 @@ def to_markdown(scored: Mapping[str, Any]) -> str:
     counted = ", ".join(f"{present.get(kind, 0)} of {n} {kind}" for kind, n in sorted(total.items()))
     present_of = f"All recordings are simulated. Results present: {counted} cases."
     lines = ["# Hidden effects: score", "", present_of, ""]
+    if scored["versions"]:
+        lines += [scored["versions"], ""]
     rows = []
     for goal in scored["goals"]:
         if goal["figure"] is None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import joblib
 import numpy as np
+import sklearn
 from numpy.typing import NDArray
 
 from cyclofeat._files import write_whole
@@ -315,6 +316,12 @@ def code_of(*here: str) -> str:
     for path in (*(folder.parent / name for name in _SUMMARISED_WITH), *(folder / name for name in here)):
         code.update(path.name.encode() + b"\0" + path.read_bytes())
     return code.hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions of all that decides about what the gap's stages find."""
+    here = sorted(path.name for path in Path(__file__).parent.glob("*.py"))
+    return made_with() | {"gap_sha256": code_of(*here), "scikit-learn": sklearn.__version__}
 
 
 def summarised_bank(

@@ -14,7 +14,6 @@ from typing import Any, ClassVar, Self
 
 import joblib
 import numpy as np
-import sklearn
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_array, check_is_fitted
@@ -24,12 +23,11 @@ from cyclofeat.gap._fit_model import as_effects
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._held_out import check_held_out
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior, code_of, make_bank
+from cyclofeat.gap._null import NuisancePrior, make_bank, versions
 from cyclofeat.gap._ranker import EffectRanker, Ranked
 from cyclofeat.gap._recordings import mixed, recordings_of
 from cyclofeat.gap._report import GapReport
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
-from cyclofeat.simulators.campaign import made_with
 
 Float = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -565,7 +563,7 @@ class DiscrepancyWorkflow(BaseEstimator):
             return fitter
         memory = joblib.Memory(Path(self.cache) / "fits", verbose=0)
         fitted: EffectFitter = memory.cache(_fit, ignore=["fitter"])(
-            fitter, _stated(fitter), _version(), windows, data
+            fitter, _stated(fitter), versions(), windows, data
         )
         return fitted
 
@@ -696,12 +694,6 @@ def _both_told(fitter: EffectFitter) -> bool:
     """Whether the recordings tell a parameter of every effect."""
     told = {name.partition(".")[0] for name, yes in fitter.identifiable_.items() if yes}
     return all(effect.effect_id in told for effect in fitter.effects_)
-
-
-def _version() -> dict[str, str]:
-    """Versions of all that decides about a fit."""
-    here = sorted(path.name for path in Path(__file__).parent.glob("*.py"))
-    return made_with() | {"gap_sha256": code_of(*here), "scikit-learn": sklearn.__version__}
 
 
 def _stated(fitter: EffectFitter) -> str:

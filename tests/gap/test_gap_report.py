@@ -10,11 +10,20 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from cyclofeat.gap import Bank, NuisancePrior, make_bank
+from cyclofeat.gap import (
+    Bank,
+    DownstreamGain,
+    GapReport,
+    NuisancePrior,
+    _downstream,
+    downstream_gain,
+    make_bank,
+)
 from cyclofeat.gap import _baselines as baselines
 from cyclofeat.gap import _distance as distance
 from cyclofeat.gap._distance import Part
-from cyclofeat.gap._report import DownstreamGain, GapReport, Simulation, _share, compare, downstream_gain
+from cyclofeat.gap._downstream import _share
+from cyclofeat.gap._report import Simulation, compare
 from cyclofeat.simulators import CompositeSimulator, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
 
 FS, N = 6400.0, 11_520
@@ -461,6 +470,8 @@ def test_bad_input(scored: GapReport, hold: Bank) -> None:
 
 # Downstream
 
+TRUTH = CompositeSimulator(BASE, TRUE)
+
 
 def test_downstream_gain(cache: Path) -> None:
     prior = NuisancePrior(defect_counts=(0, 7))
@@ -482,6 +493,29 @@ def test_downstream_gain(cache: Path) -> None:
     )
     assert np.isnan(plain.share)
     assert set(plain.accuracy) == {"before", "after"}
+
+
+def test_a_counter_is_trained_once_for_each_simulator(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+
+    class Counter:
+        classes_ = np.array([0, 7])
+
+        def fit(self, X: np.ndarray, y: np.ndarray) -> None:
+            made.append(len(X))
+
+        def predict_proba(self, X: np.ndarray) -> np.ndarray:
+            return np.tile([0.4, 0.6], (len(X), 1))
+
+    monkeypatch.setattr(_downstream, "make_lobe_counter", lambda *_, **__: Counter())
+    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
+    options = {"nuisance": NuisancePrior(defect_counts=(0, 7)), "n_per_class": 6, "cache": cache}
+    for after, oracle, n in ((BASE, None, 1), (TRUTH, TRUTH, 2), (TRUTH, BASE, 2)):
+        made.clear()
+        found = downstream_gain(BASE, after, hold.X, hold.counts, FS, oracle=oracle, **options)
+        assert len(made) == n
+        assert set(found.accuracy) == {"before", "after"} | ({"oracle"} if oracle else set())
+        assert set(found.accuracy.values()) == {0.5}
 
 
 def test_share_of_the_oracles_gain() -> None:

@@ -17,6 +17,7 @@ from scipy.signal import butter, freqz_sos, periodogram, welch
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
 
+from benchmarks import _versions  # noqa: E402
 from benchmarks.hidden_effects import _cases, _equivalence, _rig, _score  # noqa: E402
 from benchmarks.hidden_effects.__main__ import main  # noqa: E402
 from benchmarks.hidden_effects._generate import write_case  # noqa: E402
@@ -557,6 +558,28 @@ def test_goals_that_the_results_do_not_cover_are_not_measured(results: dict[str,
     page = _score.to_markdown(scored)
     assert "| right name first | >= 95 % | not measured |" in page
     assert "1 of 5 null" in page
+
+
+def test_results_of_several_versions_are_told(results: dict[str, dict[str, Any]]) -> None:
+    said = "Results do not all stem from one known version of code and settings: "
+    old = _score.to_markdown(_score.score(results))
+    assert f"{said}{len(results)} of unknown version." in old
+    for one in results.values():
+        one["made_with"] = _versions.made_with(n_draws=48)
+    assert said not in _score.to_markdown(_score.score(results))
+    results["case_00000001"]["made_with"] = _versions.made_with(n_draws=60)
+    del results["case_00000002"]["made_with"]
+    page = _score.to_markdown(_score.score(results))
+    assert f"{said}{len(results) - 2} of {_versions.made_with(n_draws=48)}, 1 of" in page
+    assert "1 of unknown version." in page
+
+
+def test_a_version_is_of_code_and_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = _versions.made_with(n_draws=48, baselines=("nothing",))
+    assert _versions.made_with(baselines=("nothing",), n_draws=48) == first
+    assert _versions.made_with(n_draws=48, baselines=()) != first
+    monkeypatch.setitem(_versions._CODE, "gap_sha256", "0")
+    assert _versions.made_with(n_draws=48, baselines=("nothing",)) != first
 
 
 def test_undefined_grr_is_left_out(results: dict[str, dict[str, Any]]) -> None:
