@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.simulators._words import short
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
 from cyclofeat.simulators.effects import BrakeRotor, Effect, _noise
 from cyclofeat.simulators.effects._library import checked_effects, effects_from_list
@@ -514,13 +515,13 @@ def _log_uniform(ends: Range, share: float) -> float:
 
 def _number(name: str, value: Any, what: str) -> float:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} must be {what}, got {_short(value)}")
+        raise TypeError(f"{name} must be {what}, got {short(value)}")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"{name} must be {what} and finite, got {_short(value)}")
+        raise ValueError(f"{name} must be {what} and finite, got {short(value)}")
     return number
 
 
@@ -535,9 +536,9 @@ def _range(name: str, value: Any, below: float) -> Range:
 def _pair(name: str, value: Any) -> Range:
     what = "a pair of numbers (low, high)"
     if not isinstance(value, (tuple, list, np.ndarray)):
-        raise TypeError(f"{name} must be {what}, got {_short(value)}")
+        raise TypeError(f"{name} must be {what}, got {short(value)}")
     if len(value) != 2:
-        raise ValueError(f"{name} must be {what}, got {len(value)} values {_short(value)}")
+        raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
     return _number(name, value[0], what), _number(name, value[1], what)
 
 
@@ -564,11 +565,6 @@ def _list_of(objects: list[dict[str, Any]]) -> str:
         return "[]"
     lines = (f"    {json.dumps(one, ensure_ascii=False, allow_nan=False)}" for one in objects)
     return "[\n" + ",\n".join(lines) + "\n  ]"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _read_json(path: str | os.PathLike[str]) -> Any:
@@ -607,8 +603,8 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     for key, value in pairs:
         if key in found:
             raise ValueError(
-                f"key {key!r} must stand only once in its object, got it with {_short(found[key])} and with "
-                f"{_short(value)}"
+                f"key {key!r} must stand only once in its object, got it with {short(found[key])} and with "
+                f"{short(value)}"
             )
         found[key] = value
     return found
@@ -619,9 +615,9 @@ def _rig_from(content: Any, kind: type[Rig]) -> Rig:
     given = dict(_object("the file", content))
     note, form = given.pop("note", ""), given.pop("format", _FORMAT)
     if not isinstance(note, str):
-        raise TypeError(f"note must be text, got {_short(note)}")
+        raise TypeError(f"note must be text, got {short(note)}")
     if form not in (_FORMAT, _FIRST_FORMAT):
-        raise ValueError(f"format must be {_FORMAT!r} or {_FIRST_FORMAT!r}, got {_short(form)}")
+        raise ValueError(f"format must be {_FORMAT!r} or {_FIRST_FORMAT!r}, got {short(form)}")
     if form == _FIRST_FORMAT and "effects" in given:
         raise ValueError(f"effects need the format {_FORMAT!r}, got {form!r}")
     _reject_unknown(given, [*known, "format", "note"], "")
@@ -643,7 +639,7 @@ def _part_from(section: str, kind: type[Any], content: Any) -> Any:
     for key, value in given.items():
         if kind is CycloidalGearbox and key in _DRAWN:
             raise ValueError(
-                f"{section}.{key} is drawn for each assembly and must be left out, got {_short(value)}: "
+                f"{section}.{key} is drawn for each assembly and must be left out, got {short(value)}: "
                 f"give {_DRAWN[key]}"
             )
     _reject_unknown(given, list(defaults), section + ".")
@@ -662,13 +658,13 @@ def _like(default: Any, name: str, value: Any) -> Any:
         return _number(name, value, "a number")
     kind, what = (int, "a whole number") if isinstance(default, int) else (str, "text")
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise TypeError(f"{name} must be {what}, got {_short(value)}")
+        raise TypeError(f"{name} must be {what}, got {short(value)}")
     return value
 
 
 def _object(name: str, content: Any) -> Mapping[str, Any]:
     if not isinstance(content, dict):
-        raise TypeError(f"{name} must hold a JSON object {{...}}, got {_short(content)}")
+        raise TypeError(f"{name} must hold a JSON object {{...}}, got {short(content)}")
     return content
 
 
@@ -677,4 +673,4 @@ def _reject_unknown(given: Mapping[str, Any], known: list[str], prefix: str) -> 
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1)
             right = f"did you mean {prefix + near[0]!r}?" if near else f"known are {', '.join(known)}"
-            raise ValueError(f"unknown key {prefix + key!r} with value {_short(value)}: {right}")
+            raise ValueError(f"unknown key {prefix + key!r} with value {short(value)}: {right}")

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.simulators._words import short
 from cyclofeat.simulators.campaign._parameters import check_name, with_values
-from cyclofeat.simulators.rig import Rig, _distinct, _number, _reject_unknown, _rig_from, _short
+from cyclofeat.simulators.rig import Rig, _distinct, _number, _reject_unknown, _rig_from
 
 if TYPE_CHECKING:
     from cyclofeat.simulators.campaign._load import CampaignData
@@ -420,11 +421,11 @@ class Campaign:
             As :meth:`from_json`.
         """
         if not isinstance(content, dict):
-            raise TypeError(f"the file must hold a JSON object {{...}}, got {_short(content)}")
+            raise TypeError(f"the file must hold a JSON object {{...}}, got {short(content)}")
         given = dict(content)
         form = given.get("format", FORMAT)
         if form != FORMAT:
-            raise ValueError(f"format must be {FORMAT!r}, got {_short(form)}")
+            raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")
         _reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS], "")
         for name in _REMARKS:
             given.pop(name, None)
@@ -466,7 +467,7 @@ def _rig(rig: Any) -> Rig:
         return rig
     if isinstance(rig, str) and rig.upper() in _PRESETS:
         return _PRESETS[rig.upper()]()
-    raise ValueError(f"rig must be one of {tuple(_PRESETS)} or a Rig, got {_short(rig)}")
+    raise ValueError(f"rig must be one of {tuple(_PRESETS)} or a Rig, got {short(rig)}")
 
 
 def _counts(counts: Any, n_lobes: int) -> tuple[int, ...]:
@@ -500,15 +501,13 @@ def _depth(depth: Any) -> float | tuple[float, float]:
 
 def _parameters(given: Any, rig: Rig) -> dict[str, Explored]:
     if not isinstance(given, Mapping):
-        raise TypeError(f'parameters must be a mapping like {{"load_torque": (15, 25)}}, got {_short(given)}')
+        raise TypeError(f'parameters must be a mapping like {{"load_torque": (15, 25)}}, got {short(given)}')
     found: dict[str, Explored] = {}
     for name, ends in given.items():
         if not isinstance(name, str):
             raise TypeError(f"parameters must be named by text, got {name!r}")
         if name == DEPTH:
-            raise ValueError(
-                f"parameters must not hold 'depth', got {_short(ends)}: give depth={_short(ends)}"
-            )
+            raise ValueError(f"parameters must not hold 'depth', got {short(ends)}: give depth={short(ends)}")
         check_name(rig, name)
         where = f"parameters[{name!r}]"
         found[name] = _explored(where, ends)
@@ -523,18 +522,18 @@ def _parameters(given: Any, rig: Rig) -> dict[str, Explored]:
 def _explored(where: str, ends: Any) -> Explored:
     what = '(low, high) or (low, high, "log")'
     if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) not in (2, 3):
-        raise ValueError(f"{where} must be {what}, got {_short(ends)}")
+        raise ValueError(f"{where} must be {what}, got {short(ends)}")
     low, high = (_number(where, end, what) for end in ends[:2])
     if len(ends) == 3 and ends[2] != "log":
-        raise ValueError(f"{where} must be {what}, got {_short(ends)}")
+        raise ValueError(f"{where} must be {what}, got {short(ends)}")
     if low > high or (len(ends) == 3 and low <= 0):
-        raise ValueError(f'{where} must be {what} with low <= high, above 0 for "log", got {_short(ends)}')
+        raise ValueError(f'{where} must be {what} with low <= high, above 0 for "log", got {short(ends)}')
     return (low, high, "log") if len(ends) == 3 else (low, high)
 
 
 def _whole(name: str, value: Any, least: int | None, most: int | None) -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name} must be a whole number, got {_short(value)}")
+        raise TypeError(f"{name} must be a whole number, got {short(value)}")
     if least is not None and value < least:
         raise ValueError(f"{name} must be at least {least}, got {value!r}")
     if most is not None and value > most:

@@ -15,6 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from cyclofeat.simulators._words import short
 from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan, json_bytes
 from cyclofeat.simulators.campaign._run import (
     INTEGER,
@@ -128,7 +129,7 @@ def differences(there: Any, here: Any, key: str = "") -> Iterator[str]:
             path = f"{key}.{name}" if key else name
             yield from differences(there.get(name), here.get(name), path)
     elif there != here:
-        yield f"{key} is {_short(there)} there and {_short(here)} here"
+        yield f"{key} is {short(there)} there and {short(here)} here"
 
 
 def write_whole(path: Path, write: Callable[[IO[bytes]], object]) -> None:
@@ -425,8 +426,3 @@ def _bytes(number: float) -> str:
             return f"{number:.3g} {unit}"
         number /= 1000
     return f"{number:.4g} TB"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

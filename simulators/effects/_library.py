@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
+from cyclofeat.simulators._words import short
 from cyclofeat.simulators.effects._base import Effect
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
 from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander
@@ -117,7 +118,7 @@ def effects_from_list(content: Any) -> tuple[Effect, ...]:
         If something is no effect. The message names its place in the list, key and value.
     """
     if not isinstance(content, list):
-        raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {_short(content)}')
+        raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {short(content)}')
     found = []
     for index, item in enumerate(content):
         where = f"effects[{index}]"
@@ -130,13 +131,13 @@ def effects_from_list(content: Any) -> tuple[Effect, ...]:
 
 def _effect_from(content: Any) -> Effect:
     if not isinstance(content, dict) or not isinstance(content.get("effect"), str):
-        raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {_short(content)}')
+        raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {short(content)}')
     name = content["effect"]
     kind = _BY_NAME.get(name)
     if kind is None:
         near = _nearest(name, _BY_NAME)
         right = f"did you mean {near!r} ({_one_line(near)})?" if near else f"known are {', '.join(_BY_NAME)}"
-        raise ValueError(f"unknown effect {_short(name)}: {right}")
+        raise ValueError(f"unknown effect {short(name)}: {right}")
     known = inspect.signature(kind.__init__).parameters
     settings = [key for key in known if key != "self"]
     values = {}
@@ -146,7 +147,7 @@ def _effect_from(content: Any) -> Effect:
         if key not in settings:
             near = _nearest(key, settings)
             right = f"did you mean {near!r}?" if near else f"known are {', '.join(settings)}"
-            raise ValueError(f"unknown key {key!r} of {name} with value {_short(value)}: {right}")
+            raise ValueError(f"unknown key {key!r} of {name} with value {short(value)}: {right}")
         parameter = kind.parameters.get(key)
         if value is None and parameter is not None and np.isinf(parameter.high):
             value = np.inf
@@ -162,8 +163,3 @@ def _nearest(name: str, known: Iterable[str]) -> str | None:
 
 def _one_line(name: str) -> str:
     return _BY_NAME[name].summary().partition(":")[0]
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
