@@ -29,6 +29,7 @@ MAPPED = {
 # Their examples simulate or fit for half a minute and more.
 LONG = {
     "cyclofeat.counting._lobes",
+    "cyclofeat.gap._downstream",
     "cyclofeat.gap._fitter",
     "cyclofeat.gap._ranker",
     "cyclofeat.gap._report",

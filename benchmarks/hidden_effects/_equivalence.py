@@ -12,7 +12,7 @@ from benchmarks.hidden_effects._cases import FIT_COUNTS, SEED
 from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
 from benchmarks.hidden_effects._rig import nuisance_and_seed, record
 from cyclofeat.gap import GapLocator, NuisancePrior, make_bank, summarise
-from cyclofeat.gap._locator import _family_p
+from cyclofeat.gap._permutation import family_p
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
 
 Float = NDArray[np.float64]
@@ -170,6 +170,6 @@ def false_alarms(n: int, n_permutations: int = 499) -> tuple[int, str]:
     random = np.random.default_rng(0)
     alarms = 0
     for k in range(n):
-        p = _family_p(measured[8 * k : 8 * k + 8], simulated, cells, n_permutations, random)
+        p = family_p(measured[8 * k : 8 * k + 8], simulated, cells, n_permutations, random)
         alarms += min(p.values()) <= locator.alpha
     return alarms, locator.verdict_

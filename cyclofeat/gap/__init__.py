@@ -18,14 +18,16 @@ name                     what it does
 =======================  ===================================================================================
 """
 
+from cyclofeat.gap._comparison import ComparisonRow, DistanceRow
 from cyclofeat.gap._downstream import DownstreamGain, downstream_gain
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._locator import GapLocator, Row
-from cyclofeat.gap._loops import LoopGap, LoopModel, LoopSmoother, loop_shape
+from cyclofeat.gap._loop_parts import loop_shape
+from cyclofeat.gap._loops import LoopGap, LoopModel, LoopSmoother
 from cyclofeat.gap._null import Bank, NuisancePrior, make_bank
 from cyclofeat.gap._phase import PhaseMap
 from cyclofeat.gap._ranker import EffectRanker, Ranked
-from cyclofeat.gap._report import ComparisonRow, DistanceRow, GapReport
+from cyclofeat.gap._report import GapReport
 from cyclofeat.gap._summaries import Cell, summarise
 from cyclofeat.gap._summary_mode import SummaryGap
 from cyclofeat.gap._table import EffectTable

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cyclofeat.gap._fit_model import PER_STEP, FitModel, FitSpace
-from cyclofeat.gap._locator import smallest_spreads
+from cyclofeat.gap._permutation import smallest_spreads
 from cyclofeat.gap._summaries import Cell
 from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import SimulationFailed

@@ -12,34 +12,35 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-from sklearn.model_selection import StratifiedKFold, cross_val_predict
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat.gap._global_tests import classifier_p, energy_p
 from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
 from cyclofeat.gap._null import Bank, NuisancePrior, summarised_bank
+from cyclofeat.gap._permutation import (
+    SPREADS,
+    TOGETHER,
+    Permuted,
+    family_p,
+    holm,
+    smallest_spreads,
+    statistics_by_family,
+)
 from cyclofeat.gap._phase import PhaseMap, phase_maps
 from cyclofeat.gap._recordings import mean_speeds, mixed, per_recording, recordings_of, registered
 from cyclofeat.gap._summaries import FAMILIES, Cell, left_out, summarise_all
-from cyclofeat.gap._whitening import uncorrelating
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Rig
 
 Float = NDArray[np.float64]
 
 _EQUIVALENT_DB = 1.5
-# Assumption: added in quadrature to a cell's spread, so that no cell is so sure of itself that a difference
-# of no consequence is found in it.
-_SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 _EQUIVALENT_SPREADS = 0.5  # of one recording's replicate noise, for cells that are no levels
 # Permutations in which the classifier is refitted; its p is no smaller than one over this.
 _REFITS = 99
 # Simulated to learn how alike recordings of one assembly are.
 _ASSEMBLIES, _PER_ASSEMBLY = 32, 4
 _N_FAMILIES = len(FAMILIES) + 2  # and spreads, and all together
-SPREADS = "spreads"
-# The differences of all cells at once, in standard errors beyond those of equal sets.
-TOGETHER = Cell("together", "all cells together", "1")
 _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
 
 
@@ -287,8 +288,8 @@ class GapLocator(BaseEstimator):
         if self._p_global is None:
             random = np.random.default_rng([self.random_state, 2])
             self._p_global = {
-                "energy distance": _energy_p(*self._compared, self.n_permutations, random),
-                "classifier": _classifier_p(*self._compared, min(self.n_permutations, _REFITS), random),
+                "energy distance": energy_p(*self._compared, self.n_permutations, random),
+                "classifier": classifier_p(*self._compared, min(self.n_permutations, _REFITS), random),
             }
         return self._p_global
 
@@ -352,7 +353,7 @@ class GapLocator(BaseEstimator):
         alarms = 0
         for _ in range(n_trials):
             order = random.permutation(len(values))
-            p = _family_p(values[order[:n]], values[order[n:]], self.cells_, self.n_permutations, random)
+            p = family_p(values[order[:n]], values[order[n:]], self.cells_, self.n_permutations, random)
             alarms += min(p.values()) <= self.alpha
         self.null_rate_ = alarms / n_trials
         return self.null_rate_
@@ -403,11 +404,11 @@ class GapLocator(BaseEstimator):
         random = np.random.default_rng([self.random_state, 0])
         smallest = smallest_spreads(self.cells_)
         wider = widening(self.alike_, len(measured))
-        statistics = _Permuted(measured, simulated, self.n_permutations, random, smallest, wider)
+        statistics = Permuted(measured, simulated, self.n_permutations, random, smallest, wider)
         n_cells = len(self.cells_)
         rows: list[tuple[str, Row]] = []
         raw: dict[str, float] = {}
-        for family, at in _families(self.cells_).items():
+        for family, at in statistics_by_family(self.cells_).items():
             adjusted = statistics.step_down(at)
             raw[family] = float(adjusted.min())
             reach = statistics.largest_quantile(at, 1 - self.alpha)
@@ -424,7 +425,7 @@ class GapLocator(BaseEstimator):
                     spread=float(statistics.spreads[k]),
                 )
                 rows.append((family, row))
-        self.family_p_ = _holm(raw)
+        self.family_p_ = holm(raw)
         across = {family: self.family_p_[family] / raw[family] for family in raw}
         self.table_ = [dataclasses.replace(row, p=min(row.p * across[family], 1.0)) for family, row in rows]
         self.verdict_ = self._verdict()
@@ -441,166 +442,3 @@ class GapLocator(BaseEstimator):
             if row.of == "mean" and row.cell is not TOGETHER
         )
         return "equivalent" if within else "unresolved"
-
-
-class _Permuted:
-    """Studentised differences, and what they are under permuted labels.
-
-    One per cell are differences of means, as many more logarithms of the ratio of spreads in dB, each over
-    its standard deviation under permuted labels; the last is that of all means together.
-    """
-
-    def __init__(
-        self,
-        measured: Float,
-        simulated: Float,
-        n: int,
-        random: np.random.Generator,
-        smallest: Float | float = 0.0,
-        wider: Float | float = 1.0,
-    ) -> None:
-        pooled = np.vstack([measured, simulated])
-        first = len(measured)
-        total, share = len(pooled), 1 / len(measured) + 1 / len(simulated)
-        deviations = pooled - pooled.mean(axis=0)
-        squares = np.sum(deviations**2, axis=0)
-        choices = np.zeros((n + 1, total))
-        choices[0, :first] = 1
-        for row in choices[1:]:
-            row[random.choice(total, first, replace=False)] = 1
-        sums = choices @ deviations
-        # mean over the chosen minus mean over the rest, the deviations adding up to zero
-        effects = sums / first + sums / (total - first)
-        between = effects**2 / share
-        variances = np.maximum(squares - between, 0.0) / (total - 2)
-        floor = np.square(smallest)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            errors = np.sqrt((variances + floor) * share)
-            t = np.where(errors > 1e-9 * np.sqrt(squares + 1e-300), effects / errors, 0.0)
-        chosen = choices @ deviations**2
-        inside = np.maximum(chosen - sums**2 / first, 0.0) / (first - 1)
-        outside = np.maximum(squares - chosen - sums**2 / (total - first), 0.0) / (total - first - 1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratios = 10 * np.log10((inside + floor) / (outside + floor))
-        ratios = np.nan_to_num(ratios, nan=0.0, posinf=0.0, neginf=0.0)
-        # A ratio of variances of few recordings leans to small values: it is taken about its median.
-        ratios = ratios - np.median(ratios[1:], axis=0)
-        deviation = np.maximum(ratios.std(axis=0), 1e-9)
-        # All means together, uncorrelated by a covariance that knows no labels: Hotelling's, shrunk.
-        scale = np.sqrt(squares / (total - 2) + floor)
-        turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
-        # Permuted sets are of many assemblies, the measured one perhaps of one.
-        t[0] /= wider
-        in_scales = effects / np.where(scale > 0, scale, 1.0)
-        in_scales[0] /= wider
-        together = np.sqrt(np.mean((in_scales @ turn) ** 2, axis=1) / share)
-        together = (together - np.median(together[1:]))[:, np.newaxis]
-        beyond = max(float(together[1:].std()), 1e-9)
-        self.effects = np.concatenate([effects[0], ratios[0], together[0]])
-        self.errors = np.concatenate([errors[0] * wider, deviation, [beyond]])
-        ratios = np.where(deviation > 1e-6, ratios / deviation, 0.0)
-        # One-sided: recordings that share speed, load or assembly spread less, and that is no disagreement.
-        self.t = np.hstack([np.abs(t), np.maximum(ratios, 0.0), np.maximum(together, 0.0) / beyond])
-        self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation, [beyond]])
-
-    def step_down(self, at: NDArray[np.intp]) -> Float:
-        """Adjusted p of the chosen cells (Westfall and Young 1993, step-down maximum)."""
-        t = self.t[:, at]
-        order = np.argsort(-t[0])
-        adjusted = np.empty(len(at))
-        largest = np.zeros(len(t))
-        # from the smallest statistic up, the maximum over it and all smaller ones
-        for k in order[::-1]:
-            largest = np.maximum(largest, t[:, k])
-            adjusted[k] = np.mean(largest >= t[0, k])
-        adjusted[order] = np.maximum.accumulate(adjusted[order])
-        return adjusted
-
-    def largest_quantile(self, at: NDArray[np.intp], share: float) -> float:
-        """Quantile of the largest statistic among the chosen cells under permuted labels."""
-        return float(np.quantile(self.t[1:, at].max(axis=1), share))
-
-
-def _families(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
-    """Statistics of each family: the cells' means, then the spreads of all, then all means together.
-
-    Spreads are a family of their own: of few recordings they have long tails, which would raise the bar for
-    the means beside them.
-    """
-    names = np.array([cell.family for cell in cells])
-    found = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}
-    return found | {
-        SPREADS: np.arange(len(cells), 2 * len(cells)),
-        TOGETHER.family: np.array([2 * len(cells)]),
-    }
-
-
-def smallest_spreads(cells: list[Cell]) -> Float:
-    """Spread of one recording that every cell has at least, shape (n_cells,)."""
-    return np.array([_SMALLEST_SPREAD[cell.unit] for cell in cells])
-
-
-def _family_p(
-    measured: Float, simulated: Float, cells: list[Cell], n: int, random: np.random.Generator
-) -> dict[str, float]:
-    statistics = _Permuted(measured, simulated, n, random, smallest_spreads(cells))
-    return _holm({family: float(statistics.step_down(at).min()) for family, at in _families(cells).items()})
-
-
-def _holm(p: dict[str, float]) -> dict[str, float]:
-    """Adjusted p across families (Holm 1979)."""
-    adjusted, largest = {}, 0.0
-    for rank, family in enumerate(sorted(p, key=lambda name: p[name])):
-        largest = max(largest, min(p[family] * (len(p) - rank), 1.0))
-        adjusted[family] = largest
-    return adjusted
-
-
-def _whitened(measured: Float, simulated: Float, n_components: int = 12) -> Float:
-    """Leading principal components of all recordings, each of unit variance: (n, n_components)."""
-    pooled = np.vstack([measured, simulated])
-    scaled = pooled - pooled.mean(axis=0)
-    scaled = scaled / np.maximum(scaled.std(axis=0), 1e-9)
-    left, size, _ = np.linalg.svd(scaled, full_matrices=False)
-    kept = min(n_components, int(np.sum(size > 1e-9 * size[0])), len(pooled) // 4 + 1)
-    return np.asarray(left[:, :kept] * np.sqrt(len(pooled)))
-
-
-def _energy_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
-    """p of the energy distance (Szekely and Rizzo 2004) under permuted labels."""
-    points = _whitened(measured, simulated)
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    first, total = len(measured), len(points)
-
-    def statistic(chosen: NDArray[np.intp]) -> float:
-        inside = np.zeros(total)
-        inside[chosen] = 1
-        outside = 1 - inside
-        m = total - first
-        return float(
-            2 * inside @ distances @ outside / (first * m)
-            - inside @ distances @ inside / first**2
-            - outside @ distances @ outside / m**2
-        )
-
-    observed = statistic(np.arange(first))
-    reached = sum(statistic(random.choice(total, first, replace=False)) >= observed for _ in range(n))
-    return (reached + 1) / (n + 1)
-
-
-def _classifier_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
-    """p of a cross-validated linear classifier's separation, refitted under each permutation."""
-    points = _whitened(measured, simulated)
-    labels: Float = np.concatenate([np.ones(len(measured)), np.zeros(len(simulated))])
-    folds = StratifiedKFold(min(5, len(measured)), shuffle=True, random_state=0)
-
-    def separation(y: Float) -> float:
-        scores = cross_val_predict(
-            LinearDiscriminantAnalysis(), points, y, cv=folds, method="decision_function"
-        )
-        inside = scores[y == 1]
-        return float(np.mean(inside[:, None] > scores[y == 0][None]))
-
-    observed = separation(labels)
-    reached = sum(separation(random.permutation(labels)) >= observed for _ in range(n))
-    return (reached + 1) / (n + 1)

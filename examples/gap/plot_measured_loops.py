@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from cyclofeat.datasets import load_jelmerv_cycloidal
-from cyclofeat.gap._loops import LoopGap, LoopModel, LoopSmoother, loop_shape
+from cyclofeat.gap import LoopGap, LoopModel, LoopSmoother, loop_shape
 
 loops = {(loop.kind, loop.design, loop.state): loop for loop in load_jelmerv_cycloidal().loops}
 DESIGNS = ("baseline", "split_pinwheel", "conic_disk")

@@ -21,9 +21,9 @@ from cyclofeat.gap import (
 )
 from cyclofeat.gap import _baselines as baselines
 from cyclofeat.gap import _distance as distance
+from cyclofeat.gap._comparison import Simulation, compare
 from cyclofeat.gap._distance import Part
 from cyclofeat.gap._downstream import _share
-from cyclofeat.gap._report import Simulation, compare
 from cyclofeat.simulators import CompositeSimulator, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
 
 FS, N = 6400.0, 11_520

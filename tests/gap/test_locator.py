@@ -11,7 +11,14 @@ from scipy import stats
 from sklearn.base import clone
 
 from cyclofeat.gap import Bank, GapLocator, NuisancePrior, make_bank, summarise
-from cyclofeat.gap._locator import SPREADS, TOGETHER, _families, _family_p, _holm, _Permuted
+from cyclofeat.gap._permutation import (
+    SPREADS,
+    TOGETHER,
+    Permuted,
+    family_p,
+    holm,
+    statistics_by_family,
+)
 from cyclofeat.gap._summaries import FAMILIES, Cell
 from cyclofeat.simulators import (
     AssemblyTolerances,
@@ -49,7 +56,7 @@ def test_maximum_of_one_cell_is_the_permutation_test_of_one_cell() -> None:
     """p of the studentised difference orders permutations as the plain difference of means does."""
     rng = np.random.default_rng(0)
     a, b = rng.normal(0.8, 1, 7), rng.normal(0, 1, 9)
-    found = _Permuted(a[:, None], b[:, None], 4999, np.random.default_rng(1)).step_down(np.array([0]))[0]
+    found = Permuted(a[:, None], b[:, None], 4999, np.random.default_rng(1)).step_down(np.array([0]))[0]
     exact = stats.permutation_test((a, b), lambda x, y: abs(x.mean() - y.mean()), n_resamples=np.inf)
     assert found == pytest.approx(exact.pvalue, abs=0.02)
 
@@ -57,7 +64,7 @@ def test_maximum_of_one_cell_is_the_permutation_test_of_one_cell() -> None:
 def test_effects_and_errors_are_those_of_the_t_test() -> None:
     rng = np.random.default_rng(2)
     a, b = rng.normal(1, 2, (6, 5)), rng.normal(0, 2, (20, 5))
-    found = _Permuted(a, b, 19, rng)
+    found = Permuted(a, b, 19, rng)
     expected = stats.ttest_ind(a, b)
     assert found.effects[:5] == pytest.approx(a.mean(axis=0) - b.mean(axis=0))
     assert found.t[0, :5] == pytest.approx(np.abs(expected.statistic))
@@ -66,7 +73,7 @@ def test_effects_and_errors_are_those_of_the_t_test() -> None:
 def test_spreads_are_ratios_about_their_median() -> None:
     rng = np.random.default_rng(6)
     a, b = rng.normal(0, 1, (6, 2)), rng.normal(0, 1, (60, 2))
-    tested = _Permuted(a, b, 1999, rng)
+    tested = Permuted(a, b, 1999, rng)
     plain = 10 * np.log10(a.var(axis=0, ddof=1) / b.var(axis=0, ddof=1))
     # Variances of 6 values lean to small ones, by 10 log10 of the F distribution's median.
     assert tested.effects[2:4] - plain == pytest.approx(-10 * np.log10(stats.f.median(5, 59)), abs=0.4)
@@ -76,7 +83,7 @@ def test_a_larger_spread_is_no_larger_mean_and_the_other_way_round() -> None:
     rng = np.random.default_rng(6)
     a, b = rng.normal(0, 1, (6, 2)), rng.normal(0, 1, (60, 2))
     a = (a - a.mean(axis=0)) * [6.0, 1.0] + [0.0, 5.0]
-    tested = _Permuted(a, b, 1999, rng)
+    tested = Permuted(a, b, 1999, rng)
     wide, far, wide_spread, far_spread = (tested.step_down(np.array([k]))[0] for k in range(4))
     assert max(far, wide_spread) < 0.005
     assert min(wide, far_spread) > 0.05
@@ -89,11 +96,11 @@ def test_together_finds_what_hides_in_single_cells() -> None:
     common[:6] -= common[:6].mean()
     values = common + 0.1 * rng.normal(size=(66, 12))
     values[:6] += 0.2 * np.resize([1, -1], 12)
-    tested = _Permuted(values[:6], values[6:], 999, rng)
+    tested = Permuted(values[:6], values[6:], 999, rng)
     assert tested.step_down(np.arange(12)).min() > 0.3
     assert tested.step_down(np.array([24]))[0] <= 0.01
     # Less than usual is no disagreement.
-    same = _Permuted(np.tile(values.mean(axis=0), (6, 1)), values[6:], 999, rng)
+    same = Permuted(np.tile(values.mean(axis=0), (6, 1)), values[6:], 999, rng)
     assert same.step_down(np.array([24]))[0] > 0.9
 
 
@@ -102,7 +109,7 @@ def test_together_holds_its_level() -> None:
     p = []
     for _ in range(300):
         values = rng.normal(size=(50, 1)) + rng.standard_t(4, size=(50, 10))
-        p.append(_Permuted(values[:6], values[6:], 99, rng).step_down(np.array([20]))[0])
+        p.append(Permuted(values[:6], values[6:], 99, rng).step_down(np.array([20]))[0])
     assert min(p) >= 1 / 100  # never 0
     for level in (0.05, 0.2):
         assert stats.binomtest(int(np.sum(np.array(p) <= level)), 300, level).pvalue > 1e-3
@@ -110,7 +117,7 @@ def test_together_holds_its_level() -> None:
 
 def test_families_hold_every_statistic_once() -> None:
     cells = [Cell(family, str(k), "dB") for k in range(2) for family in FAMILIES]
-    families = _families(cells)
+    families = statistics_by_family(cells)
     assert list(families) == [*FAMILIES, SPREADS, TOGETHER.family]
     assert sorted(np.concatenate(list(families.values()))) == list(range(2 * len(cells) + 1))
     for family, at in families.items():
@@ -124,7 +131,7 @@ def test_spreads_do_not_raise_the_bar_for_means() -> None:
     cells = [Cell(family, str(k), "dB") for k in range(3) for family in FAMILIES]
     measured, simulated = rng.normal(size=(6, len(cells))), rng.normal(size=(60, len(cells)))
     measured[:, 4] += 4.0
-    p = _family_p(measured, simulated, cells, 999, np.random.default_rng(11))
+    p = family_p(measured, simulated, cells, 999, np.random.default_rng(11))
     assert min(p, key=p.get) in (FAMILIES[4], TOGETHER.family)
     # The floor: all families are paid for, and p is never 0.
     assert p[FAMILIES[4]] == pytest.approx(len(p) / 1000)
@@ -134,7 +141,7 @@ def test_step_down_is_monotone_and_no_smaller_than_single_tests() -> None:
     rng = np.random.default_rng(3)
     a, b = rng.normal(0, 1, (5, 30)), rng.normal(0, 1, (40, 30))
     a[:, :3] += [3.0, 1.5, 1.0]
-    tested = _Permuted(a, b, 999, rng)
+    tested = Permuted(a, b, 999, rng)
     adjusted = tested.step_down(np.arange(30))
     single = np.array([tested.step_down(np.array([k]))[0] for k in range(30)])
     assert np.all(adjusted >= single)
@@ -143,8 +150,8 @@ def test_step_down_is_monotone_and_no_smaller_than_single_tests() -> None:
     assert adjusted.min() >= 1 / 1000  # never 0
 
 
-def test_holm() -> None:
-    assert _holm({"a": 0.01, "b": 0.04, "c": 0.03}) == pytest.approx({"a": 0.03, "c": 0.06, "b": 0.06})
+def testholm() -> None:
+    assert holm({"a": 0.01, "b": 0.04, "c": 0.03}) == pytest.approx({"a": 0.03, "c": 0.06, "b": 0.06})
 
 
 def test_family_wise_error_under_the_null_holds() -> None:
@@ -154,7 +161,7 @@ def test_family_wise_error_under_the_null_holds() -> None:
     for _ in range(300):
         common = rng.normal(size=(64, 1))
         values = 0.7 * common + rng.standard_t(4, size=(64, 25))
-        found += _Permuted(values[:4], values[4:], 199, rng).step_down(np.arange(25)).min() <= 0.05
+        found += Permuted(values[:4], values[4:], 199, rng).step_down(np.arange(25)).min() <= 0.05
     assert stats.binomtest(found, 300, 0.05, alternative="greater").pvalue > 1e-3
 
 

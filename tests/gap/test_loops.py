@@ -7,16 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cyclofeat.gap._loops import (
-    LOOP_EFFECTS,
-    LoopGap,
-    LoopModel,
-    LoopSmoother,
-    contact_deflection,
-    elastic_torque,
-    loop_shape,
-    relative_error,
-)
+from cyclofeat.gap._loop_parts import contact_deflection, elastic_torque, loop_shape, relative_error
+from cyclofeat.gap._loops import LOOP_EFFECTS, LoopGap, LoopModel, LoopSmoother
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 DRIVE = CycloidalGearbox.printed_14_pin()

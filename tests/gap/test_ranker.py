@@ -10,15 +10,8 @@ from short_records import N_SAMPLES, RATE, Recorder
 from sklearn.model_selection import StratifiedKFold
 
 from cyclofeat.gap import EffectRanker, EffectTable, GapLocator, NuisancePrior, _table, summarise
-from cyclofeat.gap._ranker import (
-    _SETS_PER_DRAW,
-    _sets,
-    _sharpened,
-    _temperature,
-    _ties,
-    _together,
-    _Typical,
-)
+from cyclofeat.gap._learned import _SETS_PER_DRAW, Typical, _sets, _temperature, _ties, sharpened
+from cyclofeat.gap._ranker import _together
 from cyclofeat.gap._table import _used, make_table
 from cyclofeat.simulators import (
     CycloidalGearbox,
@@ -46,7 +39,7 @@ def test_temperature_makes_votes_as_bold_as_they_are_right() -> None:
     votes = np.full((2000, 4), 0.2)
     favourite = np.where(rng.random(2000) < 0.9, labels, (labels + 1) % 4)
     votes[np.arange(2000), favourite] = 0.4
-    sharp = _sharpened(votes, _temperature(votes, labels))
+    sharp = sharpened(votes, _temperature(votes, labels))
     assert sharp.max(axis=1).mean() == pytest.approx(0.9, abs=0.02)
     assert sharp.sum(axis=1) == pytest.approx(np.ones(2000))
 
@@ -79,7 +72,7 @@ def test_typical_cases_are_rarely_refused_and_strange_ones_are() -> None:
     labels = np.repeat(np.arange(3), 60)
     features = centres[labels] + rng.normal(0, 1, (180, 30))
     folds = StratifiedKFold(5, shuffle=True, random_state=0).split(features, labels)
-    typical = _Typical(features, labels, list(folds))
+    typical = Typical(features, labels, list(folds))
     fresh = centres[0] + rng.normal(0, 1, (400, 30))
     p = typical.conformal_p(fresh)[:, 0]
     assert np.mean(p <= 0.1) == pytest.approx(0.1, abs=0.06)
