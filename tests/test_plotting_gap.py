@@ -15,7 +15,8 @@ from numpy.testing import assert_allclose
 
 from cyclofeat.gap import Cell, GapLocator, NuisancePrior, Row, make_bank
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
-from cyclofeat.plotting._gap import KINDS, cell_name, clarity, difference_words, in_words
+from cyclofeat.plotting._gap import KINDS
+from cyclofeat.plotting._gap_words import cell_name, clarity, difference_words, in_words
 from cyclofeat.report._figures import _themes
 from cyclofeat.simulators import CompositeSimulator, Hum, Rig
 

@@ -17,7 +17,8 @@ from pages import parse, words
 
 from cyclofeat.gap import GapLocator, NuisancePrior, make_bank
 from cyclofeat.report import GapFindings, summarise_gap, write_gap_report
-from cyclofeat.report._gap import _needed, _quantity, _round
+from cyclofeat.report._gap import _needed
+from cyclofeat.report._gap_numbers import quantity, rounded
 from cyclofeat.simulators import CompositeSimulator, Hum, PinErrors, Rig
 
 RATE = 6400.0
@@ -411,12 +412,12 @@ def test_recordings_that_agreement_would_take():
     ],
 )
 def test_quantities(values, unit, text):
-    assert _quantity(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+    assert quantity(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 @pytest.mark.parametrize(("value", "text"), [(7.25, "7.2"), (111.1, "110"), (12_345.0, "12000")])
 def test_rounding(value, text):
-    assert _round(value) == text
+    assert rounded(value) == text
 
 
 # -- refusals

@@ -18,7 +18,8 @@ the display itself; ``ax_`` and ``figure_`` are then there to change. Those of t
 (``pip install "cyclofeat[plot]"``). For confusion matrices take ``sklearn.metrics.ConfusionMatrixDisplay``.
 """
 
-from cyclofeat.plotting._gap import GapDisplay, GapReductionDisplay
+from cyclofeat.plotting._gap import GapDisplay
+from cyclofeat.plotting._gap_reduction import GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay
 from cyclofeat.plotting._orders import OrderDisplay
 from cyclofeat.plotting._spectrum import SpectrumDisplay

@@ -58,3 +58,14 @@ def line_column(values: object, name: str, unit: str) -> Float:
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite ({unit}), got {array[~np.isfinite(array)][0]}")
     return array
+
+
+def plain_log_ticks(ax: Axes) -> None:
+    """Ticks of a logarithmic axis as plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = ax.get_xlim()
+    wide = high / low > 1e4
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))

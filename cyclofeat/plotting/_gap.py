@@ -1,16 +1,22 @@
-"""Where recordings and simulator differ, and how far a corrected simulator closes the gap."""
+"""Where recordings and simulator differ."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.plotting._base import Float, axes_for
+from cyclofeat.plotting._base import Float, axes_for, plain_log_ticks
+from cyclofeat.plotting._gap_words import (
+    clarity,
+    difference_words,
+    family_name,
+    in_words,
+    p_words,
+    short_name,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -22,60 +28,21 @@ if TYPE_CHECKING:
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
-ReductionKind = Literal["comparison", "spectrum"]
 
 # Three roles, told apart by the colour-blind too: recordings, what is flagged, and the model in grey. The
 # colours are the first two of the cycle and that of the ticks, so that a theme may change them.
-_RECORDED, _FLAGGED, _SHADE = "C0", "C1", 0.22
+RECORDED, FLAGGED, _SHADE = "C0", "C1", 0.22
 SIZES: dict[Kind, tuple[float, float]] = {
     "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
 }  # fmt: skip
 _LEAST_SPREADS = 0.1  # left end of the overview's axis
 _OTHER_SPREAD = "varies more, or less, than simulated"
 _N_WORDS = 4  # differences that a picture tells in words
-_GRR_FLOOR = -100.0  # in percent: what is worse is drawn there and said in words
 
-_FAMILY_NAMES = {
-    "speed": "input speed",
-    "slow part": "slow fluctuation (below 4 Hz)",
-    "amplitudes": "mean, size and shape of the ripple",
-    "spectrum": "spectrum in third octaves",
-    "orders": "lines of lobes and input shaft",
-    "overall": "all together",
-    "lobe lines": "lines of the lobes",
-    "shaft lines": "lines of the input shaft",
-    "floor": "floor between the lines",
-    "averages": "averages over turns and lobes",
-    "features": "features that are counted by",
-}
-OURS = "after"  # the correction itself among the alternatives
-_ALTERNATIVES = {
-    OURS: "the named effect, added",
-    "nothing": "nothing changed",
-    "retuned": "contacts retuned only",
-    "equaliser": "equaliser and shaped noise (black box)",
-    "gaussian_process": "Gaussian process (black box)",
-    "placebo": "best wrong effect",
-    "oracle": "the true simulator",
-}
-CONDITIONS = {
-    "all": "all recordings held out",
-    "seen": "counts of worn lobes seen in the fit",
-    "unseen": "counts never seen in the fit",
-}
 _PHASES = {
     "lobe": ("passages of all lobes", "phase of the lobes' passage (1: all lobes have passed once)"),
     "input": ("input turns", "phase of the input turn (1: one turn)"),
 }
-
-
-@dataclass(frozen=True)
-class _Comparison:
-    alternative: str
-    condition: str
-    grr: float
-    low: float
-    high: float
 
 
 class GapDisplay:
@@ -299,7 +266,7 @@ class GapDisplay:
             )
             size, p = clarity(row) * least, self.family_p.get(family, row.p)
             flagged = p <= self.alpha
-            colour = _FLAGGED if flagged else rcParams["axes.edgecolor"]
+            colour = FLAGGED if flagged else rcParams["axes.edgecolor"]
             at = max(size, _LEAST_SPREADS)
             ends.append(at)
             ax.hlines(place, _LEAST_SPREADS, at, color=colour, linewidth=3 if flagged else 1.5, alpha=0.7)
@@ -324,7 +291,7 @@ class GapDisplay:
             ylim=(len(names) - 0.4, -0.75),
             xlabel=f"largest difference, {self.label} against simulated (1 = std of one recording)",
         )
-        _plain_log_ticks(ax)
+        plain_log_ticks(ax)
         right = ax.secondary_yaxis("right")
         right.set_yticks(
             range(len(names)),
@@ -340,7 +307,7 @@ class GapDisplay:
         right.spines["right"].set_visible(False)
         self._legend(
             ax, [
-                ("o", _FLAGGED, _FLAGGED, f"differs (p at most {self.alpha:g})"),
+                ("o", FLAGGED, FLAGGED, f"differs (p at most {self.alpha:g})"),
                 ("o", rcParams["axes.edgecolor"], "none", "no difference shown"),
                 ("|", rcParams["text.color"], "none", "least that would most likely (80 %) be found"),
             ], loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3,
@@ -369,7 +336,7 @@ class GapDisplay:
         for ax in (upper, lower):
             ax.set(xscale="log", xlim=(rows[0].cell.low_hz, rows[-1].cell.high_hz))
             ax.grid(axis="y", alpha=0.3, linewidth=0.6)
-        _plain_log_ticks(lower)
+        plain_log_ticks(lower)
         upper.set_ylabel("level in the third octave\n(dB re 1 Nm²)")
         lower.set(xlabel="frequency (Hz)", ylabel=f"{self.label} minus\nsimulated (dB)")
         upper.tick_params(labelbottom=False, which="both")
@@ -381,10 +348,10 @@ class GapDisplay:
 
         handles, labels = ax.get_legend_handles_labels()
         if self.flags_:
-            handles.append(Patch(color=_FLAGGED, alpha=_SHADE, linewidth=0))
+            handles.append(Patch(color=FLAGGED, alpha=_SHADE, linewidth=0))
             labels.append(f"differs (p at most {self.alpha:g})")
         if self.spread_flags_:
-            handles.append(Line2D([], [], linestyle="", marker="^", color=_FLAGGED, markerfacecolor="none"))
+            handles.append(Line2D([], [], linestyle="", marker="^", color=FLAGGED, markerfacecolor="none"))
             labels.append(_OTHER_SPREAD)
         ax.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize="small",
@@ -411,9 +378,9 @@ class GapDisplay:
                 self._differences(ax, orders[chosen], [rows[k] for k in chosen], marker, colour, collect=True)
                 marks.append((marker, colour, "none", name))
         if self.flags_:
-            marks.append(("D", _FLAGGED, _FLAGGED, f"filled: differs (p at most {self.alpha:g})"))
+            marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.alpha:g})"))
         if self.spread_flags_:
-            marks.append(("^", _FLAGGED, "none", _OTHER_SPREAD))
+            marks.append(("^", FLAGGED, "none", _OTHER_SPREAD))
         self._mark_spreads(ax, orders[self._with_other_spread(rows)])
         ax.grid(axis="y", alpha=0.3, linewidth=0.6)
         ax.set(
@@ -477,12 +444,12 @@ class GapDisplay:
             alpha=0.15,
             linewidth=0,
         )
-        ax.fill_between(x, measured - spread, measured + spread, color=_RECORDED, alpha=0.25, linewidth=0)
+        ax.fill_between(x, measured - spread, measured + spread, color=RECORDED, alpha=0.25, linewidth=0)
         ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated, with standard deviation")
-        ax.plot(x, measured, color=_RECORDED, linewidth=1.8, label=f"{self.label}, likewise")
+        ax.plot(x, measured, color=RECORDED, linewidth=1.8, label=f"{self.label}, likewise")
 
     def _shade(self, ax: Axes, low: float, high: float) -> Artist:
-        return ax.axvspan(low, high, color=_FLAGGED, alpha=_SHADE, linewidth=0, zorder=0)
+        return ax.axvspan(low, high, color=FLAGGED, alpha=_SHADE, linewidth=0, zorder=0)
 
     def _differences(
         self, ax: Axes, x: Float, rows: Sequence[Row], marker: str, colour: str, *, collect: bool = False
@@ -490,7 +457,7 @@ class GapDisplay:
         """Differences with their intervals: hollow, or filled in the colour of flags."""
         for place, row in zip(x.tolist(), rows, strict=True):
             flagged = row.p <= self.alpha
-            shown = _FLAGGED if flagged else colour
+            shown = FLAGGED if flagged else colour
             ax.vlines(place, row.low, row.high, color=shown, linewidth=1.5 if flagged else 0.8,
                       alpha=1.0 if flagged else 0.6, zorder=2)  # fmt: skip
             (dot,) = ax.plot(
@@ -504,7 +471,7 @@ class GapDisplay:
         """Triangles on the ground where recordings vary more, or less, than simulated ones."""
         for place in x.tolist():
             (mark,) = ax.plot(
-                place, 0.05, "^", color=_FLAGGED, markerfacecolor="none", transform=ax.get_xaxis_transform(),
+                place, 0.05, "^", color=FLAGGED, markerfacecolor="none", transform=ax.get_xaxis_transform(),
                 zorder=5,
             )  # fmt: skip
             self.spread_flags_.append(mark)
@@ -545,7 +512,7 @@ class GapDisplay:
                 fontsize="small",
                 zorder=6,
             )
-            ax.axvline(x[k], 0, 0.98 - 0.085 * line, color=_FLAGGED, linewidth=0.8, linestyle=":", zorder=1)
+            ax.axvline(x[k], 0, 0.98 - 0.085 * line, color=FLAGGED, linewidth=0.8, linestyle=":", zorder=1)
 
     @staticmethod
     def _legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
@@ -558,284 +525,6 @@ class GapDisplay:
         ax.legend(handles=handles, fontsize="small", frameon=False, borderaxespad=0.2, **place)
 
 
-class GapReductionDisplay:
-    """How far simulators close the gap on recordings that none of them was fitted to.
-
-    Parameters
-    ----------
-    comparison : sequence of rows
-        With attributes ``alternative``, ``condition`` (``"all"``, ``"seen"`` or ``"unseen"``), ``grr`` (share
-        of the gap that is closed; 1 closes it, below 0 it grows), ``low`` and ``high``.
-    before, after : sequence of cyclofeat.gap.Row, optional
-        Tables of the locator with the simulator before and after.
-    alpha : float, default=0.05
-        Adjusted p up to which a cell is flagged.
-    label : str, default="measured"
-        What the recordings are called.
-
-    Attributes
-    ----------
-    ax_, figure_
-        As drawn on.
-    drawn_ : list of tuple
-        ``(alternative, condition, percent)`` as drawn, of kind ``"comparison"``.
-
-    Examples
-    --------
-    >>> from types import SimpleNamespace
-    >>> rows = [
-    ...     SimpleNamespace(alternative="after", condition="all", grr=0.9, low=0.8, high=0.95),
-    ...     SimpleNamespace(alternative="retuned", condition="all", grr=0.2, low=0.1, high=0.3),
-    ... ]
-    >>> display = GapReductionDisplay(comparison=rows).plot()
-    >>> display.drawn_
-    [('after', 'all', 90.0), ('retuned', 'all', 20.0)]
-    """
-
-    ax_: Axes
-    figure_: Figure | SubFigure
-    drawn_: list[tuple[str, str, float]]
-
-    def __init__(
-        self,
-        *,
-        comparison: Sequence[Any] = (),
-        before: Sequence[Row] | None = None,
-        after: Sequence[Row] | None = None,
-        alpha: float = 0.05,
-        label: str = "measured",
-    ) -> None:
-        self.comparison = [
-            _Comparison(row.alternative, row.condition, float(row.grr), float(row.low), float(row.high))
-            for row in comparison
-        ]
-        self.before = None if before is None else _bands(before)
-        self.after = None if after is None else _bands(after)
-        self.alpha = float(alpha)
-        self.label = str(label)
-
-    @classmethod
-    def from_report(
-        cls,
-        report: Any = None,
-        kind: ReductionKind = "comparison",
-        ax: Axes | None = None,
-        *,
-        before: GapLocator | None = None,
-        after: GapLocator | None = None,
-        label: str = "measured",
-    ) -> Self:
-        """Draw a scored report, or the spectrum's differences before and after.
-
-        Parameters
-        ----------
-        report : cyclofeat.gap.GapReport, optional
-            Scored; needed for ``kind="comparison"``.
-        kind, ax
-            As in :meth:`plot`.
-        before, after : cyclofeat.gap.GapLocator, optional
-            Fitted with the simulator before and after; needed for ``kind="spectrum"``.
-        label : str, default="measured"
-            What the recordings are called.
-
-        Returns
-        -------
-        GapReductionDisplay
-        """
-        display = cls(
-            comparison=() if report is None else report.comparison_,
-            before=None if before is None else before.table_,
-            after=None if after is None else after.table_,
-            alpha=0.05 if after is None else after.alpha,
-            label=label,
-        )
-        return display.plot(kind=kind, ax=ax)
-
-    def plot(self, kind: ReductionKind = "comparison", ax: Axes | None = None) -> Self:
-        """Draw.
-
-        Parameters
-        ----------
-        kind : {"comparison", "spectrum"}, default="comparison"
-            Share of the gap that each alternative closes, with its interval; or the differences in third
-            octaves before and after.
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        ValueError
-            If there is no such kind, or nothing to draw of it.
-        """
-        if kind not in ("comparison", "spectrum"):
-            raise ValueError(f"kind must be 'comparison' or 'spectrum', got {kind!r}")
-        if kind == "comparison":
-            if not any(np.isfinite(row.grr) for row in self.comparison):
-                raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
-            n = len(dict.fromkeys(row.alternative for row in self.comparison))
-            self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
-            self._compare()
-        else:
-            if not self.before or not self.after:
-                raise ValueError("before and after must be given, with cells of family 'spectrum'")
-            self.figure_, self.ax_ = axes_for(ax, (8.0, 3.4))
-            self._spectra()
-        return self
-
-    def _compare(self) -> None:
-        from matplotlib import rcParams
-        from matplotlib.lines import Line2D
-
-        ax = self.ax_
-        rows = [row for row in self.comparison if np.isfinite(row.grr)]
-        names = list(dict.fromkeys(row.alternative for row in rows))
-        styles = {"all": ("o", "C0", 0.0), "seen": ("s", "C2", 0.22), "unseen": ("D", "C1", 0.44)}
-        conditions = [name for name in styles if any(row.condition == name for row in rows)]
-        centre = np.mean([styles[name][2] for name in conditions])
-        self.drawn_ = []
-        grey = rcParams["axes.edgecolor"]
-        for x, style in ((0, "-"), (100, ":")):
-            ax.axvline(x, color=grey, linewidth=1.2, linestyle=style, zorder=1)
-        for row in rows:
-            marker, colour, offset = styles[row.condition]
-            place = names.index(row.alternative) + offset - float(centre)
-            percent = 100 * row.grr
-            self.drawn_.append((row.alternative, row.condition, percent))
-            if percent < _GRR_FLOOR:
-                ax.plot(_GRR_FLOOR, place, "<", color=colour, markersize=7, zorder=3)
-                ax.text(_GRR_FLOOR + 4, place, f"{percent:.0f} %", va="center", fontsize="small")
-                continue
-            if np.isfinite(row.low) and np.isfinite(row.high):
-                ax.hlines(
-                    place, max(100 * row.low, _GRR_FLOOR - 5), 100 * row.high, color=colour, linewidth=2
-                )
-            ax.plot(percent, place, marker, color=colour, markersize=7, zorder=3)
-        for place in np.arange(len(names) - 1) + 0.5:
-            ax.axhline(float(place), color=grey, linewidth=0.5, alpha=0.4)
-        ax.set_yticks(range(len(names)), [alternative_name(name) for name in names])
-        ax.tick_params(axis="y", length=0)
-        least = min([-12.0, *(100 * row.low for row in rows if np.isfinite(row.low)),
-                     *(100 * row.grr for row in rows)])  # fmt: skip
-        most = max([105.0, *(100 * row.high for row in rows if np.isfinite(row.high)),
-                    *(100 * row.grr for row in rows)])  # fmt: skip
-        ax.set(
-            xlabel="share of the gap closed on recordings not used before (%)",
-            xlim=(max(least - 5, _GRR_FLOOR - 8), most + 7),
-            ylim=(len(names) - 0.5, -0.5),
-        )
-        if len(conditions) > 1:
-            handles = [
-                Line2D([], [], linestyle="", marker=styles[name][0], color=styles[name][1],
-                       label=CONDITIONS[name]) for name in conditions
-            ]  # fmt: skip
-            ax.legend(handles=handles, fontsize="small", frameon=False, ncols=len(handles),
-                      loc="lower center", bbox_to_anchor=(0.35, 1.0), borderaxespad=0.2)  # fmt: skip
-
-    def _spectra(self) -> None:
-        from matplotlib import rcParams
-
-        ax = self.ax_
-        assert self.before is not None
-        assert self.after is not None
-        grey, ink = rcParams["axes.edgecolor"], rcParams["text.color"]
-        hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in self.before])
-        spread: Float = np.array([row.spread for row in self.before])
-        ax.fill_between(hz, -spread, spread, color=ink, alpha=0.12, linewidth=0,
-                        label="standard deviation of one recording")  # fmt: skip
-        ax.axhline(0, color=grey, linewidth=1)
-        for rows, colour, style, name in (
-            (self.before, _FLAGGED, "--", "before"),
-            (self.after, _RECORDED, "-", "after"),
-        ):
-            x: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
-            effects: Float = np.array([row.effect for row in rows])
-            ax.plot(x, effects, style, color=colour, linewidth=1.6, label=f"{name} the correction")
-            flagged = np.array([row.p <= self.alpha for row in rows])
-            ax.plot(x[flagged], effects[flagged], "o", color=colour, markersize=5)
-        ax.set(
-            xscale="log", xlabel="frequency (Hz)",
-            xlim=(self.before[0].cell.low_hz, self.before[-1].cell.high_hz),
-            ylabel=f"{self.label} minus\nsimulated (dB)",
-        )  # fmt: skip
-        _plain_log_ticks(ax)
-        ax.grid(axis="y", alpha=0.3, linewidth=0.6)
-        handles, labels = ax.get_legend_handles_labels()
-        from matplotlib.lines import Line2D
-
-        handles.append(Line2D([], [], linestyle="", marker="o", markersize=5, color=ink))
-        labels.append("dot: differs")
-        ax.legend(handles, labels, fontsize="small", frameon=False, ncols=4, loc="lower left",
-                  bbox_to_anchor=(0, 1.0), borderaxespad=0.2)  # fmt: skip
-
-
-# -- words
-
-
-def family_name(family: str) -> str:
-    """What a family of cells is called to people."""
-    return _FAMILY_NAMES.get(family, family)
-
-
-def alternative_name(alternative: str) -> str:
-    """What an alternative of a report is called to people."""
-    return _ALTERNATIVES.get(alternative, alternative.replace("_", " "))
-
-
-def cell_name(cell: Cell) -> str:
-    """The cell's name as it stands alone, without powers of ten: ``third octave at 1000 Hz``."""
-    name = re.sub(r"\d(?:\.\d+)?e\+\d+", lambda found: f"{float(found[0]):.0f}", cell.name)
-    if cell.family == "floor":
-        return f"floor {name}"
-    return "mean torque" if (cell.family, name) == ("amplitudes", "mean") else name
-
-
-def short_name(cell: Cell) -> str:
-    """The cell's name as room in a picture allows."""
-    name = cell_name(cell).replace("third octave at ", "")
-    return re.sub(r"lobe line (\d+) \(order (.+)\)", r"order \2 (lobe line \1)", name)
-
-
-def difference_words(row: Row) -> str:
-    """The difference in words: ``6.0 dB less``."""
-    size = abs(row.effect)
-    if row.of == "spread":
-        return f"varies {_rounded(10 ** (row.effect / 20))} times as much from one recording to the next"
-    if row.cell.unit == "1":
-        return f"{_rounded(size)} {'lower' if row.effect < 0 else 'higher'}"
-    return f"{_rounded(size)} {row.cell.unit} {'less' if row.effect < 0 else 'more'}"
-
-
-def in_words(row: Row) -> str:
-    """Cell and difference in words: ``third octave at 400 Hz: 6.0 dB less``."""
-    return f"{cell_name(row.cell)}: {difference_words(row)}"
-
-
-def clarity(row: Row) -> float:
-    """Size of the difference over the least that would most likely have been found."""
-    return abs(row.effect) / row.detectable if row.detectable > 0 else 0.0
-
-
-def p_words(p: float) -> str:
-    """``p = 0.008``."""
-    return f"p = {p:.2g}" if p >= 0.001 else "p < 0.001"
-
-
-def _rounded(size: float) -> str:
-    if size >= 10:
-        return f"{size:.0f}"
-    return f"{size:.1f}" if size >= 1 else f"{size:.2g}"
-
-
-def _bands(table: Sequence[Row]) -> list[Row]:
-    return [row for row in table if row.cell.family == "spectrum" and row.of == "mean"]
-
-
 def _keys(cells: Sequence[Cell]) -> list[tuple[str, str]]:
     return [(cell.family, cell.name) for cell in cells]
 
@@ -845,13 +534,3 @@ def _of_length(name: str, values: ArrayLike, n: int) -> Float:
     if array.shape != (n,):
         raise ValueError(f"{name} must have one value for each of {n} rows of table, got shape {array.shape}")
     return array
-
-
-def _plain_log_ticks(ax: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    low, high = ax.get_xlim()
-    wide = high / low > 1e4
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))

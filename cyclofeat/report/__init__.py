@@ -18,7 +18,8 @@ from cyclofeat.report._animation import summarise_animation, write_animation
 from cyclofeat.report._count import CountedRecording, summarise_count, write_count_report
 from cyclofeat.report._demo import summarise_demo, write_demo_report
 from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
-from cyclofeat.report._gap import GapFindings, summarise_gap, write_gap_report
+from cyclofeat.report._gap import summarise_gap, write_gap_report
+from cyclofeat.report._gap_findings import GapFindings
 
 __all__ = [
     "CountedRecording",

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +12,7 @@ import numpy as np
 from cyclofeat import __version__
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
 from cyclofeat.plotting._base import require_matplotlib
-from cyclofeat.plotting._gap import (
-    CONDITIONS,
-    OURS,
-    alternative_name,
+from cyclofeat.plotting._gap_words import (
     cell_name,
     clarity,
     difference_words,
@@ -24,85 +20,24 @@ from cyclofeat.plotting._gap import (
     in_words,
     p_words,
 )
-from cyclofeat.report._page import number, origin, probability_text, target_of, unbroken, versions, write_page
+from cyclofeat.report._gap_findings import GapFindings
+from cyclofeat.report._gap_missing import what_is_missing
+from cyclofeat.report._gap_numbers import (
+    listed,
+    rounded,
+    signed,
+)
+from cyclofeat.report._gap_reduction import how_far_it_shrank
+from cyclofeat.report._page import number, origin, target_of, unbroken, versions, write_page
 
 if TYPE_CHECKING:
     import os
 
     from cyclofeat.gap import GapLocator, Row
-    from cyclofeat.simulators import Effect
 
-_N_CLEAREST, _N_REMAINING, _N_RANKED = 8, 6, 5
+_N_CLEAREST, _N_REMAINING = 8, 6
 _BANK_PER_RECORDING = 10  # simulated recordings for each one, when the number that is needed is estimated
 _FEW = 5  # recordings, below which exact tests hardly reject
-
-_EXPLAINED = {
-    "nothing": "the model as it was: 0 % by definition.",
-    "retuned": "stiffness and damping of the contacts set anew, no effect added. What this closes needs "
-    "no new physics.",
-    "equaliser": "a filter and shaped noise behind the model, fitted to the spectrum. It knows no cause, and "
-    "may do well where it was fitted.",
-    "gaussian_process": "a smooth curve through the difference of the spectra, added to the model's. It "
-    "knows no cause, either.",
-    "placebo": "the best of the effects that are no look-alikes, fitted with the same effort: what any added "
-    "effect closes.",
-    "oracle": "the simulator that made these recordings: as far as the gap can be closed.",
-}
-
-
-@dataclass(frozen=True)
-class GapFindings:
-    """All that the report of a gap is made from.
-
-    Parameters
-    ----------
-    result : mapping
-        What ``cyclofeat gap --json`` prints: ``verdict``, ``p``, ``effects``, ``ranking``, ``tie_group``,
-        ``unknown``, ``next_measurement``, ``warnings``; keys that are missing count as empty.
-    locator : GapLocator
-        Fitted with the simulator as it was.
-    locator_after : GapLocator, optional
-        Fitted with the corrected simulator.
-    report : GapReport, optional
-        Scored on recordings held out: ``comparison_``, ``distances_``, ``grr_``, ``grr_ci_``, ``undefined_``.
-    effects : sequence of Effect
-        The fitted effects.
-    theta : mapping from str to float
-        Fitted parameters by ``"effect_id.parameter"``, in their units.
-    theta_ci : mapping from str to tuple of float
-        Their intervals.
-    identifiable, at_bound : mapping from str to bool
-        Whether the recordings fix them, and whether they lie at an end of their range.
-    confidence : float, default=0.9
-        Of the intervals.
-    sources : sequence of str or None
-        ``Recording.source`` of each recording. Where one is ``"simulated"`` or ``"surrogate"`` the report
-        says so, and calls nothing of it measured.
-    settings : mapping
-        What the results were made from, label to value.
-    warnings : sequence of str
-        Besides those of ``result``.
-    seconds : float, optional
-        Computing time.
-    title : str, optional
-        Heading.
-    """
-
-    result: Mapping[str, Any]
-    locator: GapLocator
-    locator_after: GapLocator | None = None
-    report: Any = None
-    effects: Sequence[Effect] = ()
-    theta: Mapping[str, float] = field(default_factory=dict)
-    theta_ci: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    identifiable: Mapping[str, bool] = field(default_factory=dict)
-    at_bound: Mapping[str, bool] = field(default_factory=dict)
-    confidence: float = 0.9
-    sources: Sequence[str | None] = ()
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    warnings: Sequence[str] = ()
-    seconds: float | None = None
-    title: str = ""
 
 
 def write_gap_report(path: str | os.PathLike[str], findings: GapFindings) -> Path:
@@ -177,8 +112,8 @@ def summarise_gap(findings: GapFindings) -> dict[str, Any]:
     label, surrogate, said_of_origin = origin(findings.sources)
     display = GapDisplay.of_locator(findings.locator, label=label)
     disagree = verdict == "disagree"
-    missing = _missing(findings) if disagree else None
-    reduction = _reduction(findings) if disagree else None
+    missing = what_is_missing(findings) if disagree else None
+    reduction = how_far_it_shrank(findings) if disagree else None
     flagged = _flagged(findings.locator)
     word = "measurement" if label == "measured" else "recordings"
     return {
@@ -218,7 +153,7 @@ def _verdict(findings: GapFindings, verdict: str, word: str) -> dict[str, Any]:
     if verdict == "disagree":
         sentences = [
             f"Were the model right, chance would give a difference this clear in at most 1 of "
-            f"{_round(1 / max(p, 1e-9))} such comparisons ({unbroken(p_words(p))}, "
+            f"{rounded(1 / max(p, 1e-9))} such comparisons ({unbroken(p_words(p))}, "
             f"{number(n, 'recording')} against {len(locator.simulated_)} simulated ones)."
         ]
         flagged = _flagged(locator)
@@ -292,8 +227,8 @@ def _needed(locator: GapLocator) -> str:
     more = max(math.ceil((1 + 1 / _BANK_PER_RECORDING) / share), n + 1)
     settled = f" (the number that takes most: {last})" if last else ""
     return (
-        f"To show agreement within {_margin_db():g} dB it would take roughly {_round(more)} recordings, "
-        f"compared with {_round(_BANK_PER_RECORDING * more)} simulated ones{settled}. Any more recordings "
+        f"To show agreement within {_margin_db():g} dB it would take roughly {rounded(more)} recordings, "
+        f"compared with {rounded(_BANK_PER_RECORDING * more)} simulated ones{settled}. Any more recordings "
         "make smaller differences visible, if there are some."
     )
 
@@ -320,7 +255,7 @@ def _where(locator: GapLocator, flagged: Sequence[Row]) -> str:
     if not flagged:
         return "No group of numbers differs more than chance explains."
     families = list(dict.fromkeys(row.cell.family for row in flagged))
-    names = _listed(family_name(family) for family in families)
+    names = listed(family_name(family) for family in families)
     return f"{number(len(flagged), 'difference')} that chance does not explain, in: {names}."
 
 
@@ -340,278 +275,13 @@ def _plain_row(row: Row) -> dict[str, str]:
         found = f"{ends[0]} to {ends[1]} times"
     else:
         unit = "" if row.cell.unit == "1" else f" {row.cell.unit}"
-        found = f"{_signed(row.low)} to {_signed(row.high)}{unit}"
+        found = f"{signed(row.low)} to {signed(row.high)}{unit}"
     return {
         "what": f"{cell_name(row.cell)}",
         "difference": difference_words(row),
         "range": found,
         "p": p_words(row.p).removeprefix("p = ").removeprefix("p "),
     }
-
-
-# -- what is missing
-
-
-def _missing(findings: GapFindings) -> dict[str, Any]:
-    result = findings.result
-    # Most probable first.
-    probability = {str(row["id"]): float(row["probability"]) for row in result.get("ranking", ())}
-    tie_group = [str(name) for name in result.get("tie_group", ())]
-    accepted = [
-        _effect(findings, dict(row), tie_group if k == 0 else [], probability)
-        for k, row in enumerate(result.get("effects", ()))
-    ]
-    unknown = bool(result.get("unknown", False))
-    heading = "No effect considered explains it" if unknown else "No effect was accepted"
-    if unknown and accepted:
-        heading = "No effect considered explains the rest"
-    text = ""
-    if unknown:
-        text = (
-            "None of the effects considered does to the torque what is seen here. The probabilities below "
-            "say which come nearest, not that one of them is right. The pictures show what a new effect "
-            "would have to do."
-        )
-    elif not accepted:
-        text = "Model and recordings disagree, but none of the effects considered was found to close the gap."
-    alike = [name for name in tie_group if name not in {effect["id"] for effect in accepted}]
-    together = sum(probability.get(name, 0.0) for name in tie_group)
-    return {
-        "heading": heading,
-        "effects": accepted,
-        "unknown": text,
-        "look_alikes": [_named(findings, name) for name in alike],
-        "look_alikes_text": "These recordings cannot tell it from the following; together they have a "
-        f"probability of {probability_text(min(together, 1.0))}. What is missing may be any of them:",
-        "next_measurement": _sentence(str(result.get("next_measurement") or "")),
-        "ranking": [
-            _named(findings, name) | {"probability": share, "text": probability_text(share)}
-            for name, share in list(probability.items())[:_N_RANKED]
-        ],
-        "ranking_caption": "The most probable of the effects considered, given that something is missing"
-        + (" and that it is one of them (which is doubtful here)." if unknown else "."),
-    }
-
-
-def _effect(
-    findings: GapFindings, row: Mapping[str, Any], tie_group: Sequence[str], among: Mapping[str, float]
-) -> dict[str, Any]:
-    effect_id = str(row["id"])
-    found = _named(findings, effect_id)
-    probability = row.get("probability", among.get(effect_id))
-    short, confidence = "", ""
-    if probability is not None:
-        text = probability_text(float(probability))
-        short = f"{_likely(float(probability))}: probability {text}"
-        confidence = f"{short[0].upper()}{short[1:]}, among the effects considered."
-        if len(tie_group) > 1:
-            short += f", with {number(len(tie_group) - 1, 'look-alike')}"
-            confidence += " It has look-alikes, see below."
-    theta, interval = dict(row.get("theta", {})), dict(row.get("interval", {}))
-    prefix = f"{effect_id}."
-    for key, value in findings.theta.items():
-        if key.startswith(prefix):
-            theta[key.removeprefix(prefix)] = value
-    for key, ends in findings.theta_ci.items():
-        if key.startswith(prefix):
-            interval[key.removeprefix(prefix)] = ends
-    units = _units(findings, effect_id)
-    sizes = [
-        _size(findings, effect_id, name, float(value), interval.get(name), units.get(name, "1"))
-        for name, value in theta.items()
-    ]
-    remarks = any(size["remark"] for size in sizes)
-    return found | {"short": short, "confidence": confidence, "sizes": sizes, "remarks": remarks}
-
-
-def _size(
-    findings: GapFindings,
-    effect_id: str,
-    name: str,
-    value: float,
-    interval: Sequence[float] | None,
-    unit: str,
-) -> dict[str, str]:
-    remarks = []
-    key = f"{effect_id}.{name}"
-    if not findings.identifiable.get(key, True):
-        remarks.append("not fixed by these recordings: other values do as well")
-    if findings.at_bound.get(key, False):
-        remarks.append("at an end of what was tried: the true value may lie beyond")
-    low, high = (math.nan, math.nan) if interval is None else (float(end) for end in interval)
-    there = not (math.isnan(low) or math.isnan(high))
-    return {
-        "name": name.removesuffix("_nm").removesuffix("_hz").replace("_", " "),
-        "value": _quantity([value], unit),
-        "range": _quantity([low, high], unit) if there else "",
-        "remark": "; ".join(remarks),
-    }
-
-
-def _kinds(findings: GapFindings) -> dict[str, Any]:
-    from cyclofeat.simulators import effect_library
-
-    return {**effect_library(), **{effect.effect_id: type(effect) for effect in findings.effects}}
-
-
-def _units(findings: GapFindings, effect_id: str) -> dict[str, str]:
-    kind = _kinds(findings).get(effect_id)
-    return {} if kind is None else {name: parameter.unit for name, parameter in kind.parameters.items()}
-
-
-def _named(findings: GapFindings, effect_id: str) -> dict[str, Any]:
-    """Id, name in plain words, what it is and what tells it apart."""
-    kind = _kinds(findings).get(effect_id)
-    if kind is None:
-        return {"id": effect_id, "name": effect_id.replace("_", " "), "summary": "", "separated_by": ""}
-    summary = kind.summary()
-    name = summary.partition(":")[0].partition(",")[0].removesuffix(".")
-    return {"id": effect_id, "name": name, "summary": summary, "separated_by": kind.separated_by}
-
-
-def _likely(probability: float) -> str:
-    for least, word in ((0.95, "very likely"), (0.8, "likely"), (0.5, "more likely than not")):
-        if probability >= least:
-            return word
-    return "uncertain"
-
-
-# -- how far the gap shrank
-
-
-def _reduction(findings: GapFindings) -> dict[str, Any]:
-    report = findings.report
-    found: dict[str, Any] = {
-        "sentences": [], "rows": [], "conditions": [], "picture": None, "explained": [], "distances": [],
-        "tile": None,
-    }  # fmt: skip
-    if report is None and not findings.result.get("effects"):
-        found["sentences"] = ["Nothing was added to the model, so there is nothing to show."]
-        return found
-    if report is None:
-        found["sentences"] = [
-            "Not tested: no recordings were held out. Give some that the fit does not see, best with a count "
-            "of worn lobes that it never saw: cyclofeat gap MEASURED_DIR --hold-out DIR, or X_hold= in "
-            "Python."
-        ]
-        return found
-    grr, ends = float(report.grr_), tuple(float(end) for end in getattr(report, "grr_ci_", (math.nan,) * 2))
-    label = "Gap closed on recordings not used"
-    rows = list(report.comparison_)
-    if math.isnan(grr):
-        reason = str(getattr(report, "undefined_", "")) or "the gap on the recordings held out is too small"
-        found["sentences"] = [f"No share of the gap can be stated: {reason.removesuffix('.')}."]
-        found["tile"] = {"label": label, "value": "not defined", "text": f"{reason.removesuffix('.')}."}
-    else:
-        text = _range_text(*ends)
-        found["sentences"] = [
-            f"On recordings that nothing was fitted to, the correction {_closes(grr)} the gap"
-            + (f" (range {text})." if text else ".")
-        ]
-        found["sentences"] += _by_condition(rows)
-        found["tile"] = {"label": label, "value": _percent(grr), "text": f"range {text}" if text else ""}
-    finite = [row for row in rows if math.isfinite(row.grr)]
-    found["sentences"] += _against(finite, getattr(report, "beats_", {}))
-    found |= _comparison(rows)
-    found["distances"] = _distances(report)
-    if finite:
-        from cyclofeat.report._figures import picture
-
-        display = GapReductionDisplay(comparison=finite)
-        n = len(dict.fromkeys(row.alternative for row in finite))
-        found["picture"] = picture(
-            lambda ax, _: display.plot("comparison", ax),
-            (8.0, 1.5 + 0.55 * n),
-            "Share of the gap closed by each alternative, with its range",
-        )
-    return found
-
-
-def _by_condition(rows: Sequence[Any]) -> list[str]:
-    ours = {row.condition: row for row in rows if row.alternative == OURS}
-    there = [name for name in ("seen", "unseen") if name in ours]
-    parts = [
-        f"{_percent(ours[name].grr)} with {CONDITIONS[name]}"
-        for name in there
-        if math.isfinite(ours[name].grr)
-    ]
-    sentences = [f"That is {' and '.join(parts)}."] if parts else []
-    for name in there:
-        reason = getattr(ours[name], "undefined", "")
-        if reason and not math.isfinite(ours[name].grr):
-            sentences.append(f"With {CONDITIONS[name]} no share can be stated: {reason.removesuffix('.')}.")
-    return sentences
-
-
-def _against(rows: Sequence[Any], beats: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """How the correction compares with the best alternative, and where one does better."""
-    sentences = []
-    for condition, words in (
-        ("all", "Of the alternatives"),
-        ("seen", "With counts seen in the fit,"),
-        ("unseen", "With counts never seen in the fit,"),
-    ):
-        here = [row for row in rows if row.condition == condition]
-        ours = [row for row in here if row.alternative == OURS]
-        others = [row for row in here if row.alternative not in (OURS, "oracle", "nothing")]
-        if not ours or not others:
-            continue
-        best = max(others, key=lambda row: float(row.grr))
-        worse = best.grr < ours[0].grr
-        if condition == "seen" and worse:
-            continue
-        verb = "comes nearest" if worse else "does better"
-        text = f"{words} {_quoted(alternative_name(best.alternative))} {verb}"
-        text += f", with {_percent(best.grr)} against {_percent(ours[0].grr)}"
-        share = beats.get(best.alternative, {}).get(condition, math.nan)
-        if math.isfinite(share):
-            text += f" (with recordings drawn anew, the named effect is nearer in {_percent(share)} of draws)"
-        sentences.append(f"{text}.")
-    return sentences
-
-
-def _comparison(rows: Sequence[Any]) -> dict[str, Any]:
-    conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
-    table = []
-    for alternative in dict.fromkeys(row.alternative for row in rows):
-        cells = []
-        for condition in conditions:
-            of = [row for row in rows if (row.alternative, row.condition) == (alternative, condition)]
-            cells.append(
-                {"value": _percent(of[0].grr), "range": _range_text(of[0].low, of[0].high)} if of else None
-            )
-        table.append({"name": alternative_name(alternative), "cells": cells})
-    named = [row.alternative for row in rows]
-    return {
-        "rows": table,
-        "conditions": [CONDITIONS[name] for name in conditions],
-        "explained": [(alternative_name(name), text) for name, text in _EXPLAINED.items() if name in named],
-    }
-
-
-def _distances(report: Any) -> list[dict[str, Any]]:
-    """Distances by kind of number: before, after, and what replication alone leaves (None if not known)."""
-    of: dict[str, dict[str, float]] = {}
-    for row in getattr(report, "distances_", ()):
-        if row.condition == "all":
-            of.setdefault(row.alternative, {})[row.family] = float(row.distance)
-    before, after, floor = (of.get(name, {}) for name in ("nothing", OURS, "floor"))
-    return [
-        {
-            "name": family_name(family),
-            "before": before[family],
-            "after": after[family],
-            "floor": floor.get(family),
-        }
-        for family in before
-        if family in after
-    ]
-
-
-def _closes(grr: float) -> str:
-    if grr < 0:
-        return f"widened, by {-100 * grr:.0f} %,"
-    return f"closed {_percent(grr)} of"
 
 
 # -- what stays
@@ -787,48 +457,3 @@ def _provenance(findings: GapFindings) -> list[tuple[str, str]]:
         found.append(("computing time", f"{findings.seconds:.0f} s"))
     found.append(("versions", versions()))
     return found
-
-
-# -- numbers as text
-
-
-def _percent(share: float) -> str:
-    return unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
-
-
-def _range_text(low: float, high: float) -> str:
-    if not (math.isfinite(low) and math.isfinite(high)) or low == high:
-        return ""
-    return f"{100 * float(low):.0f} to {_percent(high)}"
-
-
-def _quantity(values: Sequence[float], unit: str) -> str:
-    """One value, or a range, with its unit."""
-    if unit == "m" and all(abs(value) < 1e-3 for value in values):
-        values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
-    text = " to ".join("infinite" if math.isinf(value) else f"{value:.3g}" for value in values)
-    return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.2g}" if abs(value) < 10 else f"{value:+.0f}"
-
-
-def _round(value: float) -> str:
-    """Two significant digits, without powers of ten."""
-    if value < 10:
-        return f"{value:.2g}"
-    digits = 1 - math.floor(math.log10(value))
-    return f"{round(value, digits):.0f}"
-
-
-def _listed(names: Iterable[str]) -> str:
-    return "; ".join(names)
-
-
-def _quoted(text: str) -> str:
-    return f"\N{LEFT DOUBLE QUOTATION MARK}{text}\N{RIGHT DOUBLE QUOTATION MARK}"
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].removesuffix(".") + "." if text else ""

@@ -1,0 +1,50 @@
+"""Numbers of the gap's report as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from cyclofeat.report._page import unbroken
+
+
+def percent(share: float) -> str:
+    return unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
+
+
+def range_text(low: float, high: float) -> str:
+    if not (math.isfinite(low) and math.isfinite(high)) or low == high:
+        return ""
+    return f"{100 * float(low):.0f} to {percent(high)}"
+
+
+def quantity(values: Sequence[float], unit: str) -> str:
+    """One value, or a range, with its unit."""
+    if unit == "m" and all(abs(value) < 1e-3 for value in values):
+        values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
+    text = " to ".join("infinite" if math.isinf(value) else f"{value:.3g}" for value in values)
+    return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
+
+
+def signed(value: float) -> str:
+    return f"{value:+.2g}" if abs(value) < 10 else f"{value:+.0f}"
+
+
+def rounded(value: float) -> str:
+    """Two significant digits, without powers of ten."""
+    if value < 10:
+        return f"{value:.2g}"
+    digits = 1 - math.floor(math.log10(value))
+    return f"{round(value, digits):.0f}"
+
+
+def listed(names: Iterable[str]) -> str:
+    return "; ".join(names)
+
+
+def quoted(text: str) -> str:
+    return f"\N{LEFT DOUBLE QUOTATION MARK}{text}\N{RIGHT DOUBLE QUOTATION MARK}"
+
+
+def sentence(text: str) -> str:
+    return text[:1].upper() + text[1:].removesuffix(".") + "." if text else ""
