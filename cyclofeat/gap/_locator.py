@@ -340,8 +340,9 @@ class GapLocator(BaseEstimator):
             If ``n_trials`` is no whole number from 1, or the bank leaves too few recordings to compare with.
         """
         check_is_fitted(self)
-        if isinstance(n_trials, bool) or not isinstance(n_trials, Integral) or n_trials < 1:
-            raise ValueError(f"n_trials must be a whole number from 1, got {n_trials!r}")
+        given: Any = n_trials
+        if isinstance(given, bool) or not isinstance(given, Integral) or given < 1:
+            raise ValueError(f"n_trials must be a whole number from 1, got {given!r}")
         random = np.random.default_rng([self.random_state, 1])
         _, values = self._compared
         n = len(self.measured_)

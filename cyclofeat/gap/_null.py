@@ -46,6 +46,11 @@ SPARE = 0.06  # share by which a machine runs longer, for the slowest converter 
 _LAYOUT = 3  # raise it when the bank's content changes for other reasons than the simulator's code
 
 
+def as_composite(simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CompositeSimulator:
+    """A simulator, rig or gearbox as what effects can be added to."""
+    return simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
+
+
 @dataclass(frozen=True)
 class NuisancePrior:
     """What may differ between a measured recording and a simulated one without being a missing effect.
@@ -78,8 +83,9 @@ class NuisancePrior:
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
 
     def __post_init__(self) -> None:
-        counts = tuple(self.defect_counts) if isinstance(self.defect_counts, Iterable) else ()
-        whole = (isinstance(c, Real) and float(c).is_integer() and c >= 0 for c in counts)
+        given: Any = self.defect_counts
+        counts: tuple[Any, ...] = tuple(given) if isinstance(given, Iterable) else ()
+        whole = (isinstance(c, Real) and float(c).is_integer() and float(c) >= 0 for c in counts)
         if not counts or not all(whole):
             raise ValueError(f"defect_counts must hold whole numbers from 0, got {self.defect_counts!r}")
         object.__setattr__(self, "defect_counts", tuple(int(count) for count in counts))
@@ -97,7 +103,7 @@ class NuisancePrior:
             A rig keeps its brake, drift and noise; its spread between assemblies is replaced. A gearbox, or
             a rig without spread, keeps its clearance, to which this prior's comes. None: paper B's gearbox.
         """
-        composite = simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
+        composite = as_composite(simulator)
         rig, tolerances = composite.to_rig(), self.tolerances
         if not rig.tolerances.has_spread:
             own = rig.tolerances.clearance[0]

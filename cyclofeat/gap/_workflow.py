@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -12,31 +11,28 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_array, check_is_fitted
 
 from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.gap._fit_model import as_effects
+from cyclofeat.gap._cached_fit import cached_fit
+from cyclofeat.gap._doubts import doubts_about
 from cyclofeat.gap._fitter import EffectFitter
 from cyclofeat.gap._held_out import check_held_out
 from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._null import NuisancePrior, make_bank, versions
+from cyclofeat.gap._null import NuisancePrior, as_composite, make_bank
 from cyclofeat.gap._ranker import EffectRanker, Ranked
-from cyclofeat.gap._recordings import mixed, recordings_of
+from cyclofeat.gap._recordings import mixed
 from cyclofeat.gap._report import GapReport
+from cyclofeat.gap._result import result_of
 from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig, SimulationFailed
 
 Float = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-FORMAT = "cyclofeat gap 1"
-
-_FEW_RECORDINGS = 4
 _FEW_HELD_OUT = 10  # below which the range of the gap reduction ratio is itself uncertain
-_CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
 _SURE = 0.98  # probability from which no other candidate is fitted
 _LIKELY = 0.7  # probability from which others are fitted only if it fits badly
 _NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
@@ -299,7 +295,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         data = {"y": y_fit, "groups": groups_fit, "angle": angle_fit}
         held = {"y": y_hold, "groups": groups_hold, "angle": angle_hold}
         windows = check_array(X_fit, dtype=[np.float64, np.float32], input_name="X_fit")
-        self.warnings_ = _doubts(windows, y_fit, groups_fit, angle_fit)
+        self.warnings_ = doubts_about(windows, y_fit, groups_fit, angle_fit)
         if X_hold is not None:
             check_held_out(
                 X_hold,
@@ -325,7 +321,7 @@ class DiscrepancyWorkflow(BaseEstimator):
             self._say("judging on recordings held out")
             self._judge(windows, data, X_hold, held)
         self.seconds_ = time.monotonic() - began
-        self.result_ = self._result()
+        self.result_ = result_of(self)
         return self
 
     def prepare(self, counts: Sequence[int] | None, n_samples: int) -> EffectRanker:
@@ -407,7 +403,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         self.locator_after_: GapLocator | None = None
         self.report_: GapReport | None = None
         self.effects_: tuple[Effect, ...] = ()
-        self.simulator_ = _composite(self.simulator)
+        self.simulator_ = as_composite(self.simulator)
         self.unknown_ = False
 
     def _say(self, text: str) -> None:
@@ -558,14 +554,7 @@ class DiscrepancyWorkflow(BaseEstimator):
             n_interval=n_interval,
             **self._common(),
         )
-        if self.cache is None:
-            fitter.fit(windows, **data)
-            return fitter
-        memory = joblib.Memory(Path(self.cache) / "fits", verbose=0)
-        fitted: EffectFitter = memory.cache(_fit, ignore=["fitter"])(
-            fitter, _stated(fitter), versions(), windows, data
-        )
-        return fitted
+        return cached_fit(fitter, windows, data, self.cache)
 
     def _take(self, candidate: Candidate, windows: NDArray[Any], data: dict[str, Any]) -> None:
         self.fitter_ = candidate.fitter
@@ -619,134 +608,8 @@ class DiscrepancyWorkflow(BaseEstimator):
                     continue
         return None
 
-    def _result(self) -> dict[str, Any]:
-        ranking = [] if self.ranker_ is None else self.ranker_.ranking_
-        probability = {row.effect_id: row.probability for row in ranking}
-        for candidate in self.candidates_[::-1]:
-            probability |= dict.fromkeys(candidate.names, candidate.probability)
-        first = self.effects_[0].effect_id if self.effects_ else None
-        alike = next((row.look_alikes for row in ranking if row.effect_id == first), ())
-        return {
-            "format": FORMAT,
-            "verdict": self.locator_.verdict_,
-            "p": min(self.locator_.family_p_.values()),
-            "effects": [self._named(effect, probability) for effect in self.effects_],
-            "ranking": [
-                {"id": name, "probability": round(value, 6)}
-                for name, value in sorted(probability.items(), key=lambda item: -item[1])
-            ],
-            "tie_group": [first, *alike] if first and alike else [],
-            "unknown": bool(self.unknown_),
-            "unknown_score": None if self.ranker_ is None else self._unknown_score(),
-            "next_measurement": next((row.next_measurement for row in ranking if row.effect_id == first), ""),
-            "loss": None if self.fitter_ is None else self.fitter_.loss_,
-            "verdict_after": None if self.locator_after_ is None else self.locator_after_.verdict_,
-            "grr": None if self.report_ is None else self._grr("after"),
-            "alternatives": {
-                name: self._grr(name)
-                for name in ([] if self.report_ is None else self.report_.alternatives_)
-                if name != "after"
-            },
-            "warnings": list(self.warnings_),
-            "seconds": round(self.seconds_, 1),
-        }
-
-    def _unknown_score(self) -> float:
-        """The larger, the less the library explains: of the shape, and of what the fit leaves."""
-        assert self.ranker_ is not None
-        left = np.log(self.fitter_.loss_) if self.fitter_ is not None else np.log(1e3)
-        return float(left - 0.5 * np.log(max(self.ranker_.conformal_p_.values())))
-
-    def _named(self, effect: Effect, probability: dict[str, float]) -> dict[str, Any]:
-        assert self.fitter_ is not None
-        names = effect.vector_names()
-        key = {name: f"{effect.effect_id}.{name}" for name in names}
-        return {
-            "id": effect.effect_id,
-            "probability": round(probability.get(effect.effect_id, 0.0), 6),
-            "theta": {name: self.fitter_.theta_[key[name]] for name in names},
-            "interval": {name: list(self.fitter_.theta_ci_[key[name]]) for name in names},
-            "identifiable": {name: self.fitter_.identifiable_[key[name]] for name in names},
-            "at_bound": {name: self.fitter_.at_bound_[key[name]] for name in names},
-        }
-
-    def _grr(self, alternative: str) -> dict[str, Any]:
-        assert self.report_ is not None
-        found: dict[str, Any] = {}
-        for row in self.report_.comparison_:
-            if row.alternative != alternative:
-                continue
-            found[row.condition] = None if np.isnan(row.grr) else row.grr
-            if row.condition == "all" and not np.isnan(row.low):
-                found["ci"] = [row.low, row.high]
-        return found
-
-
-def _fit(
-    fitter: EffectFitter, stated: str, version: Any, windows: NDArray[Any], data: dict[str, Any]
-) -> EffectFitter:
-    """Fit; the arguments that are not used are those by which it is remembered."""
-    fitter.fit(windows, **data)
-    return fitter
-
 
 def _both_told(fitter: EffectFitter) -> bool:
     """Whether the recordings tell a parameter of every effect."""
     told = {name.partition(".")[0] for name, yes in fitter.identifiable_.items() if yes}
     return all(effect.effect_id in told for effect in fitter.effects_)
-
-
-def _stated(fitter: EffectFitter) -> str:
-    """All that a fit depends on besides the data."""
-    left_out = ("n_jobs", "cache", "simulator", "effect", "starts")
-    rig = _composite(fitter.simulator).to_rig().to_text()
-    starts = [fitter.effect, *(fitter.starts or ())]
-    effects = [[effect.to_dict() for effect in as_effects(start)] for start in starts]
-    nuisance = dataclasses.asdict(fitter.nuisance or NuisancePrior())
-    own = {name: value for name, value in fitter.get_params(deep=False).items() if name not in left_out}
-    return repr((rig, effects, nuisance, sorted(own.items(), key=lambda item: item[0])))
-
-
-def _composite(simulator: CompositeSimulator | Rig | CycloidalGearbox | None) -> CompositeSimulator:
-    return simulator if isinstance(simulator, CompositeSimulator) else CompositeSimulator(simulator)
-
-
-def _doubts(
-    windows: NDArray[Any], y: ArrayLike | None, groups: ArrayLike | None, angle: ArrayLike | None
-) -> list[str]:
-    """What in the recordings limits what can be said of them."""
-    of_window, counts = recordings_of(len(windows), y, groups)
-    n = int(of_window.max()) + 1
-    doubts = []
-    if n < _FEW_RECORDINGS:
-        doubts.append(
-            f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
-            "differences are found"
-        )
-    if counts is None:
-        doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
-    if counts is not None and n > 1 and len(set(counts.tolist())) == n:
-        doubts.append(
-            "one recording per class: exact tests between recordings of one class cannot reject at all; "
-            "what is compared is each recording with simulated ones of its class"
-        )
-    if angle is None:
-        doubts.append(
-            "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
-        )
-    for extreme, word in ((windows.max(axis=1), "largest"), (windows.min(axis=1), "smallest")):
-        share = np.mean(windows == extreme[:, None], axis=1)
-        flat = np.array([_longest_run(x == e) for x, e in zip(windows, extreme, strict=True)])
-        clipped = np.unique(of_window[(share > _CLIPPED) & (flat >= 5)])
-        if clipped.size:
-            doubts.append(
-                f"{clipped.size} of {n} recordings seem clipped: they stay at their {word} value for samples "
-                "on end"
-            )
-    return doubts
-
-
-def _longest_run(inside: NDArray[np.bool_]) -> int:
-    """Length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

@@ -15,7 +15,7 @@ import pytest
 from short_records import N_SAMPLES, RATE, Recorder
 
 from cyclofeat.gap import Bank, DiscrepancyWorkflow, _fit_model, _fitter, _null, _table, _workflow
-from cyclofeat.gap._workflow import _doubts
+from cyclofeat.gap._doubts import doubts_about
 from cyclofeat.simulators import CycloidalGearbox, Gain, Hum, Offset, effect_library
 
 COUNTS, HOLD_COUNTS = (0, 3), (0, 3, 5)
@@ -303,7 +303,7 @@ RIPPLE = np.random.default_rng(0).normal(22, 0.1, (8, N_SAMPLES))
 
 def doubts(X: np.ndarray = RIPPLE, y: Sequence[int] | None = (0, 0, 0, 0, 3, 3, 3, 3), **options: Any) -> str:
     given = {"groups": None, "angle": np.zeros(1), **options}
-    return "\n".join(_doubts(X, None if y is None else y[: len(X)], given["groups"], given["angle"]))
+    return "\n".join(doubts_about(X, None if y is None else y[: len(X)], given["groups"], given["angle"]))
 
 
 def test_good_recordings_are_not_doubted() -> None:
