@@ -12,7 +12,8 @@ from scipy import signal
 
 from cyclofeat._density import shannon_entropy, spectral_centroid, spectral_flatness, spectral_rolloff
 from cyclofeat._welch import welch_psd
-from cyclofeat.orders import estimate_input_speed
+from cyclofeat.lobes import comb_prominence
+from cyclofeat.orders import comb_lines, estimate_input_speed
 from cyclofeat.wavelets import dwt, level_band
 
 Float = NDArray[np.float64]
@@ -29,6 +30,8 @@ _LOBE_LINES, _SHAFT_LINES = 48, 20
 _QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
 _WAVELET, _LEVELS = "db4", 10
 SPEED_TOLERANCE = 0.03
+_SPEED_STEPS = 301
+_AT_THE_END = 0.99  # share of the tolerance from which a speed lies at the end of the range
 _BINS = 64  # of a synchronous average
 _AT_A_TIME = 16
 
@@ -112,9 +115,7 @@ def summarise(
         raise ValueError(
             f"X must hold windows of at least one output turn ({turn:.3g} s), got {n / sampling_rate:.3g} s"
         )
-    by_mesh = estimate_input_speed(
-        torque, sampling_rate, input_speed_hz, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
-    )
+    by_mesh = _speed_by_mesh(torque, sampling_rate, input_speed_hz, n_lobes)
     own = by_mesh if speeds is None else np.asarray(speeds, dtype=float)
     mean = torque.mean(axis=1, keepdims=True)
     ripple = torque - mean
@@ -152,6 +153,24 @@ def summarise_all(
 def level(power: Float) -> Float:
     """Power in Nm^2 as a level in dB."""
     return np.asarray(10 * np.log10(power))
+
+
+def _speed_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
+    """Input speed of each window in Hz, by the mesh lines."""
+    speeds = estimate_input_speed(
+        torque, sampling_rate, nominal_hz, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
+    )
+    n_lines = comb_lines(sampling_rate, nominal_hz, SPEED_TOLERANCE, "mesh", n_lobes)
+    factors = 1 + SPEED_TOLERANCE * np.linspace(-1, 1, _SPEED_STEPS)
+    for i in np.flatnonzero(np.abs(speeds / nominal_hz - 1) > _AT_THE_END * SPEED_TOLERANCE):
+        # The flank of a lobe line may lie there, beside one mesh line; the others are missing then.
+        numbers = np.arange(n_lobes, n_lines + 1, n_lobes)
+        lines = comb_prominence(torque[i : i + 1], sampling_rate, nominal_hz, factors, numbers, n_lobes)[0]
+        prominence = lines.sum(axis=1)
+        within = signal.argrelmax(prominence)[0]
+        if within.size and lines[np.argmax(prominence)].min() < 1:
+            speeds[i] = factors[within[np.argmax(prominence[within])]] * nominal_hz
+    return speeds
 
 
 def _speed(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:

@@ -472,7 +472,7 @@ class DiscrepancyWorkflow(BaseEstimator):
         if self.max_effects > 1 and others and unexplained:
             self._say("looking for a second effect")
             pairs = self._fitted(self._pairs(first), windows, data)
-            pairs = [pair for pair in pairs if _both_told(pair.fitter)]
+            pairs = [pair for pair in pairs if _both_told(pair.fitter) or _needed(pair.fitter, first.fitter)]
             if pairs and pairs[0].fitter.loss_ < _EXPLAINED * first.fitter.loss_:
                 self._take(pairs[0], windows, data)
                 self.candidates_ = [pairs[0], *self.candidates_]
@@ -607,6 +607,11 @@ class DiscrepancyWorkflow(BaseEstimator):
                 except SimulationFailed:
                     continue
         return None
+
+
+def _needed(pair: EffectFitter, single: EffectFitter) -> bool:
+    """Whether two effects explain what one cannot, be the second's size ever so uncertain."""
+    return single.loss_ > _UNEXPLAINED and pair.loss_ < _DOUBTFUL
 
 
 def _both_told(fitter: EffectFitter) -> bool:

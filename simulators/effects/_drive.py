@@ -68,9 +68,8 @@ class LoadDrift(Effect):
         if self.rms_nm == 0:
             return None
         end = duration + _noise.MARGIN
-        return _noise.sum_of(
-            [_noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end)], end
-        )
+        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end, _noise.FINE)
+        return _noise.sum_of([drift], end)
 
 
 class ProportionalDrift(Effect):

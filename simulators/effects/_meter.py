@@ -144,7 +144,7 @@ class SensorDrift(Effect):
             return torque
         time = np.arange(torque.size) / sampling_rate
         end = torque.size / sampling_rate
-        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end)
+        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end, _noise.FINE)
         return np.asarray(torque + on_lines(time, *drift))
 
 

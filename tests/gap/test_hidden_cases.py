@@ -43,7 +43,8 @@ def recordings(effect: str, case: int, part: int, counts: tuple[int, ...]) -> np
 def workflow(folder: Path, **options: Any) -> DiscrepancyWorkflow:
     return DiscrepancyWorkflow(
         RATE, library=LIBRARY, max_effects=1, n_bank=96, n_draws=12, n_null=48, n_after=32, n_report=24,
-        n_sims=240, n_interval=0, baselines=("nothing",), with_placebo=False, n_jobs=2, cache=folder, **options,
+        n_sims=240, n_interval=0, baselines=("nothing",), with_placebo=False, n_jobs=2, cache=folder,
+        **options,
     )  # fmt: skip
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cyclofeat.gap import GapLocator, summarise
-from cyclofeat.gap._summaries import left_out
+from cyclofeat.gap._summaries import SPEED_TOLERANCE, left_out
+from cyclofeat.orders import estimate_input_speed
 
 SPEED = 500 / 60
 
@@ -76,3 +77,23 @@ def test_a_locator_says_what_it_leaves_out() -> None:
     locator = GapLocator(600.0, n_bank=10, n_permutations=219).fit(windows(600.0))
     assert locator.left_out_[0].startswith("lobe lines 3")
     assert len(locator.cells_) == locator.measured_.shape[1] == locator.simulated_.shape[1]
+
+
+@pytest.mark.parametrize("percent", [-3.0, 0.3, 3.0])
+def test_a_speed_at_the_end_of_the_range_is_believed(percent: float) -> None:
+    phase = 2 * np.pi * SPEED * (1 + percent / 100) * np.arange(46_080) / 25_600
+    noise = np.random.default_rng(0).normal(size=phase.size)
+    torque = 22 + noise + 0.1 * np.cos(16 * phase) + 0.1 * np.cos(32 * phase + 1)
+    values, _ = summarise(torque[np.newaxis], 25_600.0, SPEED)
+    assert values[0, 0] == pytest.approx(percent, abs=0.05)
+
+
+def test_the_flank_of_a_lobe_line_is_no_speed() -> None:
+    """Order 30.98 is lobe line 29 at the recording's speed, and close to order 32 of one 3 % slower."""
+    phase = 2 * np.pi * SPEED * 1.0015 * np.arange(46_080) / 25_600
+    noise = np.random.default_rng(0).normal(size=phase.size)
+    mesh = 0.01 * np.cos(16 * phase) + 0.013 * np.cos(32 * phase + 1)
+    torque = (22 + noise + mesh + 2 * np.cos(29 * 16 / 15 * phase))[np.newaxis]
+    flank = estimate_input_speed(torque, 25_600.0, SPEED, SPEED_TOLERANCE, comb="mesh")
+    assert flank[0] < 0.9702 * SPEED
+    assert summarise(torque, 25_600.0, SPEED)[0][0, 0] == pytest.approx(0.15, abs=0.1)
