@@ -17,7 +17,7 @@ from cyclofeat.simulators._lines import on_lines
 Float = NDArray[np.float64]
 
 # Samples of the drift per period of its cutoff: what lies between them is joined by straight lines. Towards
-# half of that rate the bilinear filter falls short of the analogue one; FINE is for who compares levels there.
+# half of that rate the bilinear filter falls short of the analogue one: FINE is for levels compared there.
 OVERSAMPLING = 200
 FINE = 1000
 HIGHEST_CUTOFF = 1000.0
