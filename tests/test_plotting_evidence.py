@@ -57,6 +57,15 @@ def test_the_angle_tells_the_true_speed():
     assert display.orders[display.amplitudes.argmax()] == pytest.approx(20)
 
 
+def test_one_nominal_turn_of_a_slower_machine_is_enough():
+    phase = 2 * np.pi * 0.99 * SPEED * np.arange(3600) / RATE
+    slow = Recording(22 + 0.5 * np.cos(16 / 15 * phase), RATE, speed_rpm=500)
+    display = OrderDisplay.from_recording(slow, input_speed_hz=0.99 * SPEED)
+    assert display.amplitudes[16 - 1] == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(ValueError, match=r"must last one output turn, 1.8 s at 500 RPM, got 1.75 s"):
+        OrderDisplay.from_recording(slow.replace(torque=slow.torque[:3500]))
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [

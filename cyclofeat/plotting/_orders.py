@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cyclofeat.orders import lines_per_input_turn, order_lines
 from cyclofeat.plotting._base import axes_for, input_speed_from_angle, line_column
-from cyclofeat.recording import Recording, Windower
+from cyclofeat.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _HIGHEST_ORDER = 48
 # Below this share of the largest line a logarithmic axis would only show rounding.
 _DYNAMIC_RANGE = 1e-5
+# Of a turn. A record of one turn at the nominal speed holds a little less where the machine runs slower.
+_MOST_MISSING = 0.02
 
 
 class OrderDisplay:
@@ -92,7 +94,9 @@ class OrderDisplay:
     def from_recording(
         cls, recording: Recording, *, input_speed_hz: float | None = None, n_lobes: int | None = None
     ) -> Self:
-        """Display of the first whole output turn of a recording, up to order 48 or what its rate holds.
+        """Display of the first output turn of a recording, up to order 48 or what its rate holds.
+
+        A turn that ends up to 2 % after the recording is taken as far as it goes.
 
         Parameters
         ----------
@@ -111,7 +115,7 @@ class OrderDisplay:
         Raises
         ------
         ValueError
-            If no speed is known, or the recording is shorter than one output turn.
+            If no speed is known, or the recording is shorter than that.
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         nominal = input_speed_hz or recording.input_speed_hz
@@ -119,13 +123,19 @@ class OrderDisplay:
             raise ValueError(
                 "input_speed_hz must be given for a recording that does not state its speed_rpm, got None"
             )
-        X = Windower(input_speed_hz=nominal, reduction=n_lobes).windows([recording]).X[:1]
+        rate = recording.sampling_rate
+        turn = n_lobes / nominal * rate
+        if recording.n_samples < (1 - _MOST_MISSING) * turn:
+            raise ValueError(
+                f"recording must last one output turn, {turn / rate:.4g} s at {60 * nominal:g} RPM, "
+                f"got {recording.duration:.4g} s"
+            )
+        X = recording.torque[np.newaxis, : round(turn)]
         if input_speed_hz is None:
             nominal = input_speed_from_angle(recording, n_lobes, 0, X.shape[1]) or nominal
-        fitting = int(recording.sampling_rate / 2 / nominal * n_lobes)
-        lines = order_lines(
-            X, recording.sampling_rate, [nominal], min(_HIGHEST_ORDER * n_lobes, fitting), "output", n_lobes
-        )
+        fitting = int(rate / 2 / nominal * n_lobes)
+        highest = min(_HIGHEST_ORDER * n_lobes, fitting)
+        lines = order_lines(X, rate, [nominal], highest, "output", n_lobes)
         return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes)
 
     def plot(self, ax: Axes | None = None) -> Self:
