@@ -119,7 +119,9 @@ class GapLocator(BaseEstimator):
     Attributes
     ----------
     table_ : list of Row
-        All cells: means in the order of the families, then spreads, then all means together.
+        All cells: means in the order of the families, then spreads, then all means together. Spreads and
+        all together are tested one-sidedly: of their intervals the lower end alone holds at 1 - alpha, the
+        upper one lies as far above the effect and bounds nothing.
     verdict_ : {"disagree", "equivalent", "unresolved"}
         ``"disagree"``: some adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
         1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
