@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from cyclofeat.counting._plan import plan_recording
 
+    if not (math.isfinite(arguments.speed) and arguments.speed > 0):
+        raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
     plan = plan_recording(
         arguments.worn,
         noise_nm=arguments.noise,
@@ -50,21 +53,27 @@ def run(arguments: argparse.Namespace) -> int:
 def text_of(plan: RecordingPlan) -> str:
     """The answer in a few lines."""
     pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
-    if plan.turns is not None:
-        turns = f"{plan.turns} output turn{'s' if plan.turns > 1 else ''}"
-        lines = [f"to tell {pair}: record {turns} ({plan.seconds:.3g} s)"]
+    if plan.turns is not None and plan.seconds is not None:
+        lines = [f"to tell {pair}: record {_length(plan.turns, plan.seconds)}"]
     elif plan.confidence > plan.reachable:
         lines = [
             f"to tell {pair}: cannot be promised with {plan.confidence:g}; {plan.assemblies} simulated "
             f"assemblies can show {plan.reachable:.3f} at most"
         ]
     else:
-        lines = [f"to tell {pair}: no recording in the table is long enough for {plan.confidence:g}"]
+        longest = _length(plan.longest_turns, plan.longest_seconds)
+        lines = [
+            f"to tell {pair}: the table's longest recording, {longest}, is not enough for {plan.confidence:g}"
+        ]
         if plan.largest_noise_nm is not None:
-            lines.append(f"  the longest is enough at {plan.largest_noise_nm:g} Nm noise or less")
+            lines.append(f"  it is enough at {plan.largest_noise_nm:g} Nm noise or less")
     lines.append(f"  probability {plan.probability:.3f} on {plan.assemblies} simulated assemblies of rig R1")
     if (plan.tabulated_noise_nm, plan.tabulated_depth) != (plan.noise_nm, plan.depth):
         entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
         lines.append(f"  answered by the table's next worse entry: {entry}")
     lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
     return "\n".join(lines)
+
+
+def _length(turns: int, seconds: float) -> str:
+    return f"{turns} output turn{'s' if turns > 1 else ''} ({seconds:.3g} s)"

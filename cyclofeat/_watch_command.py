@@ -213,7 +213,9 @@ def _emit(path: Path, result: dict[str, Any], as_json: bool) -> None:
     if result["refused"]:
         text += f", refused: {result['reason']}"
     n_windows = result["n_windows"]
-    print(f"{_now()} {path.name}: {text}, {n_windows} window{'' if n_windows == 1 else 's'}", flush=True)
+    text += f", {n_windows} window{'' if n_windows == 1 else 's'}"
+    text += "".join(f"; note: {warning}" for warning in result["warnings"])
+    print(f"{_now()} {path.name}: {text}", flush=True)
 
 
 def _emit_error(path: Path, message: str, as_json: bool) -> None:

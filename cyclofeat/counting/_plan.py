@@ -75,6 +75,10 @@ class RecordingPlan:
         Largest noise of the table at which the longest recording is enough at this depth; None if at none.
     reachable : float
         Largest confidence that as many assemblies could show, all told right.
+    longest_turns : int
+        Output turns of the table's longest recording.
+    longest_seconds : float
+        The same at the input speed.
     """
 
     worn: int
@@ -89,6 +93,8 @@ class RecordingPlan:
     assemblies: int
     largest_noise_nm: float | None
     reachable: float
+    longest_turns: int
+    longest_seconds: float
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, for JSON."""
@@ -186,6 +192,11 @@ def plan_recording(
     answer = chosen[-1] if enough is None else enough
     longest = max(trial.turns for trial in at_depth)
     fine = [t.noise_nm for t in at_depth if t.turns == longest and t.probability >= confidence]
+
+    def seconds(turns: int) -> float:
+        # Rounded: the speed in turns per second is no round number.
+        return round(turns * _LOBES / float(input_speed_hz), 9)
+
     return RecordingPlan(
         worn=n,
         confidence=float(confidence),
@@ -194,12 +205,13 @@ def plan_recording(
         tabulated_noise_nm=noise,
         tabulated_depth=shallow,
         turns=None if enough is None else enough.turns,
-        # Rounded: the speed in turns per second is no round number.
-        seconds=None if enough is None else round(enough.turns * _LOBES / float(input_speed_hz), 9),
+        seconds=None if enough is None else seconds(enough.turns),
         probability=answer.probability,
         assemblies=answer.assemblies,
         largest_noise_nm=max(fine, default=None),
         reachable=(answer.assemblies + 1) / (answer.assemblies + 2),
+        longest_turns=longest,
+        longest_seconds=seconds(longest),
     )
 
 

@@ -48,6 +48,17 @@ def test_what_helps_where_no_recording_is_long_enough(made_up):
     assert plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.9).largest_noise_nm is None
 
 
+def test_the_longest_recording_is_named_by_its_length(made_up, capsys):
+    question = ["plan", "--worn", "0", "--noise", "2", "--depth", "0.3", "--confidence", "0.8"]
+    assert main([*question, "--speed", "250"]) == 0
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.endswith("the table's longest recording, 2 output turns (7.2 s), is not enough for 0.8")
+    assert second == "  it is enough at 0.5 Nm noise or less"
+    assert main([*question, "--json"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert (plan["longest_turns"], plan["longest_seconds"]) == (2, 3.6)
+
+
 @pytest.mark.parametrize(("right", "n"), [(0, 5), (7, 20), (20, 20)])
 def test_probability_is_the_chance_of_the_next_assembly(right, n):
     # with all shares of successes equally probable beforehand: Laplace
@@ -106,7 +117,10 @@ def test_command_says_how_long(capsys):
         (["--worn", "3", "--noise", "-1"], "noise_nm must be positive and finite, got -1.0"),
         (["--worn", "3", "--noise", "1", "--depth", "0.01"], "depth must lie between 0.1"),
         (["--worn", "3", "--noise", "1", "--confidence", "1"], "confidence must lie above 0.5 (guessing)"),
-        (["--worn", "3", "--noise", "1", "--speed", "0"], "input_speed_hz must be positive and finite"),
+        (
+            ["--worn", "3", "--noise", "1", "--speed", "0"],
+            "--speed must be positive (RPM of the input shaft), got 0",
+        ),
     ],
 )
 def test_bad_questions_get_one_line(capsys, arguments, message):

@@ -201,6 +201,14 @@ def test_once_counts_what_is_there_and_remembers(capsys, tmp_path, model_file):
     assert err.count("cyclofeat: error: ") == 2
 
 
+def test_what_should_be_known_of_a_count_stands_in_its_line(capsys, tmp_path, model_file):
+    put(tmp_path / "worn.npz", 3)
+    command = ["watch", str(tmp_path), "--model", str(model_file), "--trust", "--once", "--settle", "0.1"]
+    assert main(command) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.endswith("1 window; note: no speed stated: taken as 500 RPM, as the model was trained")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
