@@ -11,7 +11,7 @@ import numpy as np
 from cyclofeat._progress import Progress
 from cyclofeat.counting import Evaluation, LobeModel, evaluate, make_entropy_counter, make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings, read_recording, write_recording
-from cyclofeat.persistence import load_model, save_model
+from cyclofeat.persistence import check_model_path, load_model, save_model
 from cyclofeat.recording import Recording, Windower
 from cyclofeat.report import write_demo_report
 from cyclofeat.simulators import Rig
@@ -28,7 +28,7 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
     Parameters
     ----------
     folder : pathlib.Path
-        Folder to write: ``recordings/``, ``model.joblib``, ``report.html``.
+        Folder to write: ``recordings/``, ``model.skops``, ``report.html``.
     n_jobs : int
         Processes for the simulation; -1 takes all cores.
 
@@ -40,6 +40,7 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
     began = time.monotonic()
     rig = Rig.r1()
     (folder / "recordings").mkdir(parents=True, exist_ok=True)
+    target = check_model_path(folder / "model.skops")  # found out now rather than after the simulation
     print(
         f"Rig {rig.name}: brake rotor behind a compliant torque meter, drifting load, "
         f"{rig.noise_nm:g} Nm noise.\nAll recordings here are SURROGATE: simulated torque, no measurement."
@@ -59,7 +60,7 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
     origin = f"{len(training)} simulated assemblies of rig {rig.name}"
     speed = training[0].input_speed_hz
     model_file = save_model(
-        folder / "model.joblib",
+        target,
         LobeModel.train(training, input_speed_hz=speed, n_splits=0, description=origin),
     )
     print(f"Trained on {origin}; model in {model_file}")
@@ -75,7 +76,7 @@ def run_demo(folder: Path, n_jobs: int = -1) -> int:
 
 def count_files(files: list[Path], model_file: Path) -> list[dict[str, Any]]:
     """Count the worn lobes of recordings as a user would: from their files, with the stored model."""
-    model = load_model(model_file, trusted=True)
+    model = load_model(model_file)
     rows = []
     for file in files:
         recording = read_recording(file)
