@@ -26,6 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--folds", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
+        "--jobs", type=int, default=-1, help="processes that fit folds side by side (default: all cores)"
+    )
+    parser.add_argument(
         "--report",
         metavar="FILE.html",
         help="write a report; takes longer: calibrated probabilities and, where files state worn lobes and "
@@ -97,7 +100,7 @@ def _results(
     def evaluated(name: str, counter: Any, X: Any, **more: Any) -> Evaluation:
         return evaluate(
             counter, X, labels, windows.groups, n_splits=arguments.folds, random_state=arguments.seed,
-            progress=Progress(name), **more,
+            n_jobs=arguments.jobs, progress=Progress(name), **more,
         )  # fmt: skip
 
     counter = make_lobe_counter(windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes)

@@ -12,7 +12,7 @@ import pytest
 from cyclofeat import __version__
 from cyclofeat._progress import Progress
 from cyclofeat.cli import main
-from cyclofeat.counting import LobeModel, make_lobe_counter
+from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
 from cyclofeat.datasets import read_recording, write_recording
 from cyclofeat.persistence import save_model
 from cyclofeat.simulators import Offset, Quantisation, Rig, TorqueMeterLowPass
@@ -225,11 +225,19 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
 
 
-def test_evaluate_labelled_files(capsys, folder, tmp_path, surrogates):
+def test_evaluate_labelled_files(capsys, folder, tmp_path, monkeypatch, surrogates):
+    shared_out = []
+
+    def alone(*windows, n_jobs, **options):
+        shared_out.append(n_jobs)
+        return evaluate(*windows, **options)
+
+    monkeypatch.setattr("cyclofeat.counting.evaluate", alone)
     for recording in surrogates[:16]:
         write_recording(tmp_path / f"{recording.assembly}.npz", recording)
-    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json")
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 3)
     assert code == 0
+    assert shared_out == [3, 3]
     result = json.loads(out)
     assert result["lobe map"]["n_assemblies"] == 16
     assert result["Shannon entropy (papers)"]["n_windows"] == 16
@@ -244,7 +252,7 @@ def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, m
     for recording in surrogates[4:12]:
         write_recording(tmp_path / f"{recording.assembly}.npz", recording)
     report = tmp_path / "evaluation.html"
-    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--report", report)
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 1, "--report", report)
     assert code == 0
     result = json.loads(out)
     assert list(result) == ["lobe map", "lobes one by one", "Shannon entropy (papers)"]

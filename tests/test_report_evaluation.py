@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from pages import parse, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import ConformalCounter, evaluate
-from cyclofeat.report import summarise_evaluation, write_evaluation_report
+from cyclofeat.report import _figures, summarise_evaluation, write_evaluation_report
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +46,9 @@ def test_the_score_comes_first_with_its_interval(page, results):
     order = [
         "All recordings are SURROGATE", f"Accuracy {result.accuracy:.3f} {low:.3f} to {high:.3f}",
         "120 windows of 60 assemblies", "Methods on the same folds", "with sets",
-        "Details of bayes & co", "Confusion", "Where a probability is said", "Each count by itself",
-        "Assemblies counted wrong", "How the folds were made", "stratified; 5 folds, seed 0",
-        "What the words mean", "Made from",
+        "Details of bayes & co", "Confusion", "On the diagonal they are right as often as said",
+        "Each count by itself", "Assemblies counted wrong", "How the folds were made",
+        "stratified; 5 folds, seed 0", "What the words mean", "Made from",
     ]  # fmt: skip
     places = [text.find(part) for part in order]
     assert -1 not in places, [part for part, place in zip(order, places, strict=True) if place < 0]
@@ -86,6 +87,21 @@ def test_calibration_is_drawn_as_it_is(data, results, monkeypatch):
         assert was[k] == pytest.approx((result.predictions == y)[bins == b].mean())
     assert weight.sum() == pytest.approx(1)
     assert float(np.sum(weight * np.abs(said - was))) == pytest.approx(result.calibration_error)
+
+
+def test_the_calibration_says_what_its_axes_and_its_diagonal_are(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(_figures, "picture", lambda draw, *_: drawn.append(draw))
+    _figures.calibration_picture(np.array([0.6, 0.9]), np.array([0.5, 0.95]), np.array([0.25, 0.75]))
+    ax = Figure().subplots()
+    drawn[0](ax, "light")
+    assert ax.get_xlabel() == "probability that the counter gave its answer"
+    assert ax.get_ylabel() == "share of these answers that were right"
+    (diagonal,) = (line for line in ax.lines if line.get_label() == "right as often as said")
+    assert diagonal.get_xydata().tolist() == [[0, 0], [1, 1]]
+    texts = {text.get_text().split(":")[0]: text.get_position() for text in ax.texts}
+    assert texts["too careful"][1] > texts["too careful"][0]
+    assert texts["too sure"][1] < texts["too sure"][0]
 
 
 def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):

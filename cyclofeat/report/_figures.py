@@ -196,20 +196,31 @@ def calibration_picture(
     def draw(ax: Axes, _: str) -> None:
         from matplotlib import rcParams
 
-        ax.plot([0, 1], [0, 1], linestyle="--", linewidth=1, color=rcParams["axes.edgecolor"])
+        faint = rcParams["xtick.color"]
+        ax.plot([0, 1], [0, 1], linestyle="--", linewidth=1, color=faint, label="right as often as said")
         ax.plot(said, was, linewidth=0.8, color="C0", alpha=0.6)
-        ax.scatter(said, was, s=25 + 500 * weight, color="C0", alpha=0.8, zorder=3)
+        ax.scatter(
+            said, was, s=25 + 500 * weight, color="C0", alpha=0.8, zorder=3,
+            label="answers of like probability,\nand their share of all windows",
+        )  # fmt: skip
         for x, y, share in zip(said, was, weight, strict=True):
             ax.annotate(
                 f"{100 * share:.0f} %", (x, y), xytext=(0, -17), textcoords="offset points", ha="center",
                 fontsize="small",
             )  # fmt: skip
+        ax.text(0.03, 0.97, "too careful:\nright more often than said", va="top", color=faint)
+        ax.text(0.97, 0.03, "too sure:\nright less often than said", ha="right", color=faint)
         ax.set(
-            xlabel="probability said (mean of the bin)", ylabel="share of right answers", aspect="equal",
-            xlim=(0, 1.04), ylim=(-0.06, 1.06),
+            xlabel="probability that the counter gave its answer",
+            ylabel="share of these answers that were right",
+            aspect="equal", xlim=(0, 1.04), ylim=(-0.06, 1.06),
         )  # fmt: skip
         ax.grid(alpha=0.3, linewidth=0.6)
+        ax.legend(
+            fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2,
+            markerscale=0.5,
+        )  # fmt: skip
 
     return picture(
-        draw, (4.8, 4.6), "Calibration: share of right answers by probability said, beside the diagonal"
+        draw, (5.2, 5.2), "Calibration: share of right answers by probability said, beside the diagonal"
     )

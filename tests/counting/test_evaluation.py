@@ -1,6 +1,7 @@
 """Protocols of evaluation, scores by hand, intervals against the binomial law."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -50,6 +51,18 @@ def held(answers, groups):
     return np.column_stack([answers, np.random.default_rng(0).normal(size=n), np.arange(n)])
 
 
+class Elsewhere(GaussianNB):
+    """Cannot be fitted in this process."""
+
+    def __init__(self, here=0):
+        super().__init__()
+        self.here = here
+
+    def fit(self, X, y):
+        assert os.getpid() != self.here
+        return super().fit(X, y)
+
+
 @pytest.fixture(autouse=True)
 def _forget():
     Recorder.calls = []
@@ -57,6 +70,26 @@ def _forget():
 
 GROUPS = np.repeat(np.arange(24), 2)
 COUNTS = GROUPS % 3
+
+
+def test_folds_fitted_in_processes_give_the_same_scores():
+    X = COUNTS[:, np.newaxis] + np.random.default_rng(1).normal(0, 0.6, (COUNTS.size, 3))
+    told = []
+    alone = evaluate(GaussianNB(), X, COUNTS, GROUPS, n_splits=3)
+    together = evaluate(
+        Elsewhere(os.getpid()),
+        X,
+        COUNTS,
+        GROUPS,
+        n_splits=3,
+        n_jobs=2,
+        progress=lambda *done: told.append(done),
+    )
+    assert together.to_dict() == alone.to_dict()
+    assert 0 < alone.accuracy < 1
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    with pytest.raises(AssertionError):
+        evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, n_splits=3)
 
 
 # Protocols
