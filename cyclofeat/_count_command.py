@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat import _watch_command
 from cyclofeat._reading import FILES, add_reading_options, entries, in_options, reading_arguments, titled
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeModel
+    from cyclofeat.counting import LobeCount, LobeModel
+    from cyclofeat.recording import Recording
     from cyclofeat.report import CountedRecording
 
 TEXT = "count the worn lobes of recordings"
@@ -34,7 +36,21 @@ def run(arguments: argparse.Namespace) -> int:
 
         target = target_of(arguments.report)  # found out now rather than after the counts
     results: list[dict[str, Any]] = []
-    counted: list[CountedRecording] = []
+    counted = _counted(arguments, model, results)
+    if target is None:
+        for _ in counted:
+            pass
+    else:
+        _write_report(arguments, model, counted, results)
+    if arguments.json:
+        print(json.dumps(results, indent=2))
+    return 2 if any("error" in result for result in results) else 0
+
+
+def _counted(
+    arguments: argparse.Namespace, model: LobeModel, results: list[dict[str, Any]]
+) -> Iterator[tuple[str, Recording, LobeCount]]:
+    """Count file by file, print and enter the results; what was counted, one at a time."""
     options = reading_arguments(arguments)
     for entry in entries(arguments.files):
         path = str(entry.path)
@@ -58,30 +74,28 @@ def run(arguments: argparse.Namespace) -> int:
         results.append({"file": path, **result.to_dict(), "window_s": turn, "unused_s": unused})
         if not arguments.json:
             print(text_of(results[-1]))
-        if target is not None:
-            from cyclofeat.report import CountedRecording
-
-            counted.append(CountedRecording(path, recording, result))
-    if target is not None:
-        _write_report(arguments, model, counted, results)
-    if arguments.json:
-        print(json.dumps(results, indent=2))
-    return 2 if any("error" in result for result in results) else 0
+        yield path, recording, result
 
 
 def _write_report(
     arguments: argparse.Namespace,
     model: LobeModel,
-    counted: list[CountedRecording],
+    counted: Iterable[tuple[str, Recording, LobeCount]],
     results: list[dict[str, Any]],
 ) -> None:
-    from cyclofeat.report import write_count_report
+    from cyclofeat.report import CountedRecording, write_count_report
 
     settings = {"model file": arguments.model}
     if arguments.skip:
         settings["left out at the start"] = f"{arguments.skip:g} s"
-    failures = {result["file"]: result["error"] for result in results if "error" in result}
-    path = write_count_report(arguments.report, model, counted, failures=failures, settings=settings)
+    failures: dict[str, str] = {}
+
+    def shown() -> Iterator[CountedRecording]:
+        for path, recording, result in counted:
+            yield CountedRecording(path, recording, result)
+        failures.update((result["file"], result["error"]) for result in results if "error" in result)
+
+    path = write_count_report(arguments.report, model, shown(), failures=failures, settings=settings)
     print(f"report: {path}", file=sys.stderr)
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import weakref
 from functools import partial
 
 import numpy as np
@@ -195,6 +196,23 @@ def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
     page = report.read_text(encoding="utf-8")
     for part in ("SURROGATE", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
         assert part in page
+
+
+def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch):
+    alive = []
+
+    def written(path, model, counted, *, failures, settings):
+        seen = [weakref.ref(item.recording) for item in counted]
+        alive.append([len(seen), sum(recording() is not None for recording in seen)])
+        return path
+
+    monkeypatch.setattr("cyclofeat.report.write_count_report", written)
+    code, _, _ = run(
+        capsys, "count", *(folder / "worn.csv",) * 3, "--report", tmp_path / "count.html",
+        "--model", folder / "model.joblib", "--trust",
+    )  # fmt: skip
+    assert code == 0
+    assert alive == [[3, 0]]
 
 
 def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_path):

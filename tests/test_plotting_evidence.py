@@ -8,7 +8,7 @@ from small_model import RATE, SPEED, recording, small_model, unlike_training
 
 from cyclofeat import Recording, Windower
 from cyclofeat.counting import LobeModel
-from cyclofeat.plotting import OrderDisplay, TrainingDisplay
+from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay
 
 
 @pytest.fixture(autouse=True)
@@ -115,6 +115,37 @@ def test_kinds_of_features_are_drawn_by_their_places(model):
     labels = display.ax_.get_legend_handles_labels()[1]
     assert labels == ["trained: 3 worn (one std)", "trained: 0 worn", "this recording"]
     assert display.ax_.lines[-1].get_ydata().size == 15
+
+
+@pytest.mark.parametrize("lobe", [0, 6, 14])
+@pytest.mark.parametrize("absolute", [True, False])
+def test_slots_are_drawn_by_the_lobes_of_the_disc(model, lobe, absolute):
+    one = recording((lobe,), seed=100)
+    if not absolute:
+        one = one.replace(angle=None, angle_is_absolute=False)
+    display = TrainingDisplay.from_estimator(model, one)
+    columns = [k for k, name in enumerate(display.names) if name.startswith("lobe_slot_rms")]
+    loudest = int(display.features[0, columns].argmax())
+    on_disc = int(LobeMapDisplay.from_recording(one).slot_rms.argmax())
+    assert display.absolute == absolute
+    # halves of a burst may fall into neighbouring slots
+    assert (display.slot_lobes[loudest] - on_disc + 1) % 15 <= 2
+    assert not absolute or display.slot_lobes[loudest] == lobe == on_disc
+    assert sorted(display.slot_lobes) == list(range(15))
+    display.plot(kind="lobe_slot_rms", counts=(1, 0))
+    labels = [label.get_text() for label in display.ax_.get_xticklabels()]
+    assert labels == [str(number + 1) for number in display.slot_lobes]
+    start = "as numbered on the disc" if absolute else "counted from the first sample"
+    assert display.ax_.get_xlabel() == f"lobe, {start}"
+
+
+def test_axes_speak_plainly(model):
+    display = TrainingDisplay.from_estimator(model, recording((4, 5, 6), seed=100))
+    for kind in display.kinds:
+        display.plot(kind=kind, counts=(3, 0))
+        axes = f"{display.ax_.get_xlabel()} {display.ax_.get_ylabel()}"
+        assert "_" not in axes
+        assert ("dB" in axes) == kind.endswith("_db")
 
 
 def test_kinds_that_tell_counts_apart_come_first():

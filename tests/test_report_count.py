@@ -2,6 +2,7 @@
 
 import json
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -54,8 +55,9 @@ def test_the_count_comes_before_all_evidence(page):
         "Worn lobes: <b>worn</b>.npz", "All recordings are SURROGATE", "3 worn lobes probability",
         "5, 6, 7 as numbered on the disc", "Against the training Inside", "the count agrees",
         "probabilities are not calibrated", "On what grounds", "The disc", "How sure", "Torque", "Spectrum",
-        "Orders", "Beside the training windows", "What the features said", "What the words mean",
-        "Not calibrated: it ranks the counts", "The model", "bursts <i>by hand</i>", "Made from",
+        "Orders", "Beside the training windows", "Strength of the lobe lines", "What the words mean",
+        "Not calibrated: it ranks the counts", "In the code: lobe_slot_rms , std of the whitened",
+        "The model", "bursts <i>by hand</i>", "Made from",
         "model file <model>",
     ]  # fmt: skip
     places = [text.find(part) for part in order]
@@ -82,14 +84,18 @@ def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
         tmp_path / "all.html", model, counted, failures={"bad.csv": "bad.csv: <i>empty</i>"}
     )
     text = words(parse(path.read_text(encoding="utf-8")))
-    assert (
-        "4 recordings: 1 with no worn lobe, 1 with 3 worn lobes, 1 refused, 1 could not be counted." in text
-    )
+    tiles = [
+        "Counted 2 of 4 1 with no worn lobe, 1 with 3 worn lobes", "Worst 3 worn lobes <b>worn</b>.npz",
+        "Refused 1 not to be relied on: strange.npz", "Could not be counted 1 bad.csv",
+        "Recording Worn lobes",
+    ]  # fmt: skip
+    assert sorted(tiles, key=text.index) == tiles
+    assert "strange.npz - - - - refused , else" in text
     assert "2 of 3 recordings are SURROGATE" in text
     assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
     assert text.index("strange.npz") < text.index("Against the training")
     refused = text[text.rindex("strange.npz") :]
-    assert refused.index("Refused (else") < refused.index("outside what I was trained on")
+    assert refused.index("Refused Why:") < refused.index("outside what I was trained on")
     assert "Against the training Outside" in refused
 
 
@@ -98,8 +104,85 @@ def test_sections_go_first_to_recordings_that_need_a_look(model, counted, drawn)
     assert [section["name"] for section in found["sections"]] == ["strange.npz"]
     assert found["n_more"] == 2
     assert [bool(row["anchor"]) for row in found["rows"]] == [False, False, True]
-    assert len(drawn) == 9
+    assert len(drawn) == 3
     json.dumps(found)
+
+
+def test_only_recordings_with_a_section_stay_in_memory(model, drawn):
+    alive, most = [], []
+
+    def arriving():
+        for seed in range(6):
+            one = recording((), seed=200 + seed)
+            alive.append(weakref.ref(one))
+            counted = CountedRecording(str(seed), one, model.count(one))
+            del one
+            yield counted
+            del counted
+            most.append(sum(made() is not None for made in alive))
+
+    found = summarise_count(model, arriving(), most_sections=2)
+    assert [row["name"] for row in found["rows"]] == list("012345")
+    assert len(found["sections"]) == 2
+    assert max(most) <= 3  # those with a section, and the one in hand
+
+
+def test_failures_may_be_entered_while_recordings_are_counted(model, counted, drawn):
+    failures = {}
+
+    def arriving():
+        yield counted[0]
+        failures["late.csv"] = "empty"
+
+    found = summarise_count(model, arriving(), failures=failures)
+    assert found["failures"] == [{"name": "late.csv", "reason": "empty"}]
+
+
+@pytest.fixture
+def displays(monkeypatch, drawn):
+    """What the pictures of a recording would have been made of."""
+    given = []
+    monkeypatch.setattr(
+        "cyclofeat.report._figures.recording_pictures",
+        lambda torque, spectrum, orders=None, lobe_map=None: given.append((spectrum, orders, lobe_map)),
+    )
+    return given
+
+
+def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays):
+    strange, worn = unlike_training(), recording((4, 5, 6), seed=100)
+    counted = [CountedRecording(name, one, model.count(one)) for name, one in (("s", strange), ("w", worn))]
+    refused, sound = summarise_count(model, counted)["sections"]
+    assert (refused["refused"], refused["speed_known"], refused["features"]) == (True, False, [])
+    assert dict(refused["recorded"])["speed measured"] == "not found: refused, and without a tachometer"
+    assert (sound["refused"], sound["speed_known"], len(sound["features"])) == (False, True, 4)
+    (spectrum, orders, lobe_map), marked = displays
+    assert spectrum.input_speed_hz is orders is lobe_map is None
+    assert None not in marked
+    assert marked[0].input_speed_hz == pytest.approx(500 / 60, rel=1e-3)
+
+
+def test_a_refused_recording_with_a_tachometer_keeps_its_lines(model, displays):
+    strange = unlike_training()
+    turning = strange.replace(
+        angle=2 * np.pi * 500 / 60 * np.arange(strange.n_samples) / strange.sampling_rate
+    )
+    (section,) = summarise_count(model, [CountedRecording("s", turning, model.count(turning))])["sections"]
+    assert (section["refused"], section["speed_known"]) == (True, True)
+    assert displays[0][0].input_speed_hz == pytest.approx(500 / 60)
+
+
+def test_speeds_stated_and_measured_stand_apart(model, drawn):
+    by_tachometer = recording((4, 5, 6), seed=100, slowing=0.01)
+    without = by_tachometer.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
+    counted = [CountedRecording("a", one, model.count(one)) for one in (by_tachometer, without)]
+    first, second = (dict(section["recorded"]) for section in summarise_count(model, counted)["sections"])
+    assert first["speed stated"] == "500 RPM, the nominal speed by file or option"
+    assert first["speed measured"] == "497.5 RPM, by the tachometer"
+    assert second["speed stated"] == "none: taken as the model's 500 RPM"
+    speed, by = second["speed measured"].split(" RPM, ")
+    assert float(speed) == pytest.approx(497.5, abs=1.5)
+    assert by == "by the lobe lines"
 
 
 def test_lobes_without_an_absolute_angle_are_said_to_be_relative(model, drawn):

@@ -361,7 +361,7 @@ class LobeModel:
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
-                f"{distance:.3g} times the largest distance inside{' (median)' if len(windows) > 1 else ''}"
+                f"{distance:.2f} times the largest distance inside{' (median)' if len(windows) > 1 else ''}"
             )
         lobes: tuple[int, ...] = ()
         by_lobe: tuple[float, ...] = ()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from matplotlib.text import Text
 
-_QUANTITY = "rms of folded torque (std of the whitened torque = 1)"
+_QUANTITY = "disturbance of the torque while the lobe passes (rms; 1 = std of the torque)"
 
 # Radii of the picture; the tips of the disc lie at 1.
 _HUB = 0.33
@@ -299,7 +299,8 @@ class LobeMapDisplay:
         if colorbar:
             self.colorbar_ = self.figure_.colorbar(
                 ScalarMappable(norm, colours), ax=self.ax_, location="bottom", shrink=0.75, pad=0.02,
-                aspect=30, label=_QUANTITY, extend="max" if self.slot_rms.max() > end else "neither",
+                aspect=30, label=f"ring: {_QUANTITY}",
+                extend="max" if self.slot_rms.max() > end else "neither",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
                 # In vector files one image instead of 256 strips with hairlines between them.
@@ -311,8 +312,8 @@ class LobeMapDisplay:
     @property
     def _numbering(self) -> str:
         if self.absolute:
-            return "lobe, numbered as on the disc"
-        return "lobe, counted from the one that passes at the first sample"
+            return "as numbered on the disc"
+        return "counted from the one under load at the first sample"
 
     # -- the disc
 
@@ -346,7 +347,7 @@ class LobeMapDisplay:
         edge = _MARGIN * (_RING if self.lobe_probability is None else _BARS)[1]
         ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
         ax.set_axis_off()
-        ax.set_title(f"number: {self._numbering}", fontsize="medium")
+        ax.set_title(f"lobes {self._numbering}", fontsize="medium")
         self._legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
 
     def _disc_numbers(self, middles: Float, ink: str) -> None:
@@ -381,7 +382,7 @@ class LobeMapDisplay:
             length = (outer - inner) * float(probability)
             edges = middle - 0.7 * half, middle + 0.7 * half
             self.ax_.add_patch(Wedge((0, 0), inner + length, *edges, width=length, color="C2"))
-        meaning = "bar outwards: probability of wear by the model\n(dotted circle 0.5, outer circle 1)"
+        meaning = "bar outwards: probability that the lobe is worn\n(dotted circle 0.5, outer circle 1)"
         return Patch(color="C2", label=meaning)
 
     def _legend(self, probability: Artist | None, **place: Any) -> None:
@@ -418,7 +419,7 @@ class LobeMapDisplay:
         for lobe in self.counted_lobes:
             bars[lobe].set(edgecolor="C1", linewidth=2.5)
         ax.set(
-            xlabel=self._numbering,
+            xlabel=f"lobe, {self._numbering}",
             ylabel=_QUANTITY.replace(" (", "\n("),
             xlim=(0.3, self.n_lobes + 0.7),
             ylim=(0, 1.08 * end),

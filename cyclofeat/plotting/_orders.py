@@ -188,7 +188,7 @@ class OrderDisplay:
             )
         self.ax_.set_yscale("log")
         self.ax_.set(
-            xlabel="order of the input shaft (1)",
+            xlabel="order of the input shaft (times per turn)",
             ylabel="amplitude (Nm)",
             xlim=(0, self.orders[-1] + 0.5),
             ylim=(bottom, 3 * largest),

@@ -243,7 +243,7 @@ class SpectrumDisplay:
         order_ax = self.ax_.secondary_xaxis(
             "top", functions=(lambda hz: hz / speed, lambda order: order * speed)
         )
-        order_ax.set_xlabel("order of the input shaft (1)")
+        order_ax.set_xlabel("order of the input shaft (times per turn)")
         return order_ax
 
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.features._registry import REGISTRY, Feature
+from cyclofeat import lobes
+from cyclofeat.features import LobeMap
 from cyclofeat.plotting._base import Float, axes_for
-from cyclofeat.recording import Recording, Windower
+from cyclofeat.plotting._kinds import words_of
+from cyclofeat.recording import Recording, Windower, WindowSet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +41,11 @@ class TrainingDisplay:
         Standard deviation of training windows about the mean of their count.
     distances : array-like, shape (n_windows, n_classes)
         Distance of each window from the training windows of each count, 1 being the largest inside.
+    slot_lobes : array-like of int, shape (n_lobes,), optional
+        The lobe, from 0, whose passage lies nearest to each slot of a :class:`cyclofeat.features.LobeMap`.
+        Slots are then drawn by the numbers of lobes.
+    absolute : bool, default=False
+        Whether these are numbers on the disc, and not counted from the recording's first sample.
 
     Attributes
     ----------
@@ -79,6 +86,8 @@ class TrainingDisplay:
         means: ArrayLike,
         spread: ArrayLike,
         distances: ArrayLike,
+        slot_lobes: ArrayLike | None = None,
+        absolute: bool = False,
     ) -> None:
         self.features: Float = np.asarray(features, dtype=np.float64)
         self.names = list(names)
@@ -86,6 +95,8 @@ class TrainingDisplay:
         self.means: Float = np.asarray(means, dtype=np.float64)
         self.spread: Float = np.asarray(spread, dtype=np.float64)
         self.distances: Float = np.asarray(distances, dtype=np.float64)
+        self.slot_lobes = None if slot_lobes is None else np.asarray(slot_lobes, dtype=np.int64)
+        self.absolute = bool(absolute)
         shape = (self.classes.size, self.features.shape[1])
         if self.means.shape != shape:
             raise ValueError(
@@ -141,6 +152,8 @@ class TrainingDisplay:
             means=domain.means_ * domain.scale_ + domain.location_,
             spread=np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             distances=np.sqrt(np.maximum(squared, 0.0)) / max(domain.threshold_, np.finfo(float).tiny),
+            slot_lobes=_slot_lobes(model, windows),
+            absolute=bool(windows.absolute[0]),
         )
 
     @property
@@ -213,11 +226,11 @@ class TrainingDisplay:
                 markersize=14,
                 label="each window",
             )
-        self.ax_.axhline(1, color="C1", linestyle="--", label="beyond this from all counts: refused")
+        self.ax_.axhline(1, color="C1", linestyle="--", label="beyond this from all of them: refused")
         self.ax_.set_xticks(places, [str(count) for count in self.classes])
         self.ax_.set(
-            xlabel="worn lobes of the training windows",
-            ylabel="distance\n(largest inside = 1)",
+            xlabel="training windows with this number of worn lobes",
+            ylabel="distance from them\n(1 = edge of the training)",
             ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
         )
         self.ax_.legend(
@@ -245,21 +258,37 @@ class TrainingDisplay:
             places, recorded, linestyle="", marker="o", markersize=3.5, color=rcParams["text.color"],
             label="this recording",
         )  # fmt: skip
-        row_of = feature_of(kind)
-        self.ax_.set(
-            xlabel="number within its kind, from 1",
-            ylabel=kind if row_of is None else f"{row_of.name.replace('_', ' ')}\n({row_of.unit})",
-            xlim=(0.5, columns.size + 0.5),
-        )
+        words = words_of(kind)
+        self.ax_.set(xlabel=words.places, ylabel=words.axis, xlim=(0.5, columns.size + 0.5))
+        if kind.startswith("lobe_slot") and self.slot_lobes is not None:
+            self.ax_.set_xticks(places, [str(lobe + 1) for lobe in self.slot_lobes])
+            start = "as numbered on the disc" if self.absolute else "counted from the first sample"
+            self.ax_.set_xlabel(f"lobe, {start}")
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
         self.ax_.legend(
             fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
         )
 
 
-def feature_of(kind: str) -> Feature | None:
-    """The registry's row of a kind of columns; None for features that are not ours."""
-    return next((row for row in REGISTRY.values() if row.column() == kind), None)
+def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | None:
+    """The lobe, from 0, that passes nearest to each slot of the first window, as the features fold it."""
+    from cyclofeat.counting import passage_of_lobe_zero
+    from cyclofeat.persistence import _parts
+
+    lobe_map = next((part for part in _parts(model.counter) if isinstance(part, LobeMap)), None)
+    if lobe_map is None:
+        return None
+    n = lobe_map.n_lobes
+    begin = 0.0
+    if lobe_map.align == "energy":
+        folded = lobes.fold(lobe_map.lines(windows.X[:1]).lines, n)
+        begin = float(lobes.energy_centre(folded)[0]) - 0.5
+    # Without an absolute angle the lobe under load at the first sample fills the first slot from there on.
+    passage = 0.5 / n
+    if windows.absolute[0]:
+        passage = float(passage_of_lobe_zero(windows.start_angle[:1], n)[0])
+    middle = begin + (np.arange(n) + 0.5) / n
+    return np.rint(n * (middle - passage)).astype(np.int64) % n
 
 
 def _kind(name: str) -> str:

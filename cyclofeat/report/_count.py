@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from cyclofeat import __version__
 from cyclofeat.plotting._base import require_matplotlib
+from cyclofeat.plotting._kinds import feature_of, words_of
 from cyclofeat.recording import Windower
 from cyclofeat.report._page import (
     count_text,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.recording import Recording
-    from cyclofeat.report._figures import Picture
 
 _N_FEATURE_PICTURES = 4
 
@@ -55,7 +55,7 @@ class CountedRecording:
 def write_count_report(
     path: str | os.PathLike[str],
     model: LobeModel,
-    counted: Sequence[CountedRecording],
+    counted: Iterable[CountedRecording],
     *,
     failures: Mapping[str, str] | None = None,
     settings: Mapping[str, object] | None = None,
@@ -65,7 +65,8 @@ def write_count_report(
 
     The answer comes first: count, lobes, probability, set of counts where the model gives one, and what to
     know before relying on it. Then the evidence: the disc with its lobes, torque, spectrum, orders, and the
-    features beside those of the training windows. Several recordings have a table before their sections.
+    features beside those of the training windows. Several recordings have a summary and a table before their
+    sections. Of a recording that was refused and has no tachometer, what rests on its speed is left out.
     The file appears whole or not at all; one of that name is replaced.
 
     Parameters
@@ -74,9 +75,10 @@ def write_count_report(
         File to write, usually ``*.html``.
     model : cyclofeat.counting.LobeModel
         What counted.
-    counted : sequence of CountedRecording
+    counted : iterable of CountedRecording
+        Gone through once. Of a generator, only recordings that get a section are kept in memory.
     failures : mapping from str to str, optional
-        Recordings that could not be counted: name to reason.
+        Recordings that could not be counted: name to reason. Read when ``counted`` is at its end.
     settings : mapping, optional
         What else the report was made from, label to value.
     most_sections : int, default=12
@@ -113,7 +115,7 @@ def write_count_report(
 
 def summarise_count(
     model: LobeModel,
-    counted: Sequence[CountedRecording],
+    counted: Iterable[CountedRecording],
     *,
     failures: Mapping[str, str] | None = None,
     settings: Mapping[str, object] | None = None,
@@ -126,8 +128,9 @@ def summarise_count(
     Returns
     -------
     dict
-        ``title``, ``version``, ``surrogate``, ``origin``, ``rows`` (one for each recording), ``failures``,
-        ``sections``, ``n_more`` (recordings without one), ``n_lobes``, ``calibrated``, ``model`` and
+        ``title``, ``version``, ``surrogate``, ``origin``, ``several``, ``tiles`` (what all come to), ``rows``
+        (one for each recording), ``with_stated``, ``failures``, ``sections``, ``n_more`` (recordings without
+        one), ``features`` (what the kinds drawn are), ``n_lobes``, ``calibrated``, ``model`` and
         ``provenance``.
 
     Raises
@@ -135,27 +138,38 @@ def summarise_count(
     ImportError, ValueError
         As :func:`write_count_report`.
     """
-    failed = dict(failures or {})
-    if not counted and not failed:
-        raise ValueError("counted must hold at least one recording, got none")
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
     require_matplotlib("report")
-    _, surrogate, said_of_origin = origin([item.recording.source for item in counted])
-    with_section = _to_look_at(counted, most_sections)
-    several = len(counted) + len(failed) > 1
+    rows: list[dict[str, Any]] = []
+    sources: list[str | None] = []
+    kept: list[tuple[int, CountedRecording]] = []
+    for place, item in enumerate(counted):
+        rows.append(_row(item))
+        sources.append(item.recording.source)
+        kept = sorted([*kept, (place, item)], key=_urgency)[:most_sections]
+    failed = {str(name): str(reason) for name, reason in (failures or {}).items()}
+    if not rows and not failed:
+        raise ValueError("counted must hold at least one recording, got none")
+    sections = []
+    for place, item in sorted(kept, key=lambda one: one[0]):
+        rows[place]["anchor"] = f"recording-{place + 1}"
+        sections.append(rows[place] | _section(model, item))
+    _, surrogate, said_of_origin = origin(sources)
+    several = len(rows) + len(failed) > 1
     return {
-        "title": "Worn lobes" if several or not counted else f"Worn lobes: {counted[0].name}",
+        "title": "Worn lobes" if several or not rows else f"Worn lobes: {rows[0]['name']}",
         "version": __version__,
         "surrogate": surrogate,
-        "origin": said_of_origin if counted else "",
+        "origin": said_of_origin if rows else "",
         "several": several,
-        "totals": _totals(counted, failed),
-        "rows": [_row(k, item, k in with_section) for k, item in enumerate(counted)],
-        "with_stated": any(item.recording.defect_count is not None for item in counted),
-        "failures": [{"name": str(name), "reason": str(reason)} for name, reason in failed.items()],
-        "sections": [_section(k, model, counted[k]) for k in with_section],
-        "n_more": len(counted) - len(with_section),
+        "tiles": _tiles(rows, failed),
+        "rows": rows,
+        "with_stated": any(row["stated"] for row in rows),
+        "failures": [{"name": name, "reason": reason} for name, reason in failed.items()],
+        "sections": sections,
+        "n_more": len(rows) - len(sections),
+        "features": _definitions(sections),
         "n_lobes": model.n_lobes,
         "calibrated": bool(model.card.get("calibrated")),
         "model": _of_model(model),
@@ -166,34 +180,54 @@ def summarise_count(
     }
 
 
-def _to_look_at(counted: Sequence[CountedRecording], most: int) -> list[int]:
-    """Places of the recordings that need a look most, in the order given."""
-
-    def urgency(k: int) -> tuple[bool, float]:
-        count = counted[k].count
-        return not count.refused, count.probability[count.defect_count]
-
-    return sorted(sorted(range(len(counted)), key=urgency)[:most])
+def _urgency(kept: tuple[int, CountedRecording]) -> tuple[bool, float]:
+    """What needs a look most comes first: refused, then least probable."""
+    count = kept[1].count
+    return not count.refused, count.probability[count.defect_count]
 
 
 # -- the answer
 
 
-def _totals(counted: Sequence[CountedRecording], failed: Mapping[str, str]) -> str:
-    """What all recordings come to, in a sentence."""
-    n_refused = sum(item.count.refused for item in counted)
-    by_count = Counter(item.count.defect_count for item in counted if not item.count.refused)
+def _tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list[dict[str, Any]]:
+    """What all recordings come to: how many were counted, the worst, and those to look after."""
+    sound = [row for row in rows if not row["refused"]]
+    by_count = Counter(row["count"] for row in sound)
     parts = [f"{n} with {count_text(count, ())}" for count, n in sorted(by_count.items())]
-    parts += [f"{n_refused} refused"] if n_refused else []
-    parts += [f"{len(failed)} could not be counted"] if failed else []
-    return f"{number(len(counted) + len(failed), 'recording')}: {', '.join(parts)}."
+    found = [("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts), False)]
+    if sound:
+        worst = max(by_count)
+        names = [row["name"] for row in sound if row["count"] == worst]
+        found.append(("Worst", _capital(count_text(worst, ())), _some(names) if worst else "in any", False))
+    refused = [row["name"] for row in rows if row["refused"]]
+    if refused:
+        found.append(("Refused", str(len(refused)), f"not to be relied on: {_some(refused)}", True))
+    if failed:
+        found.append(("Could not be counted", str(len(failed)), _some(list(failed)), True))
+    wrong = [row["name"] for row in sound if row["wrong"]]
+    if wrong:
+        found.append(("Other than stated", str(len(wrong)), _some(wrong), True))
+    return [
+        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in found
+    ]
 
 
-def _row(place: int, item: CountedRecording, linked: bool) -> dict[str, Any]:
+def _some(names: Sequence[str], most: int = 3) -> str:
+    """The first of many names."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _row(item: CountedRecording) -> dict[str, Any]:
+    """The line of a recording in the table; where it has a section, the place of that is entered later."""
     count, recording = item.count, item.recording
     stated = recording.defect_count
     return {
-        "anchor": f"recording-{place + 1}" if linked else "",
+        "anchor": "",
         "name": str(item.name),
         "count": count.defect_count,
         "lobes": lobes_text(count.lobes, count.absolute),
@@ -205,13 +239,19 @@ def _row(place: int, item: CountedRecording, linked: bool) -> dict[str, Any]:
     }
 
 
-def _section(place: int, model: LobeModel, item: CountedRecording) -> dict[str, Any]:
+def _section(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
+    from cyclofeat.datasets import describe
+
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
-    return _row(place, item, True) | {
-        "heading": _heading(count),
+    # Taken to turn as the model was trained where nothing is stated, which is how it was counted.
+    nominal = recording.speed_rpm or 60 * model.input_speed_hz
+    described = describe(recording.replace(speed_rpm=nominal), reduction=model.n_lobes)
+    return {
+        "heading": _capital(count_text(count.defect_count, ())),
         "reason": count.reason,
-        "warnings": [*count.warnings, *_quality(recording, model)],
+        "speed_known": _speed_known(item),
+        "warnings": [*count.warnings, *_quality(described["warnings"])],
         "shares": [{"count": c, "value": p, "text": probability_text(p)} for c, p in shares],
         "sets": _sets(model, recording),
         "windows": f"{number(count.n_windows, 'window')} of one output turn "
@@ -224,22 +264,19 @@ def _section(place: int, model: LobeModel, item: CountedRecording) -> dict[str, 
             for lobe, share in enumerate(count.lobe_probability)
         ],
         "relative": bool(count.lobe_probability) and not count.absolute,
-        "recorded": _recorded(recording),
+        "recorded": _recorded(model, item, described),
         **_evidence(model, item),
     }
 
 
-def _heading(count: LobeCount) -> str:
-    text = count_text(count.defect_count, ())
-    return f"Refused (else {text})" if count.refused else text[0].upper() + text[1:]
+def _speed_known(item: CountedRecording) -> bool:
+    """Whether lobes and lines can be placed: by a tachometer, or by a torque that is like the training's."""
+    return item.recording.angle is not None or not item.count.refused
 
 
-def _quality(recording: Recording, model: LobeModel) -> list[str]:
-    """What in the recording itself would spoil a count, but for what the count has said already."""
-    from cyclofeat.datasets import describe
-
-    found = describe(recording, reduction=model.n_lobes)["warnings"]
-    return [note for note in found if not note.startswith(("no angle", "no speed"))]
+def _quality(notes: Sequence[str]) -> list[str]:
+    """What in the recording itself would spoil a count, but for what the count or the page says already."""
+    return [note for note in notes if not note.startswith(("no angle", "no speed", "the record holds"))]
 
 
 def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:
@@ -255,18 +292,31 @@ def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:
     }
 
 
-def _recorded(recording: Recording) -> list[tuple[str, str]]:
+def _recorded(
+    model: LobeModel, item: CountedRecording, described: Mapping[str, Any]
+) -> list[tuple[str, str]]:
     """What the recording is, label and value."""
-    angle = "none"
+    recording = item.recording
+    angle = "none: no tachometer"
     if recording.angle is not None:
         zero = "absolute" if recording.angle_is_absolute else "relative"
         angle = f"of the {recording.angle_of} shaft, {zero}"
+    stated, measured = recording.speed_rpm, described["speed_measured_rpm"]
+    if not _speed_known(item):
+        by = "not found: refused, and without a tachometer"
+    elif measured is None:
+        by = "not found: no lobe lines stand out of the torque"
+    else:
+        by = f"{measured:.5g} RPM, by the {'tachometer' if recording.angle is not None else 'lobe lines'}"
     found = {
         "length": f"{recording.duration:.4g} s, {recording.sampling_rate:g} Hz",
         "torque": f"{recording.torque.min():.4g} to {recording.torque.max():.4g} Nm, "
         f"mean {recording.torque.mean():.4g} Nm",
-        "speed": None if recording.speed_rpm is None else f"{recording.speed_rpm:g} RPM (stated)",
-        "load": None if recording.load_nm is None else f"{recording.load_nm:g} Nm (stated)",
+        "speed stated": f"{stated:g} RPM, the nominal speed by file or option"
+        if stated is not None
+        else f"none: taken as the model's {60 * model.input_speed_hz:g} RPM",
+        "speed measured": by,
+        "load stated": None if recording.load_nm is None else f"{recording.load_nm:g} Nm",
         "angle": angle,
         "assembly": recording.assembly,
         "source": recording.source or "not stated",
@@ -286,33 +336,59 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
         TorqueDisplay,
         TrainingDisplay,
     )
-    from cyclofeat.report._figures import recording_pictures, training_pictures
+    from cyclofeat.report._figures import distance_picture, feature_picture, recording_pictures
 
     count, recording = item.count, item.recording
     if recording.angle_is_absolute and count.lobe_probability and not count.absolute:
         # Lobes counted from the first sample: the picture must count alike.
         recording = recording.replace(angle_is_absolute=False)
-    lobe_map = LobeMapDisplay.from_recording(
-        recording,
-        input_speed_hz=model.input_speed_hz,
-        n_lobes=model.n_lobes,
-        counted_lobes=count.lobes,
-        lobe_probability=count.lobe_probability or None,
-        outline=_outline(model.n_lobes, count.lobes),
-    )
-    speed = lobe_map.input_speed_hz
-    pictures = recording_pictures(
-        TorqueDisplay.from_recording(recording),
-        SpectrumDisplay.from_recording(recording, input_speed_hz=speed, n_lobes=model.n_lobes),
-        OrderDisplay.from_recording(recording, input_speed_hz=speed, n_lobes=model.n_lobes),
-        lobe_map,
-    )
-    training: list[dict[str, Picture | str]] = []
+    torque = TorqueDisplay.from_recording(recording)
+    if _speed_known(item):
+        lobe_map = LobeMapDisplay.from_recording(
+            recording,
+            input_speed_hz=model.input_speed_hz,
+            n_lobes=model.n_lobes,
+            counted_lobes=count.lobes,
+            lobe_probability=count.lobe_probability or None,
+            outline=_outline(model.n_lobes, count.lobes),
+        )
+        at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes}
+        pictures = recording_pictures(
+            torque,
+            SpectrumDisplay.from_recording(recording, **at),
+            OrderDisplay.from_recording(recording, **at),
+            lobe_map,
+        )
+    else:
+        # Lines marked at a speed that is not the recording's would be read as if they were.
+        unmarked = SpectrumDisplay.from_recording(recording.replace(speed_rpm=None))
+        pictures = recording_pictures(torque, unmarked)
+    found: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
     if model.domain is not None:
         display = TrainingDisplay.from_estimator(model, recording)
-        nearest = sorted(count.probability, key=lambda c: -count.probability[c])[:2]
-        training = training_pictures(display, tuple(nearest), _N_FEATURE_PICTURES)
-    return {"pictures": pictures, "training": training, "territory": _territory(count)}
+        nearest = tuple(sorted(count.probability, key=lambda c: -count.probability[c])[:2])
+        found["distance"] = distance_picture(display)
+        found["features"] = [
+            {
+                "kind": kind,
+                "title": words_of(kind).title,
+                "text": words_of(kind).text,
+                "picture": feature_picture(display, kind, nearest),
+            }
+            for kind in (display.kinds[:_N_FEATURE_PICTURES] if _speed_known(item) else ())
+        ]
+    return found | {"territory": _territory(count)}
+
+
+def _definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """What the kinds of features drawn are, each once, by the names that the code has for them."""
+    kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])
+    found = []
+    for kind in kinds:
+        row = feature_of(kind)
+        formula = "" if row is None else f"{row.formula} ({row.source})"
+        found.append({"title": words_of(kind).title, "name": kind, "formula": formula})
+    return found
 
 
 def _outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
@@ -332,7 +408,7 @@ def _territory(count: LobeCount) -> dict[str, str]:
         return {"heading": "Unknown", "text": "the model does not know what it was trained on"}
     return {
         "heading": "Outside" if count.distance > 1 else "Inside",
-        "text": f"what the model was trained on: {count.distance:.2g} of the largest distance inside",
+        "text": f"what the model was trained on: distance {count.distance:.2f}, where 1 is the edge",
     }
 
 

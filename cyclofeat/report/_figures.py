@@ -17,6 +17,7 @@ from cyclofeat.plotting import (
     TorqueDisplay,
     TrainingDisplay,
 )
+from cyclofeat.plotting._kinds import words_of
 from cyclofeat.plotting._lobe_map import LEAST_SCALE
 
 if TYPE_CHECKING:
@@ -28,13 +29,14 @@ Draw = Callable[["Axes", str], object]
 # Pixels per inch at which a figure is shown: a font of 10 points is then 13 pixels tall.
 _PIXELS_PER_INCH = 92
 _HIGHEST_FREQUENCY = 400.0
+_BESIDE_TRAINING = (6.0, 3.2)
 
 # What is small must recede, into a bright page as into a dark one.
 _RMS_COLOURS = {"light": "YlOrRd", "dark": "inferno"}
 _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 _TORQUE = "Output torque in Nm over time in s"
-_SPECTRUM = "Amplitude spectrum of the torque in Nm, with lobe lines and orders of the input shaft"
+_SPECTRUM = "Amplitude spectrum of the torque in Nm; lobe lines and orders are marked where a speed is known"
 _ORDERS = "Amplitudes in Nm at the lines of the output turn, by order of the input shaft"
 _LOBE_MAP = "Disc with a ring of slots, one per lobe, coloured by the rms of the folded torque"
 
@@ -138,34 +140,41 @@ def example_pictures(
 
 
 def recording_pictures(
-    torque: TorqueDisplay, spectrum: SpectrumDisplay, orders: OrderDisplay, lobe_map: LobeMapDisplay
+    torque: TorqueDisplay,
+    spectrum: SpectrumDisplay,
+    orders: OrderDisplay | None = None,
+    lobe_map: LobeMapDisplay | None = None,
 ) -> dict[str, Picture]:
-    """Of one recording, each on its own scale: ``lobe_map``, ``torque``, ``spectrum``, ``orders``."""
-    return {
-        "lobe_map": picture(
-            lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8), _LOBE_MAP
-        ),
+    """Of one recording, each on its own scale: ``torque``, ``spectrum``, ``orders``, ``lobe_map``."""
+    found = {
         "torque": picture(lambda ax, _: torque.plot(ax, max_points=2000), (6.0, 2.8), _TORQUE),
         "spectrum": picture(
             lambda ax, _: spectrum.plot(ax, max_frequency_hz=_HIGHEST_FREQUENCY), (6.0, 3.4), _SPECTRUM
         ),
-        "orders": picture(lambda ax, _: orders.plot(ax), (6.0, 3.4), _ORDERS),
     }
+    if orders is not None:
+        found["orders"] = picture(lambda ax, _: orders.plot(ax), (6.0, 3.4), _ORDERS)
+    if lobe_map is not None:
+        found["lobe_map"] = picture(
+            lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8), _LOBE_MAP
+        )
+    return found
 
 
-def training_pictures(display: TrainingDisplay, counts: tuple[int, ...], most: int) -> list[Picture]:
-    """The distance from the training windows of each count, then the features that tell counts apart best."""
-    size = (6.0, 3.2)
-
-    def course(kind: str) -> Draw:
-        return lambda ax, _: display.plot(ax, kind=kind, counts=counts)
-
+def distance_picture(display: TrainingDisplay) -> Picture:
+    """The distance from the training windows of each count."""
     distance = "Bars: distance of the recording from the training windows of each number of worn lobes"
+    return picture(lambda ax, _: display.plot(ax), _BESIDE_TRAINING, distance)
+
+
+def feature_picture(display: TrainingDisplay, kind: str, counts: tuple[int, ...]) -> Picture:
+    """The features of a kind beside the training windows of some counts."""
     beside = "Features of the recording beside the mean of the training windows of two counts: "
-    return [
-        picture(lambda ax, _: display.plot(ax), size, distance),
-        *(picture(course(kind), size, beside + kind) for kind in display.kinds[:most]),
-    ]
+    return picture(
+        lambda ax, _: display.plot(ax, kind=kind, counts=counts),
+        _BESIDE_TRAINING,
+        beside + words_of(kind).title,
+    )
 
 
 def _shown(display: SpectrumDisplay) -> NDArray[np.float64]:

@@ -33,8 +33,8 @@ pytestmark = [
 
 HOSTILE = "<script>document.title = 'taken'</script>.npz"
 SAYS = {
-    "count": ["3 worn lobes", "On what grounds", "What the features said", "What the words mean"],
-    "several": ["3 recordings", "refused", HOSTILE, "not counted"],
+    "count": ["3 worn lobes", "On what grounds", "Strength of the lobe lines", "What the words mean"],
+    "several": ["2 of 4", "refused", HOSTILE, "not counted"],
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
     "gap": ["The answer", "Model and recordings disagree", "Mains hum in the torque signal"],
     "demo": ["The answer", "Methods on the same folds", "SURROGATE"],
