@@ -34,7 +34,7 @@ pytestmark = [
 HOSTILE = "<script>document.title = 'taken'</script>.npz"
 SAYS = {
     "count": ["3 worn lobes", "On what grounds", "Strength of the lobe lines", "What the words mean"],
-    "several": ["2 of 4", "refused", HOSTILE, "not counted"],
+    "several": ["1 of 4", "Could not be counted", "refused", HOSTILE, "not counted"],
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
     "gap": ["The answer", "Model and recordings disagree", "Mains hum in the torque signal"],
     "demo": ["The answer", "Methods on the same folds", "SURROGATE"],
