@@ -8,6 +8,7 @@ import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -452,3 +453,49 @@ def test_with_a_tachometer_the_whole_chain_uses_it(done: Done) -> None:
 def test_every_effect_says_what_separates_it() -> None:
     """What the result's next measurement is taken from."""
     assert all(len(kind.separated_by) > 20 for kind in effect_library().values())
+
+
+@pytest.mark.parametrize(
+    ("alone", "together", "told", "taken"),
+    [
+        (21.0, 0.9, False, True),  # one effect cannot be the whole truth, two can
+        (21.0, 9.0, False, False),  # two are not the whole truth either
+        (21.0, 9.0, True, True),
+        (1.9, 0.9, False, False),  # one may be the whole truth
+        (1.9, 0.9, True, True),
+        (1.9, 1.8, True, False),  # two hardly explain more
+    ],
+)
+def test_when_a_second_effect_is_taken(alone: float, together: float, told: bool, taken: bool) -> None:
+    def candidate(names: tuple[str, ...], loss: float) -> _workflow.Candidate:
+        fit = SimpleNamespace(
+            loss_=loss, effects_=tuple(effect_library()[name]() for name in names),
+            identifiable_={f"{name}.size": name == names[0] or told for name in names},
+        )  # fmt: skip
+        return _workflow.Candidate(names, 0.9, fit)
+
+    class Workflow(DiscrepancyWorkflow):
+        def _fitted_ranker(self, n_samples: int) -> Any:
+            return SimpleNamespace(
+                left_out_=(), table_=SimpleNamespace(n_failed=0), rank=lambda _: [], unknown_=False,
+                classes_=("hum", "noise"),
+            )  # fmt: skip
+
+        def _singles(self, ranking: Any) -> Any:
+            return [candidate(("hum",), alone)]
+
+        def _pairs(self, first: Any) -> Any:
+            return [candidate(("hum", "noise"), together)]
+
+        def _fitted(self, proposals: Any, windows: Any, data: Any) -> Any:
+            return proposals
+
+        def _take(self, chosen: Any, windows: Any, data: Any) -> None:
+            self.names_ = chosen.names
+            self.locator_after_ = SimpleNamespace(verdict_="disagree")
+
+    workflow = Workflow(RATE)
+    workflow.locator_, workflow.warnings_ = None, []
+    workflow._name(np.zeros((2, N_SAMPLES)), {})
+    assert workflow.names_ == (("hum", "noise") if taken else ("hum",))
+    assert workflow.unknown_ is ((together if taken else alone) > 2.5)
