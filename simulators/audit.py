@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators._checks import check_number
 from cyclofeat.simulators.courses import TimeCourse, drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import (
     ABSURD_TORQUE,
     Complex,
@@ -139,12 +140,12 @@ def energy_audit(
     >>> round(energy_audit().relative_leak, 4)
     -0.0095
     """
-    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-    defects = LobeDefects.healthy() if defects is None else defects
-    defects.check_against(gearbox.n_lobes)
+    gearbox, defects = machine(gearbox, defects)
     for name, value in (("duration", duration), ("dt", dt)):
+        check_number(name, value)
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    check_number("start_time", start_time)
     if not (math.isfinite(start_time) and start_time >= 0):
         raise ValueError(f"start_time must be finite and not negative (s), got {start_time!r}")
     first, n_steps = round(start_time / dt), max(round(duration / dt), 1)

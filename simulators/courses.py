@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from cyclofeat.simulators._checks import short
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -107,7 +108,7 @@ def _load(
 def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
     """A number as it is, an array at the sampling rate (joined by straight lines), a function at ``time``."""
     if callable(values):
-        found = np.asarray(values(time), dtype=float)
+        found = _floats(name, values(time))
         if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
             raise ValueError(
                 f"{name} must be a number, an array or a function of time that returns one value per time; "
@@ -115,7 +116,7 @@ def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) ->
             )
         found = np.broadcast_to(found, time.shape)
     else:
-        found = np.asarray(values, dtype=float)
+        found = _floats(name, values)
         if found.ndim > 1:
             raise ValueError(f"{name} as an array must have one dimension, got shape {found.shape}")
         if found.ndim == 1:
@@ -123,6 +124,16 @@ def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) ->
     if not np.all(np.isfinite(found)):
         raise ValueError(f"{name} must be finite, it gave NaN or infinity")
     return found
+
+
+def _floats(name: str, values: ArrayLike) -> Float:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"{name} must be a number, an array or a function of time, and hold or return numbers, "
+            f"got {short(values)}"
+        ) from None
 
 
 def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:

@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from cyclofeat.simulators._checks import check_number, check_type, is_whole, members, short, whole
 from cyclofeat.simulators.geometry import CycloidalProfile
 
 RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
 CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 
+# Errors in a plane; the others are along one direction.
+_COMPLEX = ("wheel_runouts", "cam_errors")
+_REAL = (int, float, np.integer, np.floating)
+_PLANE = (*_REAL, complex, np.complexfloating)
 _POSITIVE = (
     "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
     "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
@@ -127,6 +132,8 @@ class CycloidalGearbox:
 
     Raises
     ------
+    TypeError
+        Where a parameter is of the wrong type; the message names it.
     ValueError
         Where a parameter is not finite or outside its range; the message names it.
 
@@ -187,10 +194,12 @@ class CycloidalGearbox:
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, (list, np.ndarray)):
-                object.__setattr__(self, field.name, tuple(np.asarray(value).tolist()))
-            elif isinstance(value, (int, float, np.number)) and not math.isfinite(value):
-                raise ValueError(f"{field.name} must be finite, got {value!r}")
+            if isinstance(field.default, tuple):
+                object.__setattr__(self, field.name, _errors(field.name, value))
+            elif not isinstance(field.default, str):
+                check_number(field.name, value)
+                if not math.isfinite(value):
+                    raise ValueError(f"{field.name} must be finite, got {value!r}")
         for name in _POSITIVE:
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
@@ -248,7 +257,7 @@ class CycloidalGearbox:
             values = getattr(self, name)
             if len(values) not in (0, length):
                 raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
-            if not np.all(np.isfinite(np.asarray(values, dtype=complex))):
+            if not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} must be finite, got {values!r}")
 
     @classmethod
@@ -368,12 +377,23 @@ class CycloidalGearbox:
             Share of critical damping of the rotor on that stiffness: c = 2 ratio sqrt(k J).
         """
         for name, value in (("inertia", inertia), ("stiffness", stiffness)):
+            check_number(name, value)
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+        check_number("damping_ratio", damping_ratio)
         if not 0 <= damping_ratio < 1:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
         damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
         return self.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
+
+
+def _errors(name: str, values: Any) -> tuple[Any, ...]:
+    """Errors of pins, lobes, wheels or cams as a tuple of numbers."""
+    given = members(values)
+    what, kinds = ("complex numbers", _PLANE) if name in _COMPLEX else ("numbers", _REAL)
+    if given is None or not all(isinstance(one, kinds) and not isinstance(one, bool) for one in given):
+        raise TypeError(f"{name} must be a sequence of {what} (m), or empty, got {short(values)}")
+    return tuple(np.asarray(values).tolist()) if isinstance(values, (list, np.ndarray)) else given
 
 
 @dataclass(frozen=True)
@@ -406,11 +426,13 @@ class LobeDefects:
 
     def __post_init__(self) -> None:
         for name in ("worn_lobes", "removed_lobes"):
-            lobes = tuple(getattr(self, name))
-            if not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
-                raise ValueError(f"{name} must be distinct whole numbers from 0, got {lobes!r}")
+            given = getattr(self, name)
+            lobes = members(given)
+            if lobes is None or not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
+                raise ValueError(f"{name} must be distinct whole numbers from 0, got {given!r}")
             object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
         object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
+        check_number("depth", self.depth)
         if not 0 <= self.depth <= 1:
             raise ValueError(
                 f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
@@ -474,6 +496,8 @@ class LobeDefects:
         >>> LobeDefects.drawn(2, 15, np.random.default_rng(0)).defect_count
         2
         """
+        whole("count", count, 0, whole("n_lobes", n_lobes, 1, None))
+        check_type("random", random, np.random.Generator)
         # Drawn whether needed or not: given wheels leave the lobes as they are.
         one_wheel = random.random() < 0.5
         if consecutive:
@@ -496,22 +520,44 @@ class LobeDefects:
             raise ValueError(f"defects name lobe {highest}, but the wheel has lobes 0 to {n_lobes - 1}")
 
 
+def machine(
+    gearbox: CycloidalGearbox | None, defects: LobeDefects | None
+) -> tuple[CycloidalGearbox, LobeDefects]:
+    """Gearbox and defects that a run was given, or their defaults: steel, and healthy.
+
+    Raises
+    ------
+    TypeError
+        If they are something else.
+    ValueError
+        If the defects name a lobe that the gearbox does not have.
+    """
+    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
+    defects = LobeDefects.healthy() if defects is None else defects
+    check_type("gearbox", gearbox, CycloidalGearbox)
+    check_type("defects", defects, LobeDefects)
+    defects.check_against(gearbox.n_lobes)
+    return gearbox, defects
+
+
 def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
-    if isinstance(lobes, Iterable):
-        return tuple(lobes)
-    if not _is_index(lobes):
+    if _is_index(lobes):
+        return tuple(range(int(lobes)))  # type: ignore[arg-type]
+    given = members(lobes)
+    if given is None:
         raise ValueError(f"lobes must be a number of lobes from 0, or their indices, got {lobes!r}")
-    return tuple(range(int(lobes)))
+    return given
 
 
-def _is_index(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and float(value).is_integer() and float(value) >= 0
+def _is_index(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, _REAL):
+        return False
+    return float(value).is_integer() and float(value) >= 0
 
 
 def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
-    given = tuple(wheels) if isinstance(wheels, Iterable) else ()
-    whole = all(isinstance(wheel, (int, np.integer)) and not isinstance(wheel, bool) for wheel in given)
-    found = tuple(sorted(int(wheel) for wheel in given)) if whole else ()
+    given = members(wheels) or ()
+    found = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
     if found not in ((0,), (1,), (0, 1)):
         raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
     return found

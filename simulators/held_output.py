@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from cyclofeat.simulators import _held
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators._checks import check_number, whole
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import (
     ABSURD_TORQUE,
     LARGEST_N_STEPS,
@@ -148,9 +149,12 @@ def torque_deflection(
     >>> loop.lost_motion() > 1e-3, loop.hysteresis() > 0
     (True, True)
     """
-    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-    defects = LobeDefects.healthy() if defects is None else defects
-    defects.check_against(gearbox.n_lobes)
+    gearbox, defects = machine(gearbox, defects)
+    for name, value in (
+        ("peak_torque", peak_torque), ("period", period), ("dt", dt),
+        ("numerical_damping", numerical_damping), ("input_angle", input_angle),
+    ):  # fmt: skip
+        check_number(name, value)
     for name, value in (("peak_torque", peak_torque), ("period", period), ("dt", dt)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
@@ -158,10 +162,8 @@ def torque_deflection(
         raise ValueError(f"numerical_damping must be finite and not negative, got {numerical_damping!r}")
     if not math.isfinite(input_angle):
         raise ValueError(f"input_angle must be finite (rad), got {input_angle!r}")
-    if n_cycles < 1 or n_points < 8:
-        raise ValueError(
-            f"n_cycles must be at least 1 and n_points at least 8, got {n_cycles!r} and {n_points!r}"
-        )
+    whole("n_cycles", n_cycles, 1, None)
+    whole("n_points", n_points, 8, None)
     every = max(round(period / (n_points * dt)), 1)
     n_steps = round(n_cycles * period / dt)
     if n_steps > LARGEST_N_STEPS:

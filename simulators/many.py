@@ -8,6 +8,7 @@ from typing import Any, Literal, overload
 import joblib
 import numpy as np
 
+from cyclofeat.simulators._checks import is_whole, members, number, short, whole
 from cyclofeat.simulators._parallel import stopped_quietly
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
@@ -75,7 +76,8 @@ def simulate_many(
         Tolerances from which the errors of every run's assembly are drawn, independently.
     random_state : int, optional
         Seed of those draws; must be given with ``tolerances``. The seed of a run follows from it and from the
-        run's place in the list alone, so that neither the number of workers nor more runs change it.
+        run's place in the list alone, so that neither the number of workers nor more runs change it. No two
+        runs of one ``random_state`` have the same; two of different ones have it with a chance of 2**-32.
     start_angles : sequence of float, optional
         Input angle at t = 0 of each run, in rad.
     on_failure : {"raise", "return"}
@@ -114,23 +116,34 @@ def simulate_many(
         raise ValueError(f"on_failure must be 'raise' or 'return', got {on_failure!r}")
     if prefer not in ("threads", "processes"):
         raise ValueError(f"prefer must be 'threads' or 'processes', got {prefer!r}")
-    if isinstance(n_jobs, bool) or not isinstance(n_jobs, (int, np.integer)) or n_jobs == 0:
+    if not is_whole(n_jobs) or n_jobs == 0:
         raise ValueError(f"n_jobs must be a whole number of workers, or -1 for all, got {n_jobs!r}")
     if tolerances is not None and random_state is None:
         raise ValueError(
             "random_state must be given with tolerances, so that the assemblies can be made again"
         )
+    if random_state is not None:
+        whole("random_state", random_state, 0, None)
     for name in ("seed", "start_angle"):
         if name in options:
             other = "random_state" if name == "seed" else "start_angles"
             raise ValueError(f"{name} is one run's; give {other} for many")
     each: dict[str, list[Any]] = {}
-    for name, values in (("gearboxes", gearboxes), ("defects", defects), ("start_angles", start_angles)):
-        if values is not None and not isinstance(values, (CycloidalGearbox, LobeDefects)):
-            each[name] = list(values)
+    for name, values, one in (
+        ("gearboxes", gearboxes, CycloidalGearbox),
+        ("defects", defects, LobeDefects),
+        ("start_angles", start_angles, None),
+    ):
+        if values is None or (one is not None and isinstance(values, one)):
+            continue
+        given = None if isinstance(values, str) else members(values)
+        if given is None:
+            what = "numbers of rad" if one is None else f"a {one.__name__} or several"
+            raise TypeError(f"{name} must be {what}, one for each run, got {short(values)}")
+        each[name] = list(given)
     lengths = {name: len(values) for name, values in each.items()}
     if n_runs is not None:
-        if isinstance(n_runs, bool) or not isinstance(n_runs, (int, np.integer)) or n_runs < 0:
+        if not is_whole(n_runs) or n_runs < 0:
             raise ValueError(f"n_runs must be a number of runs from 0, got {n_runs!r}")
         lengths["n_runs"] = int(n_runs)
     if len(set(lengths.values())) > 1:
@@ -138,16 +151,16 @@ def simulate_many(
         raise ValueError(f"gearboxes, defects, start_angles and n_runs must agree in number, got {told}")
     total = next(iter(lengths.values()), 1)
 
+    if "start_angles" in each:
+        each["start_angles"] = [number("start_angles", one, "numbers of rad") for one in each["start_angles"]]
+
     def arguments(index: int) -> dict[str, Any]:
-        seed = None
-        if random_state is not None:
-            seed = int(np.random.SeedSequence(random_state, spawn_key=(index,)).generate_state(1)[0])
         return {
             "gearbox": each["gearboxes"][index] if "gearboxes" in each else gearboxes,
             "defects": each["defects"][index] if "defects" in each else defects,
-            "start_angle": float(each["start_angles"][index]) if "start_angles" in each else 0.0,
+            "start_angle": each["start_angles"][index] if "start_angles" in each else 0.0,
             "tolerances": tolerances,
-            "seed": seed,
+            "seed": None if random_state is None else _seed_of(random_state, index),
         }
 
     workers = joblib.Parallel(n_jobs=n_jobs, prefer=prefer, return_as="generator")
@@ -162,6 +175,14 @@ def simulate_many(
             if progress is not None:
                 progress(len(results), total)
     return results
+
+
+def _seed_of(random_state: int, index: int) -> int:
+    """Seed of one run: 32 bits, and yet no two of one ``random_state`` are equal.
+
+    SeedSequence mixes a key of one word into the first word that it gives by steps that can all be undone.
+    """
+    return int(np.random.SeedSequence(random_state, spawn_key=(index,)).generate_state(1)[0])
 
 
 def _attempt(arguments: dict[str, Any], options: dict[str, Any]) -> SimulationRun | SimulationFailed:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.simulators._words import short
+from cyclofeat.simulators._checks import check_type, generator, is_whole, number, pair, short
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
 from cyclofeat.simulators.effects import BrakeRotor, Effect, _noise
 from cyclofeat.simulators.effects._library import checked_effects, effects_from_list
@@ -136,8 +136,7 @@ class Rig:
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
         for name, kind in (("gearbox", CycloidalGearbox), ("tolerances", AssemblyTolerances)):
-            if not isinstance(getattr(self, name), kind):
-                raise TypeError(f"{name} must be of type {kind.__name__}, got {getattr(self, name)!r}")
+            check_type(name, getattr(self, name), kind)
         for preset in dataclasses.fields(CycloidalGearbox):
             value = getattr(self.gearbox, preset.name)
             if preset.name in _DRAWN and value != preset.default:
@@ -159,19 +158,19 @@ class Rig:
         for name in _FACTORS:
             object.__setattr__(self, name, _range(name, getattr(self, name), math.inf))
         for name in ("load_drift_nm", "broad_drift_nm", "noise_nm"):
-            value = _number(name, getattr(self, name), "a number of Nm")
+            value = number(name, getattr(self, name), "a number of Nm")
             if value < 0:
                 raise ValueError(f"{name} must not be negative (Nm), got {value!r}")
             object.__setattr__(self, name, value)
         for name in ("load_drift_cutoff_hz", "broad_drift_cutoff_hz"):
-            value = _number(name, getattr(self, name), "a number of Hz")
+            value = number(name, getattr(self, name), "a number of Hz")
             if not 0 < value <= _noise.HIGHEST_CUTOFF:
                 raise ValueError(
                     f"{name} must lie above 0 and up to {_noise.HIGHEST_CUTOFF:g} Hz, got {value!r}"
                 )
             object.__setattr__(self, name, value)
         order = self.load_drift_order
-        if isinstance(order, bool) or not isinstance(order, (int, np.integer)):
+        if not is_whole(order):
             raise TypeError(f"load_drift_order must be a whole number, got {order!r}")
         if not 1 <= order <= _noise.HIGHEST_ORDER:
             raise ValueError(f"load_drift_order must lie between 1 and {_noise.HIGHEST_ORDER}, got {order!r}")
@@ -247,7 +246,7 @@ class Rig:
         >>> Rig.r1().assemble(0).meter_stiffness
         10000.0
         """
-        random = _generator(seed)
+        random = generator(seed)
         # Drawn whether needed or not: rigs that differ in one range keep everything else of an assembly.
         shares = random.random(len(_FACTORS) + len(_BRAKE))
         stiffness, damping = (
@@ -297,10 +296,10 @@ class Rig:
         >>> load(np.linspace(0, 2, 5)).shape
         (5,)
         """
-        duration = _number("duration", duration, "a number of s")
+        duration = number("duration", duration, "a number of s")
         if duration <= 0:
             raise ValueError(f"duration must be positive (s), got {duration!r}")
-        slow, broad = _noise.streams(_generator(seed), 2)
+        slow, broad = _noise.streams(generator(seed), 2)
         end = duration + _noise.MARGIN
         parts = [
             _noise.low_passed_noise(stream, rms, cutoff, self.load_drift_order, end)
@@ -461,6 +460,7 @@ def settling_time(gearbox: CycloidalGearbox) -> float:
     >>> 0.5 < settling_time(CycloidalGearbox.steel().with_brake(0.02, 1e4, 0.02)) < 1.5
     True
     """
+    check_type("gearbox", gearbox, CycloidalGearbox)
     turn = 1 / gearbox.input_speed_hz
     if gearbox.brake_inertia == 0:
         return gearbox.ramp_time + turn
@@ -497,49 +497,18 @@ def _contact_stage(
     return 2 * stiffness, 2 * gearbox.contact_damping * float(np.sum(weights * arms**2))
 
 
-def _generator(seed: Any) -> np.random.Generator:
-    if isinstance(seed, (np.random.SeedSequence, np.random.Generator)):
-        return np.random.default_rng(seed)
-    if isinstance(seed, (bool, np.bool_)) or not isinstance(seed, (int, np.integer)):
-        raise TypeError(f"seed must be a whole number, a SeedSequence or a Generator, got {seed!r}")
-    if seed < 0:
-        raise ValueError(f"seed must not be negative, got {seed!r}")
-    return np.random.default_rng(int(seed))
-
-
 def _log_uniform(ends: Range, share: float) -> float:
     """Value at ``share`` (0 to 1) of the way from the lower to the upper end, in logarithms."""
     low, high = ends
     return low if low == high else min(low * (high / low) ** float(share), high)
 
 
-def _number(name: str, value: Any, what: str) -> float:
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"{name} must be {what} and finite, got {short(value)}")
-    return number
-
-
 def _range(name: str, value: Any, below: float) -> Range:
-    ends = _pair(name, value)
+    ends = pair(name, value)
     if not 0 < ends[0] <= ends[1] < below:
         limit = "" if below == math.inf else f" < {below:g}"
         raise ValueError(f"{name} must be (low, high) with 0 < low <= high{limit}, got {ends!r}")
     return ends
-
-
-def _pair(name: str, value: Any) -> Range:
-    what = "a pair of numbers (low, high)"
-    if not isinstance(value, (tuple, list, np.ndarray)):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
-    if len(value) != 2:
-        raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
-    return _number(name, value[0], what), _number(name, value[1], what)
 
 
 # Reading and writing JSON.
@@ -628,7 +597,7 @@ def _rig_from(content: Any, kind: type[Rig]) -> Rig:
         given["effects"] = effects_from_list(given["effects"])
     for name in (*_BRAKE, *_FACTORS):
         if given.get(name) is not None:
-            given[name] = _pair(name, given[name])
+            given[name] = pair(name, given[name])
     return kind(**given)
 
 
@@ -653,9 +622,9 @@ def _part_from(section: str, kind: type[Any], content: Any) -> Any:
 def _like(default: Any, name: str, value: Any) -> Any:
     """The value, if it is of the same kind as the default."""
     if isinstance(default, tuple):
-        return _pair(name, value)
+        return pair(name, value)
     if isinstance(default, float):
-        return _number(name, value, "a number")
+        return number(name, value, "a number")
     kind, what = (int, "a whole number") if isinstance(default, int) else (str, "text")
     if not isinstance(value, kind) or isinstance(value, bool):
         raise TypeError(f"{name} must be {what}, got {short(value)}")

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, resample_poly
 
 from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators._checks import check_number, check_type
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
 from cyclofeat.simulators.courses import MARGIN, TimeCourse, drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.tolerances import AssemblyTolerances
 
 Float = NDArray[np.float64]
@@ -381,23 +382,24 @@ def simulate(
     >>> run.torque_out.shape
     (7680,)
     """
-    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-    defects = LobeDefects.healthy() if defects is None else defects
-    defects.check_against(gearbox.n_lobes)
+    gearbox, defects = machine(gearbox, defects)
     for name, value in (("duration", duration), ("dt", dt), ("sampling_rate", sampling_rate)):
+        check_number(name, value)
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    check_number("start_angle", start_angle)
     if not math.isfinite(start_angle):
         raise ValueError(f"start_angle must be finite (rad), got {start_angle!r}")
     if sampling_rate * dt > 1 + 1e-9:
         raise ValueError(f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz")
     if decimation not in ("antialias", "pick"):
         raise ValueError(f"decimation must be 'antialias' or 'pick', got {decimation!r}")
-    if integrator not in _STAGES:
+    if integrator not in tuple(_STAGES):  # which, unlike a dict, may be asked for anything
         raise ValueError(f"integrator must be one of {tuple(_STAGES)}, got {integrator!r}")
     if start not in ("rest", "relaxed"):
         raise ValueError(f"start must be 'rest' or 'relaxed', got {start!r}")
     if tolerances is not None:
+        check_type("tolerances", tolerances, AssemblyTolerances)
         if seed is None:
             raise ValueError("seed must be given with tolerances, so that the assembly can be made again")
         gearbox = tolerances.draw(gearbox, seed)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from cyclofeat.simulators._checks import check_number, check_type, generator, members
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 
@@ -49,16 +51,21 @@ class AssemblyTolerances:
     cam_position: float = 0.0
 
     def __post_init__(self) -> None:
+        clearance = members(self.clearance)
+        if clearance is None or len(clearance) != 2:
+            raise ValueError(f"clearance must be (lower, upper) in m, got {self.clearance!r}")
+        object.__setattr__(self, "clearance", clearance)
         for field in dataclasses.fields(self):
-            values = np.atleast_1d(getattr(self, field.name))
-            if not np.all(np.isfinite(values)) or np.any(values < 0):
-                raise ValueError(
-                    f"{field.name} must be finite and not negative, got {getattr(self, field.name)!r}"
-                )
+            value = getattr(self, field.name)
+            is_range = field.name == "clearance"
+            for one in clearance if is_range else (value,):
+                check_number(field.name, one, "(lower, upper) in m" if is_range else "a number")
+                if not (math.isfinite(one) and one >= 0):
+                    raise ValueError(f"{field.name} must be finite and not negative, got {value!r}")
         for name in ("stiffness", "damping", "load", "speed"):
             if getattr(self, name) >= 1:
                 raise ValueError(f"{name} is a relative half width below 1, got {getattr(self, name)!r}")
-        if np.shape(self.clearance) != (2,) or self.clearance[0] > self.clearance[1]:
+        if self.clearance[0] > self.clearance[1]:
             raise ValueError(f"clearance must be (lower, upper) in m, got {self.clearance!r}")
 
     @property
@@ -77,7 +84,8 @@ class AssemblyTolerances:
             Nominal gearbox; its own errors of pins, lobes, wheels and cams and its clearance are replaced.
         seed : int or numpy.random.Generator
         """
-        random = np.random.default_rng(seed)
+        check_type("gearbox", gearbox, CycloidalGearbox)
+        random = generator(seed)
         stiffness, damping, load, speed = 1 + random.uniform(-1, 1, 4) * (
             self.stiffness, self.damping, self.load, self.speed,
         )  # fmt: skip

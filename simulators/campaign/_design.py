@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.simulators._words import short
+from cyclofeat.simulators._checks import number, short, whole
 from cyclofeat.simulators.campaign._parameters import check_name, with_values
-from cyclofeat.simulators.rig import Rig, _distinct, _number, _reject_unknown, _rig_from
+from cyclofeat.simulators.rig import Rig, _distinct, _reject_unknown, _rig_from
 
 if TYPE_CHECKING:
     from cyclofeat.simulators.campaign._load import CampaignData
@@ -147,17 +147,17 @@ class Campaign:
         for name, least, most in (
             ("repeats", 1, _MOST_REPEATS), ("seed", 0, None), ("runs_per_shard", 1, None),
         ):  # fmt: skip
-            keep(self, name, _whole(name, getattr(self, name), least, most))
+            keep(self, name, whole(name, getattr(self, name), least, most))
         for name, known in (("lobes", _PATTERNS), ("design", _DESIGNS)):
             value = getattr(self, name)
             if not isinstance(value, str) or value not in known:
                 raise ValueError(f"{name} must be one of {known}, got {value!r}")
         keep(self, "wheels", _wheels(self.wheels))
         for name, unit in (("duration_s", "s"), ("sampling_rate", "Hz")):
-            number = _number(name, getattr(self, name), f"a number of {unit}")
-            if number <= 0:
-                raise ValueError(f"{name} must be positive ({unit}), got {number!r}")
-            keep(self, name, number)
+            value = number(name, getattr(self, name), f"a number of {unit}")
+            if value <= 0:
+                raise ValueError(f"{name} must be positive ({unit}), got {value!r}")
+            keep(self, name, value)
         if self.n_samples < 2:
             raise ValueError(
                 f"duration_s must hold at least 2 samples at {self.sampling_rate:g} Hz, "
@@ -328,7 +328,7 @@ class Campaign:
         from cyclofeat.simulators.campaign._store import complete
         from cyclofeat.simulators.campaign._workers import results
 
-        _whole("n_jobs", n_jobs, None, None)
+        whole("n_jobs", n_jobs, None, None)
         if n_jobs == 0:
             raise ValueError("n_jobs must be a whole number of processes, or -1 for all, got 0")
         complete(self, Path(out), lambda plans: results(self, plans, n_jobs, scheduler), progress)
@@ -473,7 +473,7 @@ def _rig(rig: Any) -> Rig:
 def _counts(counts: Any, n_lobes: int) -> tuple[int, ...]:
     if isinstance(counts, str) or not isinstance(counts, Iterable):
         raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {counts!r}")
-    found = tuple(_whole("defect_counts", count, 0, n_lobes) for count in counts)
+    found = tuple(whole("defect_counts", count, 0, n_lobes) for count in counts)
     if not found or len(set(found)) < len(found):
         raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {list(found)}")
     return found
@@ -491,7 +491,7 @@ def _wheels(wheels: Any) -> str | tuple[int, ...]:
 
 def _depth(depth: Any) -> float | tuple[float, float]:
     is_range = isinstance(depth, (tuple, list))
-    ends = [_number(DEPTH, end, "a number or a pair (low, high)") for end in (depth if is_range else [depth])]
+    ends = [number(DEPTH, end, "a number or a pair (low, high)") for end in (depth if is_range else [depth])]
     if len(ends) != 1 + is_range or not 0 < ends[0] <= ends[-1] <= 1:
         raise ValueError(
             f"depth must lie above 0 and up to 1 (the papers' chord), or be a pair (low, high), got {depth!r}"
@@ -523,19 +523,9 @@ def _explored(where: str, ends: Any) -> Explored:
     what = '(low, high) or (low, high, "log")'
     if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) not in (2, 3):
         raise ValueError(f"{where} must be {what}, got {short(ends)}")
-    low, high = (_number(where, end, what) for end in ends[:2])
+    low, high = (number(where, end, what) for end in ends[:2])
     if len(ends) == 3 and ends[2] != "log":
         raise ValueError(f"{where} must be {what}, got {short(ends)}")
     if low > high or (len(ends) == 3 and low <= 0):
         raise ValueError(f'{where} must be {what} with low <= high, above 0 for "log", got {short(ends)}')
     return (low, high, "log") if len(ends) == 3 else (low, high)
-
-
-def _whole(name: str, value: Any, least: int | None, most: int | None) -> int:
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name} must be a whole number, got {short(value)}")
-    if least is not None and value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value!r}")
-    if most is not None and value > most:
-        raise ValueError(f"{name} must be at most {most}, got {value!r}")
-    return int(value)

@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from cyclofeat.simulators._words import short
+from cyclofeat.simulators._checks import short
 from cyclofeat.simulators.campaign._design import FORMAT, Campaign, RunPlan, json_bytes
 from cyclofeat.simulators.campaign._run import (
     INTEGER,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
-from cyclofeat.simulators._words import short
+from cyclofeat.simulators._checks import short
 from cyclofeat.simulators.effects._base import Effect
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
 from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander

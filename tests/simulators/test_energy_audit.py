@@ -149,3 +149,10 @@ def test_impossible_times_are_refused(options: dict[str, float], message: str) -
     with pytest.raises(ValueError) as caught:
         energy_audit(**options)
     assert str(caught.value) == message
+
+
+def test_arguments_of_another_type_are_refused() -> None:
+    with pytest.raises(TypeError, match="gearbox must be of type CycloidalGearbox, got 3"):
+        energy_audit(3)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="start_time must be a number, got None"):
+        energy_audit(start_time=None)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -46,6 +47,10 @@ def test_defects_cannot_change() -> None:
         (lambda: LobeDefects.worn(-1), "lobes must be a number of lobes from 0, or their indices, got -1"),
         (lambda: LobeDefects.worn(2.5), "lobes must be a number of lobes .* got 2.5"),
         (lambda: LobeDefects.worn(None), "lobes must be a number of lobes .* got None"),
+        (lambda: LobeDefects.worn(True), "lobes must be a number of lobes .* got True"),
+        (lambda: LobeDefects.worn(np.array(3)), "lobes must be a number of lobes .* got array"),
+        (lambda: LobeDefects(worn_lobes=3), "worn_lobes must be distinct whole numbers from 0, got 3"),
+        (lambda: LobeDefects.worn((True,)), "worn_lobes must be distinct .* got .True,"),
         (lambda: LobeDefects.worn((0, 0)), r"worn_lobes must be distinct whole numbers from 0, got \(0, 0\)"),
         (lambda: LobeDefects.worn((0.5,)), r"worn_lobes must be distinct .* got \(0.5,\)"),
         (lambda: LobeDefects.worn((float("nan"),)), r"worn_lobes must be distinct .* got \(nan,\)"),
@@ -69,6 +74,12 @@ def test_defects_cannot_change() -> None:
 def test_impossible_defects_are_refused(make, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize("depth", ["deep", None, [0.5], True])
+def test_a_depth_of_another_type_is_refused(depth: object) -> None:
+    with pytest.raises(TypeError, match="depth must be a number, got"):
+        LobeDefects.worn(1, depth=depth)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -96,6 +107,68 @@ def test_impossible_defects_are_refused(make, message: str) -> None:
 def test_impossible_gearboxes_are_refused(changes: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         CycloidalGearbox(**changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"load_torque": [22.0]}, "load_torque must be a number, got [22.0]"),
+        ({"load_torque": np.array(22.0)}, "load_torque must be a number, got array(22.)"),
+        ({"load_torque": "22"}, "load_torque must be a number, got '22'"),
+        ({"clearance": None}, "clearance must be a number, got None"),
+        ({"ramp_time": True}, "ramp_time must be a number, got True"),
+        ({"n_pins": [16]}, "n_pins must be a number, got [16]"),
+        ({"profile_points": "smooth"}, "profile_points must be a number, got 'smooth'"),
+        (
+            {"pin_radial_errors": 0.0},
+            "pin_radial_errors must be a sequence of numbers (m), or empty, got 0.0",
+        ),
+        ({"pin_radial_errors": np.zeros((16, 2))}, "pin_radial_errors must be a sequence of numbers (m)"),
+        ({"pin_tangential_errors": [1e-6j] * 16}, "pin_tangential_errors must be a sequence of numbers (m)"),
+        ({"lobe_pitch_errors": ["a"] * 30}, "lobe_pitch_errors must be a sequence of numbers (m)"),
+        ({"wheel_runouts": ["1", "2"]}, "wheel_runouts must be a sequence of complex numbers (m)"),
+        ({"cam_errors": [[0, 1], [2]]}, "cam_errors must be a sequence of complex numbers (m)"),
+    ],
+)
+def test_parameters_of_another_type_are_refused(changes: dict, message: str) -> None:
+    with pytest.raises(TypeError, match=re.escape(message)) as caught:
+        CycloidalGearbox(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_numbers_beyond_any_float_are_refused() -> None:
+    with pytest.raises(ValueError, match="load_torque must be a number and finite, got 1000"):
+        CycloidalGearbox(load_torque=10**400)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (("a", 1e4, 0.1), "inertia must be a number, got 'a'"),
+        ((0.1, None, 0.1), "stiffness must be a number, got None"),
+        ((0.1, 1e4, [0.1]), "damping_ratio must be a number, got [0.1]"),
+    ],
+)
+def test_brakes_of_another_type_are_refused(values: tuple, message: str) -> None:
+    with pytest.raises(TypeError, match=re.escape(message)):
+        STEEL.with_brake(*values)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (("a", 15), TypeError, "count must be a whole number, got 'a'"),
+        ((16, 15), ValueError, "count must be at most 15, got 16"),
+        ((-1, 15), ValueError, "count must be at least 0, got -1"),
+        ((1, 0), ValueError, "n_lobes must be at least 1, got 0"),
+    ],
+)
+@pytest.mark.parametrize("consecutive", [True, False])
+def test_drawn_lobes_are_there(arguments: tuple, error: type, message: str, consecutive: bool) -> None:
+    with pytest.raises(error, match=message):
+        LobeDefects.drawn(*arguments, np.random.default_rng(0), consecutive=consecutive)
+    with pytest.raises(TypeError, match="random must be of type Generator, got 0"):
+        LobeDefects.drawn(1, 15, 0, consecutive=consecutive)
 
 
 def test_arrays_and_whole_floats_are_taken_as_what_they_mean() -> None:

@@ -97,6 +97,20 @@ def test_bad_input(options: dict, message: str) -> None:
         torque_deflection(**options)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gearbox": 3}, "gearbox must be of type CycloidalGearbox, got 3"),
+        ({"peak_torque": "22"}, "peak_torque must be a number, got '22'"),
+        ({"input_angle": None}, "input_angle must be a number, got None"),
+        ({"n_points": 100.5}, "n_points must be a whole number, got 100.5"),
+    ],
+)
+def test_arguments_of_another_type(options: dict, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        torque_deflection(**options)
+
+
 def test_measures_of_a_loop_say_what_is_missing() -> None:
     loop = torque_deflection(STEEL, period=0.2)
     with pytest.raises(ValueError, match="torque must lie within the last loop"):

@@ -12,6 +12,7 @@ from cyclofeat.simulators import (
     LobeDefects,
     SimulationDiverged,
     SimulationRun,
+    many,
     simulate,
     simulate_many,
 )
@@ -82,3 +83,28 @@ def test_a_failure_ends_everything_or_takes_its_place() -> None:
 def test_what_does_not_fit_together_is_refused(arguments: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         simulate_many(duration=0.01, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            {"gearboxes": "steel"},
+            "gearboxes must be a CycloidalGearbox or several, one for each run, got 'steel'",
+        ),
+        ({"defects": 3}, "defects must be a LobeDefects or several, one for each run, got 3"),
+        ({"defects": [3]}, "defects must be of type LobeDefects, got 3"),
+        ({"start_angles": 3.0}, "start_angles must be numbers of rad, one for each run, got 3.0"),
+        ({"start_angles": ["a"]}, "start_angles must be numbers of rad, got 'a'"),
+        ({"random_state": "a"}, "random_state must be a whole number, got 'a'"),
+    ],
+)
+def test_arguments_of_another_type_are_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        simulate_many(duration=0.01, **arguments)
+
+
+def test_no_two_runs_have_the_same_seed() -> None:
+    """Of 150,000 seeds of 32 random bits two would be equal with a chance of 93 %."""
+    assert len({many._seed_of(1, index) for index in range(150_000)}) == 150_000
+    assert simulate_many(n_runs=3, random_state=1, duration=0.001)[2].seed == many._seed_of(1, 2)

@@ -7,7 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cyclofeat.simulators import AssemblyTolerances, CycloidalGearbox, LobeDefects, SimulationRun, simulate
+from cyclofeat.simulators import (
+    AssemblyTolerances,
+    CycloidalGearbox,
+    LobeDefects,
+    Rig,
+    SimulationRun,
+    simulate,
+)
 
 STEEL = CycloidalGearbox.steel()
 
@@ -214,6 +221,26 @@ def test_runs_are_the_same_bit_for_bit() -> None:
 def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         simulate(**{"duration": 0.01, **options})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gearbox": Rig.r1()}, "gearbox must be of type CycloidalGearbox, got Rig"),
+        ({"defects": 3}, "defects must be of type LobeDefects, got 3"),
+        ({"duration": "1"}, "duration must be a number, got '1'"),
+        ({"dt": None}, "dt must be a number, got None"),
+        ({"start_angle": [0.0]}, r"start_angle must be a number, got \[0.0\]"),
+        ({"tolerances": 1, "seed": 1}, "tolerances must be of type AssemblyTolerances, got 1"),
+        ({"load": "heavy"}, "load must be a number, an array or a function of time, .* got 'heavy'"),
+        ({"speed": lambda t: "fast"}, "speed must be a number, .* return numbers, got 'fast'"),
+    ],
+)
+def test_arguments_of_another_type_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        simulate(**{"duration": 0.01, **options})
+    with pytest.raises(ValueError, match=r"integrator must be one of .* got \['euler'\]"):
+        simulate(integrator=["euler"], duration=0.01)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("up", "down"), [(32, 125), (1, 4), (8, 25)])

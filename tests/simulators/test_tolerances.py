@@ -110,3 +110,29 @@ def test_no_tolerance_leaves_the_gearbox_as_it_is() -> None:
 def test_impossible_tolerances_are_refused(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         AssemblyTolerances(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"load": None}, "load must be a number, got None"),
+        ({"pin_position": [1e-6, 1e-6]}, r"pin_position must be a number, got \[1e-06, 1e-06\]"),
+        ({"clearance": (0.0, "a")}, r"clearance must be \(lower, upper\) in m, got 'a'"),
+    ],
+)
+def test_tolerances_of_another_type_are_refused(options: dict, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        AssemblyTolerances(**options)
+
+
+def test_draws_need_a_gearbox_and_a_seed() -> None:
+    with pytest.raises(TypeError, match="gearbox must be of type CycloidalGearbox, got 'steel'"):
+        AssemblyTolerances().draw("steel", 1)  # type: ignore[arg-type]
+    with pytest.raises(
+        TypeError, match="seed must be a whole number, a SeedSequence or a Generator, got 'a'"
+    ):
+        AssemblyTolerances().draw(STEEL, "a")  # type: ignore[arg-type]
+
+
+def test_a_list_of_two_is_a_range() -> None:
+    assert AssemblyTolerances(clearance=[0.0, 3e-5]) == AssemblyTolerances()  # type: ignore[arg-type]
