@@ -15,6 +15,8 @@ module           responsibility
 ``many``         many runs at once, on several cores
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``audit``        where the energy of a run goes
+``_chatter``     whether friction is too steep for the time step
+``_checks``      what arguments must be, said in one way
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     where pins meet wheels, described for a while at a time: likewise
 ``reference``    the papers' own 28-body system in plain NumPy: the oracle, never the product;

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators._checks import check_number
+from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import TimeCourse, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import (
@@ -235,11 +236,7 @@ class _Account:
         mounts = constants.mounts
         cams = mounts[:, _outline.CAM_X] + 1j * mounts[:, _outline.CAM_Y]
         self.cams: Complex = cams * np.exp(1j * phi)[:, None]  # (n, 2)
-        pins = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
-        errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
-            gearbox.pin_tangential_errors or 0.0
-        )
-        self.pins: Complex = (gearbox.pin_circle_radius + errors) * np.exp(1j * pins)
+        self.pins: Complex = pin_centres(gearbox)
         sleeves = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
         from_centre = gearbox.internal_pitch_radius * np.exp(1j * sleeves)
         turned = motion[:, :3] - phi[:, None] / z

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -29,6 +32,15 @@ def joint_effective_radius(gearbox: CycloidalGearbox) -> float:
     sleeve = gearbox.internal_sleeve_radius
     difference = gearbox.eccentricity + gearbox.clearance
     return sleeve * (sleeve + difference) / difference
+
+
+def pin_centres(gearbox: CycloidalGearbox) -> NDArray[np.complex128]:
+    """Places x + iy of the external sleeves' axles, with their errors, in m: shape (n_pins,)."""
+    angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
+    errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
+        gearbox.pin_tangential_errors or 0.0
+    )
+    return np.asarray((gearbox.pin_circle_radius + errors) * np.exp(1j * angles))
 
 
 def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:

@@ -119,9 +119,10 @@ class CycloidalGearbox:
         Friction of each sleeve on its axle: coefficient times the ratio of axle to sleeve radius.
     friction_transition_speed : float
         Sliding speed in m/s below which friction is proportional to the speed (tanh). Must be coarse enough
-        for the time step: friction coefficient times force over it acts as a damper, which chatters where it
-        is too strong. The default suits coefficients up to 0.3 on worn steel lobes at dt = 1e-5 s.
-        *Assumption.*
+        for the time step: friction coefficient times force over it acts as a damper, whose rate (over the
+        inertia that it moves) times dt must stay below 2 (1 with ``integrator="adams_bashforth"``), or it
+        chatters and :func:`simulate` warns. The default suits coefficients up to 0.3 on worn steel lobes at
+        dt = 1e-5 s. *Assumption.*
     input_bearing_torque, output_bearing_torque : float
         Coulomb friction of the shafts' bearings, in Nm. *Assumption* (0, as in the papers).
     input_bearing_viscosity, output_bearing_viscosity : float

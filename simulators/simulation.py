@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.signal import firwin, resample_poly
 
 from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators._chatter import friction_rates, warn_of_chatter
 from cyclofeat.simulators._checks import check_number, check_type
 from cyclofeat.simulators._lines import on_lines
-from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
+from cyclofeat.simulators.contact import contact_constants, joint_effective_radius, pin_centres
 from cyclofeat.simulators.courses import MARGIN, TimeCourse, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.tolerances import AssemblyTolerances
@@ -32,6 +33,8 @@ LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
 _STAGES = {"midpoint": 2, "adams_bashforth": 1}
 _RELAXATION_ROUNDS = 3000
+# Instants of a run at which friction is held against the time step.
+_N_WATCHED = 128
 # A step takes about 100 bytes of memory while it is simulated: 100 million are 1000 s and 10 GB.
 LARGEST_N_STEPS = 100_000_000
 
@@ -373,8 +376,14 @@ def simulate(
         Where the integration diverges; says when, which contact, and what helps.
     GearboxLocked
         Where the gearbox wedges: the drive has to overcome more than 20 kN on a cam for a millisecond.
-    ValueError
-        For arguments outside their range.
+    TypeError, ValueError
+        For arguments of the wrong type or outside their range.
+
+    Warns
+    -----
+    RuntimeWarning
+        Where friction is so steep that it chatters at this ``dt``: see ``friction_transition_speed`` of
+        :class:`CycloidalGearbox`.
 
     Examples
     --------
@@ -430,7 +439,8 @@ def simulate(
     constants = kernel_input(gearbox, defects)
     if start == "relaxed":
         state = _relaxed(gearbox, constants, phi[0], course[3, 0], dt, state)
-    kept = steps if motion or forces or points else steps[:0]
+    watched = steps[:: max(steps.size // _N_WATCHED, 1)] if gearbox.has_friction else steps[:0]
+    kept = steps if motion or forces or points else watched
     done = _integrated(
         gearbox, constants, course, dt, state, n_steps, kept, forces or points, _STAGES[integrator]
     )
@@ -441,6 +451,9 @@ def simulate(
             raise GearboxLocked(finished * dt, contact, force)
         raise SimulationDiverged(finished * dt, contact, force, dt)
 
+    if gearbox.has_friction:
+        states = done.motion[np.searchsorted(kept, watched)]
+        warn_of_chatter(_friction_rates(gearbox, constants, course, dt, states, watched), dt, integrator)
     channels = done.torques.T if torque_in else done.torques.T[:1]
     if decimation == "pick" or ratio == 1:
         torques = [channel[steps] for channel in channels]
@@ -515,6 +528,25 @@ def _integrated(
     )
 
 
+def _friction_rates(
+    gearbox: CycloidalGearbox,
+    constants: KernelInput,
+    course: Float,
+    dt: float,
+    states: Float,
+    steps: NDArray[np.int64],
+) -> Float:
+    """Rates in 1/s at which friction damps in these states, which are those at the beginning of ``steps``."""
+    first: NDArray[np.int64] = np.zeros(1, dtype=int)
+    again = [
+        _integrated(gearbox, constants, course[:, 2 * step : 2 * step + 3], dt, state, 1, first, True)
+        for step, state in zip(steps, states, strict=True)
+    ]
+    external = np.concatenate([one.external for one in again])
+    internal = np.concatenate([one.internal for one in again])
+    return friction_rates(gearbox, *course[:2, 2 * steps], states, external, internal)
+
+
 def _relaxed(
     gearbox: CycloidalGearbox,
     constants: KernelInput,
@@ -560,12 +592,7 @@ def _anti_alias_filter(up: int, down: int) -> Float:
 
 def _external_points(gearbox: CycloidalGearbox, external: Float) -> Complex:
     """Where each pin touches each wheel: a pin's radius from its centre, against the force on the wheel."""
-    angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
-    errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
-        gearbox.pin_tangential_errors or 0.0
-    )
-    centres = (gearbox.pin_circle_radius + errors) * np.exp(1j * angles)
-    return _points(centres, gearbox.pin_radius, external)
+    return _points(pin_centres(gearbox), gearbox.pin_radius, external)
 
 
 def _internal_points(gearbox: CycloidalGearbox, internal: Float, output_angle: Float) -> Complex:

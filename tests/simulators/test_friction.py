@@ -20,6 +20,7 @@ from cyclofeat.simulators import (
     _kernels,
     simulate,
 )
+from cyclofeat.simulators._chatter import friction_rates
 from cyclofeat.simulators.reference_friction import RubbingGearbox
 
 STEEL = CycloidalGearbox.steel()
@@ -376,6 +377,70 @@ def test_stable_for_seven_worn_lobes_at_the_default_transition_speed(friction: d
     assert coarse.external_forces.max() < 720
 
 
+# Chatter ----------------------------------------------------------------------------------------------------
+
+
+def test_damping_rates_are_those_of_the_kernel() -> None:
+    """At rest, without damping of the contacts: what friction alone does to small speeds of all bodies."""
+    rng = np.random.default_rng(24)
+    found = []
+    for _ in range(10):
+        gearbox = rubbing(rng).replace(
+            contact_damping=0.0, cam_errors=rng.normal(0, 2e-5, 2) + 1j * rng.normal(0, 2e-5, 2)
+        )
+        angles = reference_of(STEEL, HEALTHY).rest_angles(1.0) + LOADED + rng.normal(0, 3e-4, 3)
+        at = State(1.0, 0.0, 0.0, angles, np.zeros(3), 22.0)
+        state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
+        kernel = Spinning(gearbox, HEALTHY)
+        moving = [4, 5, 6, *range(8, state.size)]
+        jacobian = np.zeros((len(moving), len(moving)))
+        for column, index in enumerate(moving):
+            step = 1e-6 * np.eye(state.size)[index]
+            change = kernel.rates(state + step, at)[0] - kernel.rates(state - step, at)[0]
+            jacobian[:, column] = change[moving] / 2e-6
+        got = kernel(state, 1.0, 0.0, 0.0, 22.0)
+        forces = (
+            np.concatenate([got[f"{kind}_force"][..., None], got[f"{kind}_vector"]], axis=-1)[None]
+            for kind in ("external", "internal")
+        )
+        rate = friction_rates(gearbox, np.ones(1), np.zeros(1), state[None], *forces)
+        assert rate == pytest.approx(-np.linalg.eigvals(jacobian).real.min(), rel=1e-5)
+        found.append(float(rate[0]))
+    assert max(found) > 5 * min(found)
+
+
+def chattering(friction: float, dt: float, integrator: str) -> np.ndarray:
+    """Torque of seven worn lobes, settled; the friction at which they chatter differs between integrators."""
+    gearbox = STEEL.replace(sleeve_friction=friction)
+    options: dict[str, Any] = {"duration": 0.45, "sampling_rate": 1e4, "decimation": "pick"}
+    found = simulate(gearbox, LobeDefects.worn(7), dt=dt, integrator=integrator, **options)
+    return found.torque_out[3000:]
+
+
+@pytest.mark.parametrize(("integrator", "friction"), [("midpoint", 0.5), ("adams_bashforth", 0.3)])
+def test_friction_too_steep_for_the_step_chatters_and_is_told(integrator: str, friction: float) -> None:
+    """Half the step gives another torque, with a warning; a quarter then gives that of half, without."""
+    with pytest.warns(RuntimeWarning, match="friction chatters where surfaces stick") as caught:
+        coarse = chattering(friction, 1e-5, integrator)
+    told = str(caught[0].message)
+    assert len(caught) == 1
+    assert f"integrator='{integrator}' with dt = 1e-05 s" in told
+    enough = float(told.partition("take a dt below ")[2].partition(" s")[0])
+    assert 5e-6 < enough < 1e-5
+    half, quarter = (chattering(friction, dt, integrator) for dt in (5e-6, 2.5e-6))
+    assert (coarse - half).std() > half.std()
+    assert (half - quarter).std() < 0.05 * quarter.std()
+
+
+def test_a_bearing_that_turns_does_not_chatter() -> None:
+    """Its friction is steep at rest only; from the standing start on it would be told."""
+    steep = STEEL.replace(output_bearing_torque=8.0)
+    with pytest.warns(RuntimeWarning, match="friction chatters"):
+        simulate(steep, duration=0.02)
+    constant = np.full(600, STEEL.input_speed)
+    simulate(steep, duration=0.02, speed=constant, load=np.full(600, 22.0), start="relaxed")
+
+
 # Wedging ----------------------------------------------------------------------------------------------------
 
 
@@ -384,6 +449,7 @@ def with_removed_lobes(lobes: int | tuple[int, ...], **friction: float) -> Simul
         STEEL.replace(**friction),
         LobeDefects.removed(lobes),
         duration=0.35,
+        dt=5e-6,  # short enough for the blow after a slip: at 1e-5 s friction of 0.3 would chatter in it
         sampling_rate=1e4,
         decimation="pick",
         forces=True,

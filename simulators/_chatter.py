@@ -1,0 +1,113 @@
+"""Whether friction is too steep for the time step: it then chatters, and nothing else tells."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.simulators.contact import pin_centres
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Largest product of damping rate and time step with which an explicit rule follows x' = -rate x: the midpoint
+# rule takes x times 1 - p + p^2/2, which stays below 1 up to p = 2; the roots of Adams-Bashforth's
+# r^2 - (1 - 3/2 p) r - p/2 do so up to p = 1.
+LIMITS = {"midpoint": 2.0, "adams_bashforth": 1.0}
+
+# The bodies whose rates friction damps: two wheels, the output shaft, the spins of all sleeves.
+_OUTPUT = 2
+_FIRST_SPIN = 3
+
+
+def friction_rates(
+    gearbox: CycloidalGearbox, phi: Float, omega: Float, motion: Float, external: Float, internal: Float
+) -> Float:
+    """Largest rate in 1/s at which friction damps where sleeves stick to wheels and axles, (n,).
+
+    Friction at rest is a damper: its slope is force times coefficient over the speed of transition. With S
+    the sliding speeds per unit of the bodies' rates, G the slopes and M the inertias, the damping rates are
+    the eigenvalues of M^-1 S' G S. Free sleeves do stick: they take up the speed of the wheel's surface. The
+    output's bearing does not while the shaft turns, so that its slope is that at the shaft's speed.
+
+    Parameters
+    ----------
+    gearbox : CycloidalGearbox
+    phi, omega : ndarray, shape (n,)
+        Angle (rad) and speed (rad/s) of the input.
+    motion : ndarray, shape (n, n_state)
+        States of the kernel.
+    external, internal : ndarray, shape (n, 2, n_sleeves, 3)
+        Forces of the sleeves, as the kernel gathers them.
+    """
+    n_pins, n_sleeves = gearbox.n_pins, gearbox.n_internal_sleeves
+    inertias = np.full(_FIRST_SPIN + n_pins + n_sleeves, gearbox.sleeve_inertia)
+    inertias[:_FIRST_SPIN] = gearbox.wheel_inertia, gearbox.wheel_inertia, gearbox.output_inertia
+    centres = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
+    cams = centres * np.exp(1j * phi)[:, None]
+    turned = 2 * np.pi * np.arange(n_sleeves) / n_sleeves + (motion[:, 2] - phi / gearbox.n_lobes)[:, None]
+    pins = np.tile(pin_centres(gearbox), (phi.size, 1))
+    sleeves = gearbox.internal_pitch_radius * np.exp(1j * turned)
+    bearing = np.zeros((phi.size, 1, inertias.size))
+    bearing[..., _OUTPUT] = 1.0
+    turning = (motion[:, 6] - omega / gearbox.n_lobes)[:, None] / gearbox.bearing_transition_speed
+    coulomb = gearbox.output_bearing_torque / gearbox.bearing_transition_speed * (1 - np.tanh(turning) ** 2)
+    rubbing = [
+        (bearing, coulomb + gearbox.output_bearing_viscosity),
+        *_of_sleeves(gearbox, external, pins, gearbox.pin_radius, cams, bearing * 0.0, _FIRST_SPIN),
+        *_of_sleeves(
+            gearbox, internal, sleeves, gearbox.internal_sleeve_radius, cams, bearing, _FIRST_SPIN + n_pins
+        ),
+    ]
+    slides, slopes = (np.concatenate(parts, axis=1) for parts in zip(*rubbing, strict=True))
+    scaled = slides * np.sqrt(slopes)[..., None] / np.sqrt(inertias)
+    return np.asarray(np.linalg.eigvalsh(np.swapaxes(scaled, 1, 2) @ scaled)[:, -1])
+
+
+def _of_sleeves(
+    gearbox: CycloidalGearbox,
+    forces: Float,
+    axles: Complex,
+    radius: float,
+    cams: Complex,
+    carrier: Float,
+    first: int,
+) -> Iterator[tuple[Float, Float]]:
+    """Sliding speeds per unit of the bodies' rates (n, n_sleeves, n_bodies), and slopes (n, n_sleeves).
+
+    Of one kind of sleeves on each of the wheels and on their axles, which go round with the bodies' rates
+    times ``carrier`` (n, 1, n_bodies); ``first`` is the first of the sleeves among the bodies.
+    """
+    vector = forces[..., 1] + 1j * forces[..., 2]
+    size = np.abs(vector)
+    toward = vector / np.where(size > 0, size, 1.0)  # from the sleeve to the wheel
+    spin = np.zeros((*axles.shape, carrier.shape[2]))
+    sleeve = np.arange(axles.shape[1])
+    spin[:, sleeve, first + sleeve] = radius
+    at_rest = gearbox.sleeve_static_friction or gearbox.sleeve_friction
+    for w in range(2):
+        normal = toward[:, w].conj()
+        slide = -spin - (axles * normal).real[..., None] * carrier
+        slide[..., w] = ((axles + radius * toward[:, w] - cams[:, w, None]) * normal).real
+        viscous = gearbox.sleeve_viscous_friction * (size[:, w] > 0)
+        yield slide, at_rest * size[:, w] / gearbox.friction_transition_speed + viscous
+    on_axle = np.abs(vector.sum(axis=1))
+    yield spin - radius * carrier, gearbox.journal_friction * on_axle / gearbox.friction_transition_speed
+
+
+def warn_of_chatter(rates: Float, dt: float, integrator: str) -> None:
+    """Warn where the integrator cannot follow friction that damps at these rates, in 1/s."""
+    fastest, limit = float(rates.max(initial=0.0)), LIMITS[integrator]
+    if fastest * dt > limit:
+        warnings.warn(
+            f"friction chatters where surfaces stick: it damps at up to {fastest:.3g} 1/s, and "
+            f"integrator={integrator!r} with dt = {dt:g} s follows {limit:g}/dt = {limit / dt:.3g} 1/s; "
+            f"take a dt below {limit / fastest:.2g} s, or friction less steep (a higher "
+            "friction_transition_speed, or bearing_transition_speed)",
+            RuntimeWarning,
+            stacklevel=3,
+        )
