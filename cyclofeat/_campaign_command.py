@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     ValueError, TypeError, OSError, ImportError
         As :meth:`cyclofeat.simulators.Campaign.run`.
     """
+    from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Campaign, load_campaign
 
     _check_arguments(arguments)
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.verify is not None:
         return _report(arguments.verify, load_campaign(arguments.verify, verify=True), arguments.json)
-    campaign = Campaign.from_json(arguments.design)
+    campaign = Campaign.from_json(arguments.design, preset=rig_preset)
     data = campaign.run(
         arguments.out,
         n_jobs=arguments.jobs,

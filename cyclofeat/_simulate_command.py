@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
 
 TEXT = "simulate one recording and write it to a file"
-_RIGS = {"r0": "R0", "r1": "R1", "r2": "R2", "published": "published"}
+_RIGS = ("r0", "r1", "r2", "published")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,8 +128,8 @@ def rig_of(arguments: argparse.Namespace, default: str | None = None) -> Rig:
         return Rig.from_json(arguments.simulator)
     name = arguments.rig or default
     assert name is not None
-    if name in _RIGS:
-        return rig_preset(_RIGS[name])
+    if name.lower() in _RIGS:
+        return rig_preset(name)
     if not Path(name).exists():
         raise FileNotFoundError(
             f"--rig must be {', '.join(_RIGS)} or a description of a rig, no such file: {name}"

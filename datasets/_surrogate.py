@@ -363,16 +363,15 @@ def rig_preset(name: str) -> Rig:
     Parameters
     ----------
     name : {"R0", "R1", "R2", "published"}
-        ``"R0"`` to ``"R2"`` are those of :class:`cyclofeat.simulators.Rig`. ``"published"`` is a rig whose
-        surrogate torque has the mean, deviation, range and asymmetry of paper A's table 4 within the scatter
-        of its eight discs; ``benchmarks/published_rig.py`` found its numbers, and ``published_rig.md`` there
-        says what is matched and what is not. It shows that such a rig can be, not that theirs was one.
+        In capitals or not. ``"R0"`` to ``"R2"`` are those of :class:`cyclofeat.simulators.Rig`.
+        ``"published"`` is a rig whose surrogate torque has the mean, deviation, range and asymmetry of paper
+        A's table 4 within the scatter of its eight discs; ``benchmarks/published_rig.py`` found its numbers,
+        and ``published_rig.md`` there says what is matched and what is not. It shows that such a rig can be,
+        not that theirs was one.
 
     Returns
     -------
     Rig
-        ``"published"`` has a drift in proportion to the load, which is no effect of the library: it can be
-        simulated, but a file that describes it cannot be read back.
 
     Raises
     ------
@@ -386,13 +385,13 @@ def rig_preset(name: str) -> Rig:
     """
     from cyclofeat.simulators import Rig
 
-    if not isinstance(name, str) or name not in _PRESETS:
+    if not isinstance(name, str) or name.lower() not in map(str.lower, _PRESETS):
         raise ValueError(f"name must be one of {_PRESETS}, got {name!r}")
-    if name == "published":
+    if name.lower() == "published":
         from cyclofeat.datasets._published_rig import fitted_values, rig_of_values
 
         return rig_of_values(fitted_values())
-    return {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}[name]()
+    return {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}[name.upper()]()
 
 
 def _rig(rig: Any) -> Rig:
@@ -400,9 +399,10 @@ def _rig(rig: Any) -> Rig:
 
     if isinstance(rig, Rig):
         return rig
-    if isinstance(rig, str) and rig in _PRESETS:
+    try:
         return rig_preset(rig)
-    raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}")
+    except ValueError:
+        raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}") from None
 
 
 def _with_effects(rig: Rig, effects: Any) -> Rig:

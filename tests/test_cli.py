@@ -92,6 +92,14 @@ def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
     assert "SURROGATE" in page
 
 
+def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
+    quick = ["--duration", 0.01, "--worn", 1]
+    for name in ("R0", "r0"):
+        assert run(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")[0] == 0
+    torques = [read_recording(tmp_path / f"{name}.npz").torque for name in ("R0", "r0")]
+    np.testing.assert_array_equal(*torques)
+
+
 def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
     Rig.r1().replace(noise_nm=0.0, load_drift_nm=0.0).to_json(tmp_path / "rig.json")
     same, other = (tmp_path / name for name in ("a.npz", "b.csv"))

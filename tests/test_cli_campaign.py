@@ -13,6 +13,7 @@ import pytest
 
 from cyclofeat._campaign_command import example
 from cyclofeat.cli import main
+from cyclofeat.datasets import rig_preset
 from cyclofeat.simulators import Campaign, CycloidalGearbox, Rig, load_campaign
 
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
@@ -92,6 +93,23 @@ def test_mistakes_in_the_call(capsys, monkeypatch, tmp_path, arguments, message)
     assert code == 2
     assert message in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["published", "R1", "r2"])
+def test_a_design_names_the_rigs_that_the_other_commands_name(capsys, tmp_path, name):
+    design, out = tmp_path / "design.json", tmp_path / "out"
+    design.write_text(json.dumps({"rig": name, "defect_counts": [0], "repeats": 1, "duration_s": 0.01}))
+    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
+    assert code == 0, err
+    assert load_campaign(out).campaign.rig == rig_preset(name)
+    assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0  # it knows itself again
+
+
+def test_an_unknown_rig_is_told_those_known(capsys, tmp_path):
+    (tmp_path / "design.json").write_text('{"rig": "R9"}')
+    code, _, err = run(capsys, "campaign", tmp_path / "design.json", "--out", tmp_path / "out")
+    assert code == 2
+    assert "design.json: rig: name must be one of ('R0', 'R1', 'R2', 'published'), got 'R9'" in err
 
 
 def test_mistakes_in_the_work(capsys, design, tmp_path):

@@ -355,7 +355,9 @@ class Campaign:
         Path(path).write_bytes(json_bytes({"format": FORMAT, "note": _NOTE, **self.to_dict()}))
 
     @classmethod
-    def from_json(cls, path: str | os.PathLike[str]) -> Campaign:
+    def from_json(
+        cls, path: str | os.PathLike[str], *, preset: Callable[[str], Rig] | None = None
+    ) -> Campaign:
         """Read a design from a JSON file.
 
         Parameters
@@ -364,6 +366,9 @@ class Campaign:
             File in UTF-8: one object with the parameters of :class:`Campaign`, all of which may be left out;
             ``"rig"`` is the name of a preset or an object as in :meth:`cyclofeat.simulators.Rig.from_json`.
             The ``campaign.json`` of a campaign's folder is such a file.
+        preset : callable, optional
+            Makes a rig of its name; default: ``"R0"``, ``"R1"`` and ``"R2"`` only. With
+            :func:`cyclofeat.datasets.rig_preset`, as the command takes it, ``"published"`` is one too.
 
         Returns
         -------
@@ -396,7 +401,7 @@ class Campaign:
         except UnicodeDecodeError as error:
             raise ValueError(f"{name}: is not text in UTF-8 (byte {error.start}); a design is JSON") from None
         try:
-            return cls.from_dict(json.loads(text, object_pairs_hook=_distinct))
+            return cls.from_dict(json.loads(text, object_pairs_hook=_distinct), preset=preset)
         except json.JSONDecodeError as error:
             raise ValueError(
                 f"{name}: is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "
@@ -408,12 +413,14 @@ class Campaign:
             raise ValueError(f"{name}: {error}") from None
 
     @classmethod
-    def from_dict(cls, content: Any) -> Campaign:
+    def from_dict(cls, content: Any, *, preset: Callable[[str], Rig] | None = None) -> Campaign:
         """The design from what a JSON file holds.
 
         Parameters
         ----------
         content : dict
+        preset : callable, optional
+            As :meth:`from_json` takes it.
 
         Raises
         ------
@@ -429,9 +436,10 @@ class Campaign:
         _reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS], "")
         for name in _REMARKS:
             given.pop(name, None)
-        if isinstance(given.get("rig"), dict):
+        rig = given.get("rig")
+        if isinstance(rig, dict) or (isinstance(rig, str) and preset is not None):
             try:
-                given["rig"] = _rig_from(given["rig"], Rig)
+                given["rig"] = preset(rig) if isinstance(rig, str) and preset else _rig_from(rig, Rig)
             except (TypeError, ValueError) as error:
                 raise type(error)(f"rig: {error}") from None
         return cls(**given)
@@ -467,7 +475,10 @@ def _rig(rig: Any) -> Rig:
         return rig
     if isinstance(rig, str) and rig.upper() in _PRESETS:
         return _PRESETS[rig.upper()]()
-    raise ValueError(f"rig must be one of {tuple(_PRESETS)} or a Rig, got {short(rig)}")
+    raise ValueError(
+        f"rig must be one of {tuple(_PRESETS)} or a Rig (cyclofeat.datasets.rig_preset makes others), "
+        f"got {short(rig)}"
+    )
 
 
 def _counts(counts: Any, n_lobes: int) -> tuple[int, ...]:

@@ -395,7 +395,8 @@ def shapes(low, high, mean, std):
 
 
 def test_presets_by_name():
-    assert rig_preset("R2") == Rig.r2()
+    assert rig_preset("R2") == rig_preset("r2") == Rig.r2()
+    assert rig_preset("Published") == rig_preset("published")
     rig = rig_preset("published")
     assert rig.name == "published"
     values = _published_rig.fitted_values()
