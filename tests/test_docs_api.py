@@ -17,6 +17,7 @@ PACKAGES = (
     "cyclofeat.features",
     "cyclofeat.gap",
     "cyclofeat.plotting",
+    "cyclofeat.recording",
     "cyclofeat.report",
     "cyclofeat.scans",
     "cyclofeat.simulators",

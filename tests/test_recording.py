@@ -15,7 +15,7 @@ from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
 import cyclofeat.orders
-import cyclofeat.recording
+from cyclofeat import _recording, _windower
 from cyclofeat.orders import input_angle_from_disc, resample_by_angle
 from cyclofeat.recording import Recording, Windower
 
@@ -38,7 +38,7 @@ def steady_angle(seconds, start=0.0, speed=500 / 60, rate=RATE):
 
 
 @pytest.mark.parametrize(
-    "module", [cyclofeat.recording, cyclofeat.orders], ids=lambda module: module.__name__
+    "module", [_recording, _windower, cyclofeat.orders], ids=lambda module: module.__name__
 )
 def test_examples_of_the_docstrings_run(module):
     result = doctest.testmod(module)
