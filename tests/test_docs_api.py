@@ -16,6 +16,7 @@ PACKAGES = (
     "cyclofeat.datasets.readers",
     "cyclofeat.features",
     "cyclofeat.gap",
+    "cyclofeat.persistence",
     "cyclofeat.plotting",
     "cyclofeat.recording",
     "cyclofeat.report",

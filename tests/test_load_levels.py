@@ -11,7 +11,7 @@ from sklearn.linear_model import Ridge
 from sklearn.utils import Bunch
 
 from cyclofeat import spectral
-from cyclofeat.counting import _load_levels
+from cyclofeat.counting import _load_level_data, _load_levels
 from cyclofeat.counting._load_levels import evaluate_load_levels
 from cyclofeat.datasets import load_oedi_gearbox
 
@@ -241,7 +241,7 @@ def test_nearest_level_rounds_halves_up_and_stays_within_the_classes():
 
 def test_windows_keep_to_their_recording_and_channel():
     dataset = make_dataset(n_samples=700)
-    windows = _load_levels._cut(_load_levels._checked(dataset), 300)
+    windows = _load_level_data.cut(_load_level_data.checked(dataset), 300)
     assert windows.shape == (2, 20, 2, 300)
     assert_array_equal(windows[1, 13, 1], dataset.signals[13, 300:600, 1])
 
@@ -329,7 +329,7 @@ def test_something_else_than_a_bunch(dataset):
         evaluate_load_levels(dataset)
 
 
-@pytest.mark.parametrize("key", _load_levels._KEYS)
+@pytest.mark.parametrize("key", _load_level_data.KEYS)
 def test_missing_part(key):
     dataset = changed()
     del dataset[key]

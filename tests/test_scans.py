@@ -6,10 +6,11 @@ import pywt
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import f_oneway, kendalltau
 
-from cyclofeat import scans
+from cyclofeat import _band_scan, _wavelet_scan
 from cyclofeat.features import WaveletMinimaOverlap
 from cyclofeat.scans import find_monotone_bands, scan_wavelets
 from cyclofeat.spectral import shannon_entropy, welch_psd
+from cyclofeat.wavelets import morris_names
 
 RATE = 25_600
 
@@ -119,7 +120,7 @@ def test_all_wavelets():
     assert done == [(i, 117) for i in range(1, 118)]
     assert len(scan.rows) == 234
     names = {row.wavelet for row in scan.rows}
-    assert names == {*pywt.wavelist(kind="discrete"), *scans.morris_names()}
+    assert names == {*pywt.wavelist(kind="discrete"), *morris_names()}
 
 
 def test_scan_in_processes_and_by_wavelets_of_any_form():
@@ -172,7 +173,7 @@ def test_kendall_is_scipys():
     means = rng.integers(0, 4, (6, 50)).astype(float)
     means[:, 0] = 3.0
     expected = [kendalltau(range(6), column).statistic for column in means.T]
-    assert_allclose(scans._kendall(means), np.nan_to_num(expected), rtol=1e-12)
+    assert_allclose(_wavelet_scan._kendall(means), np.nan_to_num(expected), rtol=1e-12)
 
 
 # Bands
@@ -184,7 +185,7 @@ def test_entropies_of_all_bands(preset):
     frequencies, psd = welch_psd(X, RATE, preset)
     # Edges on lines, between lines, and so close that some bands hold one line or none.
     edges = np.array([0.0, 25.0, 30.0, 100.0, 1234.5, 1250.0, 6400.0, 12_800.0])
-    bands, entropies = scans._band_entropies(frequencies, psd, edges)
+    bands, entropies = _band_scan._band_entropies(frequencies, psd, edges)
     tried = []
     for i, low in enumerate(edges):
         for upper in edges[i + 1 :]:

@@ -26,7 +26,8 @@ from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 from cyclofeat.counting._conformal import ConformalCounter, CountSet
 from cyclofeat.counting._domain import TrainingDomain
-from cyclofeat.counting._evaluation import Evaluation, evaluate, learning_curve, noise_sweep, score_text
+from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep
+from cyclofeat.counting._evaluation_summary import Evaluation, score_text
 from cyclofeat.counting._ladder import EntropyLadder
 from cyclofeat.counting._load_levels import LoadLevelResult, evaluate_load_levels
 from cyclofeat.counting._lobes import LobeCounter

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -15,33 +15,19 @@ from sklearn.model_selection import GridSearchCV, LeaveOneGroupOut
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from cyclofeat.counting._load_level_data import ALL, LEVELS, STATES, VibrationData, checked, cut
 from cyclofeat.features import SpectralEntropy, TorqueStatistics
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
-
-_LEVELS: Int = np.arange(10)  # the ordered classes: load in per cent, divided by 10
-_ALL = "all"
-_STATES = ("healthy", "broken")  # by the value of broken_tooth
 _SHORTEST = 256  # samples; in shorter windows Welch's segments are too short for bands of an octave
 _CONFIDENCE = 0.95
 _N_BOOTSTRAP = 2000
 _PENALTIES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)
-_KEYS = (
-    "signals",
-    "broken_tooth",
-    "load_percent",
-    "recording_names",
-    "channel_names",
-    "sampling_rate",
-    "sampling_rate_inferred",
-)
-
 # An accelerometer has no mean worth the name: mean and ripple (std over mean) would be noise, rms the std
 # again. Sizes and ratios are compared by their logarithm, which turns an unknown unit into a constant.
 _LOGARITHMS = ("torque_std_nm", "torque_range_nm", "torque_crest_factor", "torque_kurtosis")
 _LEFT_OUT = ("torque_min_nm", "torque_max_nm", "torque_mean_nm", "torque_rms_nm", "torque_ripple")
-
 _CAVEATS = (
     "This is measured vibration of another kind of gearbox: no torque, no cycloidal disc, no lobes. It tries "
     "the plumbing and the honesty of the evaluation on measured data; it says nothing about counting lobes.",
@@ -201,7 +187,7 @@ class LoadLevelResult:
             f"{self.windows_per_recording} per recording, of {self.window_samples} samples ({seconds:.2f} s)"
         )
         lines = [
-            f"Load level ({_LEVELS.size} ordered classes) of measured gearbox VIBRATION, not torque:",
+            f"Load level ({LEVELS.size} ordered classes) of measured gearbox VIBRATION, not torque:",
             "learned in one health state, tested in the other",
             "",
             "Per recording (mean over its windows, rounded)",
@@ -281,7 +267,7 @@ def evaluate_load_levels(
     per level: the intervals are wide, shrink to a point where all are right or all wrong, and leave out how
     assemblies differ.
     """
-    data = _checked(dataset)
+    data = checked(dataset)
     window, seed = _integer("window_samples", window_samples), _integer("random_state", random_state)
     n_samples = data.signals.shape[1]
     if not _SHORTEST <= window <= n_samples:
@@ -291,9 +277,9 @@ def evaluate_load_levels(
         )
     if seed < 0:
         raise ValueError(f"random_state must not be negative, got {seed}")
-    names, features = _features_by_channel(_cut(data, window), data.sampling_rate)
+    names, features = _features_by_channel(cut(data, window), data.sampling_rate)
     choices = [(name, [i]) for i, name in enumerate(data.channels)]
-    choices.append((_ALL, list(range(len(data.channels)))))
+    choices.append((ALL, list(range(len(data.channels)))))
     cases = []
     for channel, members in choices:
         table = np.concatenate([features[i] for i in members], axis=2)
@@ -309,119 +295,10 @@ def evaluate_load_levels(
     )
 
 
-@dataclass(frozen=True)
-class _Data:
-    """The dataset, checked; signals of shape (n_recordings, n_samples, n_channels)."""
-
-    signals: Float
-    levels: Int
-    broken: NDArray[np.bool_]
-    recordings: tuple[str, ...]
-    channels: tuple[str, ...]
-    sampling_rate: float
-    sampling_rate_inferred: bool
-
-
-def _checked(dataset: Any) -> _Data:
-    if not isinstance(dataset, Mapping):
-        raise TypeError(f"dataset must be the Bunch of load_oedi_gearbox(), got {type(dataset).__name__}")
-    missing = [key for key in _KEYS if key not in dataset]
-    if missing:
-        raise ValueError(f"dataset must be the Bunch of load_oedi_gearbox(); missing: {', '.join(missing)}")
-    signals = _numbers("signals", dataset["signals"])
-    if signals.ndim != 3 or 0 in signals.shape:
-        raise ValueError(
-            "dataset.signals must have shape (n_recordings, n_samples, n_channels), none of them 0, "
-            f"got {signals.shape}"
-        )
-    recordings = _names("recording_names", dataset["recording_names"])
-    channels = _names("channel_names", dataset["channel_names"])
-    if len(channels) != signals.shape[2] or len({*channels, _ALL}) != len(channels) + 1:
-        raise ValueError(
-            f"dataset.channel_names must be {signals.shape[2]} different names, one per channel of "
-            f"dataset.signals and none of them {_ALL!r}, got {list(channels)}"
-        )
-    broken, load = (_numbers(key, dataset[key]) for key in ("broken_tooth", "load_percent"))
-    for key, shape in (
-        ("broken_tooth", broken.shape),
-        ("load_percent", load.shape),
-        ("recording_names", (len(recordings),)),
-    ):
-        if shape != (len(signals),):
-            raise ValueError(
-                f"dataset.{key} must hold one value for each of {len(signals)} recordings, got shape {shape}"
-            )
-    for key, values, allowed in (
-        ("broken_tooth", broken, np.arange(2)),
-        ("load_percent", load, 10 * _LEVELS),
-    ):
-        wrong = values[~np.isin(values, allowed)]
-        if wrong.size:
-            raise ValueError(f"dataset.{key} must hold values of {allowed.tolist()} only, got {wrong[0]:g}")
-    for state, name in enumerate(_STATES):
-        absent = np.setdiff1d(10 * _LEVELS, load[broken == state])
-        if absent.size:
-            raise ValueError(
-                f"dataset.load_percent must hold every level from 0 to 90 in both states, but the {name} "
-                f"recordings lack {absent.tolist()}"
-            )
-    rate = dataset["sampling_rate"]
-    if isinstance(rate, bool) or not isinstance(rate, Real) or not 0 < float(rate) < np.inf:
-        raise ValueError(f"dataset.sampling_rate must be positive and finite, in Hz, got {rate!r}")
-    return _Data(
-        signals=signals,
-        levels=(load / 10).astype(np.int64),
-        broken=broken == 1,
-        recordings=recordings,
-        channels=channels,
-        sampling_rate=float(rate),
-        sampling_rate_inferred=bool(dataset["sampling_rate_inferred"]),
-    )
-
-
-def _numbers(key: str, values: Any) -> Float:
-    array = _array(key, values)
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"dataset.{key} must hold real numbers, got an array of {array.dtype}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"dataset.{key} must be finite, got NaN or infinity")
-    return array.astype(np.float64)
-
-
-def _names(key: str, values: Any) -> tuple[str, ...]:
-    array = _array(key, values)
-    if array.ndim != 1:
-        raise ValueError(f"dataset.{key} must be a list of names, got {values!r}")
-    return tuple(str(name) for name in array)
-
-
-def _array(key: str, values: Any) -> NDArray[Any]:
-    try:
-        return np.asarray(values)
-    except ValueError:
-        raise ValueError(f"dataset.{key} must be an array, got rows of different lengths") from None
-
-
 def _integer(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be an integer, got {value!r}")
     return int(value)
-
-
-def _cut(data: _Data, window_samples: int) -> Float:
-    """Windows without overlap, shape (n_channels, n_recordings, n_windows, window_samples)."""
-    n_recordings, n_samples, n_channels = data.signals.shape
-    n_windows = n_samples // window_samples
-    whole = data.signals[:, : n_windows * window_samples].transpose(2, 0, 1)
-    windows = whole.reshape(n_channels, n_recordings, n_windows, window_samples)
-    constant = np.argwhere(windows.max(axis=3) == windows.min(axis=3))
-    if constant.size:
-        channel, recording, window = constant[0]
-        raise ValueError(
-            f"dataset.signals must vary, but window {window} of recording {data.recordings[recording]}, "
-            f"channel {data.channels[channel]}, is constant"
-        )
-    return windows
 
 
 def _union(sampling_rate: float) -> FeatureUnion:
@@ -456,7 +333,7 @@ def _features_by_channel(windows: Float, sampling_rate: float) -> tuple[tuple[st
 
 
 def _case(
-    data: _Data, channel: str, features: Float, trained: int, tested: int, random_state: int
+    data: VibrationData, channel: str, features: Float, trained: int, tested: int, random_state: int
 ) -> LoadLevelCase:
     """Train on one state (0 or 1), test on the other; features (n_recordings, n_windows, n_features)."""
     train, test = np.flatnonzero(data.broken == trained), np.flatnonzero(data.broken == tested)
@@ -466,7 +343,7 @@ def _case(
     predictions = _nearest_level(raw.mean(axis=1))
     return LoadLevelCase(
         channel=channel,
-        direction=f"{_STATES[trained]} to {_STATES[tested]}",
+        direction=f"{STATES[trained]} to {STATES[tested]}",
         per_recording=_score(truth, predictions[:, np.newaxis], random_state),
         per_window=_score(truth, _nearest_level(raw), random_state),
         chance=_chance(truth),
@@ -494,7 +371,7 @@ def _fit(features: Float, levels: Int) -> GridSearchCV:
 
 def _nearest_level(values: Float) -> Int:
     # Halves go up everywhere; numpy's own rounding sends them to the even level.
-    return np.clip(np.floor(values + 0.5), _LEVELS[0], _LEVELS[-1]).astype(np.int64)
+    return np.clip(np.floor(values + 0.5), LEVELS[0], LEVELS[-1]).astype(np.int64)
 
 
 def _score(levels: Int, predictions: Int, random_state: int) -> LevelScore:
@@ -518,11 +395,11 @@ def _interval(values: Float) -> tuple[float, float]:
 
 def _chance(levels: Int) -> LevelChance:
     """Chance for recordings of these true levels, each with as many windows."""
-    distance = np.abs(levels[:, np.newaxis] - _LEVELS)
+    distance = np.abs(levels[:, np.newaxis] - LEVELS)
     by_guess = distance.mean(axis=0)
     return LevelChance(
         accuracy=float((distance == 0).mean()),
-        best_constant=int(_LEVELS[by_guess.argmin()]),
+        best_constant=int(LEVELS[by_guess.argmin()]),
         constant_error=float(by_guess.min()),
         uniform_error=float(distance.mean()),
     )

@@ -17,7 +17,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from cyclofeat import persistence
+from cyclofeat import _model_content
 from cyclofeat.counting import ConformalCounter, LobeModel, make_lobe_counter
 from cyclofeat.counting._pipelines import KINDS
 from cyclofeat.features._registry import REGISTRY
@@ -179,7 +179,7 @@ def test_skops_with_another_type_is_refused_in_writing_and_reading(stored, data,
     with pytest.raises(ValueError, match="holds .*posixpath.basename.*write .joblib"):
         save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
     assert not (tmp_path / "strange.skops").exists()
-    monkeypatch.setattr(persistence, "_foreign_types", lambda data: set())
+    monkeypatch.setattr(_model_content, "_foreign_types", lambda data: set())
     file = save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
     monkeypatch.undo()
     with pytest.raises(ModelFileError, match="types that no counter needs.*posixpath.basename"):
@@ -191,7 +191,7 @@ def test_a_compiled_estimator_that_believes_its_numbers_is_refused(data, tmp_pat
     neighbours = KNeighborsClassifier(algorithm="kd_tree").fit(data[0][:, :5], data[1])
     with pytest.raises(ValueError, match=r"sklearn.neighbors.*write .joblib"):
         save_model(tmp_path / "m.skops", neighbours, sampling_rate=RATE)
-    monkeypatch.setattr(persistence, "_foreign_types", lambda data: set())
+    monkeypatch.setattr(_model_content, "_foreign_types", lambda data: set())
     file = save_model(tmp_path / "m.skops", neighbours, sampling_rate=RATE)
     monkeypatch.undo()
     with pytest.raises(ModelFileError, match=r"types that no counter needs.*sklearn\.neighbors"):
