@@ -25,7 +25,7 @@ def follows(run: SimulationRun) -> bool:
 
 
 def b1() -> list[Part]:
-    worn = p.peaks(p.sleeve_force(LobeDefects.worn(1), 13))
+    _, worn = p.peaks(p.sleeve_forces(LobeDefects.worn(1))[:, 13])
     healthy = p.run().external_forces.sum(axis=1).max()
     return [
         ("healthy external-sleeve force < 200 N", f"{healthy:.0f} N", healthy < 200),
@@ -35,7 +35,7 @@ def b1() -> list[Part]:
 
 
 def b2() -> list[Part]:
-    found = {n: p.peaks(p.sleeve_force(LobeDefects.worn(n), 13)) for n in range(2, 8)}
+    found = {n: p.peaks(p.sleeve_forces(LobeDefects.worn(n))[:, 13])[1] for n in range(2, 8)}
     stated = {2: (2, 2), 3: (3, 3), 4: (7, 7), 5: (5, 6), 6: (5, 6), 7: (5, 6)}
     parts: list[Part] = [
         (
@@ -142,8 +142,8 @@ def b8() -> list[Part]:
 
 def b9() -> list[Part]:
     one = LobeDefects.removed(7, wheels=p.ONE)
-    healthy = p.sleeve_force(p.HEALTHY, 0, "internal", duration=1.2)[2500:].max()
-    heights = p.peaks(p.sleeve_force(one, 0, "internal", duration=1.2)[2500:], 60)
+    healthy = p.sleeve_forces(p.HEALTHY, "internal", duration=1.2)[2500:, 0].max()
+    _, heights = p.peaks(p.sleeve_forces(one, "internal", duration=1.2)[2500:, 0], 60)
     more = max(heights[::2].mean(), heights[1::2].mean()) / healthy - 1
     four, seven = (
         p.from_200_to_800_hz(p.run(LobeDefects.removed(n, wheels=p.ONE), duration=1.2).torque_out)

@@ -90,13 +90,15 @@ class CycloidalProfile:
             / (self.eccentricity * self.n_pins * np.sqrt(g2))
         )
 
-    def effective_radius(self, t: ArrayLike) -> Float:
-        """Effective contact radius q (1 - kappa q) of pin and profile in m.
+    def effective_radius(self, t: ArrayLike, clearance: float = 0.0) -> Float:
+        """Effective contact radius q (1 - kappa q) of pin and profile in m (paper B eq. 14).
 
         It equals ``1 / (1/R_c + 1/q)`` with the radius R_c = 1/kappa - q of the profile, negative where the
-        profile is concave, and is positive everywhere.
+        profile is concave, and is positive everywhere. Where the outline lies deeper by a ``clearance`` c of
+        the pins in m, R_c = 1/kappa - q - c.
         """
-        return np.asarray(self.pin_radius * (1 - self.curvature(t) * self.pin_radius))
+        kappa, q = self.curvature(t), self.pin_radius
+        return np.asarray(q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance))
 
     def chord(self) -> tuple[complex, complex]:
         """End points (tip, pit) of the chord that replaces the worn half of lobe 0, in m."""

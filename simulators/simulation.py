@@ -201,8 +201,8 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         pit_y=pit.imag,
         pit_nx=pit_normal.real,
         pit_ny=pit_normal.imag,
-        tip_radius=_effective_radius(gearbox, 0.0),
-        pit_radius=_effective_radius(gearbox, pit_angle),
+        tip_radius=float(gearbox.profile.effective_radius(0.0, gearbox.pin_clearance)),
+        pit_radius=float(gearbox.profile.effective_radius(pit_angle, gearbox.pin_clearance)),
         near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0),
         has_pitch_errors=any(gearbox.lobe_pitch_errors),
         profile_points=gearbox.profile_points,
@@ -266,12 +266,6 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
         wear=wear,
         sleeves=sleeves,
     )
-
-
-def _effective_radius(gearbox: CycloidalGearbox, t: float) -> float:
-    """1 / (1/q + 1/R_c) of a pin on the outline, in m (paper B eq. 14)."""
-    kappa, q, clearance = float(gearbox.profile.curvature(t)), gearbox.pin_radius, gearbox.pin_clearance
-    return q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance)
 
 
 def _friction(gearbox: CycloidalGearbox) -> _kernels.FrictionConstants | None:

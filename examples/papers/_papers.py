@@ -1,4 +1,4 @@
-"""What the examples on the papers share with each other and with ``benchmarks/papers.py``.
+"""What the examples on the papers share with each other, ``benchmarks/papers.py`` and ``tests/literature``.
 
 Lobes and sleeves count from 0 in code: the papers' 14th sleeve is sleeve 13. Everything here is simulated;
 torque on an assumed rig is called surrogate.
@@ -33,6 +33,9 @@ ABS = CycloidalGearbox.abs()  # H = 0.2, an assumption: see A11
 SOFT_ABS = ABS.replace(stiffness_scale=0.1)
 HEALTHY = LobeDefects.healthy()
 ONE, BOTH = (0,), (0, 1)
+# The first wheel unturned, as eq. 1 draws it: the tip of its first lobe at the first sleeve. The papers do
+# not state this; the ringing of eight worn lobes at the start (B5) is the evidence for it.
+START = -math.pi
 
 
 def shades(n: int) -> Float:
@@ -48,13 +51,9 @@ def run(
     defects: LobeDefects = HEALTHY,
     gearbox: CycloidalGearbox = STEEL,
     duration: float = 0.6,
-    start: float = -math.pi,
+    start: float = START,
 ) -> SimulationRun:
-    """A run as in the papers: from rest, ramps of 0.2 s, every 10th step kept, with all sleeve forces.
-
-    The first wheel starts unturned, the tip of its first lobe at the first sleeve. The papers do not state
-    this; the ringing of eight worn lobes at the start (B5) is the evidence for it.
-    """
+    """A run as in the papers: from rest, ramps of 0.2 s, every 10th step kept, with all sleeve forces."""
     return simulate(
         gearbox, defects, duration=duration, sampling_rate=RATE, decimation="pick", forces=True,
         start_angle=start,
@@ -74,23 +73,22 @@ def torques(gearbox: CycloidalGearbox, wheels: Sequence[int] = BOTH, counts: Seq
 # Paper B ----------------------------------------------------------------------------------------------------
 
 
-def sleeve_force(defects: LobeDefects, sleeve: int, kind: str = "external", **options: float) -> Float:
-    """Force on one sleeve in N, both wheels added (paper B figs. 3 and 4)."""
+def sleeve_forces(defects: LobeDefects, kind: str = "external", **options: float) -> Float:
+    """Force on every sleeve in N, both wheels added (paper B figs. 3 and 4): (n, n_sleeves)."""
     forces: Float = getattr(run(defects, **options), f"{kind}_forces")
-    return np.asarray(forces[..., sleeve].sum(axis=1))
+    return np.asarray(forces.sum(axis=1))
 
 
-def peaks(force: Float, height: float = 150.0) -> Float:
-    """Heights in N of the peaks that are 5 ms or more apart."""
+def peaks(force: Float, height: float = 150.0) -> tuple[Float, Float]:
+    """Times in s and heights in N of the peaks that are 5 ms or more apart."""
     found, _ = find_peaks(force, height=height, distance=50)
-    return force[found]
+    return found / RATE, force[found]
 
 
 def change_at_maxima(count: int) -> float:
     """Largest change of an internal sleeve's force where the healthy one is near its maximum, in N (B3)."""
     healthy, worn = (
-        np.array([sleeve_force(defects, k, "internal") for k in range(8)])[:, 2000:]
-        for defects in (HEALTHY, LobeDefects.worn(count))
+        sleeve_forces(defects, "internal")[2000:] for defects in (HEALTHY, LobeDefects.worn(count))
     )
     return float(np.abs(worn - healthy)[healthy > 0.8 * healthy.max()].max())
 
@@ -100,9 +98,9 @@ def oscillation(torque: Float) -> Float:
     return np.asarray(sosfiltfilt(butter(4, 100, "highpass", fs=RATE, output="sos"), torque))
 
 
-def first_oscillation(defects: LobeDefects) -> float:
+def first_oscillation(defects: LobeDefects, start: float = START) -> float:
     """Largest oscillation of the output torque in the first 0.12 s, in Nm (B5)."""
-    return float(np.abs(oscillation(run(defects).torque_out)[:1200]).max())
+    return float(np.abs(oscillation(run(defects, start=start).torque_out)[:1200]).max())
 
 
 def coherence_with_healthy(kind: str, counts: Sequence[int] = range(1, 9)) -> tuple[Float, Float]:

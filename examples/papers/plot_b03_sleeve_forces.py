@@ -10,19 +10,19 @@ alike (statements B1 to B3).
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import HEALTHY, RATE, peaks, sleeve_force
+from _papers import HEALTHY, RATE, peaks, sleeve_forces
 
 from cyclofeat.simulators import LobeDefects
 
 time = np.arange(6000) / RATE
-healthy = sleeve_force(HEALTHY, 13)
+healthy = sleeve_forces(HEALTHY)[:, 13]
 
 fig, axes = plt.subplots(4, 2, figsize=(11, 8.5), layout="constrained", sharex=True, sharey=True)
 for count, ax in enumerate(axes.flat, 1):
-    force = sleeve_force(LobeDefects.worn(count), 13)
+    force = sleeve_forces(LobeDefects.worn(count))[:, 13]
     ax.plot(time, force, lw=0.8, color="C0", label="worn")
     ax.plot(time, healthy, lw=0.8, color="black", label="healthy")
-    heights = ", ".join(f"{height:.0f}" for height in peaks(force))
+    heights = ", ".join(f"{height:.0f}" for height in peaks(force)[1])
     ax.set_title(f"{count} worn; peaks above 150 N: {heights} N", fontsize="medium")
 axes[0, 0].legend(loc="upper left")
 for ax in axes[-1]:
@@ -40,9 +40,9 @@ plt.show()
 # and 7 worn lobes, and is lower for 4 to 6.
 
 fig, axes = plt.subplots(4, 2, figsize=(11, 8.5), layout="constrained", sharex=True, sharey=True)
-healthy = sleeve_force(HEALTHY, 0, "internal")
+healthy = sleeve_forces(HEALTHY, "internal")[:, 0]
 for count, ax in enumerate(axes.flat, 1):
-    force = sleeve_force(LobeDefects.worn(count), 0, "internal")
+    force = sleeve_forces(LobeDefects.worn(count), "internal")[:, 0]
     ax.plot(time, force, lw=0.8, color="C0", label="worn")
     ax.plot(time, healthy, lw=0.8, color="black", label="healthy")
     ax.plot(time, force - healthy - 60, lw=0.8, color="C1", label="difference, shifted by 60 N")

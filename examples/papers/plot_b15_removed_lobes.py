@@ -10,7 +10,7 @@ torque (statement B9).
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import BOTH, HEALTHY, ONE, RATE, STEEL, amplitude_lines, from_200_to_800_hz, run, sleeve_force
+from _papers import BOTH, HEALTHY, ONE, RATE, STEEL, amplitude_lines, from_200_to_800_hz, run, sleeve_forces
 
 from cyclofeat.simulators import LobeDefects
 
@@ -18,8 +18,8 @@ design = LobeDefects.removed(7, wheels=ONE)
 time = np.arange(12_000) / RATE
 fig, axes = plt.subplots(2, 2, figsize=(11, 6.4), layout="constrained", sharex=True)
 panels = (
-    ("14th external sleeve, N", lambda defects: sleeve_force(defects, 13, duration=1.2)),
-    ("1st internal sleeve, N", lambda defects: sleeve_force(defects, 0, "internal", duration=1.2)),
+    ("14th external sleeve, N", lambda defects: sleeve_forces(defects, duration=1.2)[:, 13]),
+    ("1st internal sleeve, N", lambda defects: sleeve_forces(defects, "internal", duration=1.2)[:, 0]),
     ("input torque, Nm", lambda defects: run(defects, duration=1.2).torque_in),
     ("output torque, Nm", lambda defects: run(defects, duration=1.2).torque_out),
 )

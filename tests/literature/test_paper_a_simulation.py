@@ -6,70 +6,40 @@ All runs are the papers': 0.6 s from rest with its ramps, every 10th of 60,000 s
 
 from __future__ import annotations
 
-import functools
-import math
-
 import numpy as np
 import pytest
+from _papers import (
+    ABS,
+    BOTH,
+    ONE,
+    RATE,
+    SOFT_ABS,
+    amplitude_in,
+    bands_of_falling_entropy,
+    n_bands,
+    settled,
+    torques,
+    upward_over_downward,
+)
+from _papers import STEEL_A as STEEL
 
 from cyclofeat.datasets import load_published_tables
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+from cyclofeat.simulators import CycloidalGearbox
 from cyclofeat.spectral import welch_psd
 
-STEEL = CycloidalGearbox.steel(contact_damping=200.0)  # paper A table 3
-ABS = CycloidalGearbox.abs()
-SOFT_ABS = ABS.replace(stiffness_scale=0.1)
-BOTH, ONE = (0, 1), (0,)
-LOBE_PERIOD = 1125  # samples: 15/16 of an input turn
-COUNTS = range(8)
-
-
-@functools.cache
-def torque(gearbox: CycloidalGearbox, count: int, wheels: tuple[int, ...]) -> np.ndarray:
-    """Output torque, the first wheel starting unturned."""
-    run = simulate(
-        gearbox,
-        LobeDefects.worn(count, wheels=wheels),
-        duration=0.6,
-        sampling_rate=10_000,
-        decimation="pick",
-        start_angle=-math.pi,
-    )
-    return run.torque_out
-
-
-def settled(gearbox: CycloidalGearbox, count: int, wheels: tuple[int, ...]) -> np.ndarray:
-    return torque(gearbox, count, wheels)[-2 * LOBE_PERIOD :]
+SEVEN = range(1, 8)
 
 
 # A10 --------------------------------------------------------------------------------------------------------
 
 
-def densities(
-    gearbox: CycloidalGearbox, first: int, wheels: tuple[int, ...] = BOTH
-) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies, and densities of 1 to 7 worn lobes from sample ``first`` on: (7, n_lines)."""
-    return welch_psd(np.array([torque(gearbox, n, wheels)[first:] for n in range(1, 8)]), 1e4)
-
-
-def decreasing_bands(density: np.ndarray) -> tuple[int, int]:
+def falling_bands(records: np.ndarray, first: int) -> tuple[int, int]:
     """Number of bands of five lines or more with strictly decreasing entropy (eq. 8), and of all bands.
 
-    From cumulative sums: the entropy of lines p with the sum s is log2 s - sum(p log2 p) / s.
+    Of records from sample ``first`` on, in the order given.
     """
-    density = np.maximum(density, 1e-300)
-    n = density.shape[1]
-    sums, products = (
-        np.pad(np.cumsum(values, axis=1), ((0, 0), (1, 0)))
-        for values in (density, density * np.log2(density))
-    )
-    found = total = 0
-    for low in range(n - 4):
-        s = sums[:, low + 5 :] - sums[:, [low]]
-        entropy = np.log2(s) - (products[:, low + 5 :] - products[:, [low]]) / s
-        found += int(np.all(np.diff(entropy, axis=0) < 0, axis=0).sum())
-        total += s.shape[1]
-    return found, total
+    frequencies, falls = bands_of_falling_entropy(records, first)
+    return int(falls.sum()), n_bands(frequencies.size)
 
 
 def entropies(density: np.ndarray) -> np.ndarray:
@@ -80,38 +50,39 @@ def entropies(density: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("first", [0, 2000, 3000], ids=["whole run", "after the ramp", "settled"])
 def test_a10_steel_has_bands_in_which_entropy_decreases_with_the_count(first: int) -> None:
     """Both wheels worn, in any window: 400 Hz and up is one of them."""
-    frequencies, density = densities(STEEL, first)
-    found, total = decreasing_bands(density)
+    records = torques(STEEL, counts=SEVEN)
+    found, total = falling_bands(records, first)
+    frequencies, density = welch_psd(records[:, first:], RATE)
     assert found > 0.02 * total
     high = entropies(density[:, frequencies >= 400])
     assert np.all(np.diff(high) < -0.004)
 
 
 def test_a10_with_one_wheel_worn_hardly_any_band_is_left() -> None:
-    found, total = decreasing_bands(densities(STEEL, 2000, ONE)[1])
+    found, total = falling_bands(torques(STEEL, ONE, SEVEN), 2000)
     assert 0 < found < 1e-3 * total
 
 
 def test_a10_soft_abs_has_no_such_band() -> None:
     """As stated, with H = 0.1."""
-    found, total = decreasing_bands(densities(SOFT_ABS, 2000)[1])
+    found, total = falling_bands(torques(SOFT_ABS, counts=SEVEN), 2000)
     assert total > 100_000
     assert found == 0
 
 
 def test_a10_abs_has_such_bands_where_its_resonance_is_that_of_fig_20() -> None:
     """Contradicted with H = 0.2, which A11 asks for."""
-    found, total = decreasing_bands(densities(ABS, 2000)[1])
+    found, total = falling_bands(torques(ABS, counts=SEVEN), 2000)
     assert found > 0.02 * total
 
 
 def test_a10_a_band_of_that_kind_is_found_in_any_order_of_the_records() -> None:
     """So that "there are bands" alone says little: about every second random order has some, but few."""
-    _, density = densities(STEEL, 3000)
+    records = torques(STEEL, counts=SEVEN)
     rng = np.random.default_rng(0)
-    numbers = np.array([decreasing_bands(density[rng.permutation(7)])[0] for _ in range(20)])
+    numbers = np.array([falling_bands(records[rng.permutation(7)], 3000)[0] for _ in range(20)])
     assert 0.2 < np.mean(numbers > 0) < 0.8
-    assert numbers.max() < 0.1 * decreasing_bands(density)[0]
+    assert numbers.max() < 0.1 * falling_bands(records, 3000)[0]
 
 
 # A11 --------------------------------------------------------------------------------------------------------
@@ -119,15 +90,8 @@ def test_a10_a_band_of_that_kind_is_found_in_any_order_of_the_records() -> None:
 
 def band_amplitudes(gearbox: CycloidalGearbox, wheels: tuple[int, ...], count: int = 1) -> np.ndarray:
     """Root of the summed squared amplitudes in Nm of the bands 100-200, 200-300, ... 900-1000 Hz."""
-    record, window = settled(gearbox, count, wheels), np.hanning(2 * LOBE_PERIOD)
-    amplitudes = 2 * np.abs(np.fft.rfft((record - record.mean()) * window)) / window.sum()
-    frequencies = np.fft.rfftfreq(record.size, 1e-4)
-    return np.array(
-        [
-            np.linalg.norm(amplitudes[(frequencies >= f) & (frequencies < f + 100)])
-            for f in range(100, 1000, 100)
-        ]
-    )
+    (record,) = torques(gearbox, wheels, [count])
+    return np.array([amplitude_in(settled(record), f, f + 100) for f in range(100, 1000, 100)])
 
 
 def test_a11_abs_has_raised_amplitudes_at_400_to_500_hz_and_steel_has_not() -> None:
@@ -157,21 +121,16 @@ def test_a11_the_resonance_moves_with_the_stiffness_scale() -> None:
 # A12 --------------------------------------------------------------------------------------------------------
 
 
-def asymmetry(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Logarithm of upward over downward swing: 0 is symmetric."""
-    return np.log((high - mean) / (mean - low))
-
-
 def simulated(gearbox: CycloidalGearbox, wheels: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Peak-to-peak torque in Nm and asymmetry of 0 to 7 worn lobes."""
-    records = np.array([settled(gearbox, n, wheels) for n in COUNTS])
-    low, mean, high = records.min(axis=1), records.mean(axis=1), records.max(axis=1)
-    return high - low, asymmetry(low, mean, high)
+    """Peak-to-peak torque in Nm and logarithm of upward over downward swing of 0 to 7 worn lobes."""
+    records = np.array([settled(record) for record in torques(gearbox, wheels)])
+    return np.ptp(records, axis=1), np.log(upward_over_downward(records))
 
 
 def measured() -> tuple[np.ndarray, np.ndarray]:
     table = load_published_tables().signal_statistics
-    return table["range_nm"], asymmetry(table["min_nm"], table["mean_nm"], table["max_nm"])
+    swings = (table["max_nm"] - table["mean_nm"]) / (table["mean_nm"] - table["min_nm"])
+    return table["range_nm"], np.log(swings)
 
 
 @pytest.mark.parametrize("wheels", [BOTH, ONE])

@@ -7,56 +7,26 @@ count from 0 here: the papers' 14th sleeve is sleeve 13, their 8th lobe is lobe 
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
 import pytest
-from scipy.signal import butter, find_peaks, sosfiltfilt
+from _papers import (
+    HEALTHY,
+    LOBE_PERIOD,
+    RATE,
+    change_at_maxima,
+    first_oscillation,
+    from_200_to_800_hz,
+    oscillation,
+    peaks,
+    run,
+    settled,
+    sleeve_forces,
+)
+from scipy.signal import find_peaks
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, simulate
-
-STEEL = CycloidalGearbox.steel()
-# The first wheel unturned, as eq. 1 draws it: the tip of its lobe 0 at sleeve 0.
-START = -math.pi
-LOBE_PERIOD = 1125  # samples: 15/16 of an input turn
-HEALTHY = LobeDefects.healthy()
-
-
-@functools.cache
-def run(defects: LobeDefects, duration: float = 0.6, start: float = START) -> SimulationRun:
-    return simulate(
-        STEEL,
-        defects,
-        duration=duration,
-        sampling_rate=10_000,
-        decimation="pick",
-        forces=True,
-        start_angle=start,
-    )
-
-
-def sleeve_forces(defects: LobeDefects, kind: str = "external", **options: float) -> np.ndarray:
-    """Force of every sleeve, both wheels added, in N: (n, n_sleeves)."""
-    forces = getattr(run(defects, **options), f"{kind}_forces")
-    return np.asarray(forces.sum(axis=1))
-
-
-def peaks(force: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s and heights in N of the peaks that are 5 ms or more apart."""
-    found, _ = find_peaks(force, height=height, distance=50)
-    return found * 1e-4, force[found]
-
-
-def oscillation(torque: np.ndarray) -> np.ndarray:
-    """Part above 100 Hz, without delay."""
-    return np.asarray(sosfiltfilt(butter(4, 100, "highpass", fs=10_000, output="sos"), torque))
-
-
-def first_oscillation(defects: LobeDefects, start: float = START) -> float:
-    """Largest oscillation of the output torque in the first 0.12 s, in Nm."""
-    return float(np.abs(oscillation(run(defects, start=start).torque_out)[:1200]).max())
-
+from cyclofeat.simulators import LobeDefects
 
 # B1 ---------------------------------------------------------------------------------------------------------
 
@@ -96,23 +66,16 @@ def test_b2_peaks_on_the_14th_sleeve_grow_in_number() -> None:
 # B3 ---------------------------------------------------------------------------------------------------------
 
 
-def change_at_the_maxima(count: int) -> float:
-    """Largest change of an internal sleeve's force where the healthy one is near its maximum, in N."""
-    healthy = sleeve_forces(HEALTHY, "internal")[2000:]
-    change = sleeve_forces(LobeDefects.worn(count), "internal")[2000:] - healthy
-    return float(np.abs(change[healthy > 0.8 * healthy.max()]).max())
-
-
 def test_b3_internal_forces_hardly_change_up_to_three_worn_lobes() -> None:
     largest = sleeve_forces(HEALTHY, "internal").max()
     assert largest == pytest.approx(163, rel=0.02)
     for count in (1, 2, 3):
-        assert change_at_the_maxima(count) < 0.06 * largest
+        assert change_at_maxima(count) < 0.06 * largest
 
 
 def test_b3_internal_forces_oscillate_at_their_maxima_from_five_worn_lobes_on() -> None:
     """Up to 50 N in paper B, a third of that here."""
-    changes = [change_at_the_maxima(count) for count in range(1, 8)]
+    changes = [change_at_maxima(count) for count in range(1, 8)]
     assert np.all(np.diff(changes) > 0)
     assert changes[4:] == pytest.approx([15.4, 17.1, 17.5], rel=0.05)
 
@@ -121,14 +84,14 @@ def test_b3_internal_forces_oscillate_at_their_maxima_from_five_worn_lobes_on() 
 
 
 def test_b4_input_torque_vibrates_more_with_every_worn_lobe() -> None:
-    spread = [run(LobeDefects.worn(n)).torque_in[-2 * LOBE_PERIOD :].std() for n in range(8)]
+    spread = [settled(run(LobeDefects.worn(n)).torque_in).std() for n in range(8)]
     assert np.all(np.diff(spread) > 0)
     assert spread[1] > 30 * spread[0]
     assert spread[3] > 1.1 * spread[1]
 
 
 def test_b4_input_torques_of_five_and_more_worn_lobes_are_hard_to_tell_apart() -> None:
-    spread = [run(LobeDefects.worn(n)).torque_in[-2 * LOBE_PERIOD :].std() for n in (5, 6, 7, 8)]
+    spread = [settled(run(LobeDefects.worn(n)).torque_in).std() for n in (5, 6, 7, 8)]
     assert max(spread) < 1.03 * min(spread)
 
 
@@ -148,7 +111,7 @@ def test_b5_eight_worn_lobes_oscillate_in_the_first_120_ms_and_one_to_seven_do_n
 def test_b5_eight_worn_lobes_converge_after_130_ms() -> None:
     late = [np.abs(oscillation(run(LobeDefects.worn(n)).torque_out)[1300:]).max() for n in (7, 8)]
     assert late[1] == pytest.approx(late[0], rel=0.01)
-    torque = run(LobeDefects.worn(8)).torque_out[-2 * LOBE_PERIOD :]
+    torque = settled(run(LobeDefects.worn(8)).torque_out)
     assert torque.mean() == pytest.approx(22, abs=0.01)
     assert torque.std() < 0.3
 
@@ -174,7 +137,7 @@ def test_b8_each_worn_lobe_of_a_pattern_acts_in_its_own_slot(lobes: tuple[int, .
         zero = single[3000 : 3000 + LOBE_PERIOD, wheel].max(axis=1).argmax()
         for sleeve in range(16):
             times, _ = peaks(forces[3000:, wheel, sleeve], 500)
-            found |= {round((time * 1e4 - zero) / (LOBE_PERIOD / 15)) % 15 for time in times}
+            found |= {round((time * RATE - zero) / (LOBE_PERIOD / 15)) % 15 for time in times}
         assert found == set(lobes)
 
 
@@ -186,14 +149,6 @@ def test_b8_patterns_with_the_eighth_lobe_jam_at_the_start_like_eight_worn_lobes
 
 
 # B9 ---------------------------------------------------------------------------------------------------------
-
-
-def spectrum_200_to_800_hz(defects: LobeDefects) -> float:
-    """Root of the summed squared amplitudes in Nm: 8192-point DFT with a Hamming window."""
-    torque, window = run(defects, duration=1.2).torque_out[-8192:], np.hamming(8192)
-    amplitudes = 2 * np.abs(np.fft.rfft(torque * window)) / window.sum()
-    frequencies = np.fft.rfftfreq(8192, 1e-4)
-    return float(np.linalg.norm(amplitudes[(frequencies >= 200) & (frequencies <= 800)]))
 
 
 def test_b9_seven_lobes_removed_from_one_wheel_runs_with_30_percent_more_on_every_second_peak() -> None:
@@ -213,9 +168,9 @@ def test_b9_seven_lobes_removed_from_one_wheel_runs_with_30_percent_more_on_ever
 
 def test_b9_removed_lobes_raise_the_spectrum_between_200_and_800_hz() -> None:
     """Contradicted: half as high in paper B, for 7 and for 4 removed lobes."""
-    healthy = spectrum_200_to_800_hz(HEALTHY)
-    seven = spectrum_200_to_800_hz(LobeDefects.removed(7, wheels=(0,)))
-    four = spectrum_200_to_800_hz(LobeDefects.removed(4, wheels=(0,)))
+    healthy = from_200_to_800_hz(run(HEALTHY, duration=1.2).torque_out)
+    seven = from_200_to_800_hz(run(LobeDefects.removed(7, wheels=(0,)), duration=1.2).torque_out)
+    four = from_200_to_800_hz(run(LobeDefects.removed(4, wheels=(0,)), duration=1.2).torque_out)
     assert healthy == pytest.approx(0.0226, rel=0.05)
     assert seven / healthy == pytest.approx(2.7, rel=0.1)
     assert four / healthy == pytest.approx(1.67, rel=0.1)

@@ -12,6 +12,7 @@ import pytest
 from cyclofeat.simulators import CycloidalGearbox, CycloidalProfile, LobeDefects
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
 from cyclofeat.simulators.reference import ReferenceGearbox
+from cyclofeat.simulators.simulation import kernel_input
 
 STEEL = CycloidalGearbox.steel()
 
@@ -227,6 +228,17 @@ def test_effective_radius_has_the_sign_of_the_flank() -> None:
     assert 1e3 * radii == pytest.approx([3.625, 3.26, 69.75], abs=0.01)
     concave = -6.57e-3
     assert radii[2] == pytest.approx(1 / (1 / concave + 1 / 6e-3), rel=0.02)
+
+
+def test_effective_radius_with_clearance_is_that_of_the_deeper_outline() -> None:
+    loose = STEEL.replace(pin_clearance=5e-5)
+    places = np.linspace(0.0, np.pi / 15, 7)
+    outline = 1 / loose.profile.curvature(places) - loose.pin_radius - loose.pin_clearance
+    expected = 1 / (1 / loose.pin_radius + 1 / outline)
+    assert loose.profile.effective_radius(places, loose.pin_clearance) == pytest.approx(expected, rel=1e-12)
+    found = kernel_input(loose, LobeDefects.healthy()).wheel
+    assert (found.tip_radius, found.pit_radius) == pytest.approx(expected[[0, -1]], rel=1e-12)
+    assert abs(expected[-1] / STEEL.profile.effective_radius(np.pi / 15) - 1) > 1e-3
 
 
 def test_outline_is_closed_and_holds_the_chords() -> None:
