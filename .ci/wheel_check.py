@@ -38,6 +38,11 @@ def check_contents() -> None:
     assert tops == {"cyclofeat", f"cyclofeat-{cyclofeat.__version__}.dist-info"}, tops
     assert any(file.name == "py.typed" for file in files)
 
+    metadata = importlib.metadata.metadata("cyclofeat")
+    assert metadata["License-Expression"] == "BSD-3-Clause AND CC-BY-SA-4.0", metadata["License-Expression"]
+    texts = {file.parts[-2:] for file in files if "licenses" in file.parts}
+    assert texts == {("licenses", "LICENSE"), ("jelmerv_cycloidal", "LICENSE.md")}, texts
+
 
 def check_data() -> None:
     from cyclofeat.datasets import load_oedi_gearbox, load_published_tables

@@ -78,6 +78,26 @@ def test_shipped_data_say_whose_they_are():
     assert not bare, f"data without README or LICENSE beside them: {sorted(bare)}"
 
 
+def test_the_stated_licence_is_that_of_all_that_is_in_the_wheel():
+    project, tools = PYPROJECT["project"], PYPROJECT["tool"]["setuptools"]
+    folders = {name: ROOT / folder for folder, name in ROOMS.items()}
+    shipped = {
+        path.parent
+        for package, patterns in tools["package-data"].items()
+        for room in [max((name for name in folders if package.startswith(name)), key=len)]
+        for pattern in patterns
+        for path in (folders[room] / package.removeprefix(room).strip(".").replace(".", "/")).glob(pattern)
+    }
+    assert ROOT / "datasets" / "jelmerv_cycloidal" in shipped
+    texts = [ROOT / "LICENSE", *(text for folder in shipped for text in folder.glob("LICENSE*"))]
+    assert {ROOT / name for name in project["license-files"]} == set(texts)
+    names = {"BSD 3-Clause License": "BSD-3-Clause", "CC BY-SA 4.0": "CC-BY-SA-4.0"}
+    stated = {
+        spdx for text in texts for name, spdx in names.items() if name in text.read_text(encoding="utf-8")
+    }
+    assert project["license"] == " AND ".join(sorted(stated))
+
+
 def test_import_loads_nothing_heavy(tmp_path, record_property):
     # Which modules are loaded is asserted, not how long it takes: a busy machine would fail for no reason.
     code = (
