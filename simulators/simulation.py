@@ -538,7 +538,8 @@ def _friction_rates(
     ]
     external = np.concatenate([one.external for one in again])
     internal = np.concatenate([one.internal for one in again])
-    return friction_rates(gearbox, *course[:2, 2 * steps], states, external, internal)
+    phi, omega = course[:2, 2 * steps]
+    return friction_rates(gearbox, phi, omega, states, external, internal)
 
 
 def _relaxed(
