@@ -150,6 +150,7 @@ def load_levels(work: Work, key: str) -> dict[str, Any]:
     Everything but the features is that function's own: windows, ridge regression, folds, scores. ``held`` are
     the toolkit's features, held within the range that they have in the training state.
     """
+    from cyclofeat.counting import _load_level_data as level_data
     from cyclofeat.counting import _load_levels as levels
     from cyclofeat.datasets import load_oedi_gearbox
 
@@ -165,8 +166,8 @@ def load_levels(work: Work, key: str) -> dict[str, Any]:
         if key == "cyclofeat":
             cases = levels.evaluate_load_levels(dataset).cases
         else:
-            data = levels._checked(dataset)
-            table = features(levels._cut(data, 4096), data.sampling_rate)
+            data = level_data.checked(dataset)
+            table = features(level_data.cut(data, 4096), data.sampling_rate)
             chosen = [(name, [i]) for i, name in enumerate(data.channels)]
             chosen.append(("all", list(range(len(data.channels)))))
             found = []
