@@ -272,10 +272,10 @@ class TrainingDisplay:
 
 def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | None:
     """The lobe, from 0, that passes nearest to each slot of the first window, as the features fold it."""
+    from cyclofeat._model_content import estimators_in
     from cyclofeat.counting import passage_of_lobe_zero
-    from cyclofeat.persistence import _parts
 
-    lobe_map = next((part for part in _parts(model.counter) if isinstance(part, LobeMap)), None)
+    lobe_map = next((part for part in estimators_in(model.counter) if isinstance(part, LobeMap)), None)
     if lobe_map is None:
         return None
     n = lobe_map.n_lobes
