@@ -95,27 +95,32 @@ class _Definition:
 
 
 @cache
+def rows_of(name: str) -> tuple[dict[str, str], ...]:
+    """The rows of a committed table, as text."""
+    with (HERE / name).open(encoding="utf-8", newline="") as file:
+        return tuple(csv.DictReader(file))
+
+
+@cache
 def table(name: str) -> tuple[Row, ...]:
     """The rows of ``strengths.csv`` (the library's effects) or ``outside.csv``."""
-    with (HERE / name).open(encoding="utf-8", newline="") as file:
-        return tuple(
-            Row(
-                effect=row["effect"],
-                place=int(row["place"]),
-                parameter=row["parameter"],
-                unit=row["unit"],
-                scale=row["scale"],
-                values={strength: float(row[strength]) for strength in STRENGTHS},
-            )
-            for row in csv.DictReader(file)
+    return tuple(
+        Row(
+            effect=row["effect"],
+            place=int(row["place"]),
+            parameter=row["parameter"],
+            unit=row["unit"],
+            scale=row["scale"],
+            values={strength: float(row[strength]) for strength in STRENGTHS},
         )
+        for row in rows_of(name)
+    )
 
 
 @cache
 def tie_groups() -> tuple[frozenset[str], ...]:
     """Effects that these recordings cannot tell apart, of ``ties.csv``."""
-    with (HERE / "ties.csv").open(encoding="utf-8", newline="") as file:
-        return tuple(frozenset(row["effects"].split()) for row in csv.DictReader(file))
+    return tuple(frozenset(row["effects"].split()) for row in rows_of("ties.csv"))
 
 
 def effect_names(rows: Iterable[Row]) -> list[str]:

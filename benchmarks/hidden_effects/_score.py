@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm, rankdata
 
 from benchmarks._versions import told_of_versions
-from benchmarks.hidden_effects._cases import STRENGTHS, tie_groups, truth
+from benchmarks.hidden_effects._cases import STRENGTHS, rows_of, tie_groups, truth
 
 _FORMAT = "cyclofeat gap 1"
 _CONFIDENT = 0.9
@@ -524,8 +524,15 @@ def _failures(one: _Scored) -> list[dict[str, Any]]:
             "said": said,
             "confidence": one.confidence,
             "problem": problem,
+            "reason": reason_for(one.case, f"{one.kind} {one.decoy}".strip(), problem),
         }
     ]
+
+
+def reason_for(case: str, kind: str, problem: str) -> str:
+    """Reason of ``reasons.csv`` found for a failure of this case, else for all of its kind; empty without."""
+    found = {(row["where"], row["problem"]): row["reason"] for row in rows_of("reasons.csv")}
+    return next((found[where, problem] for where in (case, kind, "any") if (where, problem) in found), "")
 
 
 # Writing.

@@ -628,3 +628,14 @@ def test_confidences_that_are_exact_have_an_error_too_and_less_with_more_cases()
     assert few > 3 * many > 0
     assert _score.calibrated_error([1.0, 1.0]) == 0
     assert _score.calibrated_error([0.5] * 4) == 0.25
+
+
+def test_reasons_are_those_of_the_case_then_of_its_kind() -> None:
+    tie = "wrong name, right group"
+    assert _score.reason_for("case_00000012", "single", tie).startswith("Look-alikes of ties.csv")
+    assert _score.reason_for("case_00000012", "single", "not detected") == ""
+    of_assembly = _score.reason_for("case_00000002", "null assembly", 'false "disagree", and a name')
+    assert "one_assembly=True" in of_assembly
+    assert _score.reason_for("case_00000002", "null", 'false "disagree", and a name') == ""
+    known = set(_cases.truth()) | {"any", "null assembly"}
+    assert {row["where"] for row in _cases.rows_of("reasons.csv")} <= known
