@@ -90,7 +90,7 @@ def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
         "Recording Worn lobes",
     ]  # fmt: skip
     assert sorted(tiles, key=text.index) == tiles
-    assert "strange.npz - - - - refused , else" in text
+    assert "strange.npz - - - - refused , would be" in text
     assert "2 of 3 recordings are SURROGATE" in text
     assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
     assert text.index("strange.npz") < text.index("Against the training")
