@@ -231,10 +231,10 @@ def test_reports_refuse(model, counted, options, message, tmp_path):
 
 
 def test_a_missing_folder_is_found_out_before_the_work(model, counted, tmp_path):
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(FileNotFoundError, match="make it first"):
         write_count_report(tmp_path / "no" / "a.html", model, counted)
-    assert time.perf_counter() - began < 1
+    assert time.process_time() - began < 1
 
 
 def test_only_failures_make_a_page_too(model, tmp_path):

@@ -484,7 +484,7 @@ KINDS = [
 def attempt(path, limit_s=1.0):
     """What reading gives: the recording, or the message of its one clear error."""
     rate = None if path.suffix in (".npz", ".tdms", ".wav", ".mat") else RATE
-    begin = time.perf_counter()
+    begin = time.process_time()
     try:
         return read_recording(path, sampling_rate=rate)
     except ValueError as error:
@@ -494,7 +494,7 @@ def attempt(path, limit_s=1.0):
         assert len(message) < 1_000
         return message
     finally:
-        assert time.perf_counter() - begin < limit_s
+        assert time.process_time() - begin < limit_s
 
 
 @pytest.fixture(scope="module")
@@ -654,11 +654,11 @@ def test_files_that_claim_more_than_they_hold(tmp_path):
         file.create_dataset("torque", shape=(1, 10**12), dtype="f8", chunks=(1, 1000))
     for name in ("claim.npz", "claim.mat"):
         tracemalloc.start()
-        begin = time.perf_counter()
+        begin = time.process_time()
         with pytest.raises(ValueError) as caught:
             read_recording(tmp_path / name, sampling_rate=RATE)
         message = str(caught.value)
-        assert time.perf_counter() - begin < 3.0
+        assert time.process_time() - begin < 3.0
         _, peak = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         assert "claims" in message
