@@ -130,6 +130,7 @@ def test_rig_takes_a_file_with_effects_too(capsys, tmp_path):
     assert one.meta["effects"] == [effect.to_dict() for effect in effects]
 
 
+@pytest.mark.slow
 def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     Rig.r0().replace(name="mine", effects=[Offset(0.5)]).to_json(tmp_path / "mine.json")
     code, out, err = run(
@@ -303,6 +304,7 @@ def test_a_folder_counts_as_its_files(capsys, folder):
     assert code in (0, 2)  # the folder holds the other tests' bad files too
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_no_error(folder):
     command = [sys.executable, "-m", "cyclofeat", "evaluate", "--dataset", "oedi"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

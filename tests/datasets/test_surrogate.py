@@ -139,6 +139,7 @@ def test_recordings_survive_a_file(labelled, tmp_path):
 # Determinism
 
 
+@pytest.mark.slow
 def test_the_same_bytes_for_any_number_of_processes():
     arguments = {"duration_s": 0.05, "rig": "R1", "random_state": 4, "with_angle": True}
     one = make_rig_recordings(2, [0, 2], n_jobs=1, **arguments)

@@ -220,6 +220,7 @@ def test_too_short_windows_are_refused() -> None:
 # Bank
 
 
+@pytest.mark.slow
 def test_a_bank_is_the_same_from_the_cache_and_for_every_worker(tmp_path: Path) -> None:
     one = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=3, cache=tmp_path)
     again = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=3, cache=tmp_path)

@@ -126,6 +126,7 @@ def test_the_report_is_written(done: Done, tmp_path: Path) -> None:
     assert 'src="http' not in text
 
 
+@pytest.mark.slow
 def test_a_library_of_one_effect(done: Done) -> None:
     options = {**SMALL, "library": ["hum"]}
     found = DiscrepancyWorkflow(RATE, cache=done.folder, **options).fit(done.fit.X, y_fit=done.fit.counts)
@@ -279,6 +280,7 @@ def test_the_values_held_out_are_not_read_by_the_check(recorded: Recorder, simul
 # Again from the cache
 
 
+@pytest.mark.slow
 def test_a_second_run_goes_on_from_the_cache(
     done: Done, watched: _Seen, monkeypatch: pytest.MonkeyPatch
 ) -> None:
