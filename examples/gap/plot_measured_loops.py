@@ -121,7 +121,7 @@ for column, design in enumerate(DESIGNS):
             torque = held.torque
             ax.plot(np.degrees(model.predict(torque)), torque, color=colour, label=name, linewidth=1)
         ax.set(title=f"{design.replace('_', ' ')}: {title}", xlabel="deflection, deg")
-    axes[0, column].set_xlim(-2.5, 2.5)
+    axes[0, column].set(xlim=(-2.5, 2.5), xlabel="deflection, deg (axis cut: the black box goes on)")
 axes[0, 0].set_ylabel("torque, Nm")
 axes[1, 0].set_ylabel("torque, Nm")
 handles = axes[0, 0].get_legend_handles_labels()
