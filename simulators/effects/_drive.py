@@ -22,6 +22,17 @@ from cyclofeat.simulators.effects._base import (
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 
+def _low_passed(
+    rms: float, cutoff_hz: float, order: int, duration: float, random: np.random.Generator, oversampling: int
+) -> Fluctuation | None:
+    """Low-passed white noise as a function of time; None where it is nothing."""
+    (stream,) = _noise.streams(random, 1)
+    if rms == 0:
+        return None
+    end = duration + _noise.MARGIN
+    return _noise.sum_of([_noise.low_passed_noise(stream, rms, cutoff_hz, order, end, oversampling)], end)
+
+
 class LoadDrift(Effect):
     """Slow fluctuation of the brake's torque, to which the whole drive answers.
 
@@ -64,12 +75,7 @@ class LoadDrift(Effect):
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
     ) -> Fluctuation | None:
-        (stream,) = _noise.streams(random, 1)
-        if self.rms_nm == 0:
-            return None
-        end = duration + _noise.MARGIN
-        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end, _noise.FINE)
-        return _noise.sum_of([drift], end)
+        return _low_passed(self.rms_nm, self.cutoff_hz, self.order, duration, random, _noise.FINE)
 
 
 class ProportionalDrift(Effect):
@@ -123,9 +129,10 @@ class ProportionalDrift(Effect):
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
     ) -> Fluctuation | None:
-        # The same process as the additive drift's; its unit is then no newton metre but the logarithm's.
-        logarithm = LoadDrift(self.relative, self.cutoff_hz, self.order).load_fluctuation(
-            gearbox, duration, random
+        # The same process as the additive drift's; its unit is then no newton metre but the logarithm's. With
+        # cutoffs of tens of hertz the lines lie where the coarser steps hold it.
+        logarithm = _low_passed(
+            self.relative, self.cutoff_hz, self.order, duration, random, _noise.OVERSAMPLING
         )
         if logarithm is None:
             return None
