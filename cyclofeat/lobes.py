@@ -215,7 +215,7 @@ def lobe_lines(
     factor = np.ones(n_windows)
     if speed_tolerance > 0:
         teeth = numbers[min(_FIRST_SEARCHED, n_lines) - 1 :] if searched is None else np.asarray(searched)
-        factors = 1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS)
+        factors = searched_factors(speed_tolerance)
         factor = factors[np.argmax(white.prominence(factors, teeth * nominal).sum(axis=2), axis=1)]
     frequencies = np.outer(factor * nominal, numbers)
     bins = frequencies / white.resolution
@@ -225,6 +225,11 @@ def lobe_lines(
         lines=at_centre * np.exp(-2j * np.pi * frequencies * white.centre),
         floor=np.stack([_between_bins(*row) for row in zip(white.floor, bins, strict=True)]),
     )
+
+
+def searched_factors(speed_tolerance: float) -> Float:
+    """Input speeds that a search looks at, as multiples of the nominal one."""
+    return np.asarray(1 + speed_tolerance * np.linspace(-1, 1, _SPEED_STEPS))
 
 
 def comb_prominence(

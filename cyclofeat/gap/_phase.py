@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap._summaries import SPEED_TOLERANCE, slots
+from cyclofeat.gap._summaries import SPEED_TOLERANCE, slots, speeds_by_mesh
 from cyclofeat.orders import estimate_input_speed
 
 Float = NDArray[np.float64]
@@ -66,7 +66,7 @@ def phase_maps(
     """
     maps = {}
     speeds = tachometer or [
-        _speeds_by_mesh(X, sampling_rate, input_speed_hz, n_lobes) for X in (measured, simulated)
+        _fine_speeds(X, sampling_rate, input_speed_hz, n_lobes) for X in (measured, simulated)
     ]
     for name, per_turn in (("input", 1.0), ("lobe", (n_lobes + 1) / n_lobes)):
         folded = [
@@ -89,12 +89,10 @@ def phase_maps(
     return maps
 
 
-def _speeds_by_mesh(X: NDArray[Any], sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
+def _fine_speeds(X: NDArray[Any], sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
     """Mean input speed of each window in Hz, as far from the nominal one as summaries look for it."""
-    near, far = (
-        estimate_input_speed(X, sampling_rate, nominal_hz, tolerance, comb="mesh", n_lobes=n_lobes)
-        for tolerance in (_FINE_TOLERANCE, SPEED_TOLERANCE)
-    )
+    near = estimate_input_speed(X, sampling_rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
+    far = speeds_by_mesh(np.asarray(X, dtype=np.float64), sampling_rate, nominal_hz, n_lobes)
     return np.where(np.abs(far / nominal_hz - 1) > _FINE_TOLERANCE, far, near)
 
 

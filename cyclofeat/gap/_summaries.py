@@ -12,7 +12,7 @@ from scipy import signal
 
 from cyclofeat._density import shannon_entropy, spectral_centroid, spectral_flatness, spectral_rolloff
 from cyclofeat._welch import welch_psd
-from cyclofeat.lobes import comb_prominence
+from cyclofeat.lobes import comb_prominence, searched_factors
 from cyclofeat.orders import comb_lines, estimate_input_speed
 from cyclofeat.wavelets import dwt, level_band
 
@@ -30,7 +30,6 @@ _LOBE_LINES, _SHAFT_LINES = 48, 20
 _QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
 _WAVELET, _LEVELS = "db4", 10
 SPEED_TOLERANCE = 0.03
-_SPEED_STEPS = 301
 _AT_THE_END = 0.99  # share of the tolerance from which a speed lies at the end of the range
 _BINS = 64  # of a synchronous average
 _AT_A_TIME = 16
@@ -115,7 +114,7 @@ def summarise(
         raise ValueError(
             f"X must hold windows of at least one output turn ({turn:.3g} s), got {n / sampling_rate:.3g} s"
         )
-    by_mesh = _speed_by_mesh(torque, sampling_rate, input_speed_hz, n_lobes)
+    by_mesh = speeds_by_mesh(torque, sampling_rate, input_speed_hz, n_lobes)
     own = by_mesh if speeds is None else np.asarray(speeds, dtype=float)
     mean = torque.mean(axis=1, keepdims=True)
     ripple = torque - mean
@@ -155,17 +154,20 @@ def level(power: Float) -> Float:
     return np.asarray(10 * np.log10(power))
 
 
-def _speed_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
+def speeds_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
     """Input speed of each window in Hz, by the mesh lines."""
     speeds = estimate_input_speed(
         torque, sampling_rate, nominal_hz, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
     )
+    at_the_end = np.flatnonzero(np.abs(speeds / nominal_hz - 1) > _AT_THE_END * SPEED_TOLERANCE)
+    if not at_the_end.size:
+        return speeds
+    # The flank of a lobe line may lie there, beside one mesh line; the others are missing then.
+    factors = searched_factors(SPEED_TOLERANCE)
     n_lines = comb_lines(sampling_rate, nominal_hz, SPEED_TOLERANCE, "mesh", n_lobes)
-    factors = 1 + SPEED_TOLERANCE * np.linspace(-1, 1, _SPEED_STEPS)
-    for i in np.flatnonzero(np.abs(speeds / nominal_hz - 1) > _AT_THE_END * SPEED_TOLERANCE):
-        # The flank of a lobe line may lie there, beside one mesh line; the others are missing then.
-        numbers = np.arange(n_lobes, n_lines + 1, n_lobes)
-        lines = comb_prominence(torque[i : i + 1], sampling_rate, nominal_hz, factors, numbers, n_lobes)[0]
+    numbers = np.arange(n_lobes, n_lines + 1, n_lobes)
+    combs = comb_prominence(torque[at_the_end], sampling_rate, nominal_hz, factors, numbers, n_lobes)
+    for i, lines in zip(at_the_end, combs, strict=True):
         prominence = lines.sum(axis=1)
         within = signal.argrelmax(prominence)[0]
         if within.size and lines[np.argmax(prominence)].min() < 1:

@@ -36,7 +36,7 @@ def test_a_speed_within_the_tolerance_of_summaries_does_not_smear(factor: float)
 
 def test_near_the_nominal_speed_the_search_takes_its_finer_steps() -> None:
     X = torque(SPEED * np.array([0.9871, 1.0003, 1.0147]), N_LOBES + 1)
-    found = _phase._speeds_by_mesh(X, RATE, SPEED, N_LOBES)
+    found = _phase._fine_speeds(X, RATE, SPEED, N_LOBES)
     assert np.array_equal(found, estimate_input_speed(X, RATE, SPEED, 0.015, comb="mesh"))
 
 
