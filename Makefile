@@ -33,11 +33,13 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[test,lint]'
 	@touch $@
 
-demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo/report.html
+demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo/count.html and demo/evaluation.html
 	$(BIN)/python -m cyclofeat demo --out demo
 
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
 test test-slow test-nojit test-browser: export OPENBLAS_NUM_THREADS = 1
+# Both processes of a run, and the next run, read the same bytecode.
+test test-slow: export PYTHONDONTWRITEBYTECODE =
 
 # Two files at a time: what a file's tests share is made once.
 test: $(INSTALLED)  ## the tests, without those marked slow, bench or browser
@@ -104,9 +106,9 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
 
-papers: $(INSTALLED)  ## both papers' statements and figures; writes benchmarks/papers.md
+papers: $(INSTALLED)  ## both papers' statements and figures (ONLY=statements, ONLY=scripts); writes benchmarks/papers.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers $(if $(ONLY),--only $(ONLY))
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
 	$(BIN)/pytest -m bench tests/gap

@@ -1,7 +1,7 @@
 """Statements A1 to A12 of paper A, the verification on measured data, part by part.
 
-S is simulation, M the published measurements. Of M there are three tables of numbers; where a statement
-needs its recordings, **surrogate** torque of the rig ``published`` is shown and decides nothing.
+S is simulation, M the published measurements. Only three tables of numbers of M exist. If a statement needs
+its recordings, **surrogate** torque of the rig ``published`` replaces them, and the part has no verdict.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from scipy.stats import spearmanr
 from benchmarks._paper_b import Part, several
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.features import NarrowbandRatio, SpectralFlatness, SpectralRolloff, WaveletEnvelopeSpectrum
-from cyclofeat.spectral import magnitude_squared_coherence
-from cyclofeat.wavelets import level_band
+from cyclofeat.signal import magnitude_squared_coherence
+from cyclofeat.signal.wavelets import level_band
 
 
 def course(values: np.ndarray) -> str:

@@ -20,7 +20,7 @@ def several(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:
 
 
 def follows(run: SimulationRun) -> bool:
-    """Whether the output turns with the input, as it cannot where the gearbox is locked."""
+    """Return True if the output turns with the input; False means that the gearbox is locked."""
     return bool(abs(np.ptp(run.output_angle) / (np.ptp(run.input_angle) / 15) - 1) < 0.1)
 
 

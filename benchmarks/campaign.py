@@ -1,6 +1,6 @@
 """Cost of a campaign: speed, memory, time outside the kernel. ``make bench-campaign`` writes the table.
 
-The machine may be shared, so costs are given in processor time; runs per second are of the clock on the wall.
+The machine may be shared, so costs are given in processor time; runs per second use wall time.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ from threadpoolctl import threadpool_limits
 
 from cyclofeat.simulators import (
     Campaign,
-    CompositeSimulator,
+    GearboxParameter,
     Hum,
+    Machine,
+    Noise,
     Quantisation,
     Rig,
     _kernels,
-    composite,
     courses,
+    run_campaign,
     simulation,
 )
 
@@ -37,25 +39,26 @@ PROFILED_RUNS = 32
 COMPARED_RUNS = 32
 ROUNDS = 3
 HEADING = "## Outside the kernel"
-RIG = Rig.r1().replace(effects=[Hum((0.05, 0.3)), Quantisation(0.05)])
+RIG = Rig.r1().with_effects(
+    GearboxParameter("load_torque", (15.0, 25.0)), Noise((0.05, 0.5)), Hum((0.05, 0.3)), Quantisation(0.05)
+)
 DESIGN = Campaign(
     name="bench",
     rig=RIG,
     repeats=125,
     depth=(0.3, 1.0),
-    duration_s=2.0,
-    parameters={"load_torque": (15.0, 25.0), "noise_nm": (0.05, 0.5, "log")},
+    duration=2.0,
 )
 
 
 def family() -> list[psutil.Process]:
-    """This process and those that it started."""
+    """This process and its child processes."""
     here = psutil.Process()
     return [here, *here.children(recursive=True)]
 
 
 def each(read: Callable[[psutil.Process], float]) -> dict[int, float]:
-    """A figure of every process of the family that is still there."""
+    """A figure of every running process of the family."""
     found = {}
     for process in family():
         try:
@@ -66,7 +69,7 @@ def each(read: Callable[[psutil.Process], float]) -> dict[int, float]:
 
 
 class Watch(threading.Thread):
-    """Peak of the memory of the whole family (shared pages counted once), and its processor time."""
+    """Peak memory (shared pages counted once) and processor time of the whole family of processes."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -98,7 +101,7 @@ def _cpu(process: psutil.Process) -> float:
 
 @contextmanager
 def timed(owner: Any, name: str) -> Iterator[list[float]]:
-    """Processor time of the calls of a function, while the block lasts."""
+    """Measure the processor time of a function's calls within the block."""
     real, spent = getattr(owner, name), [0.0]
 
     def timing(*args: Any, **kwargs: Any) -> Any:
@@ -115,26 +118,26 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, real)
 
 
-# What a run does outside the kernel, by the functions that do it.
+# Parts of a run outside the kernel, with the functions that do them.
 OUTSIDE: dict[str, tuple[Any, str]] = {
     "anti-alias filter of the torque, from 100 kHz": (simulation, "resample_poly"),
     "speed and angle of the drive on half steps (200 kHz)": (courses, "_drive"),
     "load with its drift on half steps": (courses, "_load"),
-    "drawing the drift": (Rig, "drift"),
-    "effects, noise and copies of the channels": (composite, "_measured"),
+    "drawing the drift": (Machine, "fluctuations"),
+    "effects, noise and copies of the channels": (Machine, "measured"),
 }
 
 
 def shares() -> dict[str, float]:
-    """Shares of the processor time outside the kernel, in one process; the first is that of all of it."""
+    """Shares of the processor time outside the kernel, in one process; the first is their total."""
     campaign = DESIGN.replace(repeats=PROFILED_RUNS // 8, runs_per_shard=PROFILED_RUNS)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        campaign.replace(repeats=1, duration_s=0.05).run(Path(folder) / "compiled")
+        run_campaign(campaign.replace(repeats=1, duration=0.05), Path(folder) / "compiled")
         kernel = stack.enter_context(timed(_kernels, "integrate"))
-        simulator = stack.enter_context(timed(CompositeSimulator, "simulate"))
+        simulator = stack.enter_context(timed(Rig, "simulate"))
         parts = {what: stack.enter_context(timed(*where)) for what, where in OUTSIDE.items()}
         began = time.process_time()
-        campaign.run(Path(folder) / "profiled")
+        run_campaign(campaign, Path(folder) / "profiled")
         total = time.process_time() - began
     found = {what: spent[0] / total for what, spent in parts.items()}
     found["the campaign itself: designs, rows, digests, files"] = 1 - simulator[0] / total
@@ -143,24 +146,24 @@ def shares() -> dict[str, float]:
 
 
 def runs_per_second(backend: str) -> float:
-    """Of runs on two workers of a kind that have already started."""
+    """Measure runs on two workers of a kind that have already started."""
     campaign = DESIGN.replace(repeats=COMPARED_RUNS // 8)
     with tempfile.TemporaryDirectory() as folder, joblib.parallel_config(backend=backend):
-        campaign.replace(repeats=1, duration_s=0.05).run(Path(folder) / "started", n_jobs=N_JOBS)
+        run_campaign(campaign.replace(repeats=1, duration=0.05), Path(folder) / "started", n_jobs=N_JOBS)
         began = time.perf_counter()
-        campaign.run(Path(folder) / "out", n_jobs=N_JOBS)
+        run_campaign(campaign, Path(folder) / "out", n_jobs=N_JOBS)
         return campaign.n_runs / (time.perf_counter() - began)
 
 
 def shares_text() -> str:
-    """Where the processor time outside the kernel goes, as Markdown."""
+    """Return the shares of the processor time outside the kernel as Markdown."""
     found = shares()
     rows = [f"| {what} | {100 * share:.1f} % |" for what, share in found.items()]
     return (
         "\n".join(
             [
                 f"{HEADING}\n",
-                f"Of the processor time of {PROFILED_RUNS} runs in one process; the goal was 10 % outside",
+                f"Shares of the processor time of {PROFILED_RUNS} runs in one process; goal: 10 % outside",
                 "the kernel (`python benchmarks/campaign.py --shares`):\n",
                 "| what | share |",
                 "|---|---|",
@@ -172,7 +175,7 @@ def shares_text() -> str:
 
 
 def table(n_runs: int) -> str:
-    """The results as a Markdown table."""
+    """Return the results as a Markdown table."""
     rates: dict[str, list[float]] = {"loky": [], "threading": []}
     for _ in range(ROUNDS):
         for backend, found in rates.items():
@@ -183,7 +186,7 @@ def table(n_runs: int) -> str:
         watch = Watch()
         watch.start()
         began = time.perf_counter()
-        campaign.run(out, n_jobs=N_JOBS)
+        run_campaign(campaign, out, n_jobs=N_JOBS)
         wall = time.perf_counter() - began
         cpu = watch.stop()
         n_bytes = sum(path.stat().st_size for path in out.iterdir())
@@ -202,9 +205,9 @@ def table(n_runs: int) -> str:
     ]
     head = (
         f"{campaign.n_runs} runs of rig {RIG.name} with hum and quantisation, records of "
-        f"{DESIGN.duration_s:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes. The machine has "
+        f"{DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes. The machine has "
         f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
-        "bench's own: where others are at work too, processor time says more than runs per second.\n"
+        "benchmark's own. If other programs run too, compare processor time, not runs per second.\n"
     )
     lines = [head, "| what | result |", "|---|---|"]
     return "\n".join(lines + [f"| {name} | {value} |" for name, value in rows]) + "\n"
@@ -213,7 +216,7 @@ def table(n_runs: int) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=1000, help="a multiple of 8 (default 1000)")
-    parser.add_argument("--shares", action="store_true", help="only where time outside the kernel goes")
+    parser.add_argument("--shares", action="store_true", help="print only the time outside the kernel")
     parser.add_argument("--out", type=Path, help="also write the table to this file")
     arguments = parser.parse_args()
     with threadpool_limits(1):

@@ -1,8 +1,8 @@
 """Speed and memory of the features. ``make bench-features`` writes the table next to it.
 
-All on the same windows, 1.8 s at 25.6 kHz (46,080 samples) of made-up torque, on one core with one BLAS
-thread but for the row on two. Each figure is the median of several repeats, what is compared taken in turn;
-times are processor times unless stated.
+All rows use the same windows, 1.8 s at 25.6 kHz (46,080 samples) of synthetic torque, and, except for the row
+on two cores, one core with one BLAS thread. Each figure is the median of several repeats; compared variants
+run alternately. Times are processor times unless stated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from cyclofeat.features import TorqueFeatures
-from cyclofeat.spectral import (
+from cyclofeat.signal import (
     band_power,
     narrowband_ratio,
     normalized_entropy,
@@ -41,13 +41,13 @@ from cyclofeat.spectral import (
 
 SAMPLING_RATE = 25_600
 N_SAMPLES = 46_080
-SEGMENT, N_FFT = 10_240, 16_384  # MATLAB's for windows of this length
+SEGMENT, N_FFT = 10_240, 16_384  # MATLAB's defaults for windows of this length
 REPEATS = 9
 MANY = 10_000
 
 
 def torque(n_windows: int) -> np.ndarray:
-    """Windows of mesh and lobe lines, drift and noise on 22 Nm."""
+    """Windows of mesh and lobe lines, drift and noise around 22 Nm."""
     rng = np.random.default_rng(0)
     phase = 2 * np.pi * 500 / 60 * np.arange(N_SAMPLES) / SAMPLING_RATE
     lines = sum(np.outer(rng.normal(size=n_windows), np.cos(16 / 15 * k * phase)) for k in (1, 7, 15, 22, 30))
@@ -56,7 +56,7 @@ def torque(n_windows: int) -> np.ndarray:
 
 
 def processor_seconds(work: Callable[[], object]) -> float:
-    """Processor time of one call: the machine may be shared."""
+    """Return the processor time of one call, because the machine may be shared."""
     began = time.process_time()
     work()
     return time.process_time() - began
@@ -87,7 +87,7 @@ def spectral_set(X: np.ndarray) -> None:
 
 
 def four_features(X: np.ndarray, sampling_rate: float = SAMPLING_RATE) -> list[np.ndarray]:
-    """The features that antropy and librosa have, too."""
+    """The features that antropy and librosa also have."""
     frequencies, psd = welch_psd(X, sampling_rate, "ripple")
     return [
         shannon_entropy(psd),
@@ -110,7 +110,7 @@ def four_by_peers(X: np.ndarray, segment: int = SEGMENT, n_fft: int = N_FFT) -> 
 
 
 def four_by_peers_defaults(X: np.ndarray) -> None:
-    """The same with the defaults of their own: short frames, a spectrum for each feature."""
+    """The same with the libraries' defaults: short frames, a spectrum for each feature."""
     antropy.spectral_entropy(X, SAMPLING_RATE, method="welch")
     librosa.feature.spectral_flatness(y=X)
     librosa.feature.spectral_centroid(y=X, sr=SAMPLING_RATE)
@@ -118,7 +118,7 @@ def four_by_peers_defaults(X: np.ndarray) -> None:
 
 
 def check_that_peers_agree() -> None:
-    """Where definitions are the same (segments of 8192 samples, not padded), so are the values."""
+    """Check that equal definitions (segments of 8192 samples, not padded) give equal values."""
     X = torque(3)[:, :36_864]
     for ours, theirs in zip(four_features(X), four_by_peers(X, 8192, 8192), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-8)
@@ -165,7 +165,7 @@ def transform_memory_map(path: str) -> None:
 
 
 def memory_map_gib() -> float:
-    """Peak of the memory that is the process's own, in GiB, over MANY windows (1.7 GiB of file)."""
+    """Peak of the process's own memory in GiB over MANY windows (1.7 GiB of file)."""
     some = torque(100).astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "windows.f32"
@@ -191,8 +191,8 @@ def busy_seconds() -> float:
 def on_two_cores() -> str:
     """How many times faster ``n_jobs=2`` is than one thread, in wall time, while both cores are free.
 
-    A run in which others took more than a tenth of a core does not count: two threads are no faster than one
-    where somebody else uses the second core.
+    Runs in which other processes used more than a tenth of a core are discarded: two threads are no faster
+    than one if the second core is in use.
     """
     X = torque(132)  # 6 chunks of windows
     both = (TorqueFeatures(SAMPLING_RATE).fit(X), TorqueFeatures(SAMPLING_RATE, n_jobs=2).fit(X))
@@ -210,7 +210,7 @@ def on_two_cores() -> str:
 
 
 def table() -> str:
-    """The results as a Markdown table."""
+    """Return the results as a Markdown table."""
     check_that_peers_agree()
     X = torque(44)
     n = len(X)

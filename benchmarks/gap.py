@@ -4,14 +4,15 @@
     python -m benchmarks.gap --full             # 400 nulls and all 240 cases with something hidden
     python -m benchmarks.gap --full --names-only   # where and what, without fits
 
-Results are kept case by case in ``--out``: an interrupted run goes on. The score is written to
-``benchmarks/gap.md`` (``gap_names.md`` without fits). The workflow is given recordings and counts; the truth
-goes to the oracle alone, which it compares in its last stage.
+Results are stored case by case in ``--out``, so an interrupted run can be continued. The score is written to
+``benchmarks/gap.md`` (``gap_names.md`` without fits). The workflow receives recordings and counts; only the
+oracle, which its last stage compares, knows the truth.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
 import json
 import sys
@@ -21,21 +22,29 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-from sklearn.base import BaseEstimator
 
 from benchmarks._versions import made_with
-from benchmarks.hidden_effects._cases import FIT_COUNTS, N_SAMPLES, case_names, make_case, truth
+from benchmarks.hidden_effects._cases import FIT_COUNTS, case_names, make_case, truth
 from benchmarks.hidden_effects._score import score_folder
-from cyclofeat._files import write_whole
-from cyclofeat.gap import DiscrepancyWorkflow, EffectRanker, GapLocator
-from cyclofeat.simulators import CompositeSimulator, effect_library
+from cyclofeat._base.files import write_whole
+from cyclofeat.gap import (
+    Comparison,
+    EffectRanker,
+    GapSettings,
+    Windows,
+    find_gap,
+    locate,
+    prepare_ranker,
+)
+from cyclofeat.simulators import Rig, effect_library
 
 SAMPLING_RATE = 25_600.0
 SUBSET = 40
+SETTINGS = GapSettings(n_draws=48, n_after=64, n_report=32, n_sims=120, pictures=False)
 
 
 def main() -> None:
-    """Run the cases that are missing, and score all."""
+    """Run the missing cases and score all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--full", action="store_true", help="all cases instead of the stratified subset")
     parser.add_argument("--kinds", nargs="+", choices=("null", "single", "pair", "outside"))
@@ -64,7 +73,7 @@ def main() -> None:
         names += case_names("null")[: arguments.nulls]
     missing = [name for name in names if not (results / f"{name}.json").exists()]
     # Banks and table first, once, on all cores.
-    _workflow(cache, arguments.jobs).prepare(FIT_COUNTS, N_SAMPLES)
+    _prepared(cache, arguments.jobs)
     print(
         f"{len(missing)} of {len(names)} cases to do; simulations ready after {_minutes(began)}", flush=True
     )
@@ -80,7 +89,7 @@ def main() -> None:
 
 
 def each_told(job: Callable[..., str], names: Sequence[str], n_jobs: int, *arguments: Any) -> None:
-    """A job of each case in processes, each told of as it ends."""
+    """Run one job per case in processes and report each as it ends."""
     work = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered")
     began = time.monotonic()
     for k, name in enumerate(work(joblib.delayed(job)(name, *arguments) for name in names), start=1):
@@ -88,49 +97,56 @@ def each_told(job: Callable[..., str], names: Sequence[str], n_jobs: int, *argum
 
 
 def run(name: str, results: Path, cache: Path, quick: bool) -> str:
-    """One case, from recordings to a file of results."""
+    """Run one case, from recordings to a file of results."""
     case = make_case(name)
     known = truth()[name]["effects"]
     oracle = None
     if known and all(effect["id"] in effect_library() for effect in known):
         effects = [effect_library()[effect["id"]](**effect["theta"]) for effect in known]
-        oracle = CompositeSimulator(effects=effects)
-    # No goal asks for the model with stiffness and damping retuned, which takes a fit of its own.
-    workflow = _workflow(
-        cache, 1, oracle=oracle, ranker=_ranker(cache), with_placebo=not quick,
+        oracle = Rig(effects=effects)
+    # No goal needs the model with retuned stiffness and damping, which requires a separate fit.
+    settings = dataclasses.replace(
+        SETTINGS,
+        oracle=oracle,
+        with_placebo=not quick,
         baselines=("nothing", "equaliser", "gaussian_process"),
-    )  # fmt: skip
-    hold = case.X_hold if len(case.X_hold) else None
-    workflow.fit(case.X_fit, hold, y_fit=case.y_fit, y_hold=case.y_hold if hold is not None else None)
-    write_result(results, name, workflow.result_ | {"made_with": made_with(**design_of(workflow))})
+    )
+    result = find_gap(
+        _comparison(cache, 1),
+        Windows(case.X_fit, case.y_fit),
+        Windows(case.X_hold, case.y_hold) if len(case.X_hold) else None,
+        settings=settings,
+        ranker=_ranker(cache),
+    )
+    write_result(results, name, result.to_dict() | {"made_with": made_with(**design_of(settings))})
     return name
 
 
 def named(name: str, results: Path, cache: Path) -> str:
-    """The first two stages of a case alone: the verdict, and the ranker's names."""
+    """Run the first two stages of a case alone: the verdict and the ranker's names."""
     case, ranker = make_case(name), _ranker(cache)
-    locator = GapLocator(SAMPLING_RATE, alpha=_workflow(cache, 1).alpha, cache=cache)
-    locator.fit(case.X_fit, y=case.y_fit)
+    comparison = _comparison(cache, 1)
+    measured = comparison.measured(case.X_fit, y=case.y_fit)
+    located = locate(comparison, measured, alpha=SETTINGS.alpha)
     result: dict[str, Any] = {
-        "format": "cyclofeat gap 1", "verdict": locator.verdict_, "p": min(locator.family_p_.values()),
+        "format": "cyclofeat gap 1", "verdict": located.verdict, "p": min(located.family_p.values()),
         "effects": [], "ranking": [], "tie_group": [], "unknown": False,
     }  # fmt: skip
-    if locator.verdict_ == "disagree":
-        ranking = ranker.rank(locator)
-        result["ranking"] = [{"id": row.effect_id, "probability": row.probability} for row in ranking]
-        alike = ranking[0].look_alikes
-        result["tie_group"] = [ranking[0].effect_id, *alike] if alike else []
-        result["unknown"] = ranker.unknown_
-        result["unknown_score"] = 1 - max(ranker.conformal_p_.values())
-    result["made_with"] = made_with(names_only=True, **design_of(_workflow(cache, 1)))
+    if located.verdict == "disagree":
+        ranking = ranker.rank(located)
+        first = ranking.rows[0]
+        result["ranking"] = [{"id": row.effect_id, "probability": row.probability} for row in ranking.rows]
+        result["tie_group"] = [first.effect_id, *first.look_alikes] if first.look_alikes else []
+        result["unknown"] = ranking.unknown
+        result["unknown_score"] = 1 - max(ranking.conformal_p.values())
+    result["made_with"] = made_with(names_only=True, **design_of(SETTINGS))
     write_result(results, name, result)
     return name
 
 
-def design_of(estimator: BaseEstimator) -> dict[str, Any]:
-    """Settings that decide about a result: not the case's truth, nor where and how fast it is computed."""
-    left_out = ("oracle", "ranker", "n_jobs", "cache", "progress", "effect", "starts")
-    return {name: value for name, value in estimator.get_params(deep=False).items() if name not in left_out}
+def design_of(settings: GapSettings) -> dict[str, Any]:
+    """Settings that affect a result, without the case's truth."""
+    return {name: value for name, value in vars(settings).items() if name not in ("oracle", "pictures")}
 
 
 def write_result(results: Path, name: str, result: dict[str, Any]) -> None:
@@ -140,14 +156,16 @@ def write_result(results: Path, name: str, result: dict[str, Any]) -> None:
 
 @functools.cache
 def _ranker(cache: Path) -> EffectRanker:
-    """One per process: learning from the table takes as long as a fit."""
-    return _workflow(cache, 1).prepare(FIT_COUNTS, N_SAMPLES)
+    """Return the process's one ranker, because training it takes as long as a fit."""
+    return _prepared(cache, 1)
 
 
-def _workflow(cache: Path, n_jobs: int, **options: Any) -> DiscrepancyWorkflow:
-    return DiscrepancyWorkflow(
-        SAMPLING_RATE, n_draws=48, n_after=64, n_report=32, n_sims=120, n_jobs=n_jobs, cache=cache, **options
-    )
+def _prepared(cache: Path, n_jobs: int) -> EffectRanker:
+    return prepare_ranker(_comparison(cache, n_jobs), FIT_COUNTS, SETTINGS)
+
+
+def _comparison(cache: Path, n_jobs: int) -> Comparison:
+    return Comparison(sampling_rate=SAMPLING_RATE, n_jobs=n_jobs, cache=cache)
 
 
 def _minutes(began: float) -> str:
@@ -155,7 +173,7 @@ def _minutes(began: float) -> str:
 
 
 if __name__ == "__main__":
-    # Under its own name, so that worker processes find what they are given.
+    # Import by name, so that worker processes can unpickle their arguments.
     from benchmarks import gap
 
     gap.main()

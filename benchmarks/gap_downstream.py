@@ -1,10 +1,9 @@
-"""What the corrected simulators are worth to a counter: ``python -m benchmarks.gap_downstream``.
+"""Gain of a counter from the corrected simulators: ``python -m benchmarks.gap_downstream``.
 
-For each case of the subset of which ``python -m benchmarks.gap`` has found the effects: the toolkit's counter
-is trained on the model as it was, on the corrected one and on the true one, and counts recordings that the
-generator of the hidden effects makes anew. Where the model as it was teaches nearly all there is to gain, no
-gain is left to share. Results are added to those of ``benchmarks.gap``; the score is written to
-``benchmarks/gap_downstream.md``.
+For each case of the subset whose effects ``python -m benchmarks.gap`` found, the toolkit's counter is trained
+on the original, the corrected and the true model, and counts new recordings from the generator of the hidden
+effects. If the counter trained on the original model is already nearly perfect, no gain is defined. Results
+are added to those of ``benchmarks.gap``; the score is written to ``benchmarks/gap_downstream.md``.
 """
 
 from __future__ import annotations
@@ -16,37 +15,38 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._versions import made_with, told_of_versions
+from benchmarks._versions import made_with, version_note
 from benchmarks.gap import SAMPLING_RATE, SUBSET, each_told, write_result
 from benchmarks.hidden_effects._cases import case_names, make_recordings, truth
-from cyclofeat.gap import downstream_gain
-from cyclofeat.simulators import CompositeSimulator, effect_library
+from cyclofeat.gap import Comparison, downstream_gain
+from cyclofeat.simulators import Rig, effect_library
 
 PAGE = Path(__file__).with_name("gap_downstream.md")
 COUNTS = tuple(range(8)) * 6
-PART = 2  # of a case's random numbers: 0 and 1 are the recordings that the workflow was given
+PART = 2  # of a case's random numbers: 0 and 1 are the recordings that the workflow uses
 N_PER_CLASS = 24
-ALL_BUT = 0.95  # accuracy from which a gain over the model as it was would be chance
+ALL_BUT = 0.95  # accuracy above which a gain over the original model would be chance
 
 
-def composite(effects: list[dict[str, Any]]) -> CompositeSimulator:
-    """The model with effects as results and truth state them."""
+def composite(effects: list[dict[str, Any]]) -> Rig:
+    """Return the model with the effects that results or truth state."""
     library = effect_library()
-    return CompositeSimulator(effects=[library[one["id"]](**one["theta"]) for one in effects])
+    return Rig(effects=[library[one["id"]](**one["theta"]) for one in effects])
 
 
 def gain(name: str, results: Path, cache: Path) -> str:
-    """Add what the corrected model is worth to the result of a case."""
+    """Add the gain from the corrected model to the result of a case."""
     result = json.loads((results / f"{name}.json").read_text(encoding="utf-8"))
     X, y = make_recordings(name, PART, COUNTS), np.array(COUNTS)
-    common: dict[str, Any] = {"n_per_class": N_PER_CLASS, "cache": cache}
-    plain = downstream_gain(None, None, X, y, SAMPLING_RATE, **common).accuracy
+    comparison = Comparison(sampling_rate=SAMPLING_RATE, cache=cache)
+    measured = comparison.measured(X, y=y)
+    plain = downstream_gain(comparison, Rig(), measured, n_per_class=N_PER_CLASS).accuracy
     found: dict[str, Any] = {"before": plain["before"], "after": None, "oracle": None, "share": None}
     found["made_with"] = made_with(counts=COUNTS, n_per_class=N_PER_CLASS)
     if plain["before"] < ALL_BUT:
         true = composite(truth()[name]["effects"])
         whole = downstream_gain(
-            None, composite(result["effects"]), X, y, SAMPLING_RATE, oracle=true, **common
+            comparison, composite(result["effects"]), measured, oracle=true, n_per_class=N_PER_CLASS
         )
         found |= whole.accuracy
         found["share"] = None if np.isnan(whole.share) else whole.share
@@ -55,7 +55,7 @@ def gain(name: str, results: Path, cache: Path) -> str:
 
 
 def done(results: Path) -> dict[str, dict[str, Any]]:
-    """Results of the subset's cases of effects from the library that were found."""
+    """Results of the subset's cases whose effects are from the library and were found."""
     names = [name for kind in ("single", "pair") for name in case_names(kind, subset=SUBSET)]
     found = {}
     for name in names:
@@ -68,19 +68,19 @@ def done(results: Path) -> dict[str, dict[str, Any]]:
 
 
 def score(results: Path) -> str:
-    """The table, case by case."""
+    """Return the table, case by case."""
     rows = {name: one["downstream"] for name, one in done(results).items() if "downstream" in one}
     shares = [row["share"] for row in rows.values() if row["share"] is not None]
-    versions = told_of_versions(rows.values())
+    versions = version_note(rows.values())
     error = 0.5 / np.sqrt(len(COUNTS))
     lines = [
-        "# Hidden effects: what the corrected model is worth to a counter",
+        "# Hidden effects: gain of a counter from the corrected model",
         "",
         "Made by `python -m benchmarks.gap_downstream`. All recordings are simulated.",
         f"`make_lobe_counter`'s default, trained on {N_PER_CLASS} simulated recordings of each of 8 counts,",
         f"counts {len(COUNTS)} recordings with the hidden effect; standard error up to {error:.2f}.",
-        f"Where the model as it was already teaches to count {ALL_BUT:.0%} there is no gain to share, and",
-        "the others are not run.",
+        f"If training on the original model already gives {ALL_BUT:.0%} accuracy, no gain is defined and",
+        "the other two are not run.",
         *([versions] if versions else []),
         "",
         "|  | goal | figure | cases |",
@@ -91,9 +91,9 @@ def score(results: Path) -> str:
             f"| median share of the true model's gain | >= 0.70 | {np.median(shares):.2f} | {len(shares)} |"
         )
     lines += [
-        f"| cases without a gain to share | stated | {len(rows) - len(shares)} | {len(rows)} |",
+        f"| cases without a defined gain | stated | {len(rows) - len(shares)} | {len(rows)} |",
         "",
-        "| case | hidden | as it was | corrected | true | share |",
+        "| case | hidden | original | corrected | true | share |",
         "|---|---|---|---|---|---|",
     ]
     for name, row in rows.items():
@@ -106,7 +106,7 @@ def score(results: Path) -> str:
 
 
 def main() -> None:
-    """Run the cases that are missing, and score all."""
+    """Run the missing cases and score all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--out", default="build/gap", help="folder of results and simulations")
     parser.add_argument("--jobs", type=int, default=2)
@@ -120,7 +120,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    # Under its own name, so that worker processes find what they are given.
+    # Import by name, so that worker processes can unpickle their arguments.
     from benchmarks.gap_downstream import main as run
 
     run()

@@ -1,9 +1,9 @@
-/* The simulator's kernel once more in C, as a measure of what a compiler makes of the same algorithm.
+/* The simulator's kernel in C, to compare how well a C compiler optimises the same algorithm.
  *
  * describe, derivatives and integrate follow simulators/_outline.py and simulators/_kernels.py line by line,
- * with the same tables, for what the comparison runs: smooth profile without pitch errors, no friction, no
- * pin displaced beyond Newton's reach. Names and explanations are found there; benchmarks/simulator.py writes
- * the sizes and rows of the tables in front of this file, so that they cannot differ.
+ * with the same tables, for the cases of the comparison: smooth profile without pitch errors, no friction, no
+ * pin displaced beyond the reach of Newton's method. See these files for names and explanations.
+ * benchmarks/simulator.py writes the sizes and rows of the tables in front of this file, so they cannot differ.
  */
 #include <math.h>
 #include <stddef.h>
@@ -433,7 +433,7 @@ INLINE Load edge_contacts(
         double penetration_rate = rate * pin_arm - swing * cam_arm;
         double turned = smaller(larger(along + edges[E_TURN + k] * tilt, 0.0), 1.0);
         double radius = edges[E_RADIUS + k] + turned * edges[E_RADIUS_SPAN + k];
-        /* 1 or 0 by the sign of line: for a choice gcc would branch, and give up vectors. */
+        /* 1 or 0 by the sign of line: a conditional would make gcc branch and not vectorise. */
         double weight = edges[E_WEIGHT + k] * (0.5 + copysign(0.5, line));
         double f = weight * contact_force(pin_radius - distance, penetration_rate, radius, &contact);
         edges[E_FORCE + k] = f;

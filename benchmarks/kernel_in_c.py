@@ -1,4 +1,4 @@
-"""The simulator's kernel in C: compiled by gcc when the benchmark runs, called with the same tables."""
+"""The simulator's kernel in C, compiled by gcc when the benchmark runs and called with the same tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.simulation import KernelInput
 
-# What numba's "fastmath" set allows, in gcc's words; numba never sets errno.
+# The gcc options that correspond to numba's "fastmath" set; numba never sets errno.
 FLAGS = [
     "-O3",
     "-march=native",
@@ -40,7 +40,7 @@ def constants() -> str:
 
 
 class CKernel:
-    """``integrate`` of ``kernel.c``. Raises FileNotFoundError where there is no gcc."""
+    """``integrate`` of ``kernel.c``. Raises FileNotFoundError if gcc is not installed."""
 
     def __init__(self) -> None:
         gcc = shutil.which("gcc")
@@ -62,7 +62,7 @@ class CKernel:
         limits: tuple[float, float, float],
         result: np.ndarray,
     ) -> int:
-        """As ``_kernels.integrate``, but for torques alone: changes ``state``, fills ``result``."""
+        """Integrate as ``_kernels.integrate``, but for torques only: changes ``state``, fills ``result``."""
         if tables.mounts.shape[1] != _outline.HAS_FAULTS + 1:
             raise RuntimeError(f"kernel.c does not know the table of mounts, shape {tables.mounts.shape}")
         tuples = (tables.wheel, tables.joint, tables.contact, tables.joint_contact, tables.body)

@@ -1,9 +1,9 @@
-"""Are discs at another speed found out, by their torque alone, before they are called healthy?
+"""Share of discs at another speed that a counter refuses by their torque alone.
 
     python -m benchmarks.other_speed     # five minutes on two cores; writes benchmarks/other_speed.md
 
-Simulated assemblies at several speeds, none of them stated and no tachometer, one output turn each, as a
-counter for 500 RPM sees them.
+A counter for 500 RPM receives simulated assemblies at several speeds, one output turn each, without a stated
+speed or a tachometer.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cyclofeat.counting._model import _SPEED_TOLERANCE
-from cyclofeat.counting._speed import other_speed
+from cyclofeat.counting import other_speed
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.simulators import Rig
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
+from cyclofeat.simulators import Noise, Rig
 
 NOMINAL_RPM = 500.0
 SPEEDS_RPM = (400.0, 450.0, 469.0, 485.0, 500.0, 515.0, 550.0, 600.0)
@@ -26,10 +26,10 @@ SAMPLING_RATE, WINDOW_S = 25_600.0, 1.8
 
 
 def shares(rig: Rig, rpm: float, n_jobs: int) -> list[tuple[float, float]]:
-    """Shares of worn and of healthy discs that are refused, for each noise."""
+    """Return the shares of worn and of healthy discs that are refused, for each noise."""
     turning = rig.replace(gearbox=rig.gearbox.replace(input_speed=rpm * 2 * np.pi / 60))
     recordings = make_rig_recordings(
-        ASSEMBLIES, rig=turning, noise_nm=0.0, duration_s=WINDOW_S, random_state=7, n_jobs=n_jobs
+        ASSEMBLIES, rig=turning.with_effects(Noise(0.0)), duration=WINDOW_S, random_state=7, n_jobs=n_jobs
     )
     worn = np.array([recording.defect_count > 0 for recording in recordings])
     found = []
@@ -41,7 +41,7 @@ def shares(rig: Rig, rpm: float, n_jobs: int) -> list[tuple[float, float]]:
                     (recording.torque + noise * random.normal(size=recording.torque.size))[np.newaxis],
                     SAMPLING_RATE,
                     NOMINAL_RPM / 60,
-                    _SPEED_TOLERANCE,
+                    SPEED_TOLERANCE,
                 )
                 is not None
                 for recording in recordings
@@ -59,8 +59,8 @@ def main() -> None:
         "# Discs at another speed",
         "",
         f"Made by `python -m benchmarks.other_speed`: {8 * ASSEMBLIES} **simulated** assemblies with 0 to 7",
-        f"worn lobes at each speed, one window of {WINDOW_S:g} s each, seen by a counter for",
-        f"{NOMINAL_RPM:g} RPM that is told no speed. Share refused because the lobe lines fit another speed,",
+        f"worn lobes at each speed, one window of {WINDOW_S:g} s each, given without a speed to a counter",
+        f"for {NOMINAL_RPM:g} RPM. Share refused because the lobe lines fit another speed,",
         f"worn discs / healthy ones. At 469 RPM the lobe lines fall on those of an input shaft at "
         f"{NOMINAL_RPM:g} RPM.",
         "",

@@ -1,11 +1,11 @@
-"""Every statement of the two papers beside what is found here, and the scripts that draw it: ``make papers``.
+"""Statements of both papers beside this simulator's results, and scripts that draw them: ``make papers``.
 
     python -m benchmarks.papers                           # statements, then all scripts of examples/papers
-    python -m benchmarks.papers --figures build/papers    # and keep their pictures
+    python -m benchmarks.papers --figures build/papers    # and store their pictures
     python -m benchmarks.papers --only statements
 
-Writes ``benchmarks/papers.md`` and the same rows for the documentation, ``docs/papers_statements.csv``.
-Fails where a script fails or warns.
+Writes ``benchmarks/papers.md`` and the same rows for the documentation, ``docs/papers_statements.csv``. Fails
+if a script fails or warns.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import matplotlib
 
 ROOT = Path(__file__).parents[1]
 SCRIPTS = ROOT / "examples" / "papers"
-sys.path.insert(0, str(SCRIPTS))  # as for the scripts, with whom the statements share their numbers
+sys.path.insert(0, str(SCRIPTS))  # as for the scripts, which share numbers with the statements
 
 from benchmarks import _paper_a as a  # noqa: E402
 from benchmarks import _paper_b as b  # noqa: E402
@@ -31,7 +31,7 @@ from benchmarks._paper_b import Part  # noqa: E402
 
 NOT_TESTABLE = "cannot be tested without their recordings"
 AGREES = {True: "yes", False: "no", None: "not testable"}
-# Where it is stated, the script that draws it, the function that compares.
+# Source, script that draws it, function that compares.
 STATEMENTS: dict[str, tuple[str, str, Callable[[], list[Part]]]] = {
     "B1": ("B fig. 3", "plot_b03_sleeve_forces", b.b1),
     "B2": ("B fig. 3", "plot_b03_sleeve_forces", b.b2),
@@ -59,7 +59,7 @@ STATEMENTS: dict[str, tuple[str, str, Callable[[], list[Part]]]] = {
 
 
 def verdict(parts: Iterable[Part]) -> str:
-    """Of a whole statement: reproduced or contradicted in all its parts, or partly."""
+    """Return the verdict of a whole statement from those of its parts."""
     found = {agrees for _, _, agrees in parts}
     if found == {None}:
         return NOT_TESTABLE
@@ -69,10 +69,10 @@ def verdict(parts: Iterable[Part]) -> str:
 
 
 def compared() -> dict[str, list[Part]]:
-    """Parts of every statement, by its number."""
+    """Return the parts of every statement by its number."""
     found = {}
     for number, (_, _, parts) in STATEMENTS.items():
-        # numpy's truth values are not Python's.
+        # numpy's truth values are not Python's bool.
         found[number] = [(claim, here, None if yes is None else bool(yes)) for claim, here, yes in parts()]
         print(f"{number:4} {verdict(found[number])}", flush=True)
         for claim, here, agrees in found[number]:
@@ -81,11 +81,11 @@ def compared() -> dict[str, list[Part]]:
 
 
 def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
-    """A row per statement for whoever reads the repository."""
+    """Return the Markdown page of the repository, a row per statement."""
     lines = [
         "Made by `make papers`.\n",
         "S: simulation, M: the published measurements. Parts that need M's recordings are not testable:",
-        "figures of **surrogate** torque (assumed rig `published`) stand there and decide nothing.\n",
+        "the table shows figures of **surrogate** torque (assumed rig `published`), which have no verdict.\n",
         "| | source | verdict | parts: what is found here (does it agree?) | script |",
         "|---|---|---|---|---|",
     ]
@@ -98,7 +98,7 @@ def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
 
 
 def write_rows(found: dict[str, list[Part]], path: Path) -> None:
-    """The same rows in reStructuredText, for docs/papers.rst."""
+    """Write the same rows in reStructuredText, for docs/papers.rst."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for number, parts in found.items():
@@ -125,7 +125,7 @@ def draw(folder: Path | None) -> None:
                     plt.figure(number).canvas.draw()
                     if folder is not None:
                         plt.figure(number).savefig(folder / f"{path.stem}_{number}.png", dpi=80)
-        except Exception as error:  # the others are worth knowing, too
+        except Exception as error:  # report the other failures, too
             failed.append(f"{path.name}: {type(error).__name__}: {error}")
         print(f"{path.name}: {time.process_time() - begin:.1f} s of processor time", flush=True)
     if failed:

@@ -1,21 +1,20 @@
 """Find the rig whose surrogate torque has the statistics of paper A's table 4.
 
-Writes its numbers to ``datasets/tables/published_rig.csv`` and what they match, and what not, to
+Writes the rig to ``datasets/tables/published_rig.json`` and the agreement of its statistics with table 4 to
 ``benchmarks/published_rig.md`` (a quarter of an hour on one core)::
 
     python -m benchmarks.published_rig --fit       # search anew, then score
-    python -m benchmarks.published_rig             # score the committed numbers on assemblies not used before
+    python -m benchmarks.published_rig             # score the committed numbers on unused assemblies
 
-The search knows the 32 numbers of table 4 and nothing else: eight discs with one record each. It tries a
-free output and brake rotors behind a torque meter, each with the fluctuation of the brake's torque in
-proportion to it (:class:`cyclofeat.simulators.ProportionalDrift`) that suits it best. Eight
-discs cannot prove any of it: this is a rig that gives such numbers, not the rig that gave them.
+The search uses only the 32 numbers of table 4: eight discs with one record each. It tries a free output and
+brake rotors behind a torque meter, each with the best-fitting fluctuation in proportion to the brake's torque
+(:class:`cyclofeat.simulators.ProportionalDrift`). Eight discs cannot prove the result: this rig gives such
+numbers, but it need not be the rig that was measured.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -27,10 +26,17 @@ from scipy.optimize import minimize
 from scipy.stats import qmc, spearmanr
 
 from cyclofeat import Recording
-from cyclofeat.datasets import load_published_tables, make_rig_recordings
-from cyclofeat.datasets._published_rig import TABLE, fitted_values, rig_of_values
-from cyclofeat.simulators import CycloidalGearbox, ProportionalDrift, SimulationFailed
-from cyclofeat.spectral import shannon_entropy, spectral_centroid, welch_psd
+from cyclofeat.datasets import load_published_tables, make_rig_recordings, rig_preset
+from cyclofeat.signal import shannon_entropy, spectral_centroid, welch_psd
+from cyclofeat.simulators import (
+    BrakeRotor,
+    CycloidalGearbox,
+    Noise,
+    Offset,
+    ProportionalDrift,
+    Rig,
+    SimulationFailed,
+)
 
 ROOT = Path(__file__).parents[1]
 # Brakes tried, evenly in the logarithm: rotor and meter as those of rig R2, widened.
@@ -43,13 +49,13 @@ N_BRAKES = 16
 # Drift: its standard deviation (of the logarithm), its cutoff in Hz, the factor by which recordings differ.
 DRIFT = ((0.03, 0.25), (4.0, 400.0), (1.0, 2.0))
 DURATION_S, SAMPLING_RATE, WARM_UP_S = 1.8, 25_600.0, 0.7
-NOISE_NM = 0.2  # as rigs R0 to R2; eight discs do not tell it
+NOISE_NM = 0.2  # as rigs R0 to R2; eight discs do not determine it
 QUIET = {
     "relative_drift_low": 0.0, "relative_drift_high": 0.0, "drift_cutoff_hz": 1.0, "offset_nm": 0.0,
     "noise_nm": 0.0,
 }  # fmt: skip
-# Seeds. 100 to 107 scored an earlier preset, found by superposing alone: it swung too far, which is why the
-# best few are now simulated whole. They score nothing any more.
+# Seeds. 100 to 107 scored an earlier preset from superposition alone, whose swings were too large; therefore
+# whole simulations now decide among the best few. These seeds are no longer used for scores.
 SEARCHED, CHECKED, SCORED = 0, range(1, 3), range(300, 308)
 N_DRAWS, N_BEST = 4, 4
 FREE_CUTOFFS = (40.0, 60.0, 90.0, 130.0)  # Hz; a free output rings on its contacts: not superposed
@@ -69,10 +75,23 @@ def published() -> tuple[Array, Array]:
     return statistics(low, high, mean, std), mean
 
 
-def simulated(values: dict[str, float], seeds: Iterable[int]) -> list[list[Recording]]:
+def rig_of_values(values: dict[str, float]) -> Rig:
+    """The rig with the numbers of the fit; a free output where they hold no brake."""
+    brake = [values[name] for name in BRAKES if name in values]
+    rig = Rig.r0().without("load_drift").replace(name="published")
+    return rig.with_effects(
+        ProportionalDrift(
+            (values["relative_drift_low"], values["relative_drift_high"]), values["drift_cutoff_hz"]
+        ),
+        Offset(values["offset_nm"]),
+        Noise(values["noise_nm"]),
+        *([BrakeRotor(*brake)] if brake else []),
+    )
+
+
+def simulated(rig: Rig, seeds: Iterable[int]) -> list[list[Recording]]:
     """Surrogate records of 1.8 s of eight discs for each seed, all of assemblies of their own."""
-    rig = rig_of_values(values)
-    return [make_rig_recordings(1, range(8), rig=rig, duration_s=DURATION_S, random_state=s) for s in seeds]
+    return [make_rig_recordings(1, range(8), rig=rig, duration=DURATION_S, random_state=s) for s in seeds]
 
 
 def torque_of(made: list[list[Recording]]) -> Array:
@@ -110,7 +129,7 @@ def brakes() -> list[dict[str, float]]:
 def ripples(brake: dict[str, float]) -> Array | None:
     """Torque of eight discs without drift and noise, less its mean; None for a rig that wedges."""
     try:
-        (made,) = simulated(brake | QUIET, [SEARCHED])
+        (made,) = simulated(rig_of_values(brake | QUIET), [SEARCHED])
     except (SimulationFailed, ValueError):
         return None
     torque = np.array([r.torque for r in made])
@@ -203,7 +222,7 @@ def simulated_whole(candidate: Candidate) -> Candidate:
     target, _ = published()
     tried = []
     for _ in range(2):
-        shapes = shapes_of(torque_of(simulated(values_of(candidate), CHECKED)))
+        shapes = shapes_of(torque_of(simulated(rig_of_values(values_of(candidate)), CHECKED)))
         tried.append(replace(candidate, parts=misfit(shapes, target)))
         # All four statistics are logarithms, and grow with the drift nearly one to one.
         apart = float(np.mean(shapes.mean(axis=(0, 1)) - target.mean(axis=0)))
@@ -223,18 +242,6 @@ def check(found: list[Candidate]) -> list[Candidate]:
     return sorted(checked, key=lambda candidate: candidate.misfit)
 
 
-NOTES = {
-    "relative_drift_low": ("1", "least standard deviation of the logarithm of the brake's torque; fitted"),
-    "relative_drift_high": ("1", "largest; each record draws its own between the two; fitted"),
-    "drift_cutoff_hz": ("Hz", "cutoff of that drift; fitted"),
-    "brake_inertia_kg_m2": ("kg m2", "brake's rotor; the best of those tried"),
-    "meter_stiffness_nm_per_rad": ("Nm/rad", "shaft and torque meter; the best of those tried"),
-    "meter_damping_ratio": ("1", "share of critical damping; the best of those tried"),
-    "offset_nm": ("Nm", "torque meter's zero; set to meet the mean, no finding"),
-    "noise_nm": ("Nm", "white noise; as rigs R0 to R2, not fitted"),
-}
-
-
 def values_of(candidate: Candidate) -> dict[str, float]:
     """The rig's numbers, to three digits."""
     middle, cutoff, factor = np.exp(candidate.drift).tolist()
@@ -249,15 +256,8 @@ def values_of(candidate: Candidate) -> dict[str, float]:
     return {name: float(f"{value:.3g}") for name, value in (found | candidate.brake).items()}
 
 
-def write_table(values: dict[str, float]) -> None:
-    with (ROOT / "datasets" / "tables" / TABLE).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["name", "value", "unit", "meaning"])
-        writer.writerows([name, f"{values[name]:g}", *NOTES[name]] for name in NOTES if name in values)
-
-
 def rows(found: list[Candidate]) -> list[str]:
-    """A table of candidates in Markdown."""
+    """Return a table of candidates in Markdown."""
     lines = [
         "| rotor, kg m2 | meter, kNm/rad | resonance, Hz | drift s | cutoff, Hz | level | scatter | course | "
         "misfit |",
@@ -276,29 +276,29 @@ def rows(found: list[Candidate]) -> list[str]:
 
 
 def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
-    """The search's result as Markdown: how near each rig came."""
+    """Return the search's result, the misfit of each rig, as Markdown."""
     nearest = min(one.parts[2] for one in found)
     lines = [
         "\n## The search\n",
         f"A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1",
-        "kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with the drift that suits it best, laid",
-        "over its ripple. Misfit: squared distances of level, scatter and course from table 4, in scatters",
-        "of the discs; a course of 0.9 is none. The first few were then simulated whole, which decided:\n",
+        "kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with the best-fitting drift added to its",
+        "ripple. Misfit: squared distances of level, scatter and course from table 4, in scatters of the",
+        "discs; a constant course has 0.9. Whole simulations of the best few decided:\n",
         *rows(checked),
-        "\nAll that were tried, superposed:\n",
+        "\nAll candidates, superposed:\n",
         *rows(found),
-        "\nThat a brake's rotor makes the deviation fall with the count is neither shown nor excluded: the",
-        f"nearest course of those tried is {nearest:.2f}, and {len(found) - 1} brakes",
-        "are few for resonances that a lobe line may or may not meet.",
+        "\nThis neither shows nor excludes that a brake's rotor makes the deviation fall with the count:",
+        f"the best course is {nearest:.2f}, and {len(found) - 1} brakes are few, because the effect",
+        "depends on whether a lobe line meets the resonance.",
     ]
     return "\n".join(lines) + "\n"
 
 
-def score(values: dict[str, float]) -> str:
-    """What the rig matches, on assemblies that had no part in the search, as Markdown."""
+def score(rig: Rig) -> str:
+    """Return the agreement of the rig, on assemblies not used in the search, as Markdown."""
     target, mean = published()
     tables = load_published_tables()
-    made = simulated(values, SCORED)
+    made = simulated(rig, SCORED)
     X = torque_of(made)
     shapes = shapes_of(X)
     frequencies, psd = welch_psd(X, SAMPLING_RATE)
@@ -312,11 +312,11 @@ def score(values: dict[str, float]) -> str:
     )
     lines = [
         f"Made by `python -m benchmarks.published_rig`: {len(made)} sets of eight **surrogate** records of",
-        f"{DURATION_S:g} s, none used in the search. Centroid and entropy were not used in it at all.",
+        f"{DURATION_S:g} s, none used in the search, which did not use centroid and entropy.",
         "Matched: the mean over the discs lies within one scatter (standard deviation over the eight discs)",
         "of the published one.\n",
-        "| statistic | published, mean over discs | preset | apart, in scatters | scatter: published, preset "
-        "| discs in the preset's 80 % | matched |",
+        "| statistic | published, mean over discs | preset | difference, in scatters "
+        "| scatter: published, preset | discs in the preset's 80 % | matched |",
         "|" + "---|" * 7,
     ]
     for k, name in enumerate(names):
@@ -363,11 +363,11 @@ def main() -> None:
             arguments.bank.mkdir(parents=True, exist_ok=True)
         found = search(arguments.bank)
         checked = check(found)
-        write_table(values_of(checked[0]))
+        rig_of_values(values_of(checked[0])).to_json(ROOT / "datasets" / "tables" / "published_rig.json")
         text = search_text(found, checked)
     else:
         text = "\n## The search\n" + page.read_text(encoding="utf-8").partition("\n## The search\n")[2]
-    text = score(fitted_values()) + text
+    text = score(rig_preset("published")) + text
     print(text, end="")
     page.write_text(text, encoding="utf-8")
 

@@ -1,7 +1,7 @@
 """Speed of the simulator. ``make bench-simulator`` writes the table next to it.
 
-Everything but the rows on two cores runs on one core with one BLAS thread and counts processor time; each
-figure is the median of several repeats, what is compared taken in turn.
+All rows except those on two cores use one core, one BLAS thread and processor time. Each figure is the median
+of several repeats; compared variants run alternately.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import joblib
 import llvmlite.binding as llvm
 import numpy as np
 from kernel_in_c import CKernel
 from solvers import METHODS, loosest, problem, rms
 from threadpoolctl import threadpool_limits
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, _kernels, simulate, simulate_many
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, _kernels, simulate, simulate_many
 from cyclofeat.simulators.reference import ReferenceGearbox, ramped_driver, ramped_load
-from cyclofeat.simulators.simulation import kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, rest_state
 
 SIMULATED_S = 0.6
 DT = 1e-5
@@ -40,28 +41,28 @@ Row = tuple[str, str, str]
 NOTES = """\
 Where a goal is missed:
 
-- Real time: the loops over contacts bound it, not waiting for the evaluation before (evaluations of one and
-  the same state, of which none needs another, take nearly as long). Leaving parts out in C, healthy: flanks
-  40 %, internal sleeves 30 %, sines and sums 20 %, new descriptions 10 %. Vectors of eight would shorten the
-  first two. The rest of a run, course of the drive and anti-alias filter, takes some 5 ms for 0.6 s.
-- `simulate_many` runs the same kernel once for each run. Several gearboxes in the lanes of a vector have not
-  been tried: by count they save the sums across lanes only, for the loops have full vectors now.
+- Real time: the loops over contacts limit the speed, not the latency between evaluations (independent
+  evaluations of one state take nearly as long). Shares of the time in C, healthy, measured by leaving parts
+  out: flanks 40 %, internal sleeves 30 %, sines and sums 20 %, new descriptions 10 %. Vectors of eight would
+  shorten the first two. The rest of a run, drive and anti-alias filter, takes about 5 ms for 0.6 s.
+- `simulate_many` runs the same kernel once for each run. Several gearboxes in the lanes of a vector were not
+  tried: they would save only the sums across lanes, because the loops already have full vectors.
 - scipy: the midpoint rule takes 4000 evaluations for 20 ms; a fifth-order rule with error control is as
-  accurate with some 1070, and pays for their calls from Python.
+  accurate with about 1070, but calls them from Python.
 - Two cores of a virtual machine may be two threads of one core, which share its arithmetic units.
 """
 Work = Callable[[], object]
 
 
 def processor_seconds(work: Work) -> float:
-    """Processor time of one call: the machine may be shared."""
+    """Return the processor time of one call, because the machine may be shared."""
     began = time.process_time()
     work()
     return time.process_time() - began
 
 
 def in_turn(works: Sequence[Work], repeats: int = REPEATS) -> list[list[float]]:
-    """Seconds of each, one after the other, again and again: shape (n_works, repeats)."""
+    """Seconds of each work, run alternately: shape (n_works, repeats)."""
     for work in works:
         work()
     rounds = [[processor_seconds(work) for work in works] for _ in range(repeats)]
@@ -87,14 +88,14 @@ def vector_width() -> str:
 
 
 def real_time() -> list[Row]:
-    """Simulated over processor time, one run at a time, and where that time goes."""
+    """Simulated over processor time, one run at a time, with the kernel's share."""
     cases = (
         ("healthy", STEEL, HEALTHY),
         ("7 worn lobes on both wheels", STEEL, WORN),
         ("7 worn lobes, brake behind torque meter", BRAKED, WORN),
     )
     runs: list[Work] = [
-        lambda gearbox=gearbox, defects=defects: simulate(gearbox, defects, duration=SIMULATED_S, dt=DT)  # type: ignore[misc]
+        lambda gearbox=gearbox, defects=defects: simulate(gearbox, defects, duration=SIMULATED_S)  # type: ignore[misc]
         for _, gearbox, defects in cases
     ]
     kernels: list[Work] = [Kernel(gearbox, defects, SIMULATED_S).torques for _, gearbox, defects in cases]
@@ -115,17 +116,17 @@ def real_time() -> list[Row]:
 
 
 def adams_bashforth() -> list[Row]:
-    """The same with one evaluation per step, and what that costs in accuracy."""
+    """The same with one evaluation per step, with its loss of accuracy."""
     cases = (("healthy", HEALTHY), ("7 worn lobes on both wheels", WORN))
 
     def run(defects: LobeDefects, integrator: str, dt: float, duration: float = SIMULATED_S) -> np.ndarray:
-        options = {"sampling_rate": 25_000.0, "decimation": "pick", "integrator": integrator}
-        return simulate(STEEL, defects, duration=duration, dt=dt, **options).torque_out  # type: ignore[arg-type]
+        solver = Solver(dt, integrator, "pick")
+        return simulate(STEEL, defects, duration=duration, sampling_rate=25_000.0, solver=solver).torque_out
 
     works: list[Work] = [lambda defects=defects: run(defects, "adams_bashforth", DT) for _, defects in cases]  # type: ignore[misc]
     rows = []
     for (name, defects), times in zip(cases, in_turn(works), strict=True):
-        # Up to here rounding has not grown: later samples of two exact runs would differ as well.
+        # Rounding errors grow later, so later samples of two exact runs would differ, too.
         exact = run(defects, "midpoint", DT / 8, 0.1)
         errors = [np.std(run(defects, rule, DT, 0.1) - exact) for rule in ("adams_bashforth", "midpoint")]
         rows.append(
@@ -143,7 +144,7 @@ def many() -> list[Row]:
     """Real time per core inside ``simulate_many``."""
     names = ("healthy", "7 worn lobes")
     works: list[Work] = [
-        lambda defects=defects: simulate_many(STEEL, [defects] * MANY, duration=SIMULATED_S, dt=DT)  # type: ignore[misc]
+        lambda defects=defects: simulate_many(STEEL, [defects] * MANY, duration=SIMULATED_S)  # type: ignore[misc]
         for defects in (HEALTHY, WORN)
     ]
     return [
@@ -164,7 +165,7 @@ def papers_formulation() -> Row:
     slow, fast = in_turn(
         [
             lambda: reference.integrate(0.0, REFERENCE_STEPS * DT, DT, start, driver, load),
-            lambda: simulate(STEEL, WORN, duration=SIMULATED_S, dt=DT),
+            lambda: simulate(STEEL, WORN, duration=SIMULATED_S),
         ],
         5,
     )
@@ -177,7 +178,7 @@ def papers_formulation() -> Row:
 
 
 class Kernel:
-    """One run of the kernel alone, with its tables and the course of drive and load made beforehand."""
+    """One run of the kernel alone, with tables, drive and load computed in advance."""
 
     def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, duration: float) -> None:
         self.gearbox, self.n_steps = gearbox, round(duration / DT)
@@ -191,7 +192,7 @@ class Kernel:
         )
         self.start = rest_state(gearbox)
         self.tables = kernel_input(gearbox, defects)
-        # Far beyond what occurs: these runs are known to be sound.
+        # Far beyond values that occur: these runs are known to be valid.
         self.limits = (1e4, 1e3, 100.0)
 
     def torques(self, kept: np.ndarray | None = None) -> np.ndarray:
@@ -213,7 +214,7 @@ class Kernel:
         return result
 
     def torques_in_c(self, kernel: CKernel) -> np.ndarray:
-        """The same by ``kernel.c``."""
+        """Return the same from ``kernel.c``."""
         result = np.empty((self.n_steps, 2))
         finished = kernel(DT, self.course, self.start.copy(), self.tables, self.limits, result)
         if finished != self.n_steps:
@@ -297,7 +298,7 @@ def children_seconds() -> float:
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             pid, rest = stat.parent.name, stat.read_text().rpartition(")")[2].split()
-        except OSError:  # it has ended
+        except OSError:  # the process has ended
             continue
         fields[int(pid)] = int(rest[1]), (int(rest[11]) + int(rest[12])) / tick
     own = {os.getpid()}
@@ -309,17 +310,18 @@ def children_seconds() -> float:
 def on_two_cores() -> list[Row]:
     """How many times faster two workers are than one, in wall time, while both cores are free.
 
-    A round in which others took more than a tenth of a core does not count: two workers are no faster than
-    one where somebody else uses the second core.
+    Rounds in which other processes used more than a tenth of a core are discarded: two workers are no faster
+    than one if the second core is in use.
     """
     rows = []
-    for kind in ("threads", "processes"):
+    for kind, backend in (("threads", "threading"), ("processes", "loky")):
         walls: tuple[list[float], list[float]] = ([], [])
         given_up = time.perf_counter() + PATIENCE_S
         for attempt in range(41):
             for n_jobs, undisturbed in zip((1, 2), walls, strict=True):
                 machine, own, began = busy_seconds(), children_seconds(), time.perf_counter()
-                simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=SHORT_S, dt=DT, n_jobs=n_jobs, prefer=kind)
+                with joblib.parallel_config(backend=backend):
+                    simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=SHORT_S, n_jobs=n_jobs)
                 wall = time.perf_counter() - began
                 others = busy_seconds() - machine - (children_seconds() - own)
                 if others < 0.1 * wall and attempt > 0:  # the first starts the workers
@@ -341,7 +343,7 @@ def on_two_cores() -> list[Row]:
 
 
 def with_pins(n_pins: int) -> CycloidalGearbox:
-    """As many pins on the same circle, their radius and the eccentricity smaller in proportion."""
+    """Gearbox with ``n`` pins on the same circle, pin radius and eccentricity scaled in proportion."""
     share = STEEL.n_pins / n_pins
     return STEEL.replace(
         n_pins=n_pins, eccentricity=STEEL.eccentricity * share, pin_radius=STEEL.pin_radius * share
@@ -349,13 +351,13 @@ def with_pins(n_pins: int) -> CycloidalGearbox:
 
 
 def growth() -> str:
-    """Cost against size in a table of its own; exponents of straight lines through the logarithms."""
+    """Return the table of cost against size; exponents are slopes of lines through the logarithms."""
 
     def run(gearbox: CycloidalGearbox, duration: float) -> Work:
-        return lambda: simulate(gearbox, HEALTHY, duration=duration, dt=DT)
+        return lambda: simulate(gearbox, HEALTHY, duration=duration)
 
     def runs(n: int) -> Work:
-        return lambda: simulate_many(STEEL, [HEALTHY] * n, duration=SHORT_S, dt=DT)
+        return lambda: simulate_many(STEEL, [HEALTHY] * n, duration=SHORT_S)
 
     swept: tuple[tuple[str, tuple[float, ...], list[Work]], ...] = (
         ("external sleeves", (8, 16, 32, 64), [run(with_pins(n), 0.3) for n in (8, 16, 32, 64)]),
@@ -374,7 +376,7 @@ def growth() -> str:
 
 
 def table() -> str:
-    """The results in Markdown."""
+    """Return the results in Markdown."""
     rows = [
         *real_time(),
         *adams_bashforth(),

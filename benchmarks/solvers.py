@@ -1,11 +1,11 @@
 """The simulator's right-hand side under scipy's ``solve_ivp``, at the accuracy of the midpoint rule.
 
-The kernel describes contacts anew only when a wheel has moved on, so its right-hand side depends on its
-history in the fifth digit of a force. Midpoint rule and scipy's solvers are all given that right-hand side;
-the reference, against which their errors are taken, describes all contacts anew at every call.
+The kernel describes contacts anew only after a wheel has moved on, so the fifth digit of a force depends on
+the history of the right-hand side. The midpoint rule and scipy's solvers all use that right-hand side; the
+reference for their errors describes all contacts anew at every call.
 
-What is compared is what a simulation is for: the output torque at 25 kHz. The midpoint rule has it at every
-step; scipy's solvers interpolate their states, from which one compiled loop makes the torque.
+The comparison uses the output torque at 25 kHz, the result of a simulation. The midpoint rule has it at every
+step; scipy's solvers interpolate their states, from which one compiled loop computes the torque.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, _kernels
-from cyclofeat.simulators.simulation import kernel_input
+from cyclofeat.simulators.tables import kernel_input
 
 METHODS = ("RK45", "DOP853", "LSODA")
 TOLERANCES = tuple(10.0 ** (-k / 4) for k in range(4, 41))
@@ -62,7 +62,7 @@ class Problem:
         return self.torques(found.t, np.ascontiguousarray(found.y.T), anew)
 
     def reference(self) -> np.ndarray:
-        """The same to some ten digits: tight tolerance, contacts described anew at every call."""
+        """The same to about ten digits: tight tolerance, contacts described anew at every call."""
         return self.solved("DOP853", 1e-11, anew=True)
 
 
@@ -74,7 +74,7 @@ def problem(
     scale: np.ndarray,
     duration: float,
 ) -> Problem:
-    """Wrap the kernel's right-hand side; the tables are compiled in, so that a call costs little."""
+    """Wrap the kernel's right-hand side; the tables are compiled in to make calls fast."""
     memory = _kernels.new_memory(0)
     speed, load, z = gearbox.input_speed, gearbox.load_torque, float(gearbox.n_lobes)
     (wheel, joint, contact, joint_contact, body, _, pins, mounts, lobes, wear, sleeves) = tuple(
@@ -119,7 +119,7 @@ def problem(
 
 
 def loosest(problem: Problem, method: str, reference: np.ndarray, error: float) -> float | None:
-    """The loosest tolerance of a method that is as accurate as asked for; None where none is."""
+    """Return the loosest tolerance with which a method is accurate enough; None if none is."""
     for tolerance in TOLERANCES:
         if rms(problem.solved(method, tolerance) - reference) <= error:
             return tolerance

@@ -1,19 +1,23 @@
 """Count and locate the worn lobes of a cycloidal disc from windows of output torque.
 
-========================  =========================================================================
-module                    responsibility
-========================  =========================================================================
-``cyclofeat.recording``   ``Recording`` (one torque record) and ``Windower`` (recordings to windows)
-``cyclofeat.spectral``    pure functions of windows: PSD, spectral entropy, statistics
-``cyclofeat.orders``      pure functions: speed estimation, angle resampling, folding into lobes
-``cyclofeat.features``    one scikit-learn transformer per diagnostic method
-``cyclofeat.counting``    classifiers, ready pipelines, evaluation grouped by assembly
-``cyclofeat.plotting``    pictures of torque, spectrum and lobe map
-``cyclofeat.report``      self-contained HTML reports
-``cyclofeat.persistence`` models on disk
-``cyclofeat.simulators``  the cycloidal gearbox as a multibody system (numba)
-``cyclofeat.datasets``    published tables, real recordings, surrogate rig, file readers
-========================  =========================================================================
+=========================  =================================================================================
+module                     responsibility
+=========================  =================================================================================
+``cyclofeat.recordings``   ``Recording`` (one torque record) and ``Windower`` (recordings to windows)
+``cyclofeat.signal``       pure functions of windows: spectra, orders, lobes, wavelets, statistics
+``cyclofeat.features``     one scikit-learn transformer per diagnostic method
+``cyclofeat.scans``        searches over wavelets and bands, with how often chance finds as much
+``cyclofeat.counting``     counters, calibration, refusal, evaluation grouped by assembly
+``cyclofeat.models``       models on disk
+``cyclofeat.gap``          what a simulation lacks to agree with recordings
+``cyclofeat.plotting``     pictures of torque, spectrum, lobe map and gap
+``cyclofeat.report``       self-contained HTML pages
+``cyclofeat.simulators``   the cycloidal gearbox as a multibody system (numba), rigs, effects and campaigns
+                           (folder ``simulators/`` at the top level)
+``cyclofeat.datasets``     published tables, real recordings, surrogate rigs, file readers
+                           (folder ``datasets/`` at the top level)
+``cyclofeat.cli``          the ``cyclofeat`` command, one module per command
+=========================  =================================================================================
 """
 
 from importlib import import_module
@@ -22,8 +26,8 @@ from typing import Any
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "Recording": "cyclofeat.recording",
-    "Windower": "cyclofeat.recording",
+    "Recording": "cyclofeat.recordings",
+    "Windower": "cyclofeat.recordings",
 }
 
 __all__ = ["Recording", "Windower", "__version__"]

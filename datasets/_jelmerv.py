@@ -11,15 +11,14 @@ from sklearn.utils import Bunch
 
 from cyclofeat.datasets._descr import descr
 
-_FOLDER, _FILE = "jelmerv_cycloidal", "jelmerv_cycloidal_curves.npz"
 _DESIGNS = ("baseline", "split_pinwheel", "conic_disk")
 
 
 def load_jelmerv_cycloidal() -> Bunch:
-    """Measured torque-deflection loops of three printed cycloidal drives, their run-in and their geometry.
+    """Load measured torque-deflection loops of three printed cycloidal drives, their run-in and geometry.
 
-    The output was locked while the motor's torque went slowly up and down. They show the play, stiffness and
-    friction of a real cycloidal drive; there are no lobe faults among them and nothing to count.
+    The output was locked while the motor's torque went slowly up and down. The loops show the play, stiffness
+    and friction of a real cycloidal drive, without lobe faults.
 
     Returns
     -------
@@ -42,8 +41,8 @@ def load_jelmerv_cycloidal() -> Bunch:
 
     Notes
     -----
-    Torque is estimated from the motor's current, not measured by a torque cell, and all curves were read back
-    from the source's figures: their points are not evenly spaced.
+    Torque is estimated from the motor's current, and all curves were read back from the source's figures:
+    their points are not evenly spaced.
 
     Examples
     --------
@@ -52,8 +51,11 @@ def load_jelmerv_cycloidal() -> Bunch:
     >>> loop.torque.shape == loop.deflection.shape, round(float(loop.torque.max()))
     (True, 25)
     """
-    folder = files(__package__) / _FOLDER
-    with as_file(folder / _FILE) as path, np.load(path, allow_pickle=False) as archive:
+    folder = files(__package__) / "jelmerv_cycloidal"
+    with (
+        as_file(folder / "jelmerv_cycloidal_curves.npz") as path,
+        np.load(path, allow_pickle=False) as archive,
+    ):
         arrays = {name: archive[name].astype(np.float64) for name in archive.files}
     loops: list[Bunch] = []
     run_in: list[Bunch] = []

@@ -20,16 +20,15 @@ _LABELS = ("recording", "broken_tooth", "load_percent", "channels", "fs_inferred
 
 
 def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
-    """Measured vibration of a two-stage gearbox: two health states at ten load levels.
+    """Load measured vibration of a two-stage gearbox: two health states at ten load levels.
 
-    Real signals to try features on; there is no torque among them, and the gearbox is no cycloidal one.
+    Real signals to try features on; they hold no torque, and the gearbox is not cycloidal.
 
     Parameters
     ----------
     path : path, optional
         NPZ file of the recordings. Default: the small extract in cyclofeat's source tree, which wheels leave
-        out. Any number of samples per recording will do, as scaled integers (``signals_i16``, ``scale``) or
-        plain numbers (``signals``).
+        out. It holds scaled integers (``signals_i16``, ``scale``) or plain numbers (``signals``).
 
     Returns
     -------
@@ -56,14 +55,14 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
     Raises
     ------
     FileNotFoundError
-        If there is no such file; says where to get it.
+        If the file does not exist; the message says where to get it.
     ValueError
-        If the file does not hold what it should.
+        If the file does not hold the arrays described.
 
     Notes
     -----
-    Healthy and broken are two assemblies, so that telling them apart says little about a method. Load level
-    across the two states is the honest task.
+    Healthy and broken are two assemblies, so separating them says little about a method. The load level
+    across the two states is the better task.
 
     Examples
     --------
@@ -74,28 +73,23 @@ def load_oedi_gearbox(path: str | os.PathLike[str] | None = None) -> Bunch:
     ... else:
     ...     assert data.signals.shape == (20, 8192, 4)
     """
+    if path is not None and not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"path must be a file name, got {path!r}")
+    file = _FOLDER / _MINI if path is None else Path(path)
+    if file.is_dir():
+        raise ValueError(f"{file} is a directory; give an NPZ file such as {_MINI}")
+    if not file.exists():
+        missing = "the OEDI gearbox recordings are not part of an installed cyclofeat"
+        raise FileNotFoundError(
+            f"{missing if path is None else f'no such file: {file}'}; an extract ({_MINI}) is in "
+            "datasets/oedi_gearbox of cyclofeat's source tree, give load_oedi_gearbox(path=...); the "
+            f"original recordings are at {_URL}"
+        )
+    beside = ""
     if path is None:
-        file = _FOLDER / _MINI
-        if not file.is_file():
-            raise FileNotFoundError(
-                f"the OEDI gearbox recordings are not part of an installed cyclofeat. {_MINI} lies in "
-                "datasets/oedi_gearbox of its source tree, give load_oedi_gearbox(path=...); the original "
-                f"recordings are at {_URL}"
-            )
         beside = "\n".join(
             (_FOLDER / name).read_text(encoding="utf-8") for name in ("README.md", "LICENSE.md")
         )
-    else:
-        if not isinstance(path, (str, os.PathLike)):
-            raise TypeError(f"path must be a file name, got {path!r}")
-        file, beside = Path(path), ""
-        if file.is_dir():
-            raise ValueError(f"{file} is a directory; give an NPZ file such as {_MINI}")
-        if not file.exists():
-            raise FileNotFoundError(
-                f"no such file: {file}; the original recordings are at {_URL}, an extract ({_MINI}) is in "
-                "datasets/oedi_gearbox of cyclofeat's source tree"
-            )
     arrays = _load(file)
     return Bunch(
         signals=_signals(file.name, arrays),
@@ -139,7 +133,7 @@ def _signals(name: str, arrays: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
     if "signals" in arrays:
         signals = arrays["signals"].astype(np.float64)
     else:
-        # scale is float32: 0.004 as printed, not 0.0040000001899898052, keeps to what was supplied
+        # float32 as printed: 0.004, not 0.0040000001899898052
         signals = arrays["signals_i16"] * float(str(arrays["scale"].reshape(())))
     n_recordings, n_channels = arrays["recording"].size, arrays["channels"].size
     if signals.ndim != 3 or signals.shape[::2] != (n_recordings, n_channels):

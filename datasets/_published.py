@@ -18,7 +18,7 @@ _TABLES = {
 
 
 def load_published_tables() -> Bunch:
-    """Published statistics, centroids and entropies of measured output torque, for 0 to 7 worn lobes.
+    """Load published statistics, centroids and entropies of measured torque, for 0 to 7 worn lobes.
 
     Returns
     -------
@@ -37,8 +37,8 @@ def load_published_tables() -> Bunch:
 
     Notes
     -----
-    From "Verification of the cycloidal gear train fault diagnosis methods based on measured data". There is
-    one recording per disc: one can compare with these numbers, but not estimate any accuracy from them.
+    From "Verification of the cycloidal gear train fault diagnosis methods based on measured data". With one
+    recording per disc, these numbers allow comparisons but no estimate of accuracy.
 
     Examples
     --------
@@ -49,10 +49,10 @@ def load_published_tables() -> Bunch:
     0
     """
     folder = files(__package__) / "tables"
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for name, file in _TABLES.items():
         with (folder / file).open(encoding="utf-8") as lines:
-            found[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
+            tables[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
     description = descr(
         "Published statistics, centroids and entropies of torque measured on a cycloidal gearbox.",
         origin=(
@@ -64,4 +64,4 @@ def load_published_tables() -> Bunch:
         inferred="nothing: values as printed. One recording per disc; the torque is not published.",
         more=(folder / "README.md").read_text(encoding="utf-8"),
     )
-    return Bunch(**found, DESCR=description)
+    return Bunch(**tables, DESCR=description)

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import sys
-import warnings
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads that fight with joblib's workers
@@ -14,7 +13,6 @@ import matplotlib
 import cyclofeat
 
 matplotlib.use("Agg")
-warnings.filterwarnings("error", module="__main__")  # an example that warns fails
 
 project = "cyclofeat"
 author = "cyclofeat developers"
@@ -53,11 +51,16 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "show_signature": False,
     "remove_config_comments": True,
+    # An example that warns or draws nothing fails.
+    "image_scrapers": ("_gallery.check_and_save",),
+    "reset_modules": ("matplotlib", "_gallery.warnings_are_errors"),
+    "reset_modules_order": "both",
 }
 
-# Examples share helper modules that lie beside them.
+# Examples share helper modules that lie beside them; the gallery's checks lie beside this file.
 sys.path[:0] = [
-    str(Path(__file__).parents[1] / "examples" / folder) for folder in ("features", "gap", "papers")
+    str(Path(__file__).parent),
+    *(str(Path(__file__).parents[1] / "examples" / folder) for folder in ("features", "gap", "papers")),
 ]
 
 

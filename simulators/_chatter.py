@@ -1,9 +1,10 @@
-"""Whether friction is too steep for the time step: it then chatters, and nothing else tells."""
+"""Warning for friction that is too steep for the time step and chatters."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,11 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Largest product of damping rate and time step with which an explicit rule follows x' = -rate x: the midpoint
-# rule takes x times 1 - p + p^2/2, which stays below 1 up to p = 2; the roots of Adams-Bashforth's
-# r^2 - (1 - 3/2 p) r - p/2 do so up to p = 1.
+# Limit of stability of p = rate dt for x' = -rate x: 1 - p + p^2/2 (midpoint) stays below 1 up to p = 2, the
+# roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1.
 LIMITS = {"midpoint": 2.0, "adams_bashforth": 1.0}
 
-# The bodies whose rates friction damps: two wheels, the output shaft, the spins of all sleeves.
+# Bodies damped by friction: two wheels, the output shaft, the spins of all sleeves.
 _OUTPUT = 2
 _FIRST_SPIN = 3
 
@@ -29,10 +29,9 @@ def friction_rates(
 ) -> Float:
     """Largest rate in 1/s at which friction damps where sleeves stick to wheels and axles, (n,).
 
-    Friction at rest is a damper: its slope is force times coefficient over the speed of transition. With S
-    the sliding speeds per unit of the bodies' rates, G the slopes and M the inertias, the damping rates are
-    the eigenvalues of M^-1 S' G S. Free sleeves do stick: they take up the speed of the wheel's surface. The
-    output's bearing does not while the shaft turns, so that its slope is that at the shaft's speed.
+    Friction at rest is a damper of force times coefficient over the transition speed. With S the sliding
+    speeds per unit of the bodies' rates, G these slopes and M the inertias, the damping rates are the
+    eigenvalues of M^-1 S' G S. The slope of the output's bearing is that at the shaft's speed.
 
     Parameters
     ----------
@@ -58,9 +57,13 @@ def friction_rates(
     coulomb = gearbox.output_bearing_torque / gearbox.bearing_transition_speed * (1 - np.tanh(turning) ** 2)
     rubbing = [
         (bearing, coulomb + gearbox.output_bearing_viscosity),
-        *_of_sleeves(gearbox, external, pins, gearbox.pin_radius, cams, bearing * 0.0, _FIRST_SPIN),
+        *_of_sleeves(gearbox, _Sleeves(pins, gearbox.pin_radius, _FIRST_SPIN), external, cams, bearing * 0.0),
         *_of_sleeves(
-            gearbox, internal, sleeves, gearbox.internal_sleeve_radius, cams, bearing, _FIRST_SPIN + n_pins
+            gearbox,
+            _Sleeves(sleeves, gearbox.internal_sleeve_radius, _FIRST_SPIN + n_pins),
+            internal,
+            cams,
+            bearing,
         ),
     ]
     slides, slopes = (np.concatenate(parts, axis=1) for parts in zip(*rubbing, strict=True))
@@ -68,20 +71,22 @@ def friction_rates(
     return np.asarray(np.linalg.eigvalsh(np.swapaxes(scaled, 1, 2) @ scaled)[:, -1])
 
 
+class _Sleeves(NamedTuple):
+    """One kind of sleeves: their axles (n, n_sleeves), radius, and the first of them among the bodies."""
+
+    axles: Complex
+    radius: float
+    first: int
+
+
 def _of_sleeves(
-    gearbox: CycloidalGearbox,
-    forces: Float,
-    axles: Complex,
-    radius: float,
-    cams: Complex,
-    carrier: Float,
-    first: int,
+    gearbox: CycloidalGearbox, sleeves: _Sleeves, forces: Float, cams: Complex, carrier: Float
 ) -> Iterator[tuple[Float, Float]]:
     """Sliding speeds per unit of the bodies' rates (n, n_sleeves, n_bodies), and slopes (n, n_sleeves).
 
-    Of one kind of sleeves on each of the wheels and on their axles, which go round with the bodies' rates
-    times ``carrier`` (n, 1, n_bodies); ``first`` is the first of the sleeves among the bodies.
+    The axles turn about the origin with the bodies' rates times ``carrier`` (n, 1, n_bodies).
     """
+    axles, radius, first = sleeves
     vector = forces[..., 1] + 1j * forces[..., 2]
     size = np.abs(vector)
     toward = vector / np.where(size > 0, size, 1.0)  # from the sleeve to the wheel
@@ -100,7 +105,7 @@ def _of_sleeves(
 
 
 def warn_of_chatter(rates: Float, dt: float, integrator: str) -> None:
-    """Warn where the integrator cannot follow friction that damps at these rates, in 1/s."""
+    """Warn if friction damps at rates (1/s) beyond the integrator's limit of stability."""
     fastest, limit = float(rates.max(initial=0.0)), LIMITS[integrator]
     if fastest * dt > limit:
         warnings.warn(

@@ -1,4 +1,4 @@
-"""The reduced model with the output held and a torque at the input, in numba: floats and arrays only."""
+"""The reduced model with the output held and the input driven by a torque: numba, floats and arrays only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cyclofeat.simulators._kernels import N_RESULT, N_STATE, derivatives, new_me
 from cyclofeat.simulators._outline import CAM_X, CAM_Y, FASTMATH
 
 # Of _kernels.py, which has that of _outline.py: numba's cache on disk notices a change of this file only.
-KERNELS_CHECKSUM = 0x869E16F2
+KERNELS_CHECKSUM = 0x41C76FE7
 
 
 @njit(fastmath=FASTMATH, forceinline=True)
@@ -17,10 +17,9 @@ def _accelerations(
     phi, omega, torque, damping, inertia, through_meter, state, wheel, joint, contact, joint_contact, body,
     friction, pins, mounts, lobes, wear, sleeves, memory, rates, result,
 ):  # fmt: skip
-    """Writes the derivative of ``state`` and the torques; returns the input's acceleration.
+    """Write the derivative of ``state`` and the torques; return the input's acceleration.
 
-    The kernel takes the input's motion as given; with alpha = 0 its input torque is what the contacts and
-    the bearing oppose to the drive, and the cams carry the wheels' masses around.
+    With alpha = 0 the kernel's input torque is that of contacts and bearing against the drive.
     """
     z = float(wheel.n_lobes)
     derivatives(
@@ -29,7 +28,7 @@ def _accelerations(
         result,
     )  # fmt: skip
     alpha = (torque - damping * omega - result[1]) / inertia
-    # Deviations count from the rest position that follows the input; what is held has none of its own.
+    # Deviations count from the rest position, which follows the input; the held body has no acceleration.
     if through_meter:
         rates[7] = 0.0
     else:
@@ -46,9 +45,8 @@ def integrate_held(
 ):  # fmt: skip
     """Midpoint rule over ``n_steps`` steps with the input free.
 
-    ``torque`` holds the input torque at every half step, (2 n_steps + 1,); every ``every``-th step the input
-    angle goes into ``angle`` and the torque on the output into ``held``. Returns the number of finished
-    steps.
+    ``torque`` (2 n_steps + 1,) is the input torque at half steps; every ``every``-th step records the input
+    angle in ``angle`` and the output torque in ``held``. Returns the number of finished steps.
     """
     n_state = state.size
     memory = new_memory(n_state - N_STATE)

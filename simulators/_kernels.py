@@ -11,9 +11,9 @@ State of one gearbox, all as deviations from the rest position that follows the 
 8-    rates of the sleeves' own spin         external, then internal; with friction only
 ====  =====================================  =======================================
 
-The deviations are small (contact penetration over radius), so the sines and cosines of the moving parts
-follow from those of phi and phi/z_s by short polynomials. Where the pins meet the wheels is described by
-:mod:`~cyclofeat.simulators._outline`, anew whenever a wheel has moved on.
+The deviations are small (contact penetration over radius): short polynomials give the sines and cosines of
+the moving parts from those of phi and phi/z_s. :mod:`~cyclofeat.simulators._outline` describes the contacts
+of pins and wheels.
 """
 
 from __future__ import annotations
@@ -22,74 +22,12 @@ from collections import namedtuple
 
 import numpy as np
 
+from cyclofeat.simulators import _outline as rows
 from cyclofeat.simulators._jit import njit
-from cyclofeat.simulators._outline import (
-    CAM_X,
-    CAM_Y,
-    COLUMNS,
-    E_ALONG,
-    E_ALONG_N,
-    E_ALONG_T,
-    E_BESIDE,
-    E_FORCE,
-    E_LINE,
-    E_LINE_U,
-    E_LINE_V,
-    E_NX,
-    E_NY,
-    E_PIN,
-    E_RADIUS,
-    E_RADIUS_SPAN,
-    E_TILT,
-    E_TURN,
-    E_U,
-    E_V,
-    E_WEIGHT,
-    EDGE_SIZE,
-    F_ALONG_N,
-    F_ALONG_T,
-    F_BEFORE,
-    F_BEND,
-    F_BEYOND,
-    F_CHANGE,
-    F_FORCE,
-    F_GAP,
-    F_LINE,
-    F_LINE_U,
-    F_LINE_V,
-    F_NX,
-    F_NY,
-    F_PIN,
-    F_RADIUS,
-    F_RADIUS_BEND,
-    F_RADIUS_SLOPE,
-    F_SLOPE,
-    F_TILT,
-    F_U,
-    F_V,
-    FASTMATH,
-    FEET_SIZE,
-    FLANK_SIZE,
-    HAS_FAULTS,
-    N_EDGES,
-    N_FLANKS,
-    PIN_COS,
-    PIN_RADIAL_ERROR,
-    PIN_SIN,
-    PIN_TANGENTIAL_ERROR,
-    REST_COS,
-    REST_SIN,
-    SEEN_EPS,
-    SEEN_PHI,
-    USED_EDGES,
-    USED_FLANKS,
-    describe,
-    moved_on,
-    small_sincos,
-)
+from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
-# Of _outline.py: numba's cache on disk notices a change of this file only, and would go on with the old one.
-OUTLINE_CHECKSUM = 0xBF1D1D
+# Of _outline.py: numba's cache on disk notices changes of this file only.
+OUTLINE_CHECKSUM = 0x2B9F4510
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -148,15 +86,15 @@ FrictionConstants = namedtuple(
 )
 
 # Tables of the internal sleeves: rows of one length, as in the outline's.
-SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * COLUMNS) for row in range(2))
-SLEEVE_TABLE_SIZE = 2 * COLUMNS
-# What each of the two wheels' sleeves carry: force, and its vector on the wheel in the fixed frame; then the
-# vector with friction, which presses the sleeve on its axle.
-S_FORCE, S_X, S_Y, S_LOAD_X, S_LOAD_Y = (np.uintp(row * COLUMNS) for row in range(5))
-JOINT_SIZE = 5 * COLUMNS
-# The same for the pins, gathered from flanks and edges where it is asked for; rows for each wheel.
-P_FORCE, P_X, P_Y = (np.uintp(row * COLUMNS) for row in range(3))
-PIN_FORCE_SIZE = 3 * COLUMNS
+SLEEVE_COS, SLEEVE_SIN = (np.uintp(row * rows.COLUMNS) for row in range(2))
+SLEEVE_TABLE_SIZE = 2 * rows.COLUMNS
+# Per wheel and sleeve: force, its vector on the wheel in the fixed frame, and the vector with friction, which
+# presses the sleeve on its axle.
+S_FORCE, S_X, S_Y, S_LOAD_X, S_LOAD_Y = (np.uintp(row * rows.COLUMNS) for row in range(5))
+JOINT_SIZE = 5 * rows.COLUMNS
+# The same per wheel and pin, gathered from flanks and edges on demand.
+P_FORCE, P_X, P_Y = (np.uintp(row * rows.COLUMNS) for row in range(3))
+PIN_FORCE_SIZE = 3 * rows.COLUMNS
 
 N_STATE = 8
 N_RESULT = 2  # torque_out, torque_in
@@ -183,35 +121,34 @@ def flank_contact(flanks, k, has_faults, ct, st, cx, cy):
     """Gap of one flank, lever arms of its force, tilt, effective radius and weight.
 
     ``ct, st`` turn the wheel from its description to now; ``c`` is the cam's centre in the axes of the
-    description. With m the direction of the force on the pin, p the pin and all products about the axis:
-    the cam's arm c x m and the pin's arm p x m, about the origin. Force, moment and rate need nothing else.
-    The tilt is m's part along t.
+    description. With m the direction of the force on pin p, the arms about the origin are c x m and p x m;
+    the tilt is m's component along t.
     """
-    nx = flanks[F_NX + k]
-    ny = flanks[F_NY + k]
-    pin_n = ct * flanks[F_ALONG_N + k] + st * flanks[F_ALONG_T + k]
-    pin_t = ct * flanks[F_ALONG_T + k] - st * flanks[F_ALONG_N + k]
+    nx = flanks[rows.F_NX + k]
+    ny = flanks[rows.F_NY + k]
+    pin_n = ct * flanks[rows.F_ALONG_N + k] + st * flanks[rows.F_ALONG_T + k]
+    pin_t = ct * flanks[rows.F_ALONG_T + k] - st * flanks[rows.F_ALONG_N + k]
     cam_n = cx * nx + cy * ny
     cam_t = cy * nx - cx * ny
-    v = pin_n - cam_n - flanks[F_V + k]
-    u = pin_t - cam_t - flanks[F_U + k]
-    bend = flanks[F_BEND + k]
+    v = pin_n - cam_n - flanks[rows.F_V + k]
+    u = pin_t - cam_t - flanks[rows.F_U + k]
+    bend = flanks[rows.F_BEND + k]
     bend = bend - bend * bend * v
-    third = flanks[F_CHANGE + k]
-    slope = flanks[F_SLOPE + k]
-    gap = flanks[F_GAP + k] + v + u * (slope + u * (0.5 * bend + third * u))
+    third = flanks[rows.F_CHANGE + k]
+    slope = flanks[rows.F_SLOPE + k]
+    gap = flanks[rows.F_GAP + k] + v + u * (slope + u * (0.5 * bend + third * u))
     tilt = slope + u * (bend + 3.0 * third * u)
     along = 1.0 - 0.5 * tilt * tilt
     cam_arm = cam_n * tilt - cam_t * along
     pin_arm = pin_n * tilt - pin_t * along
-    radius_slope = flanks[F_RADIUS_SLOPE + k] + flanks[F_RADIUS_BEND + k] * u
-    radius = max(flanks[F_RADIUS + k] + radius_slope * u, 0.0)
+    radius_slope = flanks[rows.F_RADIUS_SLOPE + k] + flanks[rows.F_RADIUS_BEND + k] * u
+    radius = max(flanks[rows.F_RADIUS + k] + radius_slope * u, 0.0)
     weight = 1.0
     if has_faults:
-        line = flanks[F_LINE + k] + flanks[F_LINE_V + k] * v + flanks[F_LINE_U + k] * u
-        # Both are read before the choice: a read inside it would be a branch.
-        before = flanks[F_BEFORE + k]
-        beyond = flanks[F_BEYOND + k]
+        line = flanks[rows.F_LINE + k] + flanks[rows.F_LINE_V + k] * v + flanks[rows.F_LINE_U + k] * u
+        # Read both before the choice: a read inside it would be a branch.
+        before = flanks[rows.F_BEFORE + k]
+        beyond = flanks[rows.F_BEYOND + k]
         weight = beyond if line >= 0.0 else before
     return gap, cam_arm, pin_arm, tilt, radius, weight
 
@@ -219,16 +156,16 @@ def flank_contact(flanks, k, has_faults, ct, st, cx, cy):
 @njit(fastmath=FASTMATH, inline="always")
 def edge_contact(edges, k, pin_radius, ct, st, cx, cy):
     """As :func:`flank_contact`, for one edge; the direction's parts along n and t in place of the tilt."""
-    nx = edges[E_NX + k]
-    ny = edges[E_NY + k]
-    pin_n = ct * edges[E_ALONG_N + k] + st * edges[E_ALONG_T + k]
-    pin_t = ct * edges[E_ALONG_T + k] - st * edges[E_ALONG_N + k]
+    nx = edges[rows.E_NX + k]
+    ny = edges[rows.E_NY + k]
+    pin_n = ct * edges[rows.E_ALONG_N + k] + st * edges[rows.E_ALONG_T + k]
+    pin_t = ct * edges[rows.E_ALONG_T + k] - st * edges[rows.E_ALONG_N + k]
     cam_n = cx * nx + cy * ny
     cam_t = cy * nx - cx * ny
-    v = pin_n - cam_n - edges[E_V + k]
-    u = pin_t - cam_t - edges[E_U + k]
-    line = edges[E_LINE + k] + edges[E_LINE_V + k] * v + edges[E_LINE_U + k] * u
-    beside = min(u, edges[E_BESIDE + k])
+    v = pin_n - cam_n - edges[rows.E_V + k]
+    u = pin_t - cam_t - edges[rows.E_U + k]
+    line = edges[rows.E_LINE + k] + edges[rows.E_LINE_V + k] * v + edges[rows.E_LINE_U + k] * u
+    beside = min(u, edges[rows.E_BESIDE + k])
     square = v * v + beside * beside
     distance = np.sqrt(square)
     inverse = distance * (1.0 / square)  # root and quotient at the same time
@@ -237,18 +174,15 @@ def edge_contact(edges, k, pin_radius, ct, st, cx, cy):
     cam_arm = cam_n * tilt - cam_t * along
     pin_arm = pin_n * tilt - pin_t * along
     # Between profile and chord the effective radius follows the direction of the normal.
-    turned = min(max(along + edges[E_TURN + k] * tilt, 0.0), 1.0)
-    radius = edges[E_RADIUS + k] + turned * edges[E_RADIUS_SPAN + k]
-    weight = edges[E_WEIGHT + k] * (line >= 0.0)
+    turned = min(max(along + edges[rows.E_TURN + k] * tilt, 0.0), 1.0)
+    radius = edges[rows.E_RADIUS + k] + turned * edges[rows.E_RADIUS_SPAN + k]
+    weight = edges[rows.E_WEIGHT + k] * (line >= 0.0)
     return distance - pin_radius, cam_arm, pin_arm, along, tilt, radius, weight
 
 
 @njit(fastmath=FASTMATH, inline="always")
 def _flank_contacts(first, n, has_faults, contact, flanks, ct, st, cx, cy, omega, rate):
-    """Moments of the forces of all flanks on the wheel: c x F about the origin, and about the cam.
-
-    A branch-free loop.
-    """
+    """Moments of the forces of all flanks on the wheel: c x F about the origin, and about the cam."""
     on_cam = 0.0
     on_pin = 0.0
     swing = rate - omega
@@ -256,8 +190,8 @@ def _flank_contacts(first, n, has_faults, contact, flanks, ct, st, cx, cy, omega
         k = first + i
         gap, cam_arm, pin_arm, tilt, radius, weight = flank_contact(flanks, k, has_faults, ct, st, cx, cy)
         f = weight * contact_force(-gap, rate * pin_arm - swing * cam_arm, radius, contact)
-        flanks[F_FORCE + k] = f
-        flanks[F_TILT + k] = tilt
+        flanks[rows.F_FORCE + k] = f
+        flanks[rows.F_TILT + k] = tilt
         on_cam -= f * cam_arm
         on_pin -= f * pin_arm
     return on_cam, on_pin - on_cam
@@ -275,9 +209,9 @@ def _edge_contacts(first, n, contact, edges, pin_radius, ct, st, cx, cy, omega, 
             edges, k, pin_radius, ct, st, cx, cy
         )
         f = weight * contact_force(-gap, rate * pin_arm - swing * cam_arm, radius, contact)
-        edges[E_FORCE + k] = f
-        edges[E_ALONG + k] = along
-        edges[E_TILT + k] = tilt
+        edges[rows.E_FORCE + k] = f
+        edges[rows.E_ALONG + k] = along
+        edges[rows.E_TILT + k] = tilt
         on_cam -= f * cam_arm
         on_pin -= f * pin_arm
     return on_cam, on_pin - on_cam
@@ -290,11 +224,10 @@ def _joint_contacts(
 ):  # fmt: skip
     """Contacts of all internal sleeves with the holes of one wheel.
 
-    Returns the moments of the forces on the wheel, at the cam about the origin and about the cam, and the
-    moment on the output shaft about the origin. With h, o and s = o - h the places of hole and sleeve and the
-    way between them (from the cam, at angle 0), those of all others are turned by the sleeve's angle. So the
-    square of the distance |s - c|^2, the rate of penetration and all lever arms are sums of a constant, a
-    cosine and a sine, and the loop needs three sums of forces over distances.
+    Returns the moments of the forces on the wheel (at the cam about the origin, and about the cam) and on the
+    output shaft. With h, o and s = o - h the hole, the sleeve and the way between them at angle 0, the others
+    are turned by the sleeve's angle: |s - c|^2, the rate of penetration and all lever arms are sums of a
+    constant, a cosine and a sine, so that the loop needs three sums of forces over distances.
     """
     r = joint.pitch_radius
     hx = r * cos_hole
@@ -361,22 +294,26 @@ def gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, n_pins, 
         carried[first + P_FORCE + i] = 0.0
         carried[first + P_X + i] = 0.0
         carried[first + P_Y + i] = 0.0
-    for i in range(counts[w, USED_FLANKS]):
-        k = np.uintp(w * FLANK_SIZE) + i
-        j = first + np.uintp(flanks[F_PIN + k])
-        carried[P_FORCE + j] += flanks[F_FORCE + k]
-        tilt = flanks[F_TILT + k]
+    for i in range(counts[w, rows.USED_FLANKS]):
+        k = np.uintp(w * rows.FLANK_SIZE) + i
+        j = first + np.uintp(flanks[rows.F_PIN + k])
+        carried[P_FORCE + j] += flanks[rows.F_FORCE + k]
+        tilt = flanks[rows.F_TILT + k]
         along = 1.0 - 0.5 * tilt * tilt
-        fx = flanks[F_FORCE + k] * (along * flanks[F_NX + k] - tilt * flanks[F_NY + k])
-        fy = flanks[F_FORCE + k] * (along * flanks[F_NY + k] + tilt * flanks[F_NX + k])
+        fx = flanks[rows.F_FORCE + k] * (along * flanks[rows.F_NX + k] - tilt * flanks[rows.F_NY + k])
+        fy = flanks[rows.F_FORCE + k] * (along * flanks[rows.F_NY + k] + tilt * flanks[rows.F_NX + k])
         carried[P_X + j] -= turned_cos * fx - turned_sin * fy
         carried[P_Y + j] -= turned_sin * fx + turned_cos * fy
-    for i in range(counts[w, USED_EDGES]):
-        k = np.uintp(w * EDGE_SIZE) + i
-        j = first + np.uintp(edges[E_PIN + k])
-        carried[P_FORCE + j] += edges[E_FORCE + k]
-        fx = edges[E_FORCE + k] * (edges[E_ALONG + k] * edges[E_NX + k] - edges[E_TILT + k] * edges[E_NY + k])
-        fy = edges[E_FORCE + k] * (edges[E_ALONG + k] * edges[E_NY + k] + edges[E_TILT + k] * edges[E_NX + k])
+    for i in range(counts[w, rows.USED_EDGES]):
+        k = np.uintp(w * rows.EDGE_SIZE) + i
+        j = first + np.uintp(edges[rows.E_PIN + k])
+        carried[P_FORCE + j] += edges[rows.E_FORCE + k]
+        fx = edges[rows.E_FORCE + k] * (
+            edges[rows.E_ALONG + k] * edges[rows.E_NX + k] - edges[rows.E_TILT + k] * edges[rows.E_NY + k]
+        )
+        fy = edges[rows.E_FORCE + k] * (
+            edges[rows.E_ALONG + k] * edges[rows.E_NY + k] + edges[rows.E_TILT + k] * edges[rows.E_NX + k]
+        )
         carried[P_X + j] -= turned_cos * fx - turned_sin * fy
         carried[P_Y + j] -= turned_sin * fx + turned_cos * fy
 
@@ -410,13 +347,13 @@ def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, spi
         force = np.sqrt(fx * fx + fy * fy)
         if force == 0.0:
             continue
-        # m points out of the wheel; a pin that touches twice rubs where the resulting force acts
+        # m points out of the wheel; a pin that touches twice rubs where the resultant acts
         mx = -fx / force
         my = -fy / force
-        radial = wheel.pin_circle_radius + pins[PIN_RADIAL_ERROR + j]
-        tangential = pins[PIN_TANGENTIAL_ERROR + j]
-        ax = pins[PIN_COS + j] * radial - pins[PIN_SIN + j] * tangential - cx - q * mx
-        ay = pins[PIN_SIN + j] * radial + pins[PIN_COS + j] * tangential - cy - q * my
+        radial = wheel.pin_circle_radius + pins[rows.PIN_RADIAL_ERROR + j]
+        tangential = pins[rows.PIN_TANGENTIAL_ERROR + j]
+        ax = pins[rows.PIN_COS + j] * radial - pins[rows.PIN_SIN + j] * tangential - cx - q * mx
+        ay = pins[rows.PIN_SIN + j] * radial + pins[rows.PIN_COS + j] * tangential - cy - q * my
         lever = ax * mx + ay * my
         slip = cvy * mx - cvx * my + rate * lever + q * spins[j]
         rub = _sleeve_friction(slip, force, friction)
@@ -434,10 +371,7 @@ def _joint_friction(
     w, n_pins, joint, friction, sleeves, carried, cx, cy, cvx, cvy, cos_out, sin_out, rate_out, rate, spins,
     torques,
 ):  # fmt: skip
-    """Friction of the internal sleeves in the holes of one wheel.
-
-    Returns force and moment on the wheel and the moment on the output shaft through the sleeves' axles.
-    """
+    """Friction of internal sleeves in one wheel's holes: force and moment on it, moment on the output."""
     total_x = 0.0
     total_y = 0.0
     moment = 0.0
@@ -500,8 +434,8 @@ def derivatives(
     for w in range(2):
         side = 1.0 - 2.0 * w
         eps = state[w]
-        cx = mounts[w, CAM_X] * cos_phi - mounts[w, CAM_Y] * sin_phi
-        cy = mounts[w, CAM_X] * sin_phi + mounts[w, CAM_Y] * cos_phi
+        cx = mounts[w, rows.CAM_X] * cos_phi - mounts[w, rows.CAM_Y] * sin_phi
+        cy = mounts[w, rows.CAM_X] * sin_phi + mounts[w, rows.CAM_Y] * cos_phi
         cvx = -omega * cy
         cvy = omega * cx
         rate = mean_rate + state[4 + w]
@@ -515,33 +449,32 @@ def derivatives(
             describe(
                 w, wheel, pins, mounts, lobes, wear, feet, flanks, edges, seen, counts, phi,
                 eps,
-                cos_hole * mounts[w, REST_COS] - sin_hole * mounts[w, REST_SIN],
-                sin_hole * mounts[w, REST_COS] + cos_hole * mounts[w, REST_SIN],
+                cos_hole * mounts[w, rows.REST_COS] - sin_hole * mounts[w, rows.REST_SIN],
+                sin_hole * mounts[w, rows.REST_COS] + cos_hole * mounts[w, rows.REST_SIN],
                 cx, cy,
                 -side * (cos_phi * lobe_eps_cos + sin_phi * lobe_eps_sin),
                 -side * (sin_phi * lobe_eps_cos - cos_phi * lobe_eps_sin),
             )  # fmt: skip
         # Turned since the description, and cam and its velocity in the axes of that time.
-        st, ct = small_sincos(eps - seen[w, SEEN_EPS] - (phi - seen[w, SEEN_PHI]) / z)
+        st, ct = small_sincos(eps - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
         own_cx = ct * cx + st * cy
         own_cy = ct * cy - st * cx
-        if mounts[w, HAS_FAULTS] != 0.0:
+        first, n_flanks = np.uintp(w * rows.FLANK_SIZE), counts[w, rows.N_FLANKS]
+        if mounts[w, rows.HAS_FAULTS] != 0.0:
             on_cam, moment = _flank_contacts(
-                np.uintp(w * FLANK_SIZE), counts[w, N_FLANKS], True, contact, flanks, ct, st, own_cx, own_cy,
-                omega, rate,
-            )  # fmt: skip
-            if counts[w, N_EDGES] > 0:
+                first, n_flanks, True, contact, flanks, ct, st, own_cx, own_cy, omega, rate
+            )
+            if counts[w, rows.N_EDGES] > 0:
                 edges_on_cam, edges_moment = _edge_contacts(
-                    np.uintp(w * EDGE_SIZE), counts[w, N_EDGES], contact, edges, wheel.pin_radius, ct, st,
-                    own_cx, own_cy, omega, rate,
+                    np.uintp(w * rows.EDGE_SIZE), counts[w, rows.N_EDGES], contact, edges, wheel.pin_radius,
+                    ct, st, own_cx, own_cy, omega, rate,
                 )  # fmt: skip
                 on_cam += edges_on_cam
                 moment += edges_moment
         else:
             on_cam, moment = _flank_contacts(
-                np.uintp(w * FLANK_SIZE), counts[w, N_FLANKS], False, contact, flanks, ct, st, own_cx, own_cy,
-                omega, rate,
-            )  # fmt: skip
+                first, n_flanks, False, contact, flanks, ct, st, own_cx, own_cy, omega, rate
+            )
         joint_on_cam, joint_moment, on_output = _joint_contacts(
             np.uintp(w * JOINT_SIZE), joint, joint_contact, sleeves, on_sleeves, cx, cy, omega, cos_out,
             sin_out, cos_hole, sin_hole, rate_out, rate,
@@ -590,9 +523,9 @@ def derivatives(
 
 @njit(fastmath=FASTMATH)
 def _sleeve_rates(wheel, joint, friction, state, rate_out, on_pins, on_sleeves, torques, rates):
-    """Spin of all sleeves on their axles; returns the journals' moment on the output shaft.
+    """Spin of all sleeves on their axles; return the journals' moment on the output shaft.
 
-    An external sleeve's axle stands still, an internal one's turns with the output shaft.
+    Axles of external sleeves are fixed, those of internal sleeves turn with the output shaft.
     """
     n_pins = np.uintp(wheel.n_lobes + 1)
     second_pins = np.uintp(PIN_FORCE_SIZE)
@@ -624,7 +557,7 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
     seen, counts, _, flanks, edges, on_sleeves, on_pins, _ = memory
     z = float(wheel.n_lobes)
     for w in range(2):
-        st, ct = small_sincos(state[w] - seen[w, SEEN_EPS] - (phi - seen[w, SEEN_PHI]) / z)
+        st, ct = small_sincos(state[w] - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
         gather_pin_forces(w, counts, flanks, edges, ct, st, wheel.n_lobes + 1, on_pins)
         first = np.uintp(w * PIN_FORCE_SIZE)
         for j in range(np.uintp(wheel.n_lobes + 1)):
@@ -635,8 +568,8 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
         sin_phi = np.sin(phi)
         _joint_vectors(
             w, joint, sleeves, on_sleeves,
-            mounts[w, CAM_X] * cos_phi - mounts[w, CAM_Y] * sin_phi,
-            mounts[w, CAM_X] * sin_phi + mounts[w, CAM_Y] * cos_phi,
+            mounts[w, rows.CAM_X] * cos_phi - mounts[w, rows.CAM_Y] * sin_phi,
+            mounts[w, rows.CAM_X] * sin_phi + mounts[w, rows.CAM_Y] * cos_phi,
             np.cos(state[2] - phi / z), np.sin(state[2] - phi / z),
             np.cos(state[w] - phi / z), np.sin(state[w] - phi / z),
         )  # fmt: skip
@@ -651,8 +584,8 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
 def new_memory(n_spins):
     """Working memory of :func:`derivatives`, with nothing described yet."""
     return (
-        np.full((2, 3), np.inf), np.zeros((2, 4), dtype=np.uintp), np.zeros(FEET_SIZE),
-        np.zeros(2 * FLANK_SIZE), np.zeros(2 * EDGE_SIZE), np.zeros(2 * JOINT_SIZE),
+        np.full((2, 3), np.inf), np.zeros((2, 4), dtype=np.uintp), np.zeros(rows.FEET_SIZE),
+        np.zeros(2 * rows.FLANK_SIZE), np.zeros(2 * rows.EDGE_SIZE), np.zeros(2 * JOINT_SIZE),
         np.zeros(2 * PIN_FORCE_SIZE), np.zeros(n_spins),
     )  # fmt: skip
 
@@ -681,29 +614,26 @@ def elastic_energy(penetration, radius, contact):
 
 @njit(fastmath=FASTMATH)
 def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
-    """Energy stored in the contacts of pins and wheels in J, and the power that their damping takes in W.
-
-    At the last evaluation of :func:`derivatives`, whose arguments and ``memory`` these are.
-    """
+    """Energy (J) stored in the contacts of pins at the last evaluation, and power (W) of their damping."""
     seen, counts, _, flanks, edges, _, _, _ = memory
     z = float(wheel.n_lobes)
     stored = 0.0
     taken = 0.0
     for w in range(2):
-        st, ct = small_sincos(state[w] - seen[w, SEEN_EPS] - (phi - seen[w, SEEN_PHI]) / z)
-        cx = mounts[w, CAM_X] * np.cos(phi) - mounts[w, CAM_Y] * np.sin(phi)
-        cy = mounts[w, CAM_X] * np.sin(phi) + mounts[w, CAM_Y] * np.cos(phi)
+        st, ct = small_sincos(state[w] - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
+        cx = mounts[w, rows.CAM_X] * np.cos(phi) - mounts[w, rows.CAM_Y] * np.sin(phi)
+        cy = mounts[w, rows.CAM_X] * np.sin(phi) + mounts[w, rows.CAM_Y] * np.cos(phi)
         own_x = ct * cx + st * cy
         own_y = ct * cy - st * cx
         rate = state[4 + w] - omega / z
-        for i in range(counts[w, USED_FLANKS] + counts[w, USED_EDGES]):
-            if i < counts[w, USED_FLANKS]:
-                k = np.uintp(w * FLANK_SIZE) + i
+        for i in range(counts[w, rows.USED_FLANKS] + counts[w, rows.USED_EDGES]):
+            if i < counts[w, rows.USED_FLANKS]:
+                k = np.uintp(w * rows.FLANK_SIZE) + i
                 gap, cam_arm, pin_arm, _, radius, weight = flank_contact(
                     flanks, k, True, ct, st, own_x, own_y
                 )
             else:
-                k = np.uintp(w * EDGE_SIZE) + i - counts[w, USED_FLANKS]
+                k = np.uintp(w * rows.EDGE_SIZE) + i - counts[w, rows.USED_FLANKS]
                 gap, cam_arm, pin_arm, _, _, radius, weight = edge_contact(
                     edges, k, wheel.pin_radius, ct, st, own_x, own_y
                 )
@@ -760,7 +690,7 @@ def integrate(
     row = 0
     locked = 0
     stride = 2 // stages
-    # One call of derivatives for both halves of a step: a loop that fits the processor's instruction cache.
+    # One call of derivatives for both halves of a step: the loop fits the processor's instruction cache.
     for m in range(stages * n_steps):
         i = m * stride
         step = i // 2
@@ -798,13 +728,12 @@ def integrate(
             for k in range(n_state):
                 at[k] = state[k] + 0.5 * dt * rates[k]
         else:
-            # The drive's own part is taken from its speed: it jumps where a ramp ends, and a rule that looks
-            # back would carry the jump on.
+            # The drive's acceleration jumps where a ramp ends: take its part from the speed instead.
             n_driven = 8 if body.brake_inertia > 0.0 else 7
             for k in range(4, n_driven):
                 rates[k] -= alpha[i] / z
                 state[k] += (omega[i + 2] - omega[i]) / z
-            # The first step has no rates before it: Euler's, whose error is of second order in one step.
+            # The first step has no earlier rates: Euler's rule, of second order in one step.
             share = 0.5 if m > 0 else 0.0
             for k in range(n_state):
                 state[k] += dt * ((1.0 + share) * rates[k] - share * last_rates[k])

@@ -10,7 +10,7 @@ from cyclofeat.simulators._jit import njit
 @njit(fastmath=False)
 def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
     """``numpy.interp(at, knots, values)`` to the last bit, several times as fast where ``at`` rises."""
-    found = np.empty(at.size)
+    joined = np.empty(at.size)
     last = knots.size - 1
     k = 0
     for i in range(at.size):
@@ -20,8 +20,8 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
         while k > 0 and x < knots[k]:
             k -= 1
         if k == last or x <= knots[k]:
-            found[i] = values[k]
+            joined[i] = values[k]
         else:
             slope = (values[k + 1] - values[k]) / (knots[k + 1] - knots[k])
-            found[i] = slope * (x - knots[k]) + values[k]
-    return found
+            joined[i] = slope * (x - knots[k]) + values[k]
+    return joined

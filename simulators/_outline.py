@@ -1,18 +1,15 @@
-"""Where the pins meet the outlines of the wheels: numba, floats and arrays only.
+"""Contacts of the pins with the outlines of the wheels: numba, floats and arrays only.
 
-Every contact within reach is described once by a local frame on the wheel, and that description holds until
-the wheel has moved by a small fraction of the profile's curvature (:func:`moved_on`). In between the kernel
-needs no trigonometry, no iteration and no look at contacts that cannot close.
+Each contact within reach is described once by a local frame on the wheel. The description holds until the
+wheel has moved by a small fraction of the profile's curvature (:func:`moved_on`); until then the kernel needs
+no trigonometry, no iteration and no contacts that cannot close. In the frame, n points out of the wheel and t
+is n turned by a quarter turn, both in the fixed axes at the time of the description; (v, u) are a pin's
+coordinates along (n, t).
 
-The frame of a contact is fixed to the wheel: n points out of it, t is n turned by a quarter turn, both stated
-in the axes of the fixed frame at the moment of the description. A pin's place in it is (v, u) along (n, t).
-
-Two kinds of contact make up every outline:
-
-- *Flanks*: the profile as the gap to third order in u, with the change of curvature. Two weights, one for
-  either side of a line across the contact, switch it where the outline goes over into a worn or removed lobe.
+- *Flanks*: the profile's gap to third order in u. Two weights, one for each side of a line across the
+  contact, switch it where the outline passes into a worn or removed lobe.
 - *Edges*: a straight line that ends in a vertex (the chord of a worn lobe and its tip), or a vertex alone
-  (the end of a flank at a pit, and at a removed lobe).
+  (the end of a flank at a pit or at a removed lobe).
 """
 
 from __future__ import annotations
@@ -26,8 +23,7 @@ from cyclofeat.simulators._jit import njit
 # Entry of the lobe table for a removed lobe; 0 is healthy, up to 1 the share of the width that is worn.
 REMOVED = 2.0
 
-# Reassociation lets the sums over contacts use vector instructions. Infinities and NaN keep their meaning:
-# divergence is found by looking for them.
+# Reassociation vectorises the sums over contacts. Infinities and NaN stay exact: they show divergence.
 FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
 
 # Named tuples of numbers only: an array inside one would be reference-counted at every call.
@@ -53,13 +49,12 @@ WheelConstants = namedtuple(
     ],
 )
 
-# Tables with one column per pin or contact are flat arrays of rows of this fixed length, indexed without a
-# sign: the compiler then sees that their rows do not overlap, which it must know before it uses vector
-# instructions. Not a power of two, or all rows would compete for one place in the cache.
+# Tables with one column per pin or contact are flat arrays of rows of fixed length with unsigned indices: the
+# compiler then knows that rows do not overlap and vectorises. A power of two would collide in the cache.
 MAX_PINS = 128
 COLUMNS = 136
 EDGE_COLUMNS = 272
-# Contacts are padded to whole blocks, so that loops over them have no remainder with vectors of four.
+# Contacts are padded to whole blocks of one vector.
 BLOCK = 4
 
 # Rows of the table of pins.
@@ -67,57 +62,50 @@ PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
     np.uintp(row * COLUMNS) for row in range(5)
 )
 PIN_TABLE_SIZE = 5 * COLUMNS
-# Columns of the table of mounts, shape (2 wheels, 8), and rows of the lobes' table, shape (4, n_lobes). The
-# cam is stated in the frame of the input shaft.
+# Columns of the mounts (2 wheels, 8), the cam in the input shaft's frame; rows of the lobes (4, n_lobes).
 REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_X, CAM_Y, HAS_FAULTS = range(8)
 LOBE_COS, LOBE_SIN, PITCH_ERROR_0, PITCH_ERROR_1 = range(4)
 
 # Rows of working memory: the foot's parameter, the pin's displacement, the lobe's pitch error and its slope.
 STEP, DISPLACED_X, DISPLACED_Y, TURNED, TURNED_SLOPE = (np.uintp(row * COLUMNS) for row in range(5))
 FEET_SIZE = 5 * COLUMNS
-# Rows of the table of flanks: the pin's place along n and t at angle 0, the normal, the zero of v and u, gap,
-# its slope, curvature and third derivative along u, effective radius and its derivatives, the line across the
-# contact (value, slopes along v and u), the weights on its negative and positive side, the pin; then force
-# and its part along t (the tilt of the profile at the contact), which the kernel writes.
+# Rows of the flanks: the pin's coordinates along n and t at angle 0, normal, zeros of v and u, the gap
+# and its derivatives along u, effective radius and its derivatives, the line across (value, slopes
+# along v and u), the weights on its negative and positive sides, the pin. The kernel writes force and tilt.
 (
     F_ALONG_N, F_ALONG_T, F_NX, F_NY, F_V, F_U, F_GAP, F_SLOPE, F_BEND, F_CHANGE, F_RADIUS, F_RADIUS_SLOPE,
     F_RADIUS_BEND, F_LINE, F_LINE_V, F_LINE_U, F_BEFORE, F_BEYOND, F_PIN, F_FORCE, F_TILT,
 ) = (np.uintp(row * COLUMNS) for row in range(21))  # fmt: skip
 FLANK_SIZE = 21 * COLUMNS
-# Rows of the table of edges: as above, with the largest u that counts as beside the line (0 for a line, large
-# for a vertex alone), the radius by direction, and the weight where the line across is positive; then force
-# and its direction along n and t.
+# Rows of the edges: as above, with the largest u beside the line (0 for a line, infinity for a vertex), the
+# radius by direction, and the weight where the line across is positive. The kernel writes force, direction.
 (
     E_ALONG_N, E_ALONG_T, E_NX, E_NY, E_V, E_U, E_BESIDE, E_LINE, E_LINE_V, E_LINE_U, E_RADIUS,
     E_RADIUS_SPAN, E_TURN, E_WEIGHT, E_PIN, E_FORCE, E_ALONG, E_TILT,
 ) = (np.uintp(row * EDGE_COLUMNS) for row in range(18))  # fmt: skip
 EDGE_SIZE = 18 * EDGE_COLUMNS
-# What is kept of the moment of a description, per wheel: input angle and the wheel's own deviation from rest;
-# and of its tables: numbers of flanks and of edges in whole blocks, numbers that are in use.
+# Per wheel, at the description: input angle, deviation from rest, cell; numbers of contacts, padded and used.
 SEEN_PHI, SEEN_EPS, SEEN_CELL = range(3)
 N_FLANKS, N_EDGES, USED_FLANKS, USED_EDGES = range(4)
 
-# A description holds inside one of so many cells of an input turn (a multiple of many numbers of pins: what
-# repeats in the machine repeats in the record) and for so much of the wheel's deviation in rad. Pins slide by
-# 0.03 mm at most in that, and what the expansion leaves out stays below 1e-4 of a contact's force. No step
-# falls on the border of a cell, where rounding would decide.
+# A description holds inside one of 672 cells of the input turn (a multiple of many numbers of pins: records
+# stay periodic) and for this deviation of the wheel in rad. Pins slide by at most 0.03 mm in that; the
+# expansion errs by less than 1e-4 of a force. No step falls on a border, where rounding would decide.
 CELLS_PER_RADIAN, FIRST_BORDER = 672 / (2.0 * np.pi), 0.3819
 HOLDS_EPS = 1e-4
-# Contacts that are open by more than this share of the pin circle cannot close before the next description:
-# by the wheel's turning, by the slope of a chord against the profile, and by displaced pins (of their
-# displacement).
+# Contacts open by more than these shares of the pin circle (of the displacement, where pins are displaced)
+# cannot close before the next description.
 FLANK_REACH, EDGE_REACH, DISPLACED_REACH = 5e-4, 1.5e-3, 0.04
 
-# A pin counts to a lobe from this share of the lobe's pitch before its tip: the foot on the profile may lie
-# a little ahead of the pin's rest position. Up to the share CHORD_ENDS it may still lean on the chord.
+# A pin belongs to a lobe from this share of the pitch before its tip (its foot may lie ahead of the rest
+# position) and may touch the chord up to CHORD_ENDS.
 LEAD, CHORD_ENDS = 0.06, 0.74
 
 NEWTON_STEPS = 3
-# Largest step of the foot along the profile in rad of its parameter per pitch of a pin: a pin that wants more
-# is far from touching, and up to here the polynomials below are exact to rounding.
+# Largest step of the foot in rad of the profile's parameter: pins beyond it are far from touching, and the
+# polynomials below are exact to rounding up to it.
 LARGEST_STEP = 0.03
-# Search for the foot of a far displaced pin: half width (in half pitches of the lobes) and number of points
-# of the first grid, and the largest number of steps after it.
+# Search for the foot of a far displaced pin: half width (half pitches) and points of the grid, Newton steps.
 SEARCH_WIDTH, SEARCH_POINTS, SEARCH_STEPS = 0.75, 33, 40
 
 
@@ -137,7 +125,7 @@ def _cell(phi):
 
 @njit(fastmath=FASTMATH, inline="always")
 def moved_on(seen, w, wheel, phi, eps):
-    """Whether the description of wheel ``w`` no longer holds (a state that is not a number never does)."""
+    """Return True if the description of wheel ``w`` no longer holds; for NaN it never does."""
     same_cell = _cell(phi) == seen[w, SEEN_CELL]
     at_rest = abs(eps - seen[w, SEEN_EPS]) < HOLDS_EPS
     return not (same_cell and at_rest) or wheel.profile_points > 0
@@ -186,10 +174,7 @@ def _newton_feet(wheel, pins, feet, lobe_cos, lobe_sin):
 
 @njit(fastmath=FASTMATH)
 def _searched_foot(wheel, dx, dy, qx, qy):
-    """As :func:`_newton_feet` for one pin displaced by about the trochoid's radius at the pit, or more.
-
-    So far the output slips where lobes of both wheels have been removed.
-    """
+    """As :func:`_newton_feet` for one far displaced pin; removed lobes of both wheels let the output slip."""
     eccentricity = wheel.eccentricity
     inverse_m = 1.0 / wheel.shortening
     n_lobes = float(wheel.n_lobes)
@@ -242,10 +227,7 @@ def _searched_foot(wheel, dx, dy, qx, qy):
 
 @njit(fastmath=FASTMATH)
 def _polyline_foot(wheel, t, x, y):
-    """Nearest point of the polyline to the pin (x, y), both in the wheel's frame; ``t`` is the smooth foot.
-
-    Returns distance of the pin's centre, signed by the smooth normal's side, and the direction to it.
-    """
+    """Distance and direction of pin (x, y) from the polyline, in the wheel's frame; ``t``: smooth foot."""
     n_pins = float(wheel.n_lobes + 1)
     depth = wheel.pin_radius + wheel.clearance
     spacing = 2.0 * np.pi / wheel.profile_points
@@ -281,10 +263,7 @@ def _polyline_foot(wheel, t, x, y):
 
 @njit(fastmath=FASTMATH)
 def _displaced_pins(w, wheel, pins, lobes, feet, theta, offset_x, offset_y, cx, cy):
-    """Vector from each pin's foot at rest to the pin's centre, in the pin's frame, with pitch errors.
-
-    A displaced lobe is a pin that is turned back about the wheel's centre.
-    """
+    """Vector from each pin's foot at rest to its centre, in its frame; a pitch error turns the pin back."""
     n_lobes = wheel.n_lobes
     pitch = 2.0 * np.pi / n_lobes
     for j in range(np.uintp(n_lobes + 1)):
@@ -313,8 +292,7 @@ def _displaced_pins(w, wheel, pins, lobes, feet, theta, offset_x, offset_y, cx, 
 def _pitch_error(lobes, w, lobe, n_lobes, part):
     """Angle in rad by which the profile is displaced at share ``part`` of a lobe, and its slope by share.
 
-    Each lobe's half from tip to pit is displaced as a whole, like a chord in its place; the other half leads
-    over to the next lobe without a kink.
+    The half from tip to pit is displaced as a whole; the other half passes smoothly to the next lobe.
     """
     here = lobes[PITCH_ERROR_0 + w, lobe]
     if part < 0.5:
@@ -338,11 +316,10 @@ def _add_edge(
     w, edges, n, wheel, cs, sn, nx, ny, point_x, point_y, line_x, line_y, line_at, beside, radius, span, turn,
     weight, j, pin_x, pin_y, lever_x, lever_y, reach,
 ):  # fmt: skip
-    """Append one edge if it is within reach; returns the number of edges.
+    """Append one edge if it is within reach; return the number of edges.
 
-    Normal (nx, ny), the vertex relative to the wheel's bearing, and the line across the contact (direction
-    and value of the product with a point of it) are given in the frame of the lobe, whose direction in the
-    fixed frame is (cs, sn). ``pin`` is the pin's centre in the fixed frame, ``lever`` from the bearing to it.
+    Normal, vertex (from the wheel's bearing) and line across are in the frame of the lobe, whose direction is
+    (cs, sn); ``pin`` is the pin's centre in the fixed frame, ``lever`` the vector from the bearing to it.
     """
     lx = cs * lever_x + sn * lever_y
     ly = cs * lever_y - sn * lever_x
@@ -375,11 +352,10 @@ def _add_edge(
 def _describe_edges(
     w, wheel, pins, lobes, wear, edges, theta, cos_theta, sin_theta, cx, cy, run_x, run_y, displaced
 ):
-    """Fill the table of edges with what the pins can reach on worn and removed lobes; returns their number.
+    """Fill the table of edges within reach on worn and removed lobes; return their number.
 
-    The outline is one closed curve: a pin rests on the tip's vertex before it lies on the chord, and at the
-    re-entrant pit it touches chord and flank at once; the flank ends there in a point of its own. A removed
-    lobe has no surface: the outline ends in the tips on either side.
+    A pin rests on the tip's vertex before it lies on the chord. At the re-entrant pit it touches chord and
+    the end of the flank. A removed lobe has no surface: the outline ends in the tips on both sides.
     """
     n_lobes = wheel.n_lobes
     pitch = 2.0 * np.pi / n_lobes
@@ -450,10 +426,9 @@ def describe(
     w, wheel, pins, mounts, lobes, wear, feet, flanks, edges, seen, counts, phi, eps, cos_theta, sin_theta,
     cx, cy, lobe_cos, lobe_sin,
 ):  # fmt: skip
-    """Describe all contacts of wheel ``w`` that are within reach.
+    """Describe all contacts of wheel ``w`` within reach: writes ``flanks``, ``edges``, ``seen``, ``counts``.
 
-    ``c`` is the cam's centre, ``lobe`` = exp(-i z_s theta). Writes the wheel's tables, ``seen``
-    and ``counts``; ``feet`` (FEET_SIZE,) is working memory.
+    ``c`` is the cam's centre, ``lobe`` = exp(-i z_s theta), ``feet`` (FEET_SIZE,) working memory.
     """
     eccentricity = wheel.eccentricity
     inverse_m = 1.0 / wheel.shortening

@@ -1,4 +1,4 @@
-"""Where the energy of a run goes: the drive's work against load, stored energy and losses."""
+"""Energy balance of a run: the drive's work against load, stored energy and losses."""
 
 from __future__ import annotations
 
@@ -8,23 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.checks import not_negative, positive
 from cyclofeat.simulators import _kernels, _outline
-from cyclofeat.simulators._checks import check_number
 from cyclofeat.simulators.contact import pin_centres
-from cyclofeat.simulators.courses import TimeCourse, drive_and_load
+from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
-from cyclofeat.simulators.simulation import (
-    ABSURD_TORQUE,
-    Complex,
-    Float,
-    GearboxLocked,
-    KernelInput,
-    SimulationDiverged,
-    _integrated,
-    _largest_contact,
-    kernel_input,
-    rest_state,
-)
+from cyclofeat.simulators.simulation import Integrated, Integration
+from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
+
+__all__ = ["EnergyAudit", "energy_audit"]
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 # Steps whose forces and motion are held at once: some 15 MB.
 _BLOCK = 8192
@@ -68,7 +63,7 @@ class EnergyAudit:
 
     @property
     def leak(self) -> float:
-        """What does not balance: negative where energy came from nothing."""
+        """Energy in J that does not balance; negative where the contact law makes energy from nothing."""
         kept = self.output_work + self.kinetic_change + self.elastic_change
         return self.input_work - kept - self.contact_dissipation - self.friction - self.meter_damping
 
@@ -86,8 +81,6 @@ def energy_audit(
     dt: float = 1e-5,
     start_time: float = 0.3,
     start_angle: float = 0.0,
-    speed: TimeCourse | None = None,
-    load: TimeCourse | None = None,
 ) -> EnergyAudit:
     """Account for the energy of a run, from ``start_time`` on.
 
@@ -100,22 +93,16 @@ def energy_audit(
     dt : float
         Integration step in s.
     start_time : float
-        Where the stretch begins in s; the run itself begins at 0, from rest.
+        Start of the stretch in s; the run starts at 0 from rest.
     start_angle : float
         Input angle at t = 0 in rad.
-    speed, load : float, array or function of time, optional
-        As in :func:`~cyclofeat.simulators.simulate`; an array holds one value per step.
-
-    Returns
-    -------
-    EnergyAudit
 
     Raises
     ------
     SimulationDiverged, GearboxLocked
         As :func:`~cyclofeat.simulators.simulate`.
     ValueError
-        For times that are not finite or out of range.
+        If a time is not finite or out of range.
 
     Notes
     -----
@@ -125,13 +112,11 @@ def energy_audit(
         U(d, R) = k sqrt(R) d^3.5 / (3.5 d_0)                                  for d < d_0,
         U(d, R) = k sqrt(R) (d_0^2.5 / 3.5 + (d^2.5 - d_0^2.5) / 2.5)          beyond,
 
-    k = K / sqrt(R). The contact gives back what it took only where R does not change under load. Paper B lets
-    R follow the curvature, so that U changes by (dU/dR) R' without work as a contact moves along the flank:
-    this law makes about 1 % of the power from nothing, which is the leak. ``contact_law="conservative"``
-    has none.
+    k = K / sqrt(R). Energy is conserved only where R is constant. In paper B R follows the curvature, so that
+    U changes by (dU/dR) R' without work as a contact moves along the flank: the leak, about 1 % of the power.
+    ``contact_law="conservative"`` has none.
 
-    Powers are evaluated at every step and summed by the trapezoid rule. The input shaft's own inertia is
-    left out, as in torque_in.
+    Powers are summed over all steps by the trapezoid rule, without the inertia of the input shaft.
 
     Examples
     --------
@@ -142,46 +127,26 @@ def energy_audit(
     -0.0095
     """
     gearbox, defects = machine(gearbox, defects)
-    for name, value in (("duration", duration), ("dt", dt)):
-        check_number(name, value)
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
-    check_number("start_time", start_time)
-    if not (math.isfinite(start_time) and start_time >= 0):
-        raise ValueError(f"start_time must be finite and not negative (s), got {start_time!r}")
+    positive("duration", duration)
+    positive("dt", dt)
+    not_negative("start_time", start_time)
     first, n_steps = round(start_time / dt), max(round(duration / dt), 1)
     last = first + n_steps
-    course = drive_and_load(
-        gearbox, 2 * last + 3, dt / 2, 1 / dt, start_angle=start_angle, speed=speed, load=load
-    )
-    constants = kernel_input(gearbox, defects)
+    course = drive_and_load(gearbox, 2 * last + 3, dt / 2, 1 / dt, start_angle)
+    integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt)
     state = rest_state(gearbox)
     if first > 0:
-        state, *_ = _run(gearbox, constants, course, dt, state, 0, first, False)
+        state = integration.run(state, 0, first, np.arange(0)).state
     stored: list[Float] = []
     powers: list[Float] = []
-    # One step more than there are: the energies at the end belong to a step's beginning.
+    # One more step: the energies at the end belong to the beginning of a step.
     for begin in range(first, last + 1, _BLOCK):
         end = min(begin + _BLOCK, last + 1)
-        state, motion, torques, external, internal = _run(
-            gearbox, constants, course, dt, state, begin, end, True
-        )
-        phi, omega, _, torque_load = course[:, 2 * begin : 2 * end : 2]
-        account = _Account(gearbox, constants, phi, omega, motion)
-        in_pins, taken_by_pins = account.in_pins()
-        in_joints, taken_by_joints = account.in_joints()
-        stored.append(np.array([account.kinetic(), in_pins + in_joints + account.stored_in_meter()]))
-        powers.append(
-            np.array(
-                [
-                    torques[:, 1] * omega,
-                    -torque_load * account.braked_speed,
-                    taken_by_pins + taken_by_joints,
-                    account.rubbed(external, internal),
-                    account.damped_in_meter(),
-                ]
-            )
-        )
+        done = integration.run(state, begin, end, np.arange(end - begin), forces=True)
+        state = done.state
+        block = _Account(gearbox, integration.constants, course[:, 2 * begin : 2 * end : 2], done)
+        stored.append(block.stored)
+        powers.append(block.powers)
     energy, power = np.concatenate(stored, axis=1), np.concatenate(powers, axis=1)
     work = dt * (power.sum(axis=1) - 0.5 * (power[:, 0] + power[:, -1]))
     change = energy[:, -1] - energy[:, 0]
@@ -198,43 +163,20 @@ def energy_audit(
     )
 
 
-def _run(
-    gearbox: CycloidalGearbox,
-    constants: KernelInput,
-    course: Float,
-    dt: float,
-    state: Float,
-    begin: int,
-    end: int,
-    keep: bool,
-) -> tuple[Float, Float, Float, Float, Float]:
-    """Steps ``begin`` to ``end``: the state after them and, at each, motion, torques and forces."""
-    part = course[:, 2 * begin : 2 * end + 1]
-    n_steps = end - begin
-    kept: NDArray[np.int64] = np.arange(n_steps if keep else 0)
-    done = _integrated(gearbox, constants, part, dt, state, n_steps, kept, keep)
-    if done.finished < n_steps:
-        time = (begin + done.finished) * dt
-        contact, force = _largest_contact(done.last_external, done.last_internal)
-        if np.all(np.abs(done.torques[: done.finished + 1]) < ABSURD_TORQUE):
-            raise GearboxLocked(time, contact, force)
-        raise SimulationDiverged(time, contact, force, dt)
-    return done.state, done.motion, done.torques, done.external, done.internal
-
-
 class _Account:
     """Energies in J and powers in W at n instants, from the kernel's states (n, n_state)."""
 
     def __init__(
-        self, gearbox: CycloidalGearbox, constants: KernelInput, phi: Float, omega: Float, motion: Float
+        self, gearbox: CycloidalGearbox, constants: KernelInput, course: Float, done: Integrated
     ) -> None:
         z = gearbox.n_lobes
         self.gearbox, self.constants = gearbox, constants
+        phi, omega, _, torque_load = course
+        motion = done.motion
         self.phi, self.omega, self.motion = phi, omega, motion
         self.rates = motion[:, 4:8] - omega[:, None] / z  # wheels, output shaft, brake
         self.spins = motion[:, 8:]
-        mounts = constants.mounts
-        cams = mounts[:, _outline.CAM_X] + 1j * mounts[:, _outline.CAM_Y]
+        cams = constants.mounts[:, _outline.CAM_X] + 1j * constants.mounts[:, _outline.CAM_Y]
         self.cams: Complex = cams * np.exp(1j * phi)[:, None]  # (n, 2)
         self.pins: Complex = pin_centres(gearbox)
         sleeves = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
@@ -243,11 +185,23 @@ class _Account:
         self.sleeves: Complex = from_centre * np.exp(1j * turned[:, 2, None])  # (n, n_sleeves)
         # (n, 2, n_sleeves)
         self.holes: Complex = from_centre * np.exp(1j * turned[:, :2, None])
-
-    @property
-    def braked_speed(self) -> Float:
-        """Speed of the shaft that the load acts on, in rad/s."""
-        return self.rates[:, 3 if self.gearbox.brake_inertia > 0 else 2]
+        in_pins, taken_by_pins = self.in_pins()
+        in_joints, taken_by_joints = self.in_joints()
+        has_brake = gearbox.brake_inertia > 0
+        braked_speed = self.rates[:, 3 if has_brake else 2]
+        twist, twist_rate = motion[:, 3] - motion[:, 2], motion[:, 7] - motion[:, 6]
+        in_meter = 0.5 * gearbox.meter_stiffness * twist**2 if has_brake else 0.0
+        # Kinetic and elastic energy, (2, n), and the powers of EnergyAudit, (5, n).
+        self.stored = np.array([self.kinetic(), in_pins + in_joints + in_meter])
+        self.powers = np.array(
+            [
+                done.torques[:, 1] * omega,
+                -torque_load * braked_speed,
+                taken_by_pins + taken_by_joints,
+                self.rubbed(done.external, done.internal),
+                gearbox.meter_damping * twist_rate**2 * has_brake,
+            ]
+        )
 
     def kinetic(self) -> Float:
         """Kinetic energy of all that moves except the input shaft, (n,)."""
@@ -259,34 +213,27 @@ class _Account:
         energy += 0.5 * g.sleeve_inertia * (self.spins**2).sum(axis=1)
         return np.asarray(energy)
 
-    def stored_in_meter(self) -> Float:
-        twist = self.motion[:, 3] - self.motion[:, 2]
-        return 0.5 * self._meter(self.gearbox.meter_stiffness) * twist**2
-
-    def damped_in_meter(self) -> Float:
-        return self._meter(self.gearbox.meter_damping) * (self.motion[:, 7] - self.motion[:, 6]) ** 2
-
-    def _meter(self, value: float) -> float:
-        return value if self.gearbox.brake_inertia > 0 else 0.0
-
     def in_pins(self) -> Float:
         """Energy stored in the contacts of pins and wheels, and power that they take: (2, n)."""
         k, z = self.constants, self.gearbox.n_lobes
         memory = _kernels.new_memory(self.spins.shape[1])
         rates, result = np.empty(self.motion.shape[1]), np.empty(_kernels.N_RESULT)
         slow = self.phi / z
-        found = np.empty((2, self.phi.size))
+        energy_and_power = np.empty((2, self.phi.size))
         for i, (phi, omega, state) in enumerate(zip(self.phi, self.omega, self.motion, strict=True)):
             _kernels.derivatives(
                 phi, math.cos(phi), math.sin(phi), math.cos(slow[i]), -math.sin(slow[i]), omega, 0.0, 0.0,
                 state, *k, memory, rates, result,
             )  # fmt: skip
-            found[:, i] = _kernels.pin_energy(phi, omega, state, k.wheel, k.contact, k.mounts, memory)
-        return found
+            energy_and_power[:, i] = _kernels.pin_energy(
+                phi, omega, state, k.wheel, k.contact, k.mounts, memory
+            )
+        return energy_and_power
 
     def in_joints(self) -> tuple[Float, Float]:
-        """The same for internal sleeves and holes."""
-        law, moving = self.constants.joint_contact, self._velocity_of_holes()
+        """Energy stored in the contacts of internal sleeves and holes, and power that they take."""
+        law = self.constants.joint_contact
+        moving = (1j * self.omega[:, None] * self.cams)[..., None] + 1j * self.rates[:, :2, None] * self.holes
         away = self.sleeves[:, None] - self.cams[..., None] - self.holes
         distance = np.abs(away)
         depth = np.maximum(distance - self.constants.joint.gap_at_centre, 0.0)
@@ -301,9 +248,6 @@ class _Account:
         force = np.maximum(elastic + damping * rate.real, 0.0)
         taken = (force - elastic) * rate.real
         return stored.sum(axis=(1, 2)), taken.sum(axis=(1, 2))
-
-    def _velocity_of_holes(self) -> Complex:
-        return (1j * self.omega[:, None] * self.cams)[..., None] + 1j * self.rates[:, :2, None] * self.holes
 
     def rubbed(self, external: Float, internal: Float) -> Float:
         """Power that friction takes, from the normal forces (n, 2, n_sleeves, 3): (n,)."""

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
+__all__ = ["contact_constants", "joint_effective_radius", "pin_centres", "stiffness_factor"]
+
 _LAWS = {
     "paper": _kernels.PAPER_LAW,
     "hunt_crossley": _kernels.HUNT_CROSSLEY_LAW,
@@ -44,10 +46,7 @@ def pin_centres(gearbox: CycloidalGearbox) -> NDArray[np.complex128]:
 
 
 def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:
-    """Constants of one kind of contact for the kernel.
-
-    ``constant_radius`` is the effective radius in m that the conservative law uses everywhere.
-    """
+    """Constants of one kind of contact; ``constant_radius`` (m) is that of the conservative law."""
     return _kernels.ContactConstants(
         law=_LAWS[gearbox.contact_law],
         stiffness_factor=stiffness_factor(gearbox),

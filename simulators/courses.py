@@ -1,17 +1,20 @@
-"""What drives a run from outside: angle, speed and acceleration of the input, and load, over time."""
+"""Angle, speed and acceleration of the input, and load, over time."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from cyclofeat.simulators._checks import short
+from cyclofeat._base.checks import short
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.gearbox import CycloidalGearbox
+
+__all__ = ["Courses", "TimeCourse", "drive_and_load"]
 
 Float = NDArray[np.float64]
 TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
@@ -19,30 +22,50 @@ TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 MARGIN = 40  # samples of the result by which a run goes on beyond its end, for the anti-alias filter
 
 
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Input speed and load of one run over time, in place of the gearbox's.
+
+    Each is a number, an array with one value per sample of the result (linearly interpolated), or a function
+    that takes times of shape (n,) in s and returns as many values.
+
+    Parameters
+    ----------
+    speed, load : float, array or function of time, optional
+        Input speed in rad/s and load torque in Nm. Only a number rises over the gearbox's ramp.
+    speed_fluctuation, load_fluctuation : float, array or function of time, optional
+        Added to input speed (rad/s) and load torque (Nm), under the ramp.
+
+    Examples
+    --------
+    >>> swelling = Courses(load=20.0, load_fluctuation=lambda t: 2 * np.sin(30 * t))
+    """
+
+    speed: TimeCourse | None = None
+    load: TimeCourse | None = None
+    speed_fluctuation: TimeCourse | None = None
+    load_fluctuation: TimeCourse | None = None
+
+
 def drive_and_load(
     gearbox: CycloidalGearbox,
     n: int,
     step: float,
     sampling_rate: float,
-    *,
     start_angle: float = 0.0,
-    speed: TimeCourse | None = None,
-    load: TimeCourse | None = None,
-    speed_fluctuation: TimeCourse | None = None,
-    load_fluctuation: TimeCourse | None = None,
+    courses: Courses | None = None,
 ) -> Float:
     """Angle (rad), speed (rad/s) and acceleration (rad/s2) of the input, and load (Nm): rows of (4, n).
 
-    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``; all else as
-    :func:`cyclofeat.simulators.simulate` takes it.
+    At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``.
     """
-    # One block, because numpy asks for large pages from 4 MB on: of four arrays with their small pages, half
-    # the time would go into first touches.
+    # One block: numpy asks for large pages from 4 MB on, which halves the time.
     block: Float = np.empty((5, n))
     time, drive, torque = block[4], block[:3], block[3]
     np.multiply(np.arange(n, dtype=float), step, out=time)
-    _drive(drive, gearbox, time, start_angle, sampling_rate, speed, speed_fluctuation)
-    _load(torque, gearbox, time, sampling_rate, load, load_fluctuation)
+    courses = courses or Courses()
+    _drive(drive, gearbox, time, start_angle, sampling_rate, courses)
+    _load(torque, gearbox, time, sampling_rate, courses)
     return block[:4]
 
 
@@ -52,14 +75,11 @@ def _drive(
     time: Float,
     start_angle: float,
     sampling_rate: float,
-    speed: TimeCourse | None,
-    fluctuation: TimeCourse | None,
+    courses: Courses,
 ) -> None:
-    """A linear rise of the speed, then constant.
-
-    Paper B's eq. 6 lets the angle jump at the end of the ramp; here the speed is integrated.
-    """
+    """Speed that rises linearly to a constant; its integral is the angle (paper B eq. 6 jumps at the end)."""
     angle, omega, alpha = out
+    speed, fluctuation = courses.speed, courses.speed_fluctuation
     given = _course("speed", gearbox.input_speed if speed is None else speed, sampling_rate, time)
     steady = given.ndim == 0
     alpha[:] = 0.0
@@ -86,15 +106,9 @@ def _drive(
     angle += start_angle
 
 
-def _load(
-    out: Float,
-    gearbox: CycloidalGearbox,
-    time: Float,
-    sampling_rate: float,
-    load: TimeCourse | None,
-    fluctuation: TimeCourse | None,
-) -> None:
+def _load(out: Float, gearbox: CycloidalGearbox, time: Float, sampling_rate: float, courses: Courses) -> None:
     """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
+    load, fluctuation = courses.load, courses.load_fluctuation
     given = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
     extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
     if given.ndim > 0:
@@ -106,24 +120,24 @@ def _load(
 
 
 def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """A number as it is, an array at the sampling rate (joined by straight lines), a function at ``time``."""
+    """A number as it is, or the values of an array or a function at ``time``."""
     if callable(values):
-        found = _floats(name, values(time))
-        if found.ndim > 1 or (found.ndim == 1 and found.shape != time.shape):
+        course = _floats(name, values(time))
+        if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
             raise ValueError(
                 f"{name} must be a number, an array or a function of time that returns one value per time; "
-                f"it gave shape {found.shape} for {time.shape[0]} times"
+                f"it gave shape {course.shape} for {time.shape[0]} times"
             )
-        found = np.broadcast_to(found, time.shape)
+        course = np.broadcast_to(course, time.shape)
     else:
-        found = _floats(name, values)
-        if found.ndim > 1:
-            raise ValueError(f"{name} as an array must have one dimension, got shape {found.shape}")
-        if found.ndim == 1:
-            found = _interpolated(name, found, sampling_rate, time)
-    if not np.all(np.isfinite(found)):
+        course = _floats(name, values)
+        if course.ndim > 1:
+            raise ValueError(f"{name} as an array must have one dimension, got shape {course.shape}")
+        if course.ndim == 1:
+            course = _interpolated(name, course, sampling_rate, time)
+    if not np.all(np.isfinite(course)):
         raise ValueError(f"{name} must be finite, it gave NaN or infinity")
-    return found
+    return course
 
 
 def _floats(name: str, values: ArrayLike) -> Float:
@@ -137,7 +151,7 @@ def _floats(name: str, values: ArrayLike) -> Float:
 
 
 def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
-    # The simulation runs on a little for its anti-alias filter; the last value is kept for that.
+    # The simulation runs on for its anti-alias filter, with the last value.
     needed = math.floor(time[-1] * sampling_rate) - MARGIN
     if values.size < max(needed, 1):
         raise ValueError(

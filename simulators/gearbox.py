@@ -10,8 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat.simulators._checks import check_number, check_type, is_whole, members, short, whole
+from cyclofeat._base.checks import (
+    check_number,
+    check_type,
+    is_whole,
+    members,
+    not_negative,
+    number,
+    one_of,
+    short,
+    whole,
+)
 from cyclofeat.simulators.geometry import CycloidalProfile
+
+__all__ = ["CONTACT_LAWS", "RPM", "CycloidalGearbox", "LobeDefects", "machine"]
 
 RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
@@ -25,7 +37,7 @@ _POSITIVE = (
     "eccentricity", "pin_radius", "internal_pitch_radius", "internal_sleeve_radius", "wheel_mass",
     "wheel_inertia", "output_shaft_inertia", "wheel_youngs_modulus", "sleeve_youngs_modulus",
     "stiffness_scale", "sleeve_inertia", "stribeck_speed", "friction_transition_speed",
-    "bearing_transition_speed",
+    "bearing_transition_speed", "contact_ramp",
 )  # fmt: skip
 _NOT_NEGATIVE = (
     "internal_sleeve_mass", "input_shaft_inertia", "clearance", "contact_damping", "load_torque",
@@ -62,7 +74,7 @@ class CycloidalGearbox:
         Clearance between wheels and external sleeves, in m: the wheels' outline lies so much deeper.
         *Assumption* (0).
     wheel_mass, wheel_inertia, internal_sleeve_mass, sleeve_inertia : float
-        In kg and kg m2 (paper B table 2). A sleeve's own inertia matters only where friction spins it.
+        In kg and kg m2 (paper B table 2). ``sleeve_inertia`` matters only with friction.
     input_shaft_inertia, output_shaft_inertia : float
         In kg m2 (paper B table 2).
     wheel_youngs_modulus, wheel_poisson_ratio, sleeve_youngs_modulus, sleeve_poisson_ratio : float
@@ -70,14 +82,13 @@ class CycloidalGearbox:
     stiffness_scale : float
         Scale coefficient H of the contact stiffness (paper B eq. 14).
     contact_damping : float
-        C in Ns/m (paper B: 150); for ``contact_law="hunt_crossley"`` the relative damping in s/m that
-        multiplies the elastic force.
+        C in Ns/m (paper B: 150); for ``contact_law="hunt_crossley"`` relative damping in s/m.
     contact_ramp : float
         Penetration over which stiffness and damping rise from zero, in m (paper B eq. 12-13).
     contact_law : {"paper", "hunt_crossley", "conservative"}
-        ``"paper"``: F = K d^1.5 + C d', K by local curvature. ``"hunt_crossley"``: the damping is weighted
-        with the elastic force. ``"conservative"``: as ``"paper"`` with one effective radius for all
-        contacts of a kind, so that the elastic forces have a potential.
+        ``"paper"``: F = K d^1.5 + C d', K by local curvature. ``"hunt_crossley"``: damping times elastic
+        force. ``"conservative"``: as ``"paper"`` with one effective radius for all contacts of a kind, so
+        that the elastic forces have a potential.
     input_speed : float
         Angular speed of the input shaft after the ramp, in rad/s (500 RPM).
     load_torque : float
@@ -85,44 +96,39 @@ class CycloidalGearbox:
     ramp_time : float
         Time over which drive and load rise from zero, in s.
     brake_inertia : float
-        Inertia of the brake's rotor behind the torque meter, in kg m2; 0 leaves the output shaft free as in
-        the papers, with the load acting on it directly. *Assumption* of the toolkit's rigs.
+        Inertia of the brake's rotor behind the torque meter, in kg m2; 0 as in the papers: the load acts on
+        the output shaft. *Assumption* of the toolkit's rigs.
     meter_stiffness, meter_damping : float
-        Torsional stiffness in Nm/rad and damping in Nms/rad of shaft and torque meter between output shaft
-        and brake. Used only with a brake. *Assumptions.*
+        Torsional stiffness in Nm/rad and damping in Nms/rad between output shaft and brake. *Assumptions.*
     pin_radial_errors, pin_tangential_errors : tuple of float
         Position errors of the pins in m, one per pin; empty for none.
     lobe_pitch_errors : tuple of float
-        Displacement of each lobe along the pitch circle (the circle of the pins), in m: lobes of wheel 0,
-        then of wheel 1; empty for none. Half of a lobe, from tip to pit, is displaced as a whole; the other
-        half leads over to the next lobe.
+        Displacement of each lobe along the circle of the pins, in m: lobes of wheel 0, then of wheel 1; empty
+        for none. The half from tip to pit is displaced as a whole; the other half passes to the next lobe.
     wheel_runouts : tuple of complex
         Offset of each wheel's profile from its bearing, in the wheel's frame, in m; empty for none.
     cam_errors : tuple of complex
-        Offset of each cam's centre from its ideal place, in the frame of the input shaft, in m (it turns with
-        the shaft: a disturbance once per input turn); empty for none.
+        Offset of each cam's centre, in the frame of the input shaft, in m (a disturbance once per input
+        turn); empty for none.
     profile_points : int
-        Corners of a closed polyline that takes the place of the smooth profile, as in the papers'
-        discretisation (they do not state the number); 0 for the smooth profile. Much slower, and coarse
-        polylines make high-frequency noise of their own.
+        Corners of a closed polyline in place of the smooth profile, as in the papers' discretisation (they
+        do not state the number); 0 for the smooth profile. Slow, and coarse polylines add noise.
     sleeve_friction : float
-        Coefficient of Coulomb friction between sleeves and wheels; the sleeves, external and internal, then
-        spin on their axles. *Assumption* (0, as in the papers).
+        Coefficient of Coulomb friction between wheels and sleeves, which then spin on their axles.
+        *Assumption* (0, as in the papers).
     sleeve_static_friction : float
-        Coefficient at rest, from which friction falls to ``sleeve_friction`` over ``stribeck_speed``; 0 for
-        the same.
+        Coefficient at rest; 0 for ``sleeve_friction``.
     stribeck_speed : float
-        Sliding speed in m/s at which that fall has come to 1/e. *Assumption.*
+        Sliding speed in m/s at which the coefficient has fallen to 1/e of the difference. *Assumption.*
     sleeve_viscous_friction : float
         In Ns/m, while a contact is closed.
     journal_friction : float
         Friction of each sleeve on its axle: coefficient times the ratio of axle to sleeve radius.
     friction_transition_speed : float
-        Sliding speed in m/s below which friction is proportional to the speed (tanh). Must be coarse enough
-        for the time step: friction coefficient times force over it acts as a damper, whose rate (over the
-        inertia that it moves) times dt must stay below 2 (1 with ``integrator="adams_bashforth"``), or it
-        chatters and :func:`simulate` warns. The default suits coefficients up to 0.3 on worn steel lobes at
-        dt = 1e-5 s. *Assumption.*
+        Sliding speed in m/s below which friction is proportional to the speed (tanh). Friction acts as a
+        damper of coefficient times force over this speed; its rate times dt must stay below 2 (1 with the
+        integrator ``"adams_bashforth"``), or it chatters and :func:`simulate` warns. The default suits
+        coefficients up to 0.3 on worn steel lobes at dt = 1e-5 s. *Assumption.*
     input_bearing_torque, output_bearing_torque : float
         Coulomb friction of the shafts' bearings, in Nm. *Assumption* (0, as in the papers).
     input_bearing_viscosity, output_bearing_viscosity : float
@@ -133,10 +139,8 @@ class CycloidalGearbox:
 
     Raises
     ------
-    TypeError
-        Where a parameter is of the wrong type; the message names it.
-    ValueError
-        Where a parameter is not finite or outside its range; the message names it.
+    TypeError, ValueError
+        If a parameter is of the wrong type, not finite or outside its range; the message names it.
 
     Examples
     --------
@@ -198,21 +202,38 @@ class CycloidalGearbox:
             if isinstance(field.default, tuple):
                 object.__setattr__(self, field.name, _errors(field.name, value))
             elif not isinstance(field.default, str):
-                check_number(field.name, value)
-                if not math.isfinite(value):
-                    raise ValueError(f"{field.name} must be finite, got {value!r}")
+                number(field.name, value)
+        self._check_numbers()
+        self._check_teeth()
+        self._check_errors()
+
+    def _check_numbers(self) -> None:
         for name in _POSITIVE:
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
         for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
-        if self.contact_ramp <= 0:
-            raise ValueError(f"contact_ramp must be positive, got {self.contact_ramp!r}")
-        if not 0 < self.shortening < 1:
-            raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening!r}")
         if self.input_speed <= 0:
             raise ValueError(f"input_speed must be positive (rad/s), got {self.input_speed!r}")
+        for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
+            if not 0 <= getattr(self, name) <= 0.5:
+                raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
+        if 0 < self.sleeve_static_friction < self.sleeve_friction:
+            raise ValueError(
+                "sleeve_static_friction must be 0 (the same) or at least sleeve_friction "
+                f"({self.sleeve_friction!r}), got {self.sleeve_static_friction!r}"
+            )
+        one_of("contact_law", self.contact_law, CONTACT_LAWS)
+        if self.brake_inertia > 0 and self.meter_stiffness == 0:
+            raise ValueError(
+                "brake_inertia needs a meter_stiffness above 0 (Nm/rad) between output shaft and brake, got 0"
+            )
+
+    def _check_teeth(self) -> None:
+        """Check the numbers of sleeves and corners, and that the profile has no undercut."""
+        if not 0 < self.shortening < 1:
+            raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening!r}")
         for name, least in (("n_pins", 4), ("n_internal_sleeves", 2)):
             value = getattr(self, name)
             if int(value) != value or not least <= value <= MAX_SLEEVES:
@@ -227,14 +248,6 @@ class CycloidalGearbox:
                 f"({4 * self.n_lobes}), got {points!r}"
             )
         object.__setattr__(self, "profile_points", int(points))
-        if 0 < self.sleeve_static_friction < self.sleeve_friction:
-            raise ValueError(
-                "sleeve_static_friction must be 0 (the same) or at least sleeve_friction "
-                f"({self.sleeve_friction!r}), got {self.sleeve_static_friction!r}"
-            )
-        for name in ("wheel_poisson_ratio", "sleeve_poisson_ratio"):
-            if not 0 <= getattr(self, name) <= 0.5:
-                raise ValueError(f"{name} must lie between 0 and 0.5, got {getattr(self, name)!r}")
         smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
         if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(
@@ -242,12 +255,8 @@ class CycloidalGearbox:
                 "curvature of the pins' path less pin_clearance (else the profile is undercut), got "
                 f"{self.pin_radius!r}"
             )
-        if self.contact_law not in CONTACT_LAWS:
-            raise ValueError(f"contact_law must be one of {CONTACT_LAWS}, got {self.contact_law!r}")
-        if self.brake_inertia > 0 and self.meter_stiffness == 0:
-            raise ValueError(
-                "brake_inertia needs a meter_stiffness above 0 (Nm/rad) between output shaft and brake, got 0"
-            )
+
+    def _check_errors(self) -> None:
         for name, length in (
             ("pin_radial_errors", self.n_pins),
             ("pin_tangential_errors", self.n_pins),
@@ -263,59 +272,53 @@ class CycloidalGearbox:
 
     @classmethod
     def steel(cls, **changes: Any) -> CycloidalGearbox:
-        """The steel gearbox of paper B; ``changes`` replace single fields."""
+        """Return the steel gearbox of paper B; ``changes`` replace single fields."""
         return cls(**changes)
 
     @classmethod
     def abs(cls, **changes: Any) -> CycloidalGearbox:
-        """ABS wheels on steel sleeves as in paper A (E 2.2 GPa, nu 0.37, C 20 Ns/m).
+        """Return the gearbox with ABS wheels on steel sleeves of paper A (E 2.2 GPa, nu 0.37, C 20 Ns/m).
 
         Paper A does not state H for ABS; 0.2 puts the contact resonance at 400-500 Hz as in its fig. 20.
         *Assumption.*
         """
-        preset: dict[str, Any] = {
-            "wheel_youngs_modulus": 2.2e9,
-            "wheel_poisson_ratio": 0.37,
-            "contact_damping": 20.0,
-            "stiffness_scale": 0.2,
-        }
-        return cls(**{**preset, **changes})
+        return cls(
+            wheel_youngs_modulus=2.2e9, wheel_poisson_ratio=0.37, contact_damping=20.0, stiffness_scale=0.2
+        ).replace(**changes)
 
     @classmethod
     def printed_14_pin(cls, **changes: Any) -> CycloidalGearbox:
-        """The printed drive of 14 pins and 13 lobes whose torque-deflection loops were measured.
+        """Return the printed drive of 14 pins and 13 lobes whose torque-deflection loops were measured.
 
-        Dimensions as its makers state them (repository JelmerV/Anti-Backlash-Cycloidal-Actuator, CC BY-SA
-        4.0): pins of 3.5 mm on a circle of 34 mm, eccentricity 1.5 mm, 8 output rollers on a circle of 20 mm,
-        clearance 0.05 mm (here at pins and rollers alike). *Assumptions*: the rollers' stated 9 mm is their
-        diameter (as a radius they would overlap), a modulus of 2.5 GPa, two wheels of 0.08 kg, shafts'
-        inertias, and H as for :meth:`abs`.
+        Dimensions from the repository JelmerV/Anti-Backlash-Cycloidal-Actuator (CC BY-SA 4.0), its clearance
+        of 0.05 mm at pins and rollers. *Assumptions*: the rollers' stated 9 mm is their diameter (as a radius
+        they would overlap), a modulus of 2.5 GPa, two wheels of 0.08 kg, shafts' inertias, H as for
+        :meth:`abs`.
         """
-        preset: dict[str, Any] = {
-            "n_pins": 14,
-            "eccentricity": 1.5e-3,
-            "shortening": 1.5e-3 * 14 / 34e-3,
-            "pin_radius": 3.5e-3,
-            "pin_clearance": 5e-5,
-            "internal_pitch_radius": 20e-3,
-            "internal_sleeve_radius": 4.5e-3,
-            "clearance": 5e-5,
-            "wheel_mass": 0.08,
-            "wheel_inertia": 4e-5,
-            "internal_sleeve_mass": 0.005,
-            "input_shaft_inertia": 5e-6,
-            "output_shaft_inertia": 5e-5,
-            "wheel_youngs_modulus": 2.5e9,
-            "wheel_poisson_ratio": 0.37,
-            "sleeve_youngs_modulus": 2.5e9,
-            "sleeve_poisson_ratio": 0.37,
-            "contact_damping": 20.0,
-            "stiffness_scale": 0.2,
-        }
-        return cls(**{**preset, **changes})
+        return cls(
+            n_pins=14,
+            eccentricity=1.5e-3,
+            shortening=1.5e-3 * 14 / 34e-3,
+            pin_radius=3.5e-3,
+            pin_clearance=5e-5,
+            internal_pitch_radius=20e-3,
+            internal_sleeve_radius=4.5e-3,
+            clearance=5e-5,
+            wheel_mass=0.08,
+            wheel_inertia=4e-5,
+            internal_sleeve_mass=0.005,
+            input_shaft_inertia=5e-6,
+            output_shaft_inertia=5e-5,
+            wheel_youngs_modulus=2.5e9,
+            wheel_poisson_ratio=0.37,
+            sleeve_youngs_modulus=2.5e9,
+            sleeve_poisson_ratio=0.37,
+            contact_damping=20.0,
+            stiffness_scale=0.2,
+        ).replace(**changes)
 
     def replace(self, **changes: Any) -> CycloidalGearbox:
-        """A copy with single fields changed."""
+        """Return a copy with single fields changed."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -341,16 +344,13 @@ class CycloidalGearbox:
 
     @property
     def output_inertia(self) -> float:
-        """Inertia of output shaft and internal sleeves about the origin, in kg m2.
-
-        Frictionless sleeves do not spin, so that they count with m r^2 only.
-        """
+        """Inertia of output shaft and internal sleeves (as m r^2) about the origin, in kg m2."""
         sleeves = self.n_internal_sleeves * self.internal_sleeve_mass * self.internal_pitch_radius**2
         return self.output_shaft_inertia + sleeves
 
     @property
     def has_friction(self) -> bool:
-        """Whether sleeves or shafts' bearings rub; the sleeves then spin."""
+        """True if sleeves or shafts' bearings rub; the sleeves then spin."""
         return any(
             getattr(self, name) > 0
             for name in (
@@ -366,7 +366,7 @@ class CycloidalGearbox:
         return self.input_speed / (2 * math.pi)
 
     def with_brake(self, inertia: float, stiffness: float, damping_ratio: float) -> CycloidalGearbox:
-        """The same gearbox with a brake rotor behind a compliant torque meter.
+        """Return the gearbox with a brake rotor behind a compliant torque meter.
 
         Parameters
         ----------
@@ -377,10 +377,8 @@ class CycloidalGearbox:
         damping_ratio : float
             Share of critical damping of the rotor on that stiffness: c = 2 ratio sqrt(k J).
         """
-        for name, value in (("inertia", inertia), ("stiffness", stiffness)):
-            check_number(name, value)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+        not_negative("inertia", inertia)
+        not_negative("stiffness", stiffness)
         check_number("damping_ratio", damping_ratio)
         if not 0 <= damping_ratio < 1:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
@@ -411,13 +409,12 @@ class LobeDefects:
         Wheels that carry the defects: ``(0,)``, ``(1,)`` or ``(0, 1)``.
     depth : float
         Severity of the wear between 0 (healthy) and 1 (the papers' chord): the share of the lobe's width
-        over which the half from tip to pit is worn down to the chord. The contact forces of both parts add
-        up, so force and energy stay continuous at every depth.
+        over which the half from tip to pit is worn down to the chord. The contact forces of both parts add.
 
     Notes
     -----
-    Paper B wears both wheels alike. Equal lobes of the two wheels act at the same moment, so the output
-    torque cannot tell which wheel carries a lobe's wear; ``defect_count`` counts distinct lobe indices.
+    Paper B wears both wheels. Equal lobes of the two wheels act at the same moment, so that the output torque
+    does not show which wheel is worn; ``defect_count`` counts distinct lobe indices.
     """
 
     worn_lobes: tuple[int, ...] = ()
@@ -444,14 +441,14 @@ class LobeDefects:
 
     @classmethod
     def healthy(cls) -> LobeDefects:
-        """No defect."""
+        """Return a gearbox without defects."""
         return cls()
 
     @classmethod
     def worn(
         cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1), depth: float = 1.0
     ) -> LobeDefects:
-        """Worn lobes: a count (consecutive from lobe 0) or the indices themselves.
+        """Return worn lobes, from their number (consecutive from lobe 0) or their indices.
 
         Examples
         --------
@@ -464,7 +461,7 @@ class LobeDefects:
 
     @classmethod
     def removed(cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1)) -> LobeDefects:
-        """Removed lobes: a count (consecutive from lobe 0) or the indices themselves."""
+        """Return removed lobes, from their number (consecutive from lobe 0) or their indices."""
         return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
 
     @classmethod
@@ -478,7 +475,7 @@ class LobeDefects:
         wheels: Sequence[int] | None = None,
         depth: float = 1.0,
     ) -> LobeDefects:
-        """Worn lobes at random places.
+        """Draw worn lobes at random places.
 
         Parameters
         ----------
@@ -486,7 +483,7 @@ class LobeDefects:
             Number of worn lobes, and of lobes on a wheel.
         random : numpy.random.Generator
         consecutive : bool
-            Whether they follow each other from a random first one.
+            If True, the lobes follow each other from a random first one.
         wheels : sequence of int, optional
             Wheels that carry the wear. Default: wheel 0 alone or both, with equal chances.
         depth : float
@@ -499,7 +496,7 @@ class LobeDefects:
         """
         whole("count", count, 0, whole("n_lobes", n_lobes, 1, None))
         check_type("random", random, np.random.Generator)
-        # Drawn whether needed or not: given wheels leave the lobes as they are.
+        # Always drawn, so that given wheels do not change the lobes.
         one_wheel = random.random() < 0.5
         if consecutive:
             worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
@@ -515,7 +512,7 @@ class LobeDefects:
         return len(self.worn_lobes) + len(self.removed_lobes)
 
     def check_against(self, n_lobes: int) -> None:
-        """Raise ``ValueError`` where a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
+        """Raise ValueError if a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
         highest = max(self.worn_lobes + self.removed_lobes, default=-1)
         if highest >= n_lobes:
             raise ValueError(f"defects name lobe {highest}, but the wheel has lobes 0 to {n_lobes - 1}")
@@ -524,15 +521,7 @@ class LobeDefects:
 def machine(
     gearbox: CycloidalGearbox | None, defects: LobeDefects | None
 ) -> tuple[CycloidalGearbox, LobeDefects]:
-    """Gearbox and defects that a run was given, or their defaults: steel, and healthy.
-
-    Raises
-    ------
-    TypeError
-        If they are something else.
-    ValueError
-        If the defects name a lobe that the gearbox does not have.
-    """
+    """Return the checked gearbox and defects; defaults: steel, healthy."""
     gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
     defects = LobeDefects.healthy() if defects is None else defects
     check_type("gearbox", gearbox, CycloidalGearbox)
@@ -558,7 +547,7 @@ def _is_index(value: Any) -> bool:
 
 def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
     given = members(wheels) or ()
-    found = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
-    if found not in ((0,), (1,), (0, 1)):
+    indices = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
+    if indices not in ((0,), (1,), (0, 1)):
         raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
-    return found
+    return indices

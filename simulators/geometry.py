@@ -1,11 +1,8 @@
 """Closed-form geometry of the cycloidal drive: profile, curvature, worn and removed lobes.
 
-A wheel's profile is the inner parallel curve, at the pin radius, of a shortened trochoid.  A pin (external
-sleeve) therefore touches the profile exactly when its centre touches the trochoid, and the contact gap is
-the signed distance of the pin's centre from the trochoid.
-
-Complex numbers stand for points of the plane, in the frame of the wheel: its centre is the origin and the
-tip of lobe 0 lies on the real axis.  All lengths are in metres, all angles in radians.
+A wheel's profile is the parallel curve of a shortened trochoid, one pin radius inside: the contact gap is the
+signed distance of the pin's centre from the trochoid. Points are complex numbers in the frame of the wheel,
+whose centre is the origin; the tip of lobe 0 lies on the real axis. SI units and radians.
 """
 
 from __future__ import annotations
@@ -14,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["CycloidalProfile"]
 
 Complex = NDArray[np.complex128]
 Float = NDArray[np.float64]
@@ -93,9 +92,8 @@ class CycloidalProfile:
     def effective_radius(self, t: ArrayLike, clearance: float = 0.0) -> Float:
         """Effective contact radius q (1 - kappa q) of pin and profile in m (paper B eq. 14).
 
-        It equals ``1 / (1/R_c + 1/q)`` with the radius R_c = 1/kappa - q of the profile, negative where the
-        profile is concave, and is positive everywhere. Where the outline lies deeper by a ``clearance`` c of
-        the pins in m, R_c = 1/kappa - q - c.
+        It equals ``1 / (1/R_c + 1/q)`` with the radius R_c = 1/kappa - q - c of the profile, negative where
+        concave, and the ``clearance`` c of the pins in m.
         """
         kappa, q = self.curvature(t), self.pin_radius
         return np.asarray(q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance))

@@ -1,4 +1,4 @@
-"""The rig with its output held: torque against deflection, with play, stiffness and hysteresis."""
+"""Torque against deflection of a gearbox with its output held: play, stiffness and hysteresis."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
+from cyclofeat._base.checks import not_negative, number, positive, whole
 from cyclofeat.simulators import _held
-from cyclofeat.simulators._checks import check_number, whole
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
-from cyclofeat.simulators.simulation import (
-    ABSURD_TORQUE,
-    LARGEST_N_STEPS,
-    SimulationDiverged,
-    kernel_input,
-    rest_state,
-)
+from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
+from cyclofeat.simulators.tables import kernel_input, rest_state
+
+__all__ = ["TorqueDeflection", "torque_deflection"]
 
 Float = NDArray[np.float64]
 
@@ -31,14 +28,13 @@ class TorqueDeflection:
     ----------
     gearbox : CycloidalGearbox
     torque : ndarray, shape (n,)
-        Torque at the input times the reduction, in Nm: what a motor's current tells, referred to the output.
+        Torque at the input times the reduction, in Nm.
     deflection : ndarray, shape (n,)
-        Angle of the input over the reduction, in rad, counted from the start: what a motor's encoder tells,
-        referred to the output.
+        Angle of the input from the start over the reduction, in rad.
     held_torque : ndarray, shape (n,)
-        Torque in Nm that reaches the held output; less than ``torque`` by what friction keeps.
+        Torque in Nm that reaches the held output: ``torque`` less friction.
     cycle : ndarray of int, shape (n,)
-        Cycle of each point, counted from 0; the first begins at rest and is not closed.
+        Cycle of each point, counted from 0; the first starts at rest and is not closed.
     """
 
     gearbox: CycloidalGearbox
@@ -79,7 +75,7 @@ class TorqueDeflection:
         return float(np.mean(slopes))
 
     def hysteresis(self) -> float:
-        """Area of the last loop in J: what is lost in one cycle."""
+        """Area of the last loop in J: the energy lost in one cycle."""
         return float(abs(trapezoid(*self._closed())))
 
     def _closed(self) -> tuple[Float, Float]:
@@ -99,48 +95,42 @@ def torque_deflection(
     numerical_damping: float = 1e-3,
     dt: float = 1e-5,
 ) -> TorqueDeflection:
-    """Hold the output and swing the torque at the input: the second mode of the rig.
+    """Simulate a torque-deflection loop with the output held.
 
-    The output shaft is held, rigidly or, where the gearbox has a ``meter_stiffness``, through shaft and
-    torque meter (a printed housing's compliance fits there too). The input is free and driven by a torque
-    that swings as a triangle between plus and minus ``peak_torque`` over the reduction.
+    The output shaft is held rigidly or, if the gearbox has a ``meter_stiffness``, through shaft and torque
+    meter. A triangular torque of amplitude ``peak_torque`` over the reduction drives the free input.
 
     Parameters
     ----------
     gearbox : CycloidalGearbox, default ``CycloidalGearbox.steel()``
-        Its speed, load and brake's inertia play no part.
+        Its speed, load and brake's inertia are not used.
     defects : LobeDefects, default healthy
     peak_torque : float
         Largest torque in Nm, referred to the output.
     period : float
-        Time of one cycle in s; slow against the drive's own vibration, or the loop shows inertia.
+        Time of one cycle in s; long compared with the drive's vibration, or the loop shows inertia.
     n_cycles : int
-        Number of cycles. The first begins at rest; only from the second on the loop is closed.
+        Number of cycles; the loop is closed from the second on.
     n_points : int
-        Points kept of each cycle.
+        Points recorded per cycle.
     input_angle : float
         Angle of the input at the start, in rad: backlash and stiffness depend on it.
     numerical_damping : float
-        Viscous damping of the input in Nms/rad that quiets the free vibration; referred to the output its
-        torque is this times the input's speed times the reduction. *Assumption.*
+        Viscous damping of the input's free vibration in Nms/rad. *Assumption.*
     dt : float
         Integration step in s.
-
-    Returns
-    -------
-    TorqueDeflection
 
     Raises
     ------
     SimulationDiverged
-        Where the integration diverges.
+        If the integration diverges.
     ValueError
-        For arguments outside their range.
+        If an argument is outside its range.
 
     Notes
     -----
-    The input's equation is (J_in + sum m_w |c_k|^2) phi'' = T - sum c_k x R_k, the wheels' masses riding on
-    the cams; this is the papers' system (paper B eq. 2) without the driver's constraint.
+    The input's equation is (J_in + sum m_w |c_k|^2) phi'' = T - sum c_k x R_k: paper B eq. 2 without the
+    driver's constraint, with the wheels' masses on the cams.
 
     Examples
     --------
@@ -150,20 +140,12 @@ def torque_deflection(
     (True, True)
     """
     gearbox, defects = machine(gearbox, defects)
-    for name, value in (
-        ("peak_torque", peak_torque), ("period", period), ("dt", dt),
-        ("numerical_damping", numerical_damping), ("input_angle", input_angle),
-    ):  # fmt: skip
-        check_number(name, value)
     for name, value in (("peak_torque", peak_torque), ("period", period), ("dt", dt)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
-    if not (math.isfinite(numerical_damping) and numerical_damping >= 0):
-        raise ValueError(f"numerical_damping must be finite and not negative, got {numerical_damping!r}")
-    if not math.isfinite(input_angle):
-        raise ValueError(f"input_angle must be finite (rad), got {input_angle!r}")
-    whole("n_cycles", n_cycles, 1, None)
-    whole("n_points", n_points, 8, None)
+        positive(name, value)
+    not_negative("numerical_damping", numerical_damping)
+    number("input_angle", input_angle)
+    whole("n_cycles", n_cycles, 1)
+    whole("n_points", n_points, 8)
     every = max(round(period / (n_points * dt)), 1)
     n_steps = round(n_cycles * period / dt)
     if n_steps > LARGEST_N_STEPS:
@@ -174,10 +156,9 @@ def torque_deflection(
     z = gearbox.n_lobes
     half_steps = np.arange(2 * n_steps + 1) * (dt / 2)
     phase = half_steps / period
-    # a triangle that begins at 0 and rises
     swing = 2 * np.abs(2 * ((phase + 0.75) % 1) - 1) - 1
     through_meter = gearbox.meter_stiffness > 0
-    # Behind the meter stands something whose inertia does not count: it is held.
+    # The inertia behind the meter is held: any value above 0 will do.
     held_by = gearbox.replace(brake_inertia=1.0 if through_meter else 0.0)
     n_kept = -(-n_steps // every)
     angle, held = np.empty(n_kept), np.empty(n_kept)

@@ -1,318 +1,412 @@
-"""Gearbox and test rig in one readable description, from which single assemblies are drawn."""
+"""Rigs: a gearbox and the effects of a test rig on it."""
 
 from __future__ import annotations
 
 import dataclasses
-import difflib
-import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.stats import rayleigh, uniform
 
-from cyclofeat.simulators._checks import check_type, generator, is_whole, number, pair, short
-from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
-from cyclofeat.simulators.effects import BrakeRotor, Effect, _noise
-from cyclofeat.simulators.effects._library import checked_effects, effects_from_list
-from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.tolerances import AssemblyTolerances
-
-Float = NDArray[np.float64]
-Range = tuple[float, float]
-Seed = int | np.random.SeedSequence | np.random.Generator
-
-_BRAKE = ("brake_inertia", "meter_stiffness", "meter_damping_ratio")
-_FACTORS = ("contact_stiffness_factor", "contact_damping_factor")
-# What an assembly replaces in the gearbox, and where a rig states it instead.
-_DRAWN = {
-    "clearance": "tolerances.clearance",
-    "brake_inertia": "brake_inertia of the rig",
-    "meter_stiffness": "meter_stiffness of the rig",
-    "meter_damping": "meter_damping_ratio of the rig",
-    "pin_radial_errors": "tolerances.pin_position",
-    "pin_tangential_errors": "tolerances.pin_position",
-    "wheel_runouts": "tolerances.runout",
-    "cam_errors": "tolerances.cam_position",
-    "lobe_pitch_errors": "tolerances.lobe_pitch",
-}
-
-_FORMAT = "cyclofeat rig 2"
-# As the newest, but without effects.
-_FIRST_FORMAT = "cyclofeat rig 1"
-_NOTE = (
-    "SI units: m, kg, kg m2, s, rad/s, Nm, Nm/rad, Pa; keys in _nm are Nm, in _hz Hz. [low, high] is a range "
-    "from which each assembly draws; equal ends are a known value. Keys left out keep their default. effects "
-    'is a list like [{"effect": "hum", "amplitude_nm": 0.2}], whose values are numbers or ranges.'
+from cyclofeat._base.checks import check_type, positive
+from cyclofeat.simulators import _rig_file
+from cyclofeat.simulators._machine import Machine, MachineRun, RandomState, seed_sequence
+from cyclofeat.simulators._settling import settling_samples
+from cyclofeat.simulators.effects import (
+    BrakeRotor,
+    Clearance,
+    ContactDampingScale,
+    ContactStiffnessScale,
+    Effect,
+    GearboxParameter,
+    LoadDrift,
+    LoadScale,
+    Noise,
+    PinErrors,
+    RunOut,
+    SpeedScale,
 )
+from cyclofeat.simulators.effects import _library as library
+from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
+from cyclofeat.simulators.effects._numbers import meant
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.simulation import SimulationRun, simulate
 
-# Time constants of the slowest torsional mode until a start counts as settled: exp(-5) = 0.7 % is left.
-_SETTLED = 5.0
-# Longest settling, in s, that is simulated: rigs with next to no damping would run for hours.
-LONGEST_SETTLING = 60.0
+__all__ = ["DEFECTS", "Rig"]
+
+# Children of a run's seed; those of an effect begin with its name, whose bytes are larger.
+DEFECTS, _START = 1, 2
+_GEARBOX = "gearbox."
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A kind of gearbox on a kind of test rig: nominal values and spread between assemblies.
+    """A nominal gearbox and the effects of the rig that it runs on: the complete input of a simulation.
 
-    The defaults are rig R0. Everything here that the papers do not state is an *assumption*, the three
-    presets included; a torque record made with a rig is a surrogate for a measured one.
+    An effect's parameter is a number, or a range or distribution from which each assembly draws
+    (:class:`cyclofeat.simulators.Effect`). Values that the papers do not state are *assumptions*, those of
+    the three presets included.
 
     Parameters
     ----------
-    name : str
-        Name of the rig; begins the names of its assemblies.
     gearbox : CycloidalGearbox
-        Nominal gearbox, speed and load. Clearance, pin errors, run-outs and brake stay at their defaults
-        here: they are drawn.
-    tolerances : AssemblyTolerances
-        Spread between assemblies.
-    brake_inertia : (float, float) or None
-        Lowest and highest inertia of the brake's rotor behind the torque meter, in kg m2. Ranges are drawn
-        log-uniformly, once per assembly; equal ends are a known value. None, with both of the next: no
-        brake, the free output of the papers.
-    meter_stiffness : (float, float) or None
-        Torsional stiffness of shaft and torque meter, in Nm/rad.
-    meter_damping_ratio : (float, float) or None
-        Share of critical damping of the rotor on that stiffness, below 1.
-    contact_stiffness_factor, contact_damping_factor : (float, float)
-        Factor on contact stiffness and damping, on top of the relative spread in ``tolerances``.
-    load_drift_nm : float
-        Rms in Nm of the brake's slow drift. It acts as load: the whole drive answers to it.
-    load_drift_cutoff_hz : float
-        Cutoff (-3 dB) of the drift's low-pass, in Hz, up to 1000.
-    load_drift_order : int
-        Order of that low-pass (Butterworth, on white noise), from 1 to 8.
-    broad_drift_nm, broad_drift_cutoff_hz : float
-        A second drift, independent of the first and of the same order: rms in Nm and cutoff in Hz.
-    noise_nm : float
-        Standard deviation in Nm of the torque meter's white noise.
+        Nominal gearbox, speed and load. Default: paper B's of steel.
     effects : sequence of Effect
-        What else this rig does (:mod:`cyclofeat.simulators.effects`). Kept as a tuple of copies.
-        :meth:`assemble` and :meth:`drift` know nothing of them:
-        :class:`cyclofeat.simulators.CompositeSimulator` applies them.
+        Copied and sorted into the order of the chain (:class:`cyclofeat.simulators.Place`); effects of one
+        place act in the order given. Several of one kind are allowed, but at most one brake.
+    name : str, default "rig"
+        Prefix of the names of its surrogate recordings.
 
     Raises
     ------
     TypeError
         If a parameter is of the wrong type.
     ValueError
-        If a parameter is outside its range or contradicts another. The message names it.
+        If a parameter is outside its range or contradicts another; the message names it.
+
+    Notes
+    -----
+    The seed of the assembly determines errors and ranges, the seed of the run start angle, drift and noise.
+    The random numbers of an effect depend on its name and on the number of effects of that name before it:
+    an added or removed effect leaves the random numbers of all others unchanged.
 
     Examples
     --------
-    >>> rig = Rig.r2()
-    >>> assembly = rig.assemble(seed=1)
-    >>> 0.005 <= assembly.brake_inertia <= 0.05
-    True
-    >>> rig.assemble(seed=1) == assembly
+    >>> from cyclofeat.simulators import Hum, TorqueMeterLowPass
+    >>> rig = Rig(effects=[Hum((0.05, 0.3)), TorqueMeterLowPass(300.0)], name="mine")
+    >>> [effect.effect_id for effect in rig.effects]
+    ['torque_meter_low_pass', 'hum']
+    >>> rig.simulate(LobeDefects.worn(2), duration=0.1, random_state=1).torque_out.shape
+    (2560,)
+    >>> 0.005 <= Rig.r2().draw(1).gearbox.brake_inertia <= 0.05
     True
     """
 
-    name: str = "R0"
     gearbox: CycloidalGearbox = field(default_factory=CycloidalGearbox.steel)
-    tolerances: AssemblyTolerances = field(default_factory=AssemblyTolerances)
-    brake_inertia: Range | None = None
-    meter_stiffness: Range | None = None
-    meter_damping_ratio: Range | None = None
-    contact_stiffness_factor: Range = (1.0, 1.0)
-    contact_damping_factor: Range = (1.0, 1.0)
-    load_drift_nm: float = 3.0
-    load_drift_cutoff_hz: float = 1.5
-    load_drift_order: int = 2
-    broad_drift_nm: float = 0.0
-    broad_drift_cutoff_hz: float = 25.0
-    noise_nm: float = 0.2
     effects: tuple[Effect, ...] = ()
+    name: str = "rig"
 
     def __post_init__(self) -> None:
+        check_type("gearbox", self.gearbox, CycloidalGearbox)
         if not isinstance(self.name, str):
             raise TypeError(f"name must be text, got {self.name!r}")
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
-        for name, kind in (("gearbox", CycloidalGearbox), ("tolerances", AssemblyTolerances)):
-            check_type(name, getattr(self, name), kind)
-        for preset in dataclasses.fields(CycloidalGearbox):
-            value = getattr(self.gearbox, preset.name)
-            if preset.name in _DRAWN and value != preset.default:
-                raise ValueError(
-                    f"gearbox.{preset.name} is drawn for each assembly and must be left out, got {value!r}: "
-                    f"give {_DRAWN[preset.name]}"
-                )
-        for name in _BRAKE:
-            below = 1.0 if name == "meter_damping_ratio" else math.inf
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, _range(name, getattr(self, name), below))
-        given = [name for name in _BRAKE if getattr(self, name) is not None]
-        if given and len(given) < len(_BRAKE):
-            missing = [name for name in _BRAKE if name not in given]
+        effects = sorted(library.checked_effects(self.effects), key=lambda effect: effect.place)
+        object.__setattr__(self, "effects", tuple(effects))
+        brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
+        if brakes > 1:
             raise ValueError(
-                f"{' and '.join(missing)} must be given with {' and '.join(given)}, got None: a brake needs "
-                "all three, a free output none"
+                f"effects must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
+                f"brake, got {brakes} brakes in all"
             )
-        for name in _FACTORS:
-            object.__setattr__(self, name, _range(name, getattr(self, name), math.inf))
-        for name in ("load_drift_nm", "broad_drift_nm", "noise_nm"):
-            value = number(name, getattr(self, name), "a number of Nm")
-            if value < 0:
-                raise ValueError(f"{name} must not be negative (Nm), got {value!r}")
-            object.__setattr__(self, name, value)
-        for name in ("load_drift_cutoff_hz", "broad_drift_cutoff_hz"):
-            value = number(name, getattr(self, name), "a number of Hz")
-            if not 0 < value <= _noise.HIGHEST_CUTOFF:
-                raise ValueError(
-                    f"{name} must lie above 0 and up to {_noise.HIGHEST_CUTOFF:g} Hz, got {value!r}"
-                )
-            object.__setattr__(self, name, value)
-        order = self.load_drift_order
-        if not is_whole(order):
-            raise TypeError(f"load_drift_order must be a whole number, got {order!r}")
-        if not 1 <= order <= _noise.HIGHEST_ORDER:
-            raise ValueError(f"load_drift_order must lie between 1 and {_noise.HIGHEST_ORDER}, got {order!r}")
-        object.__setattr__(self, "load_drift_order", int(order))
-        object.__setattr__(self, "effects", checked_effects(self.effects))
-        rotors = self.has_brake + sum(isinstance(effect, BrakeRotor) for effect in self.effects)
-        if rotors > 1:
-            raise ValueError(
-                f"effects must hold no {BrakeRotor.effect_id} where the rig has a brake, and one at most, "
-                f"got {rotors} brakes in all"
-            )
+        for effect in effects:
+            if isinstance(effect, GearboxParameter):
+                for share in (0.0, 1.0):  # the gearbox rejects wrong values
+                    value = effect.parameters["value"].draw(effect.value, share)
+                    self.gearbox.replace(**{effect.parameter: value})
 
     @classmethod
     def r0(cls) -> Rig:
-        """Rig R0: the free output of the papers; 3 Nm drift below 1.5 Hz, 0.2 Nm noise. *Assumptions.*"""
-        return cls(name="R0")
+        """Return rig R0: the free output of the papers with errors, drift and noise (all *assumptions*).
+
+        Position errors of 10 um rms (pins) and 5 um rms by component (wheels), clearance up to 30 um,
+        contacts within 25 %, load within 3 % and speed within 1 % of nominal, load drift of 3 Nm rms below
+        1.5 Hz, white noise of 0.2 Nm.
+        """
+        contacts = (ContactStiffnessScale(uniform(0.75, 0.5)), ContactDampingScale(uniform(0.75, 0.5)))
+        return cls(effects=(*_assembly_errors(), *contacts), name="R0")
 
     @classmethod
     def r1(cls) -> Rig:
-        """Rig R1: as R0, with one known brake for all assemblies. *Assumptions.*
+        """Return rig R1: R0 with one known brake for all assemblies (*assumptions*).
 
         Rotor of 0.02 kg m2 behind a torque meter of 10 kNm/rad, 2 % damping.
         """
-        return cls(
-            name="R1",
-            brake_inertia=(0.02, 0.02),
-            meter_stiffness=(1e4, 1e4),
-            meter_damping_ratio=(0.02, 0.02),
-        )
+        return cls.r0().replace(name="R1").with_effects(BrakeRotor(0.02, 1e4, 0.02))
 
     @classmethod
     def r2(cls) -> Rig:
-        """Rig R2: brake and contacts differ between assemblies and are not known. *Assumptions.*
+        """Return rig R2: brake and contacts differ between assemblies (*assumptions*).
 
         Rotor 0.005-0.05 kg m2, meter 3-30 kNm/rad, 1-5 % damping; contact stiffness and damping within a
-        factor of 2 (which takes the place of the +-25 % of R0 and R1); a second drift of 0.3 Nm rms below
-        25 Hz, so that the brake disturbs the lobes' own frequencies too.
+        factor of 2; a second drift of 0.3 Nm rms below 25 Hz, which reaches the lobes' frequencies.
         """
-        return cls(
-            name="R2",
-            tolerances=AssemblyTolerances(stiffness=0.0, damping=0.0),
-            brake_inertia=(0.005, 0.05),
-            meter_stiffness=(3e3, 3e4),
-            meter_damping_ratio=(0.01, 0.05),
-            contact_stiffness_factor=(0.5, 2.0),
-            contact_damping_factor=(0.5, 2.0),
-            broad_drift_nm=0.3,
+        differing = (
+            ContactStiffnessScale((0.5, 2.0)),
+            ContactDampingScale((0.5, 2.0)),
+            BrakeRotor((0.005, 0.05), (3e3, 3e4), (0.01, 0.05)),
+            LoadDrift(0.3, 25.0),
         )
+        return cls(effects=(*_assembly_errors(), *differing), name="R2")
 
     @property
     def has_brake(self) -> bool:
-        """Whether a brake's rotor turns behind the torque meter."""
-        return self.brake_inertia is not None
+        """True if a brake's rotor turns behind the torque meter."""
+        return self.gearbox.brake_inertia > 0 or any(isinstance(one, BrakeRotor) for one in self.effects)
 
     def replace(self, **changes: Any) -> Rig:
-        """A copy with single fields changed, checked anew."""
+        """Return a checked copy with single fields changed."""
         return dataclasses.replace(self, **changes)
 
-    def assemble(self, seed: Seed) -> CycloidalGearbox:
-        """One assembly: the gearbox with its own errors, contacts, speed, load and brake.
+    def with_effects(self, *effects: Effect) -> Rig:
+        """Return a copy with effects added, each instead of those of the same name.
 
         Parameters
         ----------
-        seed : int, numpy.random.SeedSequence or numpy.random.Generator
-            The same int or SeedSequence gives the same assembly, in any process; a Generator moves on.
-
-        Returns
-        -------
-        CycloidalGearbox
+        *effects : Effect
 
         Examples
         --------
-        >>> Rig.r1().assemble(0).meter_stiffness
-        10000.0
+        >>> from cyclofeat.simulators import Hum
+        >>> changed = Rig.r0().with_effects(Noise(0.5), Hum(0.1))
+        >>> changed.effects[-2:]
+        (Noise(rms_nm=0.5), Hum(amplitude_nm=0.1))
         """
-        random = generator(seed)
-        # Drawn whether needed or not: rigs that differ in one range keep everything else of an assembly.
-        shares = random.random(len(_FACTORS) + len(_BRAKE))
-        stiffness, damping = (
-            _log_uniform(getattr(self, name), share) for name, share in zip(_FACTORS, shares, strict=False)
-        )
-        drawn = self.tolerances.draw(self.gearbox, random)
-        drawn = drawn.replace(
-            stiffness_scale=drawn.stiffness_scale * stiffness,
-            contact_damping=drawn.contact_damping * damping,
-        )
-        if not self.has_brake:
-            return drawn
-        brake = [
-            _log_uniform(getattr(self, name), share)
-            for name, share in zip(_BRAKE, shares[len(_FACTORS) :], strict=True)
-        ]
-        return drawn.with_brake(*brake)
+        given = library.checked_effects(effects)
+        others = self.without(*(effect.effect_id for effect in given))
+        return others.replace(effects=(*others.effects, *given))
 
-    def drift(self, seed: Seed, duration: float) -> Callable[[Float], Float]:
-        """Fluctuation of the load around its mean, as a function of time: ``load_fluctuation`` of a run.
-
-        White noise through a Butterworth low-pass (200 samples per period of the cutoff, joined by straight
-        lines), stationary from t = 0 and scaled so that its expected mean square is exactly
-        ``load_drift_nm**2``; likewise, and independently, for the broad drift.
+    def with_added(self, *effects: Effect) -> Rig:
+        """Return a copy with effects added to those that it has.
 
         Parameters
         ----------
-        seed : int, numpy.random.SeedSequence or numpy.random.Generator
-            A longer drift of the same seed begins like a shorter one.
-        duration : float
-            Time in s for which it is needed.
+        *effects : Effect
+        """
+        return self.replace(effects=(*self.effects, *effects))
+
+    def without(self, *effect_ids: str) -> Rig:
+        """Return a copy without the effects of these names.
+
+        Parameters
+        ----------
+        *effect_ids : str
+            Names of no effect of the rig are ignored.
+        """
+        return self.replace(effects=[one for one in self.effects if one.effect_id not in effect_ids])
+
+    def parameters(self) -> dict[str, Any]:
+        """Return all numeric parameters by name.
 
         Returns
         -------
-        callable
-            Takes times of shape (n,) in s, from 0 to one second beyond ``duration``, and returns Nm of shape
-            (n,). Times outside raise ValueError.
+        dict
+            ``"gearbox.<field>"`` to numbers; ``"<effect>.<parameter>"``, like ``"hum.amplitude_nm"`` or, for
+            the second of a kind, ``"hum_2.amplitude_nm"``, to numbers, ranges and distributions.
+
+        Examples
+        --------
+        >>> Rig.r2().parameters()["load_drift_2.rms_nm"]
+        0.3
+        """
+        values = {_GEARBOX + name: getattr(self.gearbox, name) for name in GEARBOX_NUMBERS}
+        for label, effect in self.labelled_effects().items():
+            values |= {f"{label}.{name}": getattr(effect, name) for name in effect.parameters}
+        return values
+
+    def labelled_effects(self) -> dict[str, Effect]:
+        """Return the effects by their labels in :meth:`parameters`."""
+        return {
+            effect.effect_id + (f"_{count + 1}" if count else ""): effect
+            for (*_, count), effect in zip(library.stream_keys(self.effects), self.effects, strict=True)
+        }
+
+    def with_parameters(self, values: Mapping[str, Any]) -> Rig:
+        """Return a copy with single parameters changed.
+
+        Parameters
+        ----------
+        values : mapping
+            From names of :meth:`parameters` to numbers or, for effects, ranges and distributions.
 
         Raises
         ------
         ValueError
-            If ``duration`` is not positive and finite.
+            If a name is unknown (the message has the nearest), or a value is wrong.
 
         Examples
         --------
-        >>> load = Rig.r1().drift(seed=0, duration=2.0)
-        >>> load(np.linspace(0, 2, 5)).shape
-        (5,)
+        >>> rig = Rig.r1().with_parameters({"gearbox.load_torque": 18.0, "noise.rms_nm": (0.1, 0.4)})
+        >>> rig.gearbox.load_torque
+        18.0
         """
-        duration = number("duration", duration, "a number of s")
-        if duration <= 0:
-            raise ValueError(f"duration must be positive (s), got {duration!r}")
-        slow, broad = _noise.streams(generator(seed), 2)
-        end = duration + _noise.MARGIN
-        parts = [
-            _noise.low_passed_noise(stream, rms, cutoff, self.load_drift_order, end)
-            for stream, rms, cutoff in (
-                (slow, self.load_drift_nm, self.load_drift_cutoff_hz),
-                (broad, self.broad_drift_nm, self.broad_drift_cutoff_hz),
-            )
-            if rms > 0
-        ]
-        return _noise.sum_of(parts, end)
+        known = self.parameters()
+        for name in values:
+            if name not in known:
+                raise ValueError(f"unknown parameter {name!r} of rig {self.name!r}: {meant(name, known)}")
+        changed: dict[str, dict[str, Any]] = {name: {} for name in self.labelled_effects()}
+        gearbox: dict[str, Any] = {}
+        for name, value in values.items():
+            label, _, rest = name.rpartition(".")
+            (gearbox if name.startswith(_GEARBOX) else changed[label])[rest] = value
+        return self.replace(
+            gearbox=self.gearbox.replace(**gearbox),
+            effects=[one.with_parameters(**changed[label]) for label, one in self.labelled_effects().items()],
+        )
+
+    def seed_of(self, random_state: int, index: int) -> np.random.SeedSequence:
+        """Return the seed of one of many recordings; it depends on the rig's name.
+
+        Parameters
+        ----------
+        random_state : int
+            Seed of all recordings.
+        index : int
+            Number of the recording.
+        """
+        return np.random.SeedSequence([random_state, *self.name.encode()], spawn_key=(index,))
+
+    def draw(self, random_state: RandomState) -> Machine:
+        """Draw one machine: the errors of its gearbox, and a number from each range and distribution.
+
+        Parameters
+        ----------
+        random_state : int or numpy.random.SeedSequence
+            Seed of the assembly.
+
+        Returns
+        -------
+        Machine
+            The machine that :meth:`simulate` runs with the same ``random_state``.
+
+        Examples
+        --------
+        >>> machine = Rig(effects=[BrakeRotor(inertia=(0.01, 0.03))]).draw(3)
+        >>> machine.gearbox.brake_inertia == machine.effects[0].inertia
+        True
+        """
+        return Machine.drawn(self.gearbox, self.effects, seed_sequence(random_state))
+
+    def simulate(
+        self,
+        defects: LobeDefects | None = None,
+        *,
+        duration: float = 1.8,
+        sampling_rate: float = 25_600.0,
+        random_state: RandomState = 0,
+        start_angle: float | None = None,
+        settled: bool = True,
+        **options: Any,
+    ) -> SimulationRun:
+        """Simulate one record.
+
+        Parameters
+        ----------
+        defects : LobeDefects, default healthy
+            Worn or removed lobes.
+        duration : float, default 1.8
+            Length of the record in s.
+        sampling_rate : float, default 25600
+            Stated rate of the converter in Hz (:class:`cyclofeat.simulators.ClockError`).
+        random_state : int or numpy.random.SeedSequence
+            Equal seeds give equal records, to the last bit.
+        start_angle : float, optional
+            Angle of the input in rad when it starts from rest. Default: random within one output turn.
+        settled : bool, default True
+            Begin the record when the assembly has settled (:func:`cyclofeat.simulators.settling_time`), else
+            at rest.
+        **options
+            Other arguments of :func:`cyclofeat.simulators.simulate`, except ``courses``.
+
+        Returns
+        -------
+        SimulationRun
+            ``round(duration * sampling_rate)`` samples; ``torque_out`` and ``gearbox`` with all effects on
+            them, the other channels at the same instants.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument or a combination of effects is wrong, or the assembly does not settle within a
+            minute.
+        SimulationDiverged
+            If the simulation diverges.
+        """
+        return self.run_machine(
+            defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
+            start_angle=start_angle, settled=settled, **options,
+        ).record()  # fmt: skip
+
+    def run_machine(
+        self,
+        defects: LobeDefects | None = None,
+        *,
+        duration: float = 1.8,
+        sampling_rate: float = 25_600.0,
+        random_state: RandomState = 0,
+        assembly: RandomState | None = None,
+        start_angle: float | None = None,
+        settled: bool = True,
+        spare_s: float = 0.0,
+        **options: Any,
+    ) -> MachineRun:
+        """Simulate a machine once, for one or several chains of measurement.
+
+        Parameters
+        ----------
+        defects, duration, sampling_rate, random_state, start_angle, settled, **options
+            As in :meth:`simulate`.
+        assembly : int or numpy.random.SeedSequence, optional
+            Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
+        spare_s : float, default 0
+            Additional time in s, for converters that run slow (:class:`cyclofeat.simulators.ClockError`).
+
+        Returns
+        -------
+        MachineRun
+
+        Raises
+        ------
+        TypeError, ValueError, SimulationDiverged
+            As :meth:`simulate`.
+
+        Examples
+        --------
+        >>> from cyclofeat.simulators import Offset
+        >>> run = Rig().run_machine(duration=0.1)
+        >>> shifted = run.record([Offset(0.5)])
+        >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
+        0.5
+        """
+        duration = positive("duration", duration, "a number of s")
+        sampling_rate = positive("sampling_rate", sampling_rate, "a number of Hz")
+        if "courses" in options:
+            raise TypeError("courses is not taken here: the rig's gearbox and effects state load and speed")
+        n_samples = round(duration * sampling_rate)
+        if n_samples < 1:
+            raise ValueError(f"duration {duration:g} s is shorter than one sample at {sampling_rate:g} Hz")
+        seed = seed_sequence(random_state)
+        machine = self.draw(seed if assembly is None else seed_sequence(assembly, "assembly"))
+        gearbox = machine.gearbox
+        n_settling = settling_samples(gearbox, sampling_rate) if settled else 0
+        n_run = machine.samples_needed(n_samples) + math.ceil(spare_s * sampling_rate)
+        total = (n_settling + n_run) / sampling_rate
+        if start_angle is None:
+            output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
+            start_angle = library.stream(seed, _START).uniform(0, output_turn)
+        # The anti-alias filter of the simulation needs some samples more.
+        options["courses"] = machine.fluctuations(seed, total + 64 / sampling_rate)
+        run = simulate(
+            gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options
+        )
+        return MachineRun(machine, run, seed, n_samples, n_settling, from_rest=not settled)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of a rig's file in types that JSON knows, without format and note."""
+        return _rig_file.rig_to_dict(self.name, self.gearbox, self.effects)
+
+    def to_text(self) -> str:
+        """Return the JSON text that :meth:`to_json` writes, equal for equal rigs."""
+        return _rig_file.rig_to_text(self.to_dict())
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write the description to a JSON file, every value explicit.
+        """Write the rig to a JSON file, every value explicit.
 
         Parameters
         ----------
@@ -321,44 +415,31 @@ class Rig:
 
         See Also
         --------
-        from_json : What the file may hold.
+        from_json : Describes the file.
         """
         Path(path).write_text(self.to_text(), encoding="utf-8")
 
-    def to_text(self) -> str:
-        """The description that :meth:`to_json` writes.
+    @classmethod
+    def from_dict(cls, content: Any) -> Rig:
+        """Return the rig of a content as :meth:`to_dict` gives it.
 
-        Returns
-        -------
-        str
-            JSON, the same for equal rigs.
+        Raises
+        ------
+        TypeError, ValueError
+            If a key or value is wrong; the message names it.
         """
-        lines = [f'  "format": {json.dumps(_FORMAT)}', f'  "note": {json.dumps(_NOTE)}']
-        for item in dataclasses.fields(self):
-            value = getattr(self, item.name)
-            if item.name == "effects":
-                text = _list_of([effect.to_dict() for effect in self.effects])
-            elif dataclasses.is_dataclass(value):
-                inner = (
-                    f"    {json.dumps(name)}: {_json_value(getattr(value, name), default)}"
-                    for name, default in _scalars(type(value)).items()
-                )
-                text = "{\n" + ",\n".join(inner) + "\n  }"
-            else:
-                text = _json_value(value, value)
-            lines.append(f'  "{item.name}": {text}')
-        return "{\n" + ",\n".join(lines) + "\n}\n"
+        return cls(**_rig_file.rig_from_dict(content))
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> Rig:
-        """Read a description from a JSON file.
+        """Read a rig from a JSON file.
 
-        The file holds one object. Its keys are the parameters of :class:`Rig`; ``"gearbox"`` and
-        ``"tolerances"`` are objects with the parameters of :class:`CycloidalGearbox` and
-        :class:`AssemblyTolerances`, in the same SI units. Ranges are ``[low, high]``, no brake is ``null``.
-        ``"effects"`` is a list of objects: the effect's name under ``"effect"``, then its parameters, numbers
-        or ranges (:func:`cyclofeat.simulators.effect_library` has them all). All keys may be left out.
-        ``"note"`` is free text. Files of the first format, without effects, are read too.
+        The file holds one object with the keys ``"name"``, ``"gearbox"`` (the parameters of
+        :class:`CycloidalGearbox` in SI units) and ``"effects"``: a list of objects, the effect's name under
+        ``"effect"``, then its parameters (:func:`cyclofeat.simulators.effect_library`). A parameter is a
+        number, a range ``[low, high]``, or a distribution of scipy by its name and arguments,
+        ``{"distribution": "norm", "loc": 0.2, "scale": 0.05}``. All keys may be left out. ``"note"`` is free
+        text.
 
         Parameters
         ----------
@@ -375,8 +456,7 @@ class Rig:
         FileNotFoundError
             If there is no such file.
         ValueError
-            If the file is not JSON, or a key or value is wrong. The message names file, key and value, and
-            says what would be right.
+            If the file is not JSON, or a key or value is wrong; the message names file, key and value.
 
         Examples
         --------
@@ -387,259 +467,23 @@ class Rig:
         ...     Rig.from_json(path) == Rig.r2()
         True
         """
+        example = '{"name": "mine", "effects": [{"effect": "noise", "rms_nm": 0.2}]}'
+        content = _rig_file.read_json(path, "a rig", example)
         try:
-            return _rig_from(_read_json(path), cls)
+            return cls.from_dict(content)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from None
 
 
-def rig_of(gearbox: CycloidalGearbox) -> Rig:
-    """The rig whose assemblies are all this gearbox: without spread, drift and noise.
-
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-
-    Raises
-    ------
-    ValueError
-        If it has errors of single pins or wheels, which a rig draws, or a brake without damping.
-    """
-    defaults = {item.name: item.default for item in dataclasses.fields(gearbox)}
-    changed = {name: defaults[name] for name in _DRAWN if name in defaults}
-    for name, default in changed.items():
-        if isinstance(default, tuple) and getattr(gearbox, name) != default:
-            raise ValueError(
-                f"gearbox.{name} must be empty to be described as a rig, which draws such errors for each "
-                f"assembly: give {_DRAWN[name]}"
-            )
-    none: dict[str, Any] = {
-        item.name: (0.0, 0.0) if isinstance(item.default, tuple) else 0.0
-        for item in dataclasses.fields(AssemblyTolerances)
-    }
-    none["clearance"] = (gearbox.clearance, gearbox.clearance)
-    brake: dict[str, Any] = {}
-    if gearbox.brake_inertia > 0:
-        critical = 2 * math.sqrt(gearbox.meter_stiffness * gearbox.brake_inertia)
-        values = (gearbox.brake_inertia, gearbox.meter_stiffness, gearbox.meter_damping / critical)
-        brake = {name: (value, value) for name, value in zip(_BRAKE, values, strict=True)}
-    return Rig(
-        name="gearbox",
-        gearbox=gearbox.replace(**changed),
-        tolerances=AssemblyTolerances(**none),
-        load_drift_nm=0.0,
-        noise_nm=0.0,
-        **brake,
+def _assembly_errors() -> tuple[Effect, ...]:
+    """Return the effects of all three presets."""
+    return (
+        PinErrors(10e-6),
+        RunOut(rayleigh(scale=5e-6), wheels=(0,)),
+        RunOut(rayleigh(scale=5e-6), wheels=(1,)),
+        Clearance(uniform(0.0, 30e-6)),
+        LoadScale((0.97, 1.03)),
+        SpeedScale((0.99, 1.01)),
+        LoadDrift(3.0, 1.5),
+        Noise(0.2),
     )
-
-
-def settling_time(gearbox: CycloidalGearbox) -> float:
-    """Time from a start at rest until a run counts as steady: ramp and decay of the slowest torsional mode.
-
-    With a brake that mode is the rotor (inertia J) on torque meter (k, c) and gearbox (k_g, c_g) in series:
-    it decays with time constant 2 J / c_e, c_e = c (k_g / (k + k_g))^2 + c_g (k / (k + k_g))^2. The gearbox's
-    share is estimated for all sleeves of the loaded half in Hertzian contact at the mean load. What was left
-    of the start in the first output turn after that time, over the ripple (std, 96 simulated assemblies of
-    R1 and R2 with 0 to 7 worn lobes): 0.1 % in the median, below 0.4 % in nine of ten, 4 % in the worst.
-
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-        One assembly.
-
-    Returns
-    -------
-    float
-        Time in s: the ramp, then five time constants (0.7 % of the start's ringing is left), or one turn of
-        the input where that is longer; infinite for a rig without any damping.
-
-    Examples
-    --------
-    >>> round(settling_time(CycloidalGearbox.steel()), 2)
-    0.32
-    >>> 0.5 < settling_time(CycloidalGearbox.steel().with_brake(0.02, 1e4, 0.02)) < 1.5
-    True
-    """
-    check_type("gearbox", gearbox, CycloidalGearbox)
-    turn = 1 / gearbox.input_speed_hz
-    if gearbox.brake_inertia == 0:
-        return gearbox.ramp_time + turn
-    # Lever arms of the loaded half: largest, and the sine's share of it, sleeve by sleeve.
-    stages = (
-        (gearbox.n_pins, gearbox.eccentricity * gearbox.n_lobes, gearbox.pin_radius),
-        (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_effective_radius(gearbox)),
-    )
-    stiffness, damping = np.array([_contact_stage(gearbox, *stage) for stage in stages]).T
-    gear_share = stiffness.prod() / stiffness.sum() if stiffness.all() else 0.0
-    gear_damping = damping.prod() / damping.sum() if damping.all() else 0.0
-    meter_part = gear_share / (gear_share + gearbox.meter_stiffness)
-    mode_damping = gearbox.meter_damping * meter_part**2 + gear_damping * (1 - meter_part) ** 2
-    if mode_damping == 0:
-        return math.inf
-    decay = 2 * gearbox.brake_inertia / mode_damping
-    return gearbox.ramp_time + float(max(turn, _SETTLED * decay))
-
-
-def _contact_stage(
-    gearbox: CycloidalGearbox, n_sleeves: int, largest_arm: float, radius: float
-) -> tuple[float, float]:
-    """Torsional stiffness (Nm/rad) and damping (Nms/rad) of one ring of contacts, both wheels together."""
-    loaded = max(n_sleeves // 2, 1)
-    arms = largest_arm * np.sin(np.pi * (np.arange(loaded) + 0.5) / loaded)
-    contact = stiffness_factor(gearbox) * math.sqrt(radius)
-    torque = gearbox.load_torque / 2  # per wheel
-    # torque = contact * twist^1.5 * sum(arm^2.5), and the stiffness is its derivative
-    levers = contact * float(np.sum(arms**2.5))
-    stiffness = 1.5 * torque ** (1 / 3) * levers ** (2 / 3)
-    weights = np.ones(loaded)
-    if gearbox.contact_law == "hunt_crossley":
-        weights = contact * ((torque / levers) ** (2 / 3) * arms) ** 1.5
-    return 2 * stiffness, 2 * gearbox.contact_damping * float(np.sum(weights * arms**2))
-
-
-def _log_uniform(ends: Range, share: float) -> float:
-    """Value at ``share`` (0 to 1) of the way from the lower to the upper end, in logarithms."""
-    low, high = ends
-    return low if low == high else min(low * (high / low) ** float(share), high)
-
-
-def _range(name: str, value: Any, below: float) -> Range:
-    ends = pair(name, value)
-    if not 0 < ends[0] <= ends[1] < below:
-        limit = "" if below == math.inf else f" < {below:g}"
-        raise ValueError(f"{name} must be (low, high) with 0 < low <= high{limit}, got {ends!r}")
-    return ends
-
-
-# Reading and writing JSON.
-
-
-def _scalars(kind: type[Any]) -> dict[str, Any]:
-    """Fields of gearbox or tolerances that a file may hold, with their defaults."""
-    drawn: Mapping[str, str] = _DRAWN if kind is CycloidalGearbox else {}
-    return {item.name: item.default for item in dataclasses.fields(kind) if item.name not in drawn}
-
-
-def _json_value(value: Any, default: Any) -> str:
-    if isinstance(default, tuple):
-        return json.dumps([float(end) for end in value])
-    if isinstance(default, (float, int)):
-        return json.dumps(type(default)(value))
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _list_of(objects: list[dict[str, Any]]) -> str:
-    """A JSON list of objects, one to a line."""
-    if not objects:
-        return "[]"
-    lines = (f"    {json.dumps(one, ensure_ascii=False, allow_nan=False)}" for one in objects)
-    return "[\n" + ",\n".join(lines) + "\n  ]"
-
-
-def _read_json(path: str | os.PathLike[str]) -> Any:
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise FileNotFoundError(
-            f"{os.fspath(path)}: no such file; Rig.to_json writes a description of a rig"
-        ) from None
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"is not text in UTF-8 (byte {error.start}); a description of a rig is a JSON file"
-        ) from None
-    except OSError as error:
-        raise OSError(f"{os.fspath(path)}: cannot be read ({error.strerror}); give a JSON file") from None
-    try:
-        return json.loads(text, object_pairs_hook=_distinct, parse_int=_whole)
-    except json.JSONDecodeError as error:
-        raise ValueError(
-            f"is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "
-            'a description of a rig looks like {"name": "mine", "load_drift_nm": 3.0}'
-        ) from None
-    except RecursionError:
-        raise ValueError("is not a description of a rig: brackets are nested too deeply") from None
-
-
-def _whole(digits: str) -> float:
-    try:
-        return int(digits)
-    except ValueError:  # more digits than Python converts
-        return math.inf
-
-
-def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise ValueError(
-                f"key {key!r} must stand only once in its object, got it with {short(found[key])} and with "
-                f"{short(value)}"
-            )
-        found[key] = value
-    return found
-
-
-def _rig_from(content: Any, kind: type[Rig]) -> Rig:
-    known = {item.name: None for item in dataclasses.fields(kind)}
-    given = dict(_object("the file", content))
-    note, form = given.pop("note", ""), given.pop("format", _FORMAT)
-    if not isinstance(note, str):
-        raise TypeError(f"note must be text, got {short(note)}")
-    if form not in (_FORMAT, _FIRST_FORMAT):
-        raise ValueError(f"format must be {_FORMAT!r} or {_FIRST_FORMAT!r}, got {short(form)}")
-    if form == _FIRST_FORMAT and "effects" in given:
-        raise ValueError(f"effects need the format {_FORMAT!r}, got {form!r}")
-    _reject_unknown(given, [*known, "format", "note"], "")
-    for name, part in (("gearbox", CycloidalGearbox), ("tolerances", AssemblyTolerances)):
-        if name in given:
-            given[name] = _part_from(name, part, given[name])
-    if "effects" in given:
-        given["effects"] = effects_from_list(given["effects"])
-    for name in (*_BRAKE, *_FACTORS):
-        if given.get(name) is not None:
-            given[name] = pair(name, given[name])
-    return kind(**given)
-
-
-def _part_from(section: str, kind: type[Any], content: Any) -> Any:
-    """Gearbox or tolerances from an object of the file."""
-    defaults = _scalars(kind)
-    given = _object(section, content)
-    for key, value in given.items():
-        if kind is CycloidalGearbox and key in _DRAWN:
-            raise ValueError(
-                f"{section}.{key} is drawn for each assembly and must be left out, got {short(value)}: "
-                f"give {_DRAWN[key]}"
-            )
-    _reject_unknown(given, list(defaults), section + ".")
-    values = {key: _like(defaults[key], f"{section}.{key}", value) for key, value in given.items()}
-    try:
-        return kind(**values)
-    except ValueError as error:
-        raise ValueError(f"{section}: {error}") from None
-
-
-def _like(default: Any, name: str, value: Any) -> Any:
-    """The value, if it is of the same kind as the default."""
-    if isinstance(default, tuple):
-        return pair(name, value)
-    if isinstance(default, float):
-        return number(name, value, "a number")
-    kind, what = (int, "a whole number") if isinstance(default, int) else (str, "text")
-    if not isinstance(value, kind) or isinstance(value, bool):
-        raise TypeError(f"{name} must be {what}, got {short(value)}")
-    return value
-
-
-def _object(name: str, content: Any) -> Mapping[str, Any]:
-    if not isinstance(content, dict):
-        raise TypeError(f"{name} must hold a JSON object {{...}}, got {short(content)}")
-    return content
-
-
-def _reject_unknown(given: Mapping[str, Any], known: list[str], prefix: str) -> None:
-    for key, value in given.items():
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            right = f"did you mean {prefix + near[0]!r}?" if near else f"known are {', '.join(known)}"
-            raise ValueError(f"unknown key {prefix + key!r} with value {short(value)}: {right}")

@@ -1,12 +1,82 @@
-"""Simulated recordings that several test modules share."""
+"""What the processes of one run of the tests share: the compiled simulator, simulated recordings."""
 
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import joblib
 import pytest
 
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.simulators import Rig
+from cyclofeat.gap import Comparison, LocatedGap, locate
+from cyclofeat.simulators import BrakeRotor, Hum, Noise, Rig
+
+
+class MadeOnce:
+    """Results on disk: the first process that asks for one makes it, the others wait for it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(exist_ok=True)
+
+    def __call__(self, name: str, make: Callable[[], Any]) -> Any:
+        file, lock = self.folder / f"{name}.joblib", self.folder / name
+        try:
+            lock.mkdir()
+        except FileExistsError:
+            latest = time.monotonic() + 300
+            while not file.exists() and lock.exists() and time.monotonic() < latest:
+                time.sleep(0.1)
+            return joblib.load(file)
+        try:
+            joblib.dump(make(), lock / file.name)
+            os.replace(lock / file.name, file)
+        except BaseException:
+            lock.rmdir()
+            raise
+        return joblib.load(file)
 
 
 @pytest.fixture(scope="session")
-def surrogates():
+def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
+    """Results of functions without arguments, by name."""
+    base = tmp_path_factory.getbasetemp()
+    folder: Path = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    return MadeOnce(folder / "made_once")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _compiled_once(made_once: MadeOnce) -> None:
+    """Let one process of a parallel run compile the simulator, and the others load it."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        made_once("compiled", lambda: Rig().simulate(duration=0.005, settled=False).torque_out.size)
+
+
+@pytest.fixture(scope="session")
+def surrogates(made_once):
     """Eight surrogate assemblies of rig R1 for each of four defect counts."""
-    return make_rig_recordings(8, (0, 1, 3, 5), rig=Rig.r1(), random_state=11, n_jobs=2, with_angle=True)
+    return made_once(
+        "surrogates",
+        lambda: make_rig_recordings(8, (0, 1, 3, 5), rig=Rig.r1(), random_state=11, with_angle=True),
+    )
+
+
+@pytest.fixture(scope="session")
+def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
+    """Six recordings with strong hum, and six with nothing, compared with a small bank of a rig."""
+
+    def make() -> dict[str, LocatedGap]:
+        rig = Rig(effects=[BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
+        comparison = Comparison(sampling_rate=6400.0, rig=rig, n_bank=24)
+        banks = {
+            name: comparison.replace(rig=rig.with_added(*effects)).bank(6, [0, 3], random_state=seed)
+            for name, effects, seed in (("hum", [Hum(2.0)], 102), ("nothing", [], 104))
+        }
+        return {
+            name: locate(comparison, comparison.measured(bank.X, y=bank.counts), n_permutations=499)
+            for name, bank in banks.items()
+        }
+
+    return made_once("compared_hum", make)

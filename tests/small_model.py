@@ -6,10 +6,9 @@ import numpy as np
 from sklearn.pipeline import Pipeline
 
 from cyclofeat import Recording, Windower
-from cyclofeat.counting import LobeModel, TrainingDomain
-from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting._model import versions
-from cyclofeat.counting._trees import CountingTrees
+from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat.counting import LobeLocator, LobeModel, TrainingDomain, passage_of_lobe_zero
+from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
 
 RATE = 2000.0
@@ -60,7 +59,8 @@ def small_model(counts=(0, 1, 3), per_count=12):
     locator.fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle))
     card = {
         "description": "bursts <i>by hand</i>", "n_windows": len(windows), "sources": ["surrogate"],
-        "classes": list(counts), "calibrated": False, "cross_validation": None, "versions": versions(),
+        "classes": list(counts), "calibrated": False, "cross_validation": None,
+        "versions": package_versions(*MODEL_PACKAGES),
     }  # fmt: skip
     domain = TrainingDomain().fit(features, windows.y, groups=windows.groups)
     counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])

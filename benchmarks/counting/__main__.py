@@ -1,11 +1,11 @@
 """The counters on simulated rigs, goal beside figure.
 
-    python -m benchmarks.counting            # what is missing, then benchmarks/counting.md
+    python -m benchmarks.counting            # missing steps, then benchmarks/counting.md
     python -m benchmarks.counting --quick    # a fifth of the assemblies, to build/counting/quick.md
     python -m benchmarks.counting --only accuracy oracle     # some steps
-    python -m benchmarks.counting --write    # the table from what there is
+    python -m benchmarks.counting --write    # the table from the stored results
 
-Simulations, lobe maps and results are kept in ``build/counting``: an interrupted run goes on.
+Simulations, lobe maps and results are stored in ``build/counting``, so an interrupted run can be continued.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Step = tuple[str, Callable[[Work], Any]]
 
 
 def steps() -> list[Step]:
-    """All rows, the most telling first."""
+    """Return all rows, the most important first."""
     judged = designs.JUDGED
     found: list[Step] = [
         (f"accuracy {rig}", lambda work, rig=rig, noise=noise: rows.accuracy(work, rig, noise, more=False))
@@ -65,7 +65,7 @@ def steps() -> list[Step]:
 
 
 def main() -> None:
-    """Run the steps that are missing, and write table, plan's table and figure."""
+    """Run the missing steps and write the table, the plan's table and the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--out", default="benchmarks/counting.md", help="file to write")
     parser.add_argument("--folder", default="build/counting", help="simulations and results")
@@ -80,7 +80,7 @@ def main() -> None:
         if arguments.only is None or name.startswith(tuple(arguments.only)):
             try:
                 step(work)
-            except FileNotFoundError as error:  # a peer's environment
+            except FileNotFoundError as error:  # a peer's environment is missing
                 failed.append(f"{name}: {error}")
     print("\n".join(failed))
     out = Path(arguments.folder) / "quick.md" if arguments.quick else Path(arguments.out)

@@ -1,6 +1,6 @@
-"""Simulated assemblies of the rigs, made once and kept, without sensor noise: that is added later.
+"""Simulated assemblies of the rigs, simulated once and stored without sensor noise, which is added later.
 
-All of them are surrogates on assumed rigs; nothing here was recorded on a machine.
+All of them are surrogates on assumed rigs.
 """
 
 from __future__ import annotations
@@ -17,45 +17,45 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._files import write_whole
+from cyclofeat._base.files import write_whole
 from cyclofeat.counting import passage_of_lobe_zero
 from cyclofeat.datasets import rig_preset
-from cyclofeat.simulators import BrakeRotor, CompositeSimulator, CycloidalGearbox, LobeDefects
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, LobeDefects, Rig
 
 SAMPLING_RATE = 25_600.0
 N_LOBES = 15
-# One evaluation of the contacts per step: half the time. A row of the table has the midpoint rule instead.
+# One evaluation of the contacts per step takes half the time. A row of the table uses the midpoint rule.
 OPTIONS = (("integrator", "adams_bashforth"),)
 _CHUNK = 80
 
 
 @dataclass(frozen=True)
 class Design:
-    """What is simulated. Equal designs are the same content.
+    """Design of a simulation. Equal designs have the same content.
 
     Attributes
     ----------
     name : str
-        Of the folder.
+        Name of the folder.
     rig : str
-        "R0", "R1", "R2" or "R0+brake": R0 with the effect that R1 has on top of it.
+        "R0", "R1", "R2" or "R0+brake": R0 with the effect that R1 has in addition.
     n_assemblies : int
-        Of each class.
+        Number of assemblies of each class.
     seed : int
     counts : tuple of int
         Classes, for consecutive worn lobes.
     patterns : tuple of tuple of int
-        Sets of lobes worn in place of consecutive ones (turned at random), one class each.
+        Sets of worn lobes instead of consecutive ones (rotated at random), one class each.
     n_windows : int
-        Windows of one nominal output turn in a row, from each assembly.
+        Number of consecutive windows of one nominal output turn from each assembly.
     load_nm, speed_rpm, depth : float
         Nominal load and input speed, and depth of the wear.
     law : str
         Contact law.
     consecutive : bool
-        Whether worn lobes are neighbours, else any.
+        Worn lobes are adjacent if True, else any lobes.
     options : tuple of (str, value)
-        For the simulation.
+        Options of the simulation.
     """
 
     name: str
@@ -81,15 +81,15 @@ class Design:
         """Samples of a window: one output turn at the nominal speed."""
         return round(SAMPLING_RATE * N_LOBES * 60 / self.speed_rpm)
 
-    def simulator(self) -> CompositeSimulator:
+    def simulator(self) -> Rig:
         preset, _, brake = self.rig.partition("+")
         rig = rig_preset(preset)
         if brake:
-            rig = rig.replace(effects=(BrakeRotor(inertia=0.02, stiffness=1e4, damping_ratio=0.02),))
+            rig = rig.with_effects(BrakeRotor(inertia=0.02, stiffness=1e4, damping_ratio=0.02))
         gearbox = CycloidalGearbox.steel().replace(
             load_torque=self.load_nm, input_speed=self.speed_rpm * 2 * math.pi / 60, contact_law=self.law
         )
-        return CompositeSimulator(rig.replace(gearbox=gearbox, noise_nm=0.0))
+        return rig.replace(gearbox=gearbox).without("noise")
 
 
 @dataclass(frozen=True)
@@ -100,11 +100,11 @@ class Windows:
     ----------
     X : ndarray of float32, shape (n_windows, n_samples)
     y, assembly, number : ndarray of int, shape (n_windows,)
-        Count; assembly; which of its assembly's windows, from 0.
+        Count, assembly, and number of the window within its assembly, from 0.
     worn : ndarray of bool, shape (n_windows, 15)
     passage : ndarray, shape (n_windows,)
     wheels : ndarray of int, shape (n_windows,)
-        How many wheels are worn.
+        Number of worn wheels.
     """
 
     X: NDArray[np.float32]
@@ -119,7 +119,7 @@ class Windows:
         return Windows(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     def noisy(self, noise_nm: float, seed: int = 0) -> Windows:
-        """With white noise of the sensor; the same seed gives the same noise but for its size."""
+        """Add white noise of the sensor; the same seed gives the same noise except for its size."""
         random = np.random.default_rng([seed, 77])
         noise = random.standard_normal(self.X.shape, dtype=np.float32)
         noise *= np.float32(noise_nm)
@@ -128,7 +128,7 @@ class Windows:
 
     @staticmethod
     def joined(parts: Sequence[Windows]) -> Windows:
-        """All of them; assemblies keep apart."""
+        """Concatenate windows; assemblies remain distinct."""
         first = np.cumsum([0, *(part.assembly.max() + 1 for part in parts)])
         parts = [replace(p, assembly=p.assembly + k) for p, k in zip(parts, first, strict=False)]
         names = Windows.__dataclass_fields__
@@ -136,7 +136,7 @@ class Windows:
 
 
 def load(design: Design, folder: Path, n_jobs: int = 1) -> Windows:
-    """The windows of a design, simulated where they are missing; an interrupted simulation goes on."""
+    """Return the windows of a design and simulate missing ones; an interrupted simulation is continued."""
     content = design.__dict__ | {"options": dict(design.options)}
     if design.consecutive:
         del content["consecutive"]
@@ -169,7 +169,7 @@ def load(design: Design, folder: Path, n_jobs: int = 1) -> Windows:
 
 
 def _assembly(design: Design, index: int) -> dict[str, Any]:
-    """Torque and truth of one assembly; class after class in turn, so that more can be appended."""
+    """Torque and truth of one assembly; classes alternate, so that more can be appended."""
     # Of the name "rig" only: the same assemblies, worn otherwise, are twins.
     seed = np.random.SeedSequence([design.seed, *design.rig.encode()], spawn_key=(index,))
     random = np.random.default_rng(seed.spawn(2)[1])
@@ -185,8 +185,8 @@ def _assembly(design: Design, index: int) -> dict[str, Any]:
         )
     n = design.n_samples
     run = design.simulator().simulate(
-        defects, duration=design.n_windows * n / SAMPLING_RATE, sampling_rate=SAMPLING_RATE, seed=seed,
-        **dict(design.options),
+        defects, duration=design.n_windows * n / SAMPLING_RATE, sampling_rate=SAMPLING_RATE,
+        random_state=seed, **dict(design.options),
     )  # fmt: skip
     worn = np.zeros(N_LOBES, dtype=bool)
     worn[list(defects.worn_lobes)] = True

@@ -1,4 +1,4 @@
-"""What can be told at best: likelihood of a window among simulated twins."""
+"""Reference for the best possible count: likelihood of a window among simulated twins."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from benchmarks.counting._data import N_LOBES, Windows
-from cyclofeat import lobes
+from cyclofeat.signal import lobes
 
 Complex = NDArray[np.complex128]
 Float = NDArray[np.float64]
 
-_LOWEST_LINE = 3  # below, the brake drifts
+_LOWEST_LINE = 3  # lower lines hold the brake's drift
 _POOLED = 0.3
 _RIDGE = 1e-3
 
 
 class Twins:
-    """Normal law of the complex lobe lines of each count on one or both wheels, the pose marginalised.
+    """Normal distribution of the complex lobe lines per count and wheels, with the pose marginalised.
 
-    The law of each cell (count, wheels) has mean and covariance of simulated twins: assemblies of the
-    same rig and noise, whose true pose (when lobe 0 passes, which lobe is the first worn one) is known. So
-    it knows rig, tolerances and noise, and pin errors, contacts, speed and drift are integrated over by the
-    twins. A window judged is given no pose: the mesh line tells where slots begin, and the likelihood is
-    summed over the 15 lobes that may come first and over one or both wheels.
+    The distribution of each cell (count, wheels) has mean and covariance of simulated twins: assemblies of
+    the same rig and noise with known true pose (passage of lobe 0, first worn lobe). The oracle therefore
+    knows rig, tolerances and noise; the twins integrate over pin errors, contacts, speed and drift. The pose
+    of a test window is unknown: the mesh line gives the start of the slots, and the likelihood is summed over
+    the 15 possible first lobes and over one or both wheels.
 
-    It is the best that means and covariances of the 42 lines can tell, with ``_POOLED`` of each covariance
-    taken from the mean over the cells. A law that is not normal, or other lines, could tell more.
+    It is the best result from means and covariances of the 42 lines, with the share ``_POOLED`` of each
+    covariance taken from the mean over the cells. Another distribution or other lines could do better.
     """
 
     def fit(self, lines: Complex, windows: Windows) -> Self:
@@ -44,7 +44,7 @@ class Twins:
         for cell in cells:
             own = posed[(windows.y == cell[0]) & (windows.wheels == cell[1])]
             if cell[0] == 0:
-                # sound lobes have no first one
+                # a healthy disc has no first worn lobe
                 own = np.concatenate(
                     [lobes.shift(own, np.full(len(own), k / N_LOBES)) for k in range(N_LOBES)]
                 )

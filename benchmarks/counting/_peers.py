@@ -21,12 +21,12 @@ from benchmarks.counting._data import SAMPLING_RATE
 from benchmarks.counting._work import JUDGED_NOISE, REDUCED_RATE, Work, reduced, share
 from cyclofeat import features
 from cyclofeat.counting import EntropyLadder, evaluate
-from cyclofeat.counting._trees import CountingTrees
-from cyclofeat.features._base import WindowTransformer
+from cyclofeat.counting.trees import CountingTrees
+from cyclofeat.features.base import WindowTransformer
 
 Float = NDArray[np.float64]
 
-# Transformers of the papers' methods, with what each row says of itself.
+# Transformers of the papers' methods, with the label of each row.
 METHODS: dict[str, tuple[str, type[WindowTransformer], dict[str, Any]]] = {
     "statistics": ("A table 4: min, max, mean, std, range", features.TorqueStatistics, {}),
     "entropy": ("A 5.3: Shannon entropy", features.SpectralEntropy, {}),
@@ -43,7 +43,7 @@ METHODS: dict[str, tuple[str, type[WindowTransformer], dict[str, Any]]] = {
     "coherence": ("B 5, A 5.2: coherence with healthy", features.CoherenceToReference, {}),
     "minima": ("B 7, A 5.1: minima overlap", features.WaveletMinimaOverlap, {}),
 }  # fmt: skip
-# These learn from the counts: inside the folds. The others are worked out once.
+# These learn from the counts, so they are fitted inside the folds. The others are computed once.
 _LEARNS = ("coherence", "minima")
 PEERS = {
     "ladder": "A 5.3 as a ladder: Shannon entropy, thresholds between counts",
@@ -76,7 +76,7 @@ def peer(work: Work, key: str, rig: str, noise: float) -> dict[str, Any]:
             if key == "minirocket":
                 counter = make_pipeline(StandardScaler(), RidgeClassifierCV(np.logspace(-3, 3, 7)))
         if key not in _LEARNS:
-            # Features all alike are no constant window: two columns that say nothing keep them apart.
+            # Two constant columns: a row of equal features must not look like a constant window.
             X = np.column_stack([X, np.zeros(len(X)), np.ones(len(X))])
         return share(evaluate(counter, X, judged.y, judged.assembly))
 
@@ -105,7 +105,7 @@ def all_of_tsfel(_: Work, X: Any, sampling_rate: float = REDUCED_RATE) -> Float:
     return np.clip(np.nan_to_num(np.array(found)), -1e30, 1e30)
 
 
-# aeon pins libraries older than ours: it runs in an environment of its own.
+# aeon pins older libraries, so it runs in a separate environment.
 _MINIROCKET = """
 import sys
 import numpy as np
@@ -116,7 +116,7 @@ np.save(sys.argv[2], MiniRocket(random_state=0, n_jobs=1).fit_transform(X[:, np.
 
 
 def minirocket(work: Work, X: Any) -> Float:
-    """MiniRocket's 9,996 features; its biases are quantiles of the windows, no count enters."""
+    """MiniRocket's 9,996 features; its biases are quantiles of the windows and do not use counts."""
     python = work.folder / "venv/bin/python"
     if not python.exists():
         raise FileNotFoundError(
@@ -140,18 +140,18 @@ _PEERS = {"catch22": catch22, "tsfel": all_of_tsfel, "minirocket": minirocket}
 
 
 def has_torch() -> bool:
-    """Whether a convolutional network could be trained here."""
+    """Return True if torch is installed, which a convolutional network needs."""
     return importlib.util.find_spec("torch") is not None
 
 
 def load_levels(work: Work, key: str) -> dict[str, Any]:
     """OEDI's load levels across health states under the protocol of ``evaluate_load_levels``.
 
-    Everything but the features is that function's own: windows, ridge regression, folds, scores. ``held`` are
-    the toolkit's features, held within the range that they have in the training state.
+    Windows, ridge regression, folds and scores are those of that function; only the features differ. ``held``
+    are the toolkit's features, clipped to their range in the training state.
     """
-    from cyclofeat.counting import _load_level_data as level_data
-    from cyclofeat.counting import _load_levels as levels
+    from benchmarks import _load_level_data as level_data
+    from benchmarks import load_levels as levels
     from cyclofeat.datasets import load_oedi_gearbox
 
     def features(windows: Float, sampling_rate: float) -> Float:

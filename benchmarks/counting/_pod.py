@@ -13,8 +13,7 @@ from sklearn.model_selection import StratifiedGroupKFold
 from benchmarks.counting import _designs as designs
 from benchmarks.counting._rows import default_trees, shares
 from benchmarks.counting._work import JUDGED_NOISE, Work
-from cyclofeat.counting._combine import combine_proba
-from cyclofeat.counting._folds import aligned_proba
+from cyclofeat.counting import aligned_proba, combine_proba
 
 Float = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ COLUMNS = ("rig", "depth", "noise_nm", "turns", "worn", "assemblies", "right")
 def detection(work: Work, noise: float) -> dict[str, Any]:
     """Rows of the plan's table and points of the curves at one noise.
 
-    One counter for all depths, since a customer does not know how deep the wear is; folds by assembly.
+    One counter serves all depths, because the depth of the wear is unknown in use; folds are by assembly.
     """
 
     def run() -> dict[str, Any]:
@@ -36,7 +35,7 @@ def detection(work: Work, noise: float) -> dict[str, Any]:
             X.append(F)
             y.append(windows.y)
             # The designs share seeds of assemblies and of noise: an assembly of one depth has twins at the
-            # others, in the same place, which must never stand on the other side of a fold.
+            # other depths, in the same place, which must be on the same side of a fold.
             member.append(windows.assembly)
             depths.append(np.full(len(windows.y), depth))
             number.append(windows.number)
@@ -56,7 +55,7 @@ def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -
     rows, points = [], []
     assert order.max() < 100
     for turns in TURNS:
-        # blocks of as many windows in a row: each a recording of its own
+        # blocks of consecutive windows: each is one recording
         at_depth = np.unique(deep, return_inverse=True)[1]
         named = (at_depth * 10_000 + members) * 100 + order // turns
         _, block = np.unique(named, return_inverse=True)
@@ -77,12 +76,12 @@ def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -
 
 
 def done(work: Work) -> list[float]:
-    """Noises whose trials are there."""
+    """Return the noises whose trials exist."""
     return [noise for noise in NOISES if work.found(f"detection-{noise:g}") is not None]
 
 
 def write_table(work: Work, path: Path) -> None:
-    """The plan's table, from what is kept."""
+    """Return the plan's table from the stored results."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -92,7 +91,7 @@ def write_table(work: Work, path: Path) -> None:
 
 
 def draw(work: Work, path: Path) -> None:
-    """Exact counts against depth, one panel per number of output turns, one line per noise."""
+    """Plot exact counts against depth, one panel per number of output turns, one line per noise."""
     import matplotlib
 
     matplotlib.use("Agg")

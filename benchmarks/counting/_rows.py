@@ -1,4 +1,4 @@
-"""The rows of the table but for the peers': each a figure with its goal, kept once worked out."""
+"""Rows of the table except the peers': each is a figure with its goal, stored once computed."""
 
 from __future__ import annotations
 
@@ -29,14 +29,15 @@ from cyclofeat.counting import (
     GroupCalibratedCounter,
     LobeCounter,
     LobeModel,
+    Protocol,
     evaluate,
     make_lobe_counter,
     predict_recordings,
 )
-from cyclofeat.counting._scores import at_the_ends, draws, interval, ratio, sums_by_assembly
+from cyclofeat.counting.scores import at_the_ends, draws, interval, ratio_of_sums, sums_by_assembly
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.lobes import lobe_lines
-from cyclofeat.persistence import load_model, save_model
+from cyclofeat.models import load_model, save_model
+from cyclofeat.signal.lobes import LobeComb, lobe_lines
 
 GOALS: dict[str, dict[float, float]] = {
     "R1": {0.05: 0.99, 0.2: 0.98, 0.5: 0.96, 1.0: 0.92, 2.0: 0.85},
@@ -46,7 +47,7 @@ GOALS: dict[str, dict[float, float]] = {
 
 
 def default_trees() -> BaseEstimator:
-    """The step of the default counter behind the lobe map."""
+    """Return the step of the default counter after the lobe map."""
     return make_lobe_counter(REDUCED_RATE)[-1]
 
 
@@ -54,7 +55,7 @@ def accuracy(work: Work, rig: str, noise: float, more: bool) -> dict[str, Any]:
     """Default counter, one window, folds by assembly; with more training assemblies or without."""
 
     def run() -> dict[str, Any]:
-        # A free output has no resonance to take out, and its ripple reaches twice as high.
+        # A free output has no resonance to remove, and its ripple reaches twice the frequency.
         options = {"n_lines": 88, "ar_order": 0} if more and rig == "R0" else {}
         X, judged = work.features(designs.JUDGED[rig], noise, JUDGED_NOISE, **options)
         counter = default_trees()
@@ -68,7 +69,7 @@ def accuracy(work: Work, rig: str, noise: float, more: bool) -> dict[str, Any]:
 
 
 def shuffled(work: Work, noise: float) -> dict[str, Any]:
-    """The same on R1 with counts dealt out anew among assemblies: must fall to chance."""
+    """The same on R1 with counts permuted among assemblies: must fall to chance."""
 
     def run() -> dict[str, Any]:
         X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
@@ -83,7 +84,7 @@ def recordings(work: Work, noise: float = 1.0) -> dict[str, Any]:
     """Eight windows of a recording together; trained on two windows each of other assemblies."""
 
     def run() -> dict[str, Any]:
-        # EIGHT continues the first assemblies of JUDGED: those must not be trained on.
+        # EIGHT continues the first assemblies of JUDGED, which must not be in training.
         X, judged = work.features(designs.EIGHT, noise, JUDGED_NOISE)
         further, truth = work.features(designs.MORE["R1"], noise, TRAINING_NOISE)
         counter = GroupCalibratedCounter(default_trees()).fit(further, truth.y, groups=truth.assembly)
@@ -95,15 +96,16 @@ def recordings(work: Work, noise: float = 1.0) -> dict[str, Any]:
 
 
 def lobe_sets(work: Work, noise: float = 0.2) -> dict[str, Any]:
-    """Exactly the right set of lobes, by the tachometer."""
+    """Share of exactly right sets of lobes, with the tachometer."""
 
     def run() -> dict[str, Any]:
         judged = work.windows(designs.JUDGED["R1"])
         X = reduced(judged, noise, JUDGED_NOISE)
         counter = LobeCounter(REDUCED_RATE, n_splits=2)
         found = evaluate(
-            counter, X, judged.y, judged.assembly, worn=judged.worn, passage=judged.passage, n_splits=3
-        )
+            counter, X, judged.y, judged.assembly, lobes=(judged.worn, judged.passage),
+            protocol=Protocol(n_splits=3),
+        )  # fmt: skip
         assert found.exact_lobes is not None
         return {
             "value": found.exact_lobes,
@@ -116,14 +118,14 @@ def lobe_sets(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
 
 def patterns(work: Work, noise: float = 0.2) -> dict[str, Any]:
-    """Count and positions of lobes that are no neighbours; trained on neighbours and on any lobes."""
+    """Count and positions of non-adjacent lobes; trained on adjacent and on any lobes."""
     return work.kept(
         f"patterns-{noise:g}", lambda: _trained_on_any(work, designs.JUDGED["R1"], designs.PATTERNS, noise)
     )
 
 
 def neighbours(work: Work, noise: float = 0.2) -> dict[str, Any]:
-    """What training on any lobes costs where the worn ones are neighbours."""
+    """Loss from training on any lobes if the worn ones are adjacent."""
     return work.kept(
         f"neighbours-{noise:g}",
         lambda: _trained_on_any(work, designs.MORE["R1"], designs.JUDGED["R1"], noise),
@@ -131,7 +133,7 @@ def neighbours(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
 
 def _trained_on_any(work: Work, rows: Design, judged: Design, noise: float) -> dict[str, Any]:
-    """Count and positions by a counter trained on rows of worn lobes and on any."""
+    """Count and positions by a counter trained on adjacent worn lobes and on any."""
     training = Windows.joined([work.windows(design) for design in (rows, *designs.ANY)])
     windows = work.windows(judged)
     counter = LobeCounter(REDUCED_RATE, n_splits=3).fit(
@@ -161,7 +163,7 @@ def oracle(work: Work, rig: str, noise: float) -> dict[str, Any]:
                 reduced(windows, noise, seed).astype(float),
                 REDUCED_RATE,
                 500 / 60,
-                ar_order=16 * (rig == "R2"),
+                LobeComb(ar_order=16 * (rig == "R2")),
             ).lines
             for windows, seed in parts
         ]
@@ -214,7 +216,7 @@ def conditions(work: Work, key: str, ones: dict[float, Design], noise: float = 0
         X, y, groups, condition = [], [], [], []
         nominal = 22.0 if key == "load" else 500.0
         for value, design in sorted((ones | {nominal: designs.JUDGED["R1"]}).items()):
-            # noise of its own: the same noise at two loads would tell the assembly
+            # separate noise: the same noise at two loads would identify the assembly
             F, windows = work.features(design, noise, JUDGED_NOISE + int(value))
             # as many assemblies of the nominal condition as of the others
             rows = windows.assembly < 160
@@ -225,7 +227,7 @@ def conditions(work: Work, key: str, ones: dict[float, Design], noise: float = 0
             first += 1000
         result = evaluate(
             default_trees(), np.concatenate(X), np.concatenate(y), np.concatenate(groups),
-            protocol="leave-one-condition-out", conditions=np.concatenate(condition),
+            protocol=Protocol("leave-one-condition-out", conditions=np.concatenate(condition)),
         )  # fmt: skip
         found = {str(name): score for name, score in (result.by_condition or {}).items()}
         return share(result) | {"by_condition": found}
@@ -238,7 +240,7 @@ def ninth(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
     def run() -> dict[str, Any]:
         X, judged = work.features(designs.JUDGED["R1"], noise, JUDGED_NOISE)
-        # noise of its own, as for `conditions`
+        # separate noise, as for `conditions`
         further, eight = work.features(designs.NINTH, noise, JUDGED_NOISE + 8)
         result = evaluate(
             default_trees(),
@@ -252,7 +254,7 @@ def ninth(work: Work, noise: float = 0.2) -> dict[str, Any]:
 
 
 def latency(work: Work) -> dict[str, Any]:
-    """Array at the full rate to count, to count and lobes, and by a stored model; of one window each."""
+    """Times from one window at the full rate to count, to count and lobes, and by a stored model."""
 
     def run() -> dict[str, Any]:
         judged = work.windows(designs.JUDGED["R1"]).take(slice(0, 160)).noisy(0.2)
@@ -286,9 +288,9 @@ def _milliseconds(call: Callable[..., Any], *arguments: Any) -> float:
 
 
 def shares(right: NDArray[np.float64], assembly: Any = None) -> dict[str, Any]:
-    """Mean of windows' hits with its interval over assemblies, as in ``evaluate``."""
+    """Mean of the windows' correct counts with its interval over assemblies, as in ``evaluate``."""
     member = np.arange(right.size) if assembly is None else np.unique(assembly, return_inverse=True)[1]
     sums = sums_by_assembly(np.stack([right, np.ones(right.size)], axis=1), member)
-    value, limits = interval(ratio, sums, draws(len(sums), 1000, 0), 0.95)
+    value, limits = interval(ratio_of_sums, sums, draws(len(sums), 1000, 0), 0.95)
     limits = at_the_ends(value, limits, len(sums), 0.95)
     return {"value": value, "interval": list(limits), "n_assemblies": len(sums)}

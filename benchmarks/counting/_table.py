@@ -1,4 +1,4 @@
-"""The table: goal beside figure, from the results that are kept."""
+"""The table of goals and figures, from the stored results."""
 
 # ruff: noqa: E501 - the texts are Markdown, wrapped as they will be read
 
@@ -19,7 +19,7 @@ _LATENCIES = {
 
 
 def table(work: Work) -> str:
-    """The whole text of ``counting.md``."""
+    """Return the whole text of ``counting.md``."""
     parts = [_intro(work), _accuracy(work), _others(work), _peers(work), _oedi(work)]
     return "\n".join(parts)
 
@@ -32,12 +32,12 @@ def text(found: dict[str, Any] | None, value: str = "value", limits: str = "inte
 
 
 def mark(found: dict[str, Any]) -> str:
-    """A dagger behind figures of an earlier definition of the lobe map."""
+    """Return a dagger for figures of an earlier definition of the lobe map."""
     return " †" if found.get("earlier") else ""
 
 
 def judged(found: dict[str, Any] | None, goal: float, value: str = "value", limits: str = "interval") -> str:
-    """The figure, with a word where the goal is missed."""
+    """Return the figure, marked if it misses the goal."""
     if found is None or found[value] >= goal:
         return text(found, value, limits)
     return f"{text(found, value, limits)} **missed**"
@@ -45,24 +45,24 @@ def judged(found: dict[str, Any] | None, goal: float, value: str = "value", limi
 
 def _intro(work: Work) -> str:
     quick = " **A quick run with a fifth of the assemblies: no figures to cite.**" if work.quick else ""
-    return f"""Made by `make bench-counting` (`python -m benchmarks.counting`; an interrupted run goes on).{quick}
+    return f"""Made by `make bench-counting` (`python -m benchmarks.counting`; an interrupted run can be continued).{quick}
 
-All torque here is **simulated**, on assumed rigs ("rig-v1"); nothing was measured but OEDI's vibration at the end.
-320 assemblies per rig, 8 classes (0 to 7 neighbouring worn lobes, on one wheel or both), two windows of 1.8 s at
+All torque here is **simulated** on assumed rigs ("rig-v1"); only OEDI's vibration at the end is measured.
+320 assemblies per rig, 8 classes (0 to 7 adjacent worn lobes, on one wheel or both), two windows of 1.8 s at
 25.6 kHz each, 3 Nm rms drift of the load below 1.5 Hz, white noise as stated; chance is 0.125. Folds are by assembly;
 brackets are 95 % intervals over assemblies (bootstrap; at 1 the rule of three). The counter is
-`make_lobe_counter`'s default, lobe map and 300 trees, trained at the noise at which it is judged. It works at
-2.56 kHz, to which it reduces the torque itself; peers other than the papers' methods get that reduced torque too.
-"not run": the run that made this table ended before; the same command goes on with it. †: by the earlier definition
-of the lobe map, whose speed search looked at the logarithm of the lobe lines' power; not run again yet.
-Integration: Adams-Bashforth at 10 us, training assemblies beyond the judged ones at 20 us.
+`make_lobe_counter`'s default, lobe map and 300 trees, trained at the noise of the test. It reduces the torque to
+2.56 kHz itself; peers other than the papers' methods receive the reduced torque too. "not run": the run that made this
+table ended before that row; the same command continues it. †: earlier definition of the lobe map, whose speed search
+used the logarithm of the lobe lines' power; not run again yet. Integration: Adams-Bashforth at 10 us, additional
+training assemblies at 20 us.
 """
 
 
 def _accuracy(work: Work) -> str:
     lines = [
         "## One window, accuracy\n",
-        "| rig, noise | goal | 256 training assemblies | with 480 more (R1: 960); R0: 88 lines, not whitened, besides | likelihood among twins (oracle) |",
+        "| rig, noise | goal | 256 training assemblies | with 480 more (R1: 960); R0: also 88 lines, not whitened | likelihood among twins (oracle) |",
         "|---|---|---|---|---|",
     ]
     for rig in ("R1", "R2", "R0"):
@@ -80,14 +80,14 @@ def _accuracy(work: Work) -> str:
             lines.append(f"| {' | '.join(cells)} |")
     control = work.latest("shuffled-0.2")
     lines.append(
-        f"\nControl: R1 at 0.2 Nm with the counts dealt out anew among the assemblies: {text(control)} "
+        f"\nControl: R1 at 0.2 Nm with the counts permuted among the assemblies: {text(control)} "
         "(must be chance).\n"
-        "\nOn R1 the goal is at most 3 points to the oracle; of 1.000 no oracle can be ahead.\n"
-        "\nThe oracle is `benchmarks/counting/_oracle.py`: normal laws of the complex lobe lines, one for each "
-        "count on one or both wheels, of 480 simulated twins (R1: 960) of the same rig and noise, 15 poses marginalised. "
-        "It knows rig, tolerances and noise law, and integrates over pins, contacts, speed and drift by the "
-        "twins; on R2 over the rig as well. It reads means and covariances of the lobe lines only: where the "
-        "counter is ahead of it, it is no upper bound.\n"
+        "\nOn R1 the goal is at most 3 points below the oracle, which cannot exceed 1.000.\n"
+        "\nThe oracle (`benchmarks/counting/_oracle.py`) uses normal distributions of the complex lobe lines, one for "
+        "each count on one or both wheels, estimated from 480 simulated twins (R1: 960) of the same rig and noise, with "
+        "15 poses marginalised. It knows rig, tolerances and noise, and integrates over pins, contacts, speed and drift "
+        "(on R2 also over the rig) by the twins. It uses only means and covariances of the lobe lines; where the counter "
+        "exceeds it, it is not an upper bound.\n"
     )
     return "\n".join(lines)
 
@@ -133,16 +133,14 @@ def _others(work: Work) -> str:
     lines.append(_row("the same: positions", ">= 0.90", exact))
     found = work.latest("neighbours-0.2")
     mixed = f"{text(found)}; positions {text(found, 'positions', 'positions_interval')}" if found else NOT_RUN
-    lines.append(
-        _row("neighbouring lobes, R1, 0.2 Nm, by a counter trained on any lobes too", "stated", mixed)
-    )
+    lines.append(_row("adjacent lobes, R1, 0.2 Nm, by a counter trained on any lobes too", "stated", mixed))
     lines += _sets(work.latest("conformal-0.5"))
     found = work.latest("ninth-0.2")
     figure = text(found)
     if found is not None:
         last = found["confusion"][-1]
         figure += (
-            f"; of eight worn lobes {last[-1] / sum(last):.3f} right, {last[-2] / sum(last):.3f} taken for 7"
+            f"; of eight worn lobes {last[-1] / sum(last):.3f} right, {last[-2] / sum(last):.3f} counted as 7"
         )
     lines.append(_row("8 worn lobes as a ninth class, R1, 0.2 Nm", "stated", figure))
     found = work.latest("latency")
@@ -174,8 +172,8 @@ def _peers(work: Work) -> str:
     columns = [("R1", noise) for noise in NOISES] + [("R2", 0.2), ("R0", 0.2)]
     lines = [
         "## Peers on the same folds, accuracy\n",
-        "One window; behind every method of the papers the same kind of trees (100). It is the papers' table 7 "
-        "with numbers.\n",
+        "One window; every method of the papers is followed by the same kind of trees (100). These are numbers for "
+        "the papers' table 7.\n",
         "| method | " + " | ".join(f"{rig} {noise:g}" for rig, noise in columns) + " |",
         "|---|" + "---|" * len(columns),
     ]
@@ -192,11 +190,11 @@ def _peers(work: Work) -> str:
                     tied.append(f"{name} ({rig}, {noise:g} Nm)")
     n_cells = len(columns) * len(peers.PEERS)
     compared = ahead + len(tied)
-    missed = f"**Not ahead of:** {', '.join(tied)}." if tied else "Ahead in every cell run"
+    missed = f"**Not better than:** {', '.join(tied)}." if tied else "Better in every cell run"
     missed += f" ({compared} of {n_cells} cells run)."
     network = "was not tried" if peers.has_torch() else "is left out: torch is not installed"
     lines.append(
-        f"\nGoal: ahead of every one at every noise. {missed} A 1-D convolutional network {network}.\n"
+        f"\nGoal: better than every peer at every noise. {missed} A 1-D convolutional network {network}.\n"
     )
     return "\n".join(lines)
 
@@ -210,10 +208,10 @@ def _oedi(work: Work) -> str:
     rows = next((list(one) for one in found.values() if one is not None), [])
     lines = [
         "## Measured vibration: load level across health states (OEDI)\n",
-        "Vibration of another kind of gearbox, 20 recordings, 10 levels; there are no lobes in it. Accuracy and "
-        "mean absolute error in levels per recording; same windows, ridge regression and folds for all. Chance: "
-        "0.10, and 2.50 for the best constant guess. *held*: each of our features held within the range that it "
-        "has in the training state, a choice made after these recordings had been looked at.\n",
+        "Vibration of another kind of gearbox without lobes, 20 recordings, 10 levels. Accuracy and mean absolute "
+        "error in levels per recording, with the same windows, ridge regression and folds for all. Chance: 0.10, and "
+        "2.50 for the best constant guess. *held*: each of our features is clipped to its range in the training state, "
+        "a choice made after inspecting these recordings.\n",
         "| channel, direction | " + " | ".join(found) + " |",
         "|---|" + "---|" * len(found),
     ]
@@ -230,10 +228,10 @@ def _oedi(work: Work) -> str:
     ahead = [name for name in means if "cyclofeat" not in name and means[name][1] < means["cyclofeat"][1]]
     if ahead:
         lines.append(
-            f"\nGoal: ahead of all. **Missed**: {', '.join(ahead)} is ahead of our features. Within one health state "
-            "all read the load to about one level; the change of state moves features out of the range that was "
-            "trained, and a straight line carries the shift on. MiniRocket's features are shares of samples, which "
-            "stay between 0 and 1; held within their range, ours lose much of that error. Twenty recordings of one "
-            "gearbox decide no more than this."
+            f"\nGoal: better than all. **Missed**: {', '.join(ahead)} is better than our features. Within one health "
+            "state all methods predict the load to about one level. The change of state moves features out of their "
+            "training range, and a linear model extrapolates the shift. MiniRocket's features are shares of samples, "
+            "which stay between 0 and 1; clipping ours to their range removes much of the error. Twenty recordings of "
+            "one gearbox allow no further conclusion."
         )
     return "\n".join(lines) + "\n"

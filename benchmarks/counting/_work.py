@@ -1,4 +1,4 @@
-"""What the rows share: windows with noise at two rates, training data beyond the judged, kept results."""
+"""Shared code of the rows: windows with noise at two rates, additional training data, stored results."""
 
 from __future__ import annotations
 
@@ -16,26 +16,25 @@ from sklearn.base import BaseEstimator, ClassifierMixin, clone
 from sklearn.utils.metaestimators import available_if
 
 from benchmarks.counting._data import SAMPLING_RATE, Design, Windows, load
-from cyclofeat._files import write_whole
-from cyclofeat.counting import Evaluation
-from cyclofeat.counting._folds import fit_grouped
+from cyclofeat._base.files import write_whole
+from cyclofeat.counting import Evaluation, fit_grouped
 from cyclofeat.features import LobeMap
-from cyclofeat.features._registry import REGISTRY
-from cyclofeat.lobes import reduce_rate
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal.lobes import reduce_rate
 
 NOISES = (0.05, 0.2, 0.5, 1.0, 2.0)
 REDUCED_RATE = 2560.0
-# Results stand for one definition of the lobe map; those of other methods and other data for all.
+# Results hold for one definition of the lobe map; those of other methods and data hold for all.
 DEFINITION = REGISTRY["lobe_slot_mean"].version
 _APART = ("peer-", "oedi-")
-# One seed each: noise of the windows judged, and of those only trained on.
+# One seed each: noise of the test windows, and of windows used for training only.
 JUDGED_NOISE, TRAINING_NOISE = 11, 12
 
 
 def reduced(windows: Windows, noise_nm: float, seed: int) -> NDArray[np.float32]:
-    """Torque with noise at the tenth of the rate, as :class:`LobeMap` makes it from the full rate itself.
+    """Torque with noise at a tenth of the rate, as :class:`LobeMap` reduces it from the full rate.
 
-    In blocks: all windows at the full rate in double precision would fill the memory.
+    Works in blocks, because all windows at the full rate in double precision would fill the memory.
     """
     parts = []
     for k in range(0, len(windows.y), 64):
@@ -46,14 +45,14 @@ def reduced(windows: Windows, noise_nm: float, seed: int) -> NDArray[np.float32]
 
 @dataclass
 class Work:
-    """Folder of simulations and results, and what is asked for.
+    """Folder of simulations and results, with the options of the run.
 
     Attributes
     ----------
     folder : pathlib.Path
     n_jobs : int
     quick : bool
-        A fifth of the assemblies: to see that everything runs, not for figures.
+        Use a fifth of the assemblies, to test that everything runs, not for figures.
     """
 
     folder: Path
@@ -72,7 +71,7 @@ class Work:
     def features(
         self, design: Design, noise_nm: float, seed: int, n_windows: int | None = None, **options: Any
     ) -> Any:
-        """Lobe maps of a design's windows, and their truth; kept. ``options`` are those of the lobe map."""
+        """Stored lobe maps of a design's windows, and their truth. ``options`` are those of the lobe map."""
         windows = self.windows(design, n_windows)
         name = f"{design.name}-{noise_nm:g}-{seed}-{n_windows}{'-quick' if self.quick else ''}"
         name += "".join(f"-{option}{value}" for option, value in options.items()) + f"-v{DEFINITION}"
@@ -86,7 +85,7 @@ class Work:
         return np.load(path), windows
 
     def kept(self, key: str, work: Callable[[], Any]) -> Any:
-        """The result of ``work``, from its file where there is one."""
+        """Return the result of ``work``, from its file if it exists."""
         found = self.found(key)
         if found is None:
             began = time.process_time()
@@ -99,12 +98,12 @@ class Work:
         return found
 
     def found(self, key: str) -> Any:
-        """A result that is kept already, else None."""
+        """Return a stored result, or None."""
         path = self._path(key)
         return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
     def latest(self, key: str) -> Any:
-        """A result that is kept already; else that of an earlier definition, which then says so."""
+        """Return a stored result, else that of an earlier definition, marked as such."""
         for definition in range(DEFINITION, 0, -1):
             path = self._path(key, definition)
             if path.exists():
@@ -125,7 +124,7 @@ def _loaded(folder: Path, n_jobs: int, design: Design) -> Windows:
 
 
 class WithMore(ClassifierMixin, BaseEstimator):
-    """A counter that is always trained on further windows too: of assemblies that nothing is judged on."""
+    """Counter that is always trained on additional windows of assemblies that are never tested."""
 
     def __init__(self, counter: Any, X: Any, y: Any, groups: Any) -> None:
         self.counter = counter
@@ -138,7 +137,7 @@ class WithMore(ClassifierMixin, BaseEstimator):
 
     def fit(self, X: Any, y: Any, groups: Any) -> Self:
         windows, counts = np.concatenate([X, self.X]), np.concatenate([y, self.y])
-        # their numbers must not meet those of the judged assemblies
+        # their numbers must differ from those of the tested assemblies
         members = np.concatenate([groups, self.groups + groups.max() + 1])
         self.counter_ = fit_grouped(self.counter, windows, counts, members)
         self.classes_ = self.counter_.classes_

@@ -1,4 +1,4 @@
-"""Simulated rig recordings in which an effect is hidden, made by code of their own, and a scorer.
+"""Simulated rig recordings with hidden effects from an independent generator, and a scorer.
 
 See ``README.md`` beside this file.
 """

@@ -34,7 +34,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command and return the exit code."""
     given = _parser().parse_args(arguments)
     if given.command == "generate":
         from benchmarks.hidden_effects._generate import generate

@@ -1,4 +1,4 @@
-"""The cases: what is hidden in each follows from a seed and the committed tables."""
+"""Cases, whose hidden effects follow from a seed and the committed tables."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ _OF_EFFECT = ("weak", "weak", "weak", "medium", "medium", "medium", "strong", "s
 _MORE = (("brake_rotor", "strong"), ("load_drift", "strong"))
 N_PAIRS = 40
 _OF_PAIR = (("medium", "medium"), ("weak", "strong"), ("medium", "medium"), ("strong", "medium"))
-# At one speed and a load that is given behind them these hardly move the torque in the meter: as one of two
-# they could not be asked for.
+# At one speed and a prescribed load these effects hardly change the measured torque, so they are not used in
+# pairs.
 _NOT_IN_PAIRS = ("sleeve_friction", "bearing_friction", "clock_error")
 N_OUTSIDE = 30
 # The subset: every effect once, these six twice; seven pairs; these six from outside.
@@ -68,7 +68,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """Recordings of one case, and nothing of what is hidden in them.
+    """Recordings of one case, without the truth.
 
     ``X_fit`` (8, n_samples) and ``X_hold`` (8 or 0, n_samples) hold torque in Nm at 25.6 kHz, ``y_fit`` and
     ``y_hold`` the counts of worn lobes.
@@ -119,7 +119,7 @@ def table(name: str) -> tuple[Row, ...]:
 
 @cache
 def tie_groups() -> tuple[frozenset[str], ...]:
-    """Effects that these recordings cannot tell apart, of ``ties.csv``."""
+    """Groups of effects of ``ties.csv`` that these recordings cannot separate."""
     return tuple(frozenset(row["effects"].split()) for row in rows_of("ties.csv"))
 
 
@@ -145,14 +145,14 @@ def _theta(effect: str, strength: str, random: np.random.Generator) -> dict[str,
         if row.scale == "sign":
             value *= sign
         if row.parameter == "pulses_per_turn":
-            value = row.values[strength]  # teeth come in whole numbers
-        # As the truth states it: written and read again it is the same number.
+            value = row.values[strength]  # the number of teeth is an integer
+        # Rounded as in the truth, so that the number does not change when it is read again.
         found[row.parameter] = float(f"{value:.6g}")
     return found
 
 
 def _pairs() -> list[tuple[str, str]]:
-    """Pairs of effects of different places that are not tied, in a random order that never changes."""
+    """Pairs of effects of different places that are not tied, in a fixed random order."""
     names = [name for name in effect_names(table("strengths.csv")) if name not in _NOT_IN_PAIRS]
     place = places()
     possible = [
@@ -163,7 +163,7 @@ def _pairs() -> list[tuple[str, str]]:
     order = np.random.default_rng([SEED, 99]).permutation(len(possible))
     used: dict[str, int] = dict.fromkeys(names, 0)
     chosen: list[tuple[str, str]] = []
-    # No effect in more pairs than its share.
+    # Limit the number of pairs per effect.
     most = -(-2 * N_PAIRS // len(names)) + 1
     for k in order:
         if len(chosen) < N_PAIRS and max(used[name] for name in possible[k]) < most:
@@ -175,7 +175,7 @@ def _pairs() -> list[tuple[str, str]]:
 
 @cache
 def definitions() -> dict[str, _Definition]:
-    """All cases by name, in the names' order, which tells nothing of them."""
+    """All cases by name, in the order of the names, which is not related to the content."""
     plans: list[tuple[str, tuple[tuple[str, str], ...], str, bool]] = []
     for decoy in ("",) * N_PLAIN_NULLS + DECOYS:
         plans.append(("null", (), decoy, False))
@@ -221,7 +221,7 @@ def case_names(kind: str | Sequence[str] | None = None, subset: int | None = Non
     kind : str or sequence of str, optional
         ``"null"``, ``"single"``, ``"pair"``, ``"outside"``, or several. Default: all.
     subset : 40, optional
-        The stratified subset of the whole chain's cases: 27 singles over all effects and strengths, 7 pairs,
+        The stratified subset for the whole workflow: 27 singles over all effects and strengths, 7 pairs,
         6 from outside the library. It has no nulls.
     """
     kinds = KINDS if kind is None else (kind,) if isinstance(kind, str) else tuple(kind)
@@ -270,7 +270,7 @@ def make_recordings(name: str, part: int, counts: Sequence[int]) -> NDArray[np.f
 
 
 def truth_text() -> str:
-    """What ``truth.json`` holds: one line per case."""
+    """Return the content of ``truth.json``: one line per case."""
     place = places()
     lines = []
     for name, case in definitions().items():
@@ -295,7 +295,7 @@ def truth() -> dict[str, dict[str, Any]]:
 
 
 def write_truth() -> None:
-    """Write ``truth.json`` and ``truth.sha256`` anew: after a change of tables or definitions."""
+    """Write ``truth.json`` and ``truth.sha256`` after a change of tables or definitions."""
     text = truth_text()
     (HERE / "truth.json").write_text(text, encoding="utf-8")
     digest = hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Without an effect this generator and :mod:`cyclofeat.simulators` make the same recordings: the figures."""
+"""Comparison of this generator with :mod:`cyclofeat.simulators` without an effect."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.signal import welch
 from benchmarks.hidden_effects._cases import FIT_COUNTS, SEED
 from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
 from benchmarks.hidden_effects._rig import nuisance_and_seed, record
-from cyclofeat.gap import GapLocator, NuisancePrior, make_bank, summarise
-from cyclofeat.gap._permutation import family_p
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+from cyclofeat.gap import Comparison, Conditions, locate, summarise
+from cyclofeat.gap.where import family_p
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 Float = NDArray[np.float64]
 
@@ -22,14 +22,14 @@ _BANDS = ((50, 500), (500, 2000), (2000, 4000), (4000, 8000))
 
 
 class Condition(NamedTuple):
-    """What both simulators are given."""
+    """Inputs of both simulators."""
 
     name: str
     lobes: tuple[int, ...] = ()
     wheels: tuple[int, ...] = (0, 1)
     pin_rms: float = 0.0
-    changes: tuple[tuple[str, Any], ...] = ()  # of the machine here
-    gearbox: tuple[tuple[str, Any], ...] = ()  # and of the gearbox there
+    changes: tuple[tuple[str, Any], ...] = ()  # of this generator's machine
+    gearbox: tuple[tuple[str, Any], ...] = ()  # of the simulator's gearbox
 
 
 _OFF = np.random.default_rng(8).normal(size=(3, 30)) * 1e-5
@@ -59,7 +59,7 @@ CONDITIONS = (
 
 
 def both(condition: Condition, duration: float = 1.2, dt: float = 1e-5) -> tuple[Float, Float]:
-    """Settled torque of the same run here and there."""
+    """Settled torque of the same run in this generator and in the simulator."""
     n_pins = 16
     errors = condition.pin_rms * np.random.default_rng(3).normal(size=(2, n_pins))
     worn = np.zeros((2, 15), dtype=np.int64)
@@ -72,7 +72,9 @@ def both(condition: Condition, duration: float = 1.2, dt: float = 1e-5) -> tuple
         pin_radial_errors=errors[0], pin_tangential_errors=errors[1], **dict(condition.gearbox)
     )
     defects = LobeDefects.worn(condition.lobes, wheels=condition.wheels)
-    there = simulate(gearbox, defects, duration=duration, start_angle=2.1, dt=dt, motion=False).torque_out
+    there = simulate(
+        gearbox, defects, duration=duration, start_angle=2.1, solver=Solver(dt=dt), motion=False
+    ).torque_out
     settled = n // 3
     return here[settled:], there[settled:]
 
@@ -85,20 +87,20 @@ def level(torque: Float, low: float, high: float) -> float:
 
 
 def distributions(n: int, other_seed: int = 5) -> tuple[Float, Float, list[Any], NDArray[np.int64]]:
-    """Summaries of ``n`` recordings here and there without an effect, cells, and counts of worn lobes."""
+    """Summaries of ``n`` recordings from both without an effect, cells, and counts of worn lobes."""
     counts = np.resize(FIT_COUNTS, n)
     own = []
     for i in range(n):
         nuisance, seed = nuisance_and_seed([SEED, 10**6, i])
         own.append(record(int(counts[i]), (), seed, nuisance))
-    here, cells = summarise(np.array(own), SAMPLING_RATE, INPUT_HZ)
-    bank = make_bank(None, NuisancePrior(), FIT_COUNTS, n=n, random_state=other_seed)
-    there, _ = summarise(bank.X, SAMPLING_RATE, INPUT_HZ)
+    here, cells = summarise(np.array(own), Conditions(SAMPLING_RATE, INPUT_HZ))
+    bank = Comparison(sampling_rate=SAMPLING_RATE).bank(n, FIT_COUNTS, random_state=other_seed)
+    there, _ = summarise(bank.X, Conditions(SAMPLING_RATE, INPUT_HZ))
     return here, there, cells, counts
 
 
 def standardised(here: Float, there: Float, counts: NDArray[Any]) -> Float:
-    """Difference of the means over its standard error, by cell, counts taken out."""
+    """Difference of the means over its standard error, by cell, with the counts' effect removed."""
     a, b = here.copy(), there.copy()
     for count in np.unique(counts):
         middle = there[counts == count].mean(axis=0)
@@ -109,7 +111,7 @@ def standardised(here: Float, there: Float, counts: NDArray[Any]) -> Float:
 
 def report(n: int = 80, nulls: int = 30) -> str:
     """Waveforms, distributions of the summaries, and the locator's verdicts on sets without an effect."""
-    lines = ["# This generator beside cyclofeat.simulators, nothing hidden", "", "## The same run", ""]
+    lines = ["# This generator and cyclofeat.simulators without hidden effects", "", "## The same run", ""]
     steps = (1e-5, 2.5e-6)
     lines += [
         "Same gearbox, errors and start angle, 0.4 to 1.2 s. Rms of the difference over the rms of the "
@@ -133,7 +135,7 @@ def report(n: int = 80, nulls: int = 30) -> str:
     lines += ["", "## Summaries under the nuisance prior", ""]
     lines += [
         f"{n} recordings of each, {len(cells)} cells: difference of the means over its standard error has an "
-        f"rms of {np.sqrt(np.mean(z**2)):.2f} (1 where both are the same); {np.sum(np.abs(z) > 3)} of "
+        f"rms of {np.sqrt(np.mean(z**2)):.2f} (1 if both are the same); {np.sum(np.abs(z) > 3)} of "
         f"{len(z)} beyond 3. The largest:",
         "",
         "| cell | difference | spread of one recording | z |",
@@ -150,26 +152,27 @@ def report(n: int = 80, nulls: int = 30) -> str:
         alarms, verdict = false_alarms(nulls)
         lines.append(
             f'{alarms} of {nulls} say "disagree" at alpha 0.05 (bank of 200; the first one\'s verdict by '
-            f"GapLocator itself: {verdict})."
+            f"locate itself: {verdict})."
         )
     return "\n".join(lines)
 
 
 def false_alarms(n: int, n_permutations: int = 499) -> tuple[int, str]:
-    """How many of ``n`` sets without an effect the locator calls "disagree"; and its verdict on the first."""
+    """Number of ``n`` sets without an effect with the verdict "disagree", and the first verdict."""
     X = []
     for i in range(8 * n):
         nuisance, seed = nuisance_and_seed([SEED, 10**6 + 1, i])
         X.append(record(FIT_COUNTS[i % 8], (), seed, nuisance))
-    locator = GapLocator(SAMPLING_RATE, n_permutations=n_permutations)
-    locator.fit(np.array(X[:8]), y=FIT_COUNTS)
-    # The bank is the same for all sets: compared with it as GapLocator does, without making it anew.
-    values, cells = summarise(np.array(X), SAMPLING_RATE, INPUT_HZ)
-    simulated = locator.centred(locator.simulated_, locator.bank_.counts)
-    measured = locator.centred(values, np.resize(FIT_COUNTS, 8 * n))
+    comparison = Comparison(sampling_rate=SAMPLING_RATE)
+    first = comparison.measured(np.array(X[:8]), y=FIT_COUNTS)
+    located = locate(comparison, first, n_permutations=n_permutations)
+    # All sets use one bank: they are compared as in locate, without a new bank for each.
+    values, cells = summarise(np.array(X), Conditions(SAMPLING_RATE, INPUT_HZ))
+    simulated = located.centred(located.simulated, located.bank.counts)
+    measured = located.centred(values, np.resize(FIT_COUNTS, 8 * n))
     random = np.random.default_rng(0)
     alarms = 0
     for k in range(n):
         p = family_p(measured[8 * k : 8 * k + 8], simulated, cells, n_permutations, random)
-        alarms += min(p.values()) <= locator.alpha
-    return alarms, locator.verdict_
+        alarms += min(p.values()) <= located.alpha
+    return alarms, located.verdict

@@ -32,7 +32,7 @@ def _write_part(folder: Path, case: Case, part: str, X: NDArray[Any], y: NDArray
 
 
 def write_case(name: str, out: Path) -> bool:
-    """Make one case's folder, whole or not at all; False where it is there already."""
+    """Make the folder of one case, complete or not at all; return False if it exists."""
     folder = out / name
     if folder.exists():
         return False
@@ -47,7 +47,7 @@ def write_case(name: str, out: Path) -> bool:
 
 
 def generate(names: Sequence[str], out: Path, jobs: int = 2) -> None:
-    """Write the cases that are not there yet, and say how far it has come."""
+    """Write the missing cases and report progress."""
     out.mkdir(parents=True, exist_ok=True)
     left = [name for name in names if not (out / name).exists()]
     print(f"{len(names)} cases, {len(names) - len(left)} of them there already", flush=True)

@@ -1,12 +1,12 @@
-"""The gearbox on its rig, written a second time: compact, in numba, for hiding effects in.
+"""Independent implementation of the gearbox on its rig in numba, for recordings with hidden effects.
 
-Same physics and contact law as :mod:`cyclofeat.simulators`, no code of it: third-order Adams-Bashforth at
-102.4 kHz in place of the midpoint rule at 100 kHz, every pin's foot by one step of Newton's from where it
-would be at rest, at every time step, and no lists of contacts that are kept.
+The physics and the contact law are those of :mod:`cyclofeat.simulators`, the code is separate: third-order
+Adams-Bashforth at 102.4 kHz instead of the midpoint rule at 100 kHz, every pin's foot by one Newton step from
+its position at rest, at every time step, and no stored lists of contacts.
 
-Everything is stated as the deviation from a rotation at -phi/15. Complex numbers are written out as two
-reals, cross(a, b) = a_x b_y - a_y b_x. A pin lives in its own frame (radial, tangential), a worn lobe in the
-lobe's.
+All angles are deviations from a rotation at -phi/15. Complex numbers are written as two reals,
+cross(a, b) = a_x b_y - a_y b_x. A pin is described in its own frame (radial, tangential), a worn lobe in the
+lobe's frame.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MARGIN = 16  # samples of the record that the anti-alias filter needs beyond its
 ABSURD = 1e4  # Nm
 BRAKE_SPEED = 0.8  # rad/s: below it the brake's dry friction is proportional to the speed
 
-# The machine's numbers, by place in one array.
+# The machine's constants, by index in one array.
 (
     Z, ECC, INV_M, Q, RING, R_IN, GAP_IN, RAD_IN, J_WHEEL, J_OUT, K_HERTZ, DAMPING, RAMP, HUNT_CROSSLEY,
     TIP_X, PIT_X, PIT_Y, RAD_TIP, RAD_PIT, MU, SLIP_SPEED, Q_IN, J_SLEEVE,
@@ -47,7 +47,7 @@ PITCH = 2 * math.pi / 15
 
 @dataclass(frozen=True)
 class Machine:
-    """One assembly: what :func:`run` needs to know.
+    """One assembly, the input of :func:`run`.
 
     Lengths in m, torques in Nm. ``pins`` is complex (radial + i tangential errors), ``cams`` and ``runouts``
     are complex by wheel, ``pitch`` holds the lobes' errors in rad, ``worn`` 0 or 1, both (2, 15).
@@ -72,11 +72,11 @@ class Machine:
     stribeck: tuple[float, float] = (0.0, 1.0)  # rise of the brake's friction at rest, speed of its fall
 
     def with_(self, **changes: Any) -> Machine:
-        """A copy with single fields changed."""
+        """Return a copy with changed fields."""
         return replace(self, **changes)
 
     def numbers(self) -> Float:
-        """The constants that :func:`_integrate` takes."""
+        """Return the constants that :func:`_integrate` takes."""
         g = CycloidalGearbox.steel()
         p = np.zeros(N_NUMBERS)
         q, e, z, m = g.pin_radius, g.eccentricity, g.n_pins - 1, g.shortening
@@ -92,7 +92,8 @@ class Machine:
         deep = ring - e - q  # the pit's distance from the centre
         damping = g.contact_damping
         if self.hunt_crossley:
-            # The same loss in small torsional vibration of the loaded half of the ring about the mean load.
+            # The loss in small torsional vibration of the loaded half of the ring about the mean load is
+            # equal.
             arm = e * z * np.sin(np.pi * (np.arange(8) + 0.5) / 8)
             share = 11.0 * arm**1.5 / np.sum(arm**2.5)
             damping *= np.sum(arm**2) / np.sum(share * arm**2)
@@ -141,7 +142,7 @@ def _small(x):
 def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
     """Contacts of one wheel with the chords of worn lobes; returns their moment about the cam.
 
-    Also sets each pin's weight of the flank: nothing is left of the worn half's own profile.
+    It also sets each pin's weight of the flank, which is zero on the worn half.
     """
     q = p[Q]
     tip = p[TIP_X]
@@ -164,12 +165,13 @@ def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
         lobe = int(whole) % 15
         if part < 0.5:
             t[WEIGHT + j] = 1.0 - worn[w, lobe]
-        # Ahead of the tip a pin rests on the flank before; far beyond the pit it has left the chord.
+        # Ahead of the tip a pin is on the previous flank; far beyond the pit it has left the chord.
         if worn[w, lobe] == 0 or part > 0.75:
             continue
         x = t[LEVER_X + j] - t[RUN_X + j]
         y = t[LEVER_Y + j] - t[RUN_Y + j]
-        # From the pin's frame into the lobe's: by the pin's place on the wheel, then back by the lobe's.
+        # From the pin's frame to the lobe's: rotate by the pin's position on the wheel, then back by the
+        # lobe's.
         cb = t[CB + j]
         sb = t[SB + j]
         ax = cb * ct + sb * st
@@ -194,7 +196,7 @@ def _edges(w, theta, cx, cy, ct, st, omega, rate, p, t, worn, pitch, lobes):
                 distance = math.sqrt(v * v + b * b)
                 if distance >= q:
                     continue
-                # At the tip the effective radius leads over from the profile's to that of a plane.
+                # At the tip the effective radius changes from the profile's to that of a plane.
                 share = min(max((v + ox / oy * b) / distance, 0.0), 1.0)
                 radius = p[RAD_TIP] + share * (q - p[RAD_TIP])
                 nx = (v * ox - b * oy) / distance
@@ -271,12 +273,13 @@ def _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t):
         lever_x = t[LEVER_X + j]
         lever_y = t[LEVER_Y + j]
         turned = t[TURNED + j]
-        # The pin from the foot at rest; a displaced lobe is a pin turned back about the wheel's bearing.
+        # Pin relative to the foot at rest; a displaced lobe equals a pin rotated back about the wheel's
+        # bearing.
         qx = dx * ax + dy * ay + t[ERR_R + j] + turned * lever_y
         qy = dy * ax - dx * ay + t[ERR_T + j] - turned * lever_x
         v = (qx * gx + qy * ly) * ig
         u = (qy * gx - qx * ly) * ig
-        # On to the foot of the displaced pin, by Newton's first step; what is left of u is of second order.
+        # Foot of the displaced pin by one Newton step; the remaining error of u is of second order.
         s = u * ig * inv_ez / (1.0 + (a1 + a3 * i2) * ig * v)
         y = s * s
         s1 = s * (1.0 - y * (1.0 / 6.0) * (1.0 - y * (1.0 / 20.0)))
@@ -302,7 +305,7 @@ def _flanks(dx, dy, cx, cy, ct, st, cl, sl, omega, rate, p, t):
         gap = v + 0.5 * bend * u * x
         tilt = x * (bend + 0.5 * change * x) + turned
         radius = q * (1.0 - q * (bend + change * x))
-        # The pitch error changes along the profile: the gap with it.
+        # The pitch error, and with it the gap, changes along the profile.
         tilt -= t[SLOPE + j] * ig * inv_ez * (lever_x * gy - lever_y * gx) * ig
         along = 1.0 - 0.5 * tilt * tilt
         nx = (gx * along - gy * tilt) * ig
@@ -385,7 +388,7 @@ def _pins_rub(cx, cy, omega, rate, p, t, state, rates):
         size = math.sqrt(fx * fx + fy * fy)
         if size == 0.0:
             continue
-        # Out of the wheel, and the lever of the place where they touch.
+        # Outward direction of the wheel, and the lever of the contact point.
         mx = -fx / size
         my = -fy / size
         lever = t[LEVER_X + j] * mx + t[LEVER_Y + j] * my - p[Q]
@@ -503,7 +506,7 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
         rates[N_ANGLES + k] = 0.0
     on_shaft = 0.0
     if p[J_LOOSE] > 0.0:
-        # A part that hangs loosely on the output shaft: it feels the shaft at the ends of its play only.
+        # A part with play on the output shaft touches the shaft only at the ends of its play.
         apart = state[LOOSE] - state[OUT]
         over = abs(apart) - p[PLAY]
         if over > 0.0:
@@ -524,7 +527,7 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
         behind += p[C_SECOND] * (state[N_ANGLES + SECOND] - state[N_ANGLES + ROTOR])
         rates[N_ANGLES + SECOND] = (load - behind) / p[J_SECOND] + push
     elif p[STRIBECK] > 0.0:
-        # Dry friction that falls with the speed, its value at the nominal one being the load.
+        # Dry friction falls with the speed; its value at the nominal speed is the load.
         turning = mean_rate + state[N_ANGLES + ROTOR]
         nominal = 1.0 + p[STRIBECK] * math.exp(-abs(mean_rate) / p[STRIBECK_SPEED])
         now = 1.0 + p[STRIBECK] * math.exp(-abs(turning) / p[STRIBECK_SPEED])
@@ -535,10 +538,10 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _integrate(n_steps, h, drive, p, t, mounts, worn, pitch, lobes, torque):
-    """Adams-Bashforth's third order; ``torque`` (n_steps,) at the beginning of each. Returns the steps done.
+    """Integrate by third-order Adams-Bashforth and return the number of steps done.
 
-    ``drive`` (8, n_steps): input angle, speed, acceleration, load, and the cosines and sines of the angle and
-    of a fifteenth of it.
+    ``torque`` (n_steps,) is at the start of each step; ``drive`` (8, n_steps): input angle, speed,
+    acceleration, load, and the cosines and sines of the angle and of a fifteenth of it.
     """
     state = np.zeros(N_STATE)
     k0 = np.zeros(N_STATE)
@@ -565,7 +568,7 @@ RAMP_TIME = 0.2
 
 
 def times(n_samples: int) -> Float:
-    """Times in s at which :func:`run` wants fluctuations of load and speed."""
+    """Times in s at which :func:`run` expects fluctuations of load and speed."""
     return np.arange((n_samples + MARGIN) * OVERSAMPLING) * STEP
 
 
@@ -579,7 +582,7 @@ def run(
     """Torque in Nm and input angle in rad at 25.6 kHz, from rest.
 
     ``load_extra`` (Nm) and ``speed_extra`` (rad/s) are given at :func:`times` and rise with the ramp of
-    0.2 s over which speed and load do.
+    speed and load, 0.2 s.
     """
     time = times(n_samples)
     rise = np.minimum(time / RAMP_TIME, 1.0)
@@ -615,6 +618,6 @@ def run(
     )  # fmt: skip
     if done < time.size:
         raise RuntimeError(f"the simulation diverged at t = {done * STEP:.4f} s with {machine}")
-    # Edge and length of the filter are those of a conversion from 100 kHz: 10 samples on either side.
+    # Edge and length of the filter are those for a conversion from 100 kHz: 10 samples on either side.
     kept = resample_poly(torque, 1, OVERSAMPLING)[:n_samples]
     return kept, phi[::OVERSAMPLING][:n_samples].copy()

@@ -1,4 +1,4 @@
-"""Recordings of the rig: what differs between them anyway, and the effects, in code of their own."""
+"""Recordings of the rig with nuisance and effects, independent of the simulator's code."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ALL_TIME = 60.0
 
 @dataclass(frozen=True)
 class Nuisance:
-    """What differs between two recordings without being an effect."""
+    """Nuisance: differences between two recordings that are not an effect."""
 
     start_angle: float
     first_lobe: int
@@ -127,7 +127,7 @@ _MACHINE: dict[str, Callable[[Machine, Theta, np.random.Generator], Machine]] = 
 def slow_process(random: np.random.Generator, rms: float, cutoff: float, time: Float) -> Float:
     """Gaussian noise of one-sided density rms^2 / B / (1 + (f / cutoff)^4), B = cutoff (pi/4) / sin(pi/4).
 
-    Made line by line in the frequency domain, over a period so long that it never repeats in a record.
+    It is generated line by line in the frequency domain, with a period longer than a record.
     """
     period = max(_ALL_TIME, 40 / cutoff)
     rate = max(200 * cutoff, 20.0)
@@ -171,7 +171,7 @@ def _hum(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Float:
 
 
 def _clock_error(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Float:
-    # Eight times the rate first: a spline through that is right to 1e-4 at the highest frequencies.
+    # Oversample by eight first: a spline is then accurate to 1e-4 at the highest frequencies.
     fine = resample_poly(x - LOAD, 8, 1) + LOAD
     instants = np.arange(math.floor((x.size - 1) * min(1, 1 + p["relative"]))) / (1 + p["relative"])
     return np.asarray(CubicSpline(np.arange(fine.size) / 8, fine)(instants))
@@ -182,7 +182,7 @@ def _clipping(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Fl
 
 
 def _dropped_samples(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Float:
-    """The transfer stalls now and then: the last value is repeated until it goes on."""
+    """Repeat the last value while the data transfer stalls."""
     x = x.copy()
     n = random.poisson(p["per_second"] * x.size / SAMPLING_RATE)
     for start in random.integers(1, x.size, n):
@@ -191,7 +191,7 @@ def _dropped_samples(x: Float, phi: Float, p: Theta, random: np.random.Generator
 
 
 def _automatic_gain(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Float:
-    """The amplifier levels the alternating part: a gain that falls with its rectified, smoothed size."""
+    """Reduce the alternating part by a gain that falls with its rectified, smoothed size (an amplifier)."""
     decay = math.exp(-1 / (p["time_constant_s"] * SAMPLING_RATE))
     rest = lfilter([1 - decay], [1, -decay], x - LOAD)
     ripple = x - LOAD - rest
@@ -200,7 +200,7 @@ def _automatic_gain(x: Float, phi: Float, p: Theta, random: np.random.Generator)
 
 
 def _crosstalk(x: Float, phi: Float, p: Theta, random: np.random.Generator) -> Float:
-    """The tachometer's square wave couples in through a capacitance: a short blip at each edge."""
+    """Add the tachometer's square wave through a capacitance: a short pulse at each edge."""
     square = np.sign(np.sin(p["pulses_per_turn"] * phi + 2 * np.pi * random.random()))
     decay = math.exp(-1 / (p["time_constant_s"] * SAMPLING_RATE))
     return x + p["amplitude_nm"] / 2 * lfilter([1, -1], [1, -decay], square)
@@ -235,7 +235,7 @@ def _ring(machine: Machine, arm: float, radius: float, n: int) -> tuple[float, f
 
 
 def settling(machine: Machine) -> float:
-    """Time in s from rest until a record may begin: the ramp, and five decays of what it set ringing."""
+    """Time in s from rest until a record may begin: the ramp, and five decay times of the vibration."""
     turn = 2 * math.pi / machine.speed
     inertia, stiffness, ratio = machine.rotor
     if inertia == 0:
@@ -250,7 +250,7 @@ def settling(machine: Machine) -> float:
     decay = 2 * inertia / (meter_damping * share**2 + gear_damping * (1 - share) ** 2)
     second = machine.second_rotor
     if second[0] > 0:
-        # Its own decay alone, and the first rotor's with its inertia added.
+        # Its own decay, and the first rotor's with its inertia added.
         decay = decay * (inertia + second[0]) / inertia + math.sqrt(second[0] / second[1]) / ratio
     return RAMP_TIME + max(turn, 5 * decay)
 
@@ -270,7 +270,7 @@ def record(
     for (name, theta), random in zip(effects, streams, strict=True):
         if name in _MACHINE:
             machine = _MACHINE[name](machine, theta, random)
-    # An amplifier's slow gain has to settle too, from the start at rest.
+    # An amplifier's slow gain also has to settle after the start at rest.
     slow = max((theta["time_constant_s"] for name, theta in effects if name == "automatic_gain"), default=0.0)
     n_settling = math.ceil((settling(machine) + 15 * slow) * SAMPLING_RATE)
     n_more = 256 if any(name == "clock_error" for name, _ in effects) else 0

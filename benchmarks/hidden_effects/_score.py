@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm, rankdata
 
-from benchmarks._versions import told_of_versions
+from benchmarks._versions import version_note
 from benchmarks.hidden_effects._cases import STRENGTHS, rows_of, tie_groups, truth
 
 _FORMAT = "cyclofeat gap 1"
 _CONFIDENT = 0.9
 _BINS = 10
-# What knows no names: an FIR filter with shaped noise, and a Gaussian process on the level residual.
+# Alternatives without names: an FIR filter with shaped noise, and a Gaussian process on the level residual.
 _BLACK_BOXES = ("equaliser", "gaussian_process")
 
 
 @dataclass(frozen=True)
 class Goal:
-    """One goal, its figure, and how many cases that figure rests on.
+    """One goal, its figure, and the number of cases behind it.
 
-    ``met`` is None where the results present say nothing of it. ``low`` and ``high`` are the ends of a
+    ``met`` is None if the present results do not determine it. ``low`` and ``high`` are the ends of a
     Wilson interval of 95 % for shares, None for other figures.
     """
 
@@ -62,12 +62,12 @@ class _Scored:
 
     @property
     def ranking(self) -> list[dict[str, Any]]:
-        """Candidates, best first: the ranking, or the effects themselves where there is none."""
+        """Candidates, best first: the ranking, or the effects if there is no ranking."""
         return list(self.result.get("ranking") or self.result.get("effects") or [])
 
     @property
     def first(self) -> str | None:
-        """The first name: of the effects, else of the ranking; none where nothing disagrees."""
+        """First name of the effects, else of the ranking; none without disagreement."""
         if not self.disagrees:
             return None
         if self.names:
@@ -88,12 +88,12 @@ class _Scored:
 
     @property
     def without_fit(self) -> bool:
-        """Whether the first two stages alone were run, which name one effect."""
+        """True if only the first two stages were run, which name one effect."""
         return self.disagrees and not self.names and "loss" not in self.result
 
     @property
     def named(self) -> bool:
-        """Whether a name is given: one flagged unknown is not."""
+        """True if a name is given that is not flagged unknown."""
         return self.first is not None and not self.unknown
 
     @property
@@ -106,7 +106,7 @@ class _Scored:
 
 
 def same_group(a: str | None, b: str | None) -> bool:
-    """Whether two names are one, or stand in one group of ``ties.csv``."""
+    """Return True if two names are equal or in one group of ``ties.csv``."""
     return a is not None and (a == b or any({a, b} <= group for group in tie_groups()))
 
 
@@ -144,7 +144,7 @@ def calibration_error(confidence: Sequence[float], right: Sequence[bool], bins: 
 
 
 def calibrated_error(confidence: Sequence[float], n_draws: int = 2000) -> float:
-    """Calibration error to be expected of these confidences if they were exact: never 0 with few cases.
+    """Expected calibration error of these confidences if they were exact; positive with few cases.
 
     Median over seeded draws of which names are right.
 
@@ -238,7 +238,7 @@ def score(results: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "failures": [line for one in scored for line in _failures(one)],
         "cases": {kind: len(ones) for kind, ones in of.items()},
         "cases_in_all": dict(Counter(case["kind"] for case in known.values())),
-        "versions": told_of_versions(results.values()),
+        "versions": version_note(results.values()),
     }
 
 
@@ -307,7 +307,7 @@ def _goals(of: Mapping[str, list[_Scored]]) -> list[Goal]:
     ece = calibration_error(confidences, [one.right for one in stated]) if stated else None
     bins = "singles detected, 10 bins"
     if stated:
-        bins += f"; exact confidences of so few cases come to {calibrated_error(confidences):.3f}"
+        bins += f"; exact confidences of so few cases give {calibrated_error(confidences):.3f}"
     goals.append(_number("calibration error", "<= 0.05", ece, len(stated), _at_most(0.05), bins))
     tied = [(one, group) for one in seen for group in tie_groups() if set(one.wanted) <= group]
     goals.append(
@@ -341,7 +341,7 @@ def _goals(of: Mapping[str, list[_Scored]]) -> list[Goal]:
     goals.append(
         _share(
             "wrong name with confidence >= 0.9", "<= 1 %", [_confidently_wrong(one) for one in whole],
-            _at_most(0.01), "a name from the right group is not wrong; one flagged unknown is not given",
+            _at_most(0.01), "a name from the right group is not wrong; a name flagged unknown does not count",
         )
     )  # fmt: skip
     goals += [
@@ -453,7 +453,7 @@ def _confidently_wrong(one: _Scored) -> bool:
 
 
 def _pair_by_group(one: _Scored) -> bool:
-    """Whether names and truth can be matched one to one within groups."""
+    """Return True if names and truth can be matched one to one within groups."""
     names, wanted = one.names, list(one.wanted)
     if len(names) != 2 or len(wanted) != 2:
         return False
@@ -539,7 +539,7 @@ def _failures(one: _Scored) -> list[dict[str, Any]]:
 
 
 def reason_for(case: str, kind: str, problem: str) -> str:
-    """Reason of ``reasons.csv`` found for a failure of this case, else for all of its kind; empty without."""
+    """Reason in ``reasons.csv`` for a failure of this case, else of its kind, else an empty string."""
     found = {(row["where"], row["problem"]): row["reason"] for row in rows_of("reasons.csv")}
     return next((found[where, problem] for where in (case, kind, "any") if (where, problem) in found), "")
 

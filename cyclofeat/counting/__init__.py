@@ -1,4 +1,4 @@
-"""Counting worn lobes: counters, what they know and do not know, evaluation grouped by assembly.
+"""Counters of worn lobes, their calibration and refusals, and evaluation grouped by assembly.
 
 ===========================  ====================================================================
 name                         job
@@ -13,29 +13,51 @@ name                         job
 ``TrainingDomain``           whether windows are like those trained on
 ``predict_recordings``       one count from the windows of each recording
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
-``learning_curve``           the same against the number of training assemblies
-``noise_sweep``              the same against noise
+``learning_curve``           evaluation against the number of training assemblies
+``noise_sweep``              evaluation against noise
 ``LobeLocator``              probability per lobe of being worn
-``LobeModel``                counter and locator for whole recordings, with what they were made for
+``LobeModel``                counter and locator for whole recordings
 ``plan_recording``           how long to record to tell n worn lobes from n + 1
-``evaluate_load_levels``     the toolkit's features on measured gearbox vibration
+``Protocol``                 what is held out, and how intervals are made
+``train_and_test``           evaluation on windows trained elsewhere
+``features_seen``            the features on which a fitted counter decides
 ===========================  ====================================================================
+
+The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with trees
+(``trees.CountingTrees``) counts, ``GroupCalibratedCounter`` calibrates, ``LobeLocator`` locates, and
+``TrainingDomain`` and the speed check refuse.
 """
 
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
-from cyclofeat.counting._conformal import ConformalCounter, CountSet
+
+# For benchmarks and counters of one's own: the parts that counters are made of.
+from cyclofeat.counting._combine import combine_proba as combine_proba
+from cyclofeat.counting._combine import learn_dependence as learn_dependence
+from cyclofeat.counting._conformal import ConformalCounter, CountSet, features_seen
+from cyclofeat.counting._conformal import conformal_threshold as conformal_threshold
 from cyclofeat.counting._domain import TrainingDomain
-from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep
+from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep, train_and_test
 from cyclofeat.counting._evaluation_summary import Evaluation, score_text
+from cyclofeat.counting._folds import aligned_proba as aligned_proba
+from cyclofeat.counting._folds import fit_grouped as fit_grouped
+from cyclofeat.counting._folds import grouped_folds as grouped_folds
+from cyclofeat.counting._folds import pool_weights as pool_weights
 from cyclofeat.counting._ladder import EntropyLadder
-from cyclofeat.counting._load_levels import LoadLevelResult, evaluate_load_levels
+from cyclofeat.counting._lobe_sets import best_sets as best_sets
+from cyclofeat.counting._lobe_sets import inclusion as inclusion
+from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeCount, LobeModel
 from cyclofeat.counting._ordinal import OrdinalCounter
+from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
 from cyclofeat.counting._plan import RecordingPlan, plan_recording
+from cyclofeat.counting._plan import Trial as Trial
+from cyclofeat.counting._plan import detection_table as detection_table
+from cyclofeat.counting._protocols import Protocol
+from cyclofeat.counting._speed import other_speed as other_speed
 
 __all__ = [
     "ConformalCounter",
@@ -43,17 +65,17 @@ __all__ = [
     "EntropyLadder",
     "Evaluation",
     "GroupCalibratedCounter",
-    "LoadLevelResult",
     "LobeCount",
     "LobeCounter",
     "LobeLocator",
     "LobeModel",
     "OrdinalCounter",
+    "Protocol",
     "RecordingCounts",
     "RecordingPlan",
     "TrainingDomain",
     "evaluate",
-    "evaluate_load_levels",
+    "features_seen",
     "learning_curve",
     "make_entropy_counter",
     "make_lobe_counter",
@@ -62,4 +84,5 @@ __all__ = [
     "plan_recording",
     "predict_recordings",
     "score_text",
+    "train_and_test",
 ]

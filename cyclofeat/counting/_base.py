@@ -1,4 +1,4 @@
-"""What all counters share: labelled windows in, most probable class out."""
+"""Base class of the counters."""
 
 from __future__ import annotations
 
@@ -12,36 +12,24 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from cyclofeat.counting._folds import Int, ordered_classes
 
 
-class Counter(ClassifierMixin, BaseEstimator):
-    """Base of the counters: ``predict`` from ``predict_proba``, checked windows, classes in order.
+class PoorOnArbitraryData:
+    """Tags of classifiers of torque, which scikit-learn cannot test for accuracy on two coordinates."""
 
-    Says of itself that it scores poorly on arbitrary data, so that scikit-learn's conformance suite does not
-    ask it to tell clouds of points with two coordinates apart: a counter is made for one ordered number, for
-    torque, or is as good or bad as the counter within it.
-    """
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()  # type: ignore[misc]
+        tags.classifier_tags.poor_score = True
+        return tags
+
+
+class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
+    """Base of the counters: ``predict`` from ``predict_proba``, checked windows, classes in order."""
 
     classes_: NDArray[Any]
     # Kinds of numbers that windows are kept in.
     _kinds: ClassVar[list[type]] = [np.float64, np.float32]
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.classifier_tags.poor_score = True
-        return tags
-
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Most probable class of each window.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-            As for ``predict_proba``.
-
-        Returns
-        -------
-        ndarray, shape (n_windows,)
-            The first of equally probable ones.
-        """
+        """Most probable class of each window, shape (n_windows,); the first of equally probable ones."""
         proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 

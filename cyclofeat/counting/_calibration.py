@@ -1,7 +1,8 @@
-"""Probabilities that are right as often as they say, of assemblies not seen in training."""
+"""Calibration of a counter's probabilities on assemblies not seen in training."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, ClassVar, Self
 
@@ -9,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
-from sklearn.utils import check_random_state
 
-from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting._base import Counter
 from cyclofeat.counting._combine import learn_dependence
 from cyclofeat.counting._folds import (
@@ -19,23 +19,23 @@ from cyclofeat.counting._folds import (
     Int,
     aligned_proba,
     assemblies_of,
+    drawn_seed,
     fit_grouped,
     grouped_folds,
     held_out_proba,
     pool_weights,
     pooled,
     safe_log,
-    shares,
 )
+from cyclofeat.counting.scores import shares
 
 
+@dataclass(eq=False, repr=False)
 class GroupCalibratedCounter(Counter):
-    """A counter whose probabilities are corrected by what it says of held-out assemblies.
+    """Counter whose probabilities are calibrated on held-out assemblies.
 
-    The probabilities of a forest are shares of trees: far below the accuracy where classes are many, far
-    above it where windows of one assembly stand in training and test. Here the counter is fitted once per
-    fold without the fold's assemblies, the correction is learned from what it says of them, and the counter
-    is then fitted to all.
+    The counter is fitted once per fold without the fold's assemblies, the correction is learned from its
+    probabilities for them, and the counter is then fitted to all.
 
     Parameters
     ----------
@@ -64,18 +64,12 @@ class GroupCalibratedCounter(Counter):
     dependence_ : float or None
         How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
         :func:`predict_recordings`. None where no assembly has several windows.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
 
     Notes
     -----
-    ``sklearn.calibration.CalibratedClassifierCV`` does the same for windows; its folds take groups only with
-    metadata routing switched on. Probabilities below 0.001 count as 0.001: a forest's zero means "not among
-    these trees". Every assembly has the same weight. Where all held-out assemblies are counted right, the
-    temperature is not 0: by Laplace's rule of succession one of n + 2 is taken for wrong.
-
-    A class with a single assembly leaves nothing to hold out: then probabilities stay as they are.
+    Probabilities below 0.001 count as 0.001: a forest's zero means "not among these trees". Every assembly
+    has the same weight. By Laplace's rule of succession one of n + 2 assemblies is taken for wrong. Where a
+    class has a single assembly, probabilities stay as they are.
 
     Examples
     --------
@@ -100,17 +94,10 @@ class GroupCalibratedCounter(Counter):
         "random_state": ["random_state"],
     }
 
-    def __init__(
-        self,
-        counter: Any,
-        method: str = "temperature",
-        n_splits: int = 5,
-        random_state: int | None = 0,
-    ) -> None:
-        self.counter = counter
-        self.method = method
-        self.n_splits = n_splits
-        self.random_state = random_state
+    counter: Any
+    method: str = "temperature"
+    n_splits: int = 5
+    random_state: int | None = 0
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
@@ -123,8 +110,8 @@ class GroupCalibratedCounter(Counter):
         y : array-like, shape (n_windows,)
             Number of worn lobes.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window is taken for an assembly of its own; where
-            windows share one, what is learned is how sure the counter is of what it has seen.
+            Assembly of each window. Without groups every window counts as one assembly; if windows share an
+            assembly, the calibration is then learned on windows like those in training.
 
         Returns
         -------
@@ -137,7 +124,7 @@ class GroupCalibratedCounter(Counter):
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
-        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        seed = drawn_seed(self.random_state)
         folds = grouped_folds(rank, member, self.n_splits, seed)
         self.counter_ = fit_grouped(clone(self.counter), windows, labels, member)
         self.temperature_ = 1.0
@@ -175,16 +162,6 @@ class GroupCalibratedCounter(Counter):
         return np.where(total > 0, stepped / np.where(total > 0, total, 1.0), proba)
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Calibrated probability of each class.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            As for :meth:`fit`.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
+        """Calibrated probability of each class, shape (n_windows, n_classes), of windows as for ``fit``."""
         windows = self._windows(X)
         return self._corrected(aligned_proba(self.counter_, windows, self.classes_))

@@ -1,4 +1,4 @@
-"""Several windows of one recording: one count."""
+"""One count from several windows of a recording."""
 
 from __future__ import annotations
 
@@ -39,29 +39,22 @@ class RecordingCounts:
     dependence: float
 
     def to_dict(self) -> list[dict[str, Any]]:
-        """One plain entry per recording, for JSON."""
+        """Return one plain entry per recording, for JSON."""
+        classes = [str(name) for name in self.classes.tolist()]
+        columns = (self.recordings, self.counts, self.probability, self.n_windows)
         return [
             {
                 "recording": name,
                 "defect_count": count,
-                "probability": dict(zip(map(str, self.classes.tolist()), row, strict=True)),
+                "probability": dict(zip(classes, row, strict=True)),
                 "n_windows": n,
             }
-            for name, count, row, n in zip(
-                self.recordings.tolist(),
-                self.counts.tolist(),
-                self.probability.tolist(),
-                self.n_windows.tolist(),
-                strict=True,
-            )
+            for name, count, row, n in zip(*(column.tolist() for column in columns), strict=True)
         ]
 
 
 def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
-    """Probabilities of recordings, shape (n_recordings, n_classes), of those of their windows.
-
-    See :func:`predict_recordings`. ``member`` is the number of the recording of each window.
-    """
+    """Probabilities of recordings, shape (n_recordings, n_classes), from those of their windows."""
     size = np.bincount(member)
     sums = np.zeros((size.size, proba.shape[1]))
     np.add.at(sums, member, safe_log(proba))
@@ -93,11 +86,7 @@ def learn_dependence(proba: Float, rank: Int, member: Int) -> float | None:
 
 
 def predict_recordings(
-    counter: BaseEstimator,
-    X: ArrayLike,
-    groups: ArrayLike,
-    *,
-    dependence: float | str = "auto",
+    counter: BaseEstimator, X: ArrayLike, groups: ArrayLike, *, dependence: float | str = "auto"
 ) -> RecordingCounts:
     """Count per recording from the probabilities of its windows.
 
@@ -107,7 +96,7 @@ def predict_recordings(
         Fitted, with ``predict_proba``; its probabilities should be calibrated
         (:class:`GroupCalibratedCounter`, :class:`LobeCounter`).
     X : array-like, shape (n_windows, n_samples)
-        Windows of torque in Nm, in any order.
+        Windows, or their features, in any order.
     groups : array-like, shape (n_windows,)
         Recording of each window.
     dependence : float or "auto", default="auto"
@@ -129,9 +118,8 @@ def predict_recordings(
     -----
     log p(c) = (1/(1 + (W - 1) rho)) sum over W windows of log p_w(c), up to a constant: the product of the
     windows' probabilities, tempered to the number of independent windows W/(1 + (W - 1) rho) that W equally
-    correlated ones are worth (Kish, Survey Sampling, 1965). All windows of a recording carry the same pins,
-    contacts and rig, so they do err together. Classes are taken for equally frequent; the tempering changes
-    probabilities, not the count. One window's probability below 0.001 counts as 0.001.
+    correlated ones are worth (Kish, Survey Sampling, 1965). Classes are taken for equally frequent; the
+    tempering changes probabilities, not the count. One window's probability below 0.001 counts as 0.001.
 
     Examples
     --------
@@ -148,15 +136,9 @@ def predict_recordings(
     if n_windows == 0:
         raise ValueError("X must hold at least one window, got none")
     names = of_windows("groups", groups, n_windows)
-    if isinstance(dependence, str):
-        if dependence != "auto":
-            raise ValueError(f"dependence must be a number from 0 to 1 or 'auto', got {dependence!r}")
-        learned = getattr(counter, "dependence_", None)
-        value = 0.0 if learned is None else float(learned)
-    else:
-        value = float(dependence)
-        if not 0 <= value <= 1:
-            raise ValueError(f"dependence must be a number from 0 to 1 or 'auto', got {dependence!r}")
+    value = (getattr(counter, "dependence_", None) or 0.0) if dependence == "auto" else dependence
+    if isinstance(value, str) or not 0 <= value <= 1:
+        raise ValueError(f"dependence must be a number from 0 to 1 or 'auto', got {dependence!r}")
     recordings, member = np.unique(names, return_inverse=True)
     probability = combine_proba(np.asarray(counter.predict_proba(X)), member, value)
     classes = np.asarray(counter.classes_)
@@ -166,5 +148,5 @@ def predict_recordings(
         probability=probability,
         classes=classes,
         n_windows=np.bincount(member),
-        dependence=value,
+        dependence=float(value),
     )

@@ -1,4 +1,4 @@
-"""Sets of counts that hold the true one as often as asked for, and refusals."""
+"""Sets of counts with a chosen coverage, and their refusals."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
-from sklearn.utils import check_random_state
 
-from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting._base import Counter
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._folds import (
@@ -20,6 +19,7 @@ from cyclofeat.counting._folds import (
     Int,
     aligned_proba,
     assemblies_of,
+    drawn_seed,
     fit_grouped,
     grouped_folds,
     held_out_proba,
@@ -33,7 +33,7 @@ NO_CLASS = "no count fits"
 
 @dataclass(frozen=True)
 class CountSet:
-    """What :meth:`ConformalCounter.predict_counts` says of one window.
+    """Answer of :meth:`ConformalCounter.predict_counts` for one window.
 
     Attributes
     ----------
@@ -55,8 +55,9 @@ class CountSet:
         return f"refused: {self.reason}" if self.refused else "{" + ", ".join(map(str, self.counts)) + "}"
 
 
+@dataclass(eq=False, repr=False)
 class ConformalCounter(Counter):
-    """A counter that answers with a set of counts, and refuses windows unlike its training.
+    """Counter that answers with a set of counts and refuses windows unlike its training.
 
     A class belongs to the set unless its probability is lower than what the true class had in all but a share
     ``1 - coverage`` of calibration assemblies (conformal prediction; Vovk, Gammerman and Shafer, Algorithmic
@@ -103,22 +104,16 @@ class ConformalCounter(Counter):
         Largest score within a set; infinite where calibration assemblies are too few.
     n_calibration_ : ndarray of int, shape (n_classes,)
         Calibration assemblies of each class.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
 
     Notes
     -----
     *Threshold.* Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its windows,
-    and infinity has the same; the threshold is the quantile of that distribution at ``coverage``. A random
-    window of a new assembly is then exchangeable with a random window of each of the others, so the coverage
-    is at least that asked for (Lee, Barber and Willett, arXiv:2306.06342). With one window per assembly it
-    is the usual split conformal threshold. For ``unit="assembly"`` the largest score of each assembly takes
-    the place of its windows' scores.
+    and infinity has the same; the threshold is the quantile of that distribution at ``coverage``, which makes
+    the coverage at least that asked for (Lee, Barber and Willett, arXiv:2306.06342).
 
     *Refusals* are empty sets. They count as misses: over windows like those in training, coverage can fall
-    short by as much as ``domain.false_refusal``. A refused window still has a ``predict`` and
-    ``predict_proba``, those of the counter, on nothing but trust.
+    short by as much as ``domain.false_refusal``. ``predict`` and ``predict_proba`` of a refused window are
+    those of the counter and are not reliable.
 
     Examples
     --------
@@ -148,29 +143,16 @@ class ConformalCounter(Counter):
         "random_state": ["random_state"],
     }
 
-    def __init__(
-        self,
-        counter: Any,
-        coverage: float = 0.9,
-        per_class: bool = False,
-        method: str = "split",
-        nonconformity: str = "lac",
-        unit: str = "window",
-        calibration_size: float = 0.3,
-        n_splits: int = 5,
-        domain: TrainingDomain | str | None = "default",
-        random_state: int | None = 0,
-    ) -> None:
-        self.counter = counter
-        self.coverage = coverage
-        self.per_class = per_class
-        self.method = method
-        self.nonconformity = nonconformity
-        self.unit = unit
-        self.calibration_size = calibration_size
-        self.n_splits = n_splits
-        self.domain = domain
-        self.random_state = random_state
+    counter: Any
+    coverage: float = 0.9
+    per_class: bool = False
+    method: str = "split"
+    nonconformity: str = "lac"
+    unit: str = "window"
+    calibration_size: float = 0.3
+    n_splits: int = 5
+    domain: TrainingDomain | str | None = "default"
+    random_state: int | None = 0
 
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
@@ -183,8 +165,8 @@ class ConformalCounter(Counter):
         y : array-like, shape (n_windows,)
             Number of worn lobes.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window is taken for an assembly of its own; where
-            windows share one, sets then come out too small.
+            Assembly of each window. Without groups every window counts as one assembly; if windows share an
+            assembly, sets are then too small.
 
         Returns
         -------
@@ -197,7 +179,7 @@ class ConformalCounter(Counter):
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
-        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        seed = drawn_seed(self.random_state)
         proba = self._calibrate(windows, labels, rank, member, seed)
         held_out: Bool = np.asarray(np.isfinite(proba).all(axis=1))
         scores = np.full(len(labels), np.nan)
@@ -210,7 +192,7 @@ class ConformalCounter(Counter):
         return self
 
     def _calibrate(self, X: NDArray[Any], y: NDArray[Any], rank: Int, member: Int, seed: int) -> Float:
-        """Fit ``counter_``; probabilities of windows held out from it, NaN of the others."""
+        """Fit ``counter_`` and return probabilities of windows held out from it, NaN for the others."""
         proba = np.full((len(y), self.classes_.size), np.nan)
         n_splits = self.n_splits if self.method == "cross" else max(round(1 / self.calibration_size), 2)
         folds = grouped_folds(rank, member, n_splits, seed)
@@ -226,11 +208,11 @@ class ConformalCounter(Counter):
         n_classes = self.classes_.size
         of_class = [held_out & (rank == c) for c in range(n_classes)]
         self.n_calibration_ = np.array([np.unique(member[rows]).size for rows in of_class])
-        taken = of_class if self.per_class else [held_out] * n_classes
+        worst = self.unit == "assembly"
         self.thresholds_ = np.array(
             [
-                conformal_threshold(scores[rows], member[rows], self.coverage, worst=self.unit == "assembly")
-                for rows in taken
+                conformal_threshold(scores[rows], member[rows], self.coverage, worst)
+                for rows in (of_class if self.per_class else [held_out] * n_classes)
             ]
         )
 
@@ -251,7 +233,7 @@ class ConformalCounter(Counter):
         return self._proba(self._windows(X))
 
     def predict_set(self, X: ArrayLike) -> Bool:
-        """Which classes cannot be excluded.
+        """Mark the classes that cannot be excluded.
 
         Parameters
         ----------
@@ -265,14 +247,14 @@ class ConformalCounter(Counter):
         """
         windows = self._windows(X)
         inside = self._scores(self._proba(windows)) <= self.thresholds_
-        return np.asarray(inside & ~self._outside(windows)[:, np.newaxis])
+        return np.asarray(inside & ~(self._distance(windows) > 1)[:, np.newaxis])
 
     def outside(self, X: ArrayLike) -> Bool:
-        """Whether windows, shape (n_windows, n_samples), lie outside the training domain; (n_windows,)."""
-        return self._outside(self._windows(X))
+        """Mark windows, shape (n_windows, n_samples), outside the training domain; shape (n_windows,)."""
+        return np.asarray(self._distance(self._windows(X)) > 1)
 
     def predict_counts(self, X: ArrayLike) -> list[CountSet]:
-        """The same in words: one :class:`CountSet` per window of ``X``, shape (n_windows, n_samples)."""
+        """Return a :class:`CountSet` for each window of ``X``, shape (n_windows, n_samples)."""
         windows = self._windows(X)
         inside = self._scores(self._proba(windows)) <= self.thresholds_
         distance = self._distance(windows)
@@ -287,21 +269,15 @@ class ConformalCounter(Counter):
         return aligned_proba(self.counter_, X, self.classes_)
 
     def _distance(self, X: NDArray[Any]) -> Float:
-        """In units of the largest distance inside."""
+        """Distance in units of the largest distance inside."""
         if self.domain_ is None:
             return np.full(len(X), np.nan)
         largest = max(self.domain_.threshold_, np.finfo(float).tiny)
         return np.asarray(self.domain_.distance(features_seen(self.counter_, X)) / largest)
 
-    def _outside(self, X: NDArray[Any]) -> Bool:
-        return np.asarray(self._distance(X) > 1)
-
 
 def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool) -> float:
-    """Quantile of scores at which a new assembly's score lies with a chance of ``coverage``.
-
-    Each assembly weighs the same: by all its windows together, or by its worst one.
-    """
+    """Quantile of the scores at ``coverage``; each assembly weighs 1: all its windows, or its worst one."""
     if scores.size == 0:
         return float("inf")
     _, which, size = np.unique(member, return_inverse=True, return_counts=True)
@@ -317,7 +293,7 @@ def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool
 
 
 def features_seen(counter: Any, X: NDArray[Any]) -> Float:
-    """The features on which a fitted counter decides; windows themselves where it has no such step."""
+    """Return the features on which a fitted counter decides, or the windows if it has no such step."""
     inner = getattr(counter, "counter_", None)
     if inner is not None:
         return features_seen(inner, X)

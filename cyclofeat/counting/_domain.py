@@ -1,4 +1,4 @@
-"""Whether windows are like those that a counter was trained on."""
+"""Domain of training windows, outside which a counter refuses."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.covariance import LedoitWolf
-from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._sklearn import Interval, fit_context
-from cyclofeat.counting._folds import Float, Int, assemblies_of, grouped_folds, of_windows
+from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat.counting._folds import Float, Int, assemblies_of, drawn_seed, grouped_folds, of_windows
 
 
 class TrainingDomain(OutlierMixin, BaseEstimator):
-    """Where the training windows lie among their features, so that a counter can say "not there".
+    """Domain of the training windows in the space of their features.
 
-    The distance of a window is that of Mahalanobis to the nearest class, with the covariance about the means
-    of the classes, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365). Windows farther away than
-    all but a stated share of training assemblies, each measured without itself, are outside.
+    The distance of a window is the Mahalanobis distance to the nearest class, with the covariance about the
+    class means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365). A window is outside if it lies
+    farther away than all but a chosen share of the training assemblies, each measured while held out.
 
     Parameters
     ----------
@@ -37,27 +36,15 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     threshold_ : float
         Largest distance inside.
     false_refusal_ : float
-        The share that the number of assemblies allows to promise: ``false_refusal`` or, with few of them,
-        1/(n + 1).
+        Share that n assemblies can guarantee: ``false_refusal``, or 1/(n + 1) with few of them.
     offset_ : float
         ``-threshold_``, as scikit-learn's outlier detectors have it.
-    means_ : ndarray, shape (n_classes, n_features)
-        Of the scaled features.
-    precision_ : ndarray, shape (n_features, n_features)
-        Inverse of the shrunk covariance.
-    location_, scale_ : ndarray, shape (n_features,)
-        By which features are scaled.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
 
     Notes
     -----
     The threshold is the k-th smallest of the n assemblies' largest held-out distances, k = ceil((1 -
     false_refusal)(n + 1)): a new assembly with as many windows, exchangeable with them, exceeds it with a
-    chance of at most ``false_refusal_`` (up to what fitting on all rather than on all but a fold changes,
-    which makes refusals rarer). Inside is no promise of a right count: what looks the same in the features
-    cannot be told from training.
+    chance of at most ``false_refusal_``. Inside is no promise of a right count.
 
     Examples
     --------
@@ -81,7 +68,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:
-        """Learn where training windows lie.
+        """Learn the domain of training windows.
 
         Parameters
         ----------
@@ -90,7 +77,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         y : array-like, shape (n_windows,), optional
             Classes. Without them all windows are one cloud.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window is taken for an assembly of its own.
+            Assembly of each window. Without groups every window counts as one assembly.
 
         Returns
         -------
@@ -110,7 +97,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         rank: Int = np.zeros(n_windows, dtype=np.int64)
         if y is not None:
             rank = np.asarray(np.unique(of_windows("y", y, n_windows), return_inverse=True)[1])
-        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        seed = drawn_seed(self.random_state)
         # where a class has a single assembly, folds regardless of class
         folds = grouped_folds(rank, member, self.n_splits, seed)
         folds = folds or grouped_folds(np.zeros_like(rank), member, self.n_splits, seed)
@@ -134,10 +121,9 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         present, which = np.unique(rank, return_inverse=True)
         self.means_ = np.stack([scaled[which == c].mean(axis=0) for c in range(present.size)])
         residual = scaled - self.means_[which]
-        if not np.any(residual):
-            self.precision_ = np.eye(X.shape[1])
-            return
-        self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
+        self.precision_ = np.eye(X.shape[1])
+        if np.any(residual):
+            self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
 
     def _distance(self, X: Float) -> Float:
         offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
@@ -150,13 +136,13 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         return self._distance(validate_data(self, X, reset=False, dtype=np.float64))
 
     def score_samples(self, X: ArrayLike) -> Float:
-        """``-distance(X)``: the lower, the stranger; shape (n_windows,)."""
+        """Return ``-distance(X)``, shape (n_windows,): lower for windows less like those of training."""
         return -self.distance(X)
 
     def decision_function(self, X: ArrayLike) -> Float:
-        """``threshold_ - distance(X)``: negative outside; shape (n_windows,)."""
+        """Return ``threshold_ - distance(X)``, shape (n_windows,): negative outside."""
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
-        """1 inside, -1 outside; shape (n_windows,)."""
+        """Return 1 for windows inside and -1 for those outside, shape (n_windows,)."""
         return np.where(self.decision_function(X) >= 0, 1, -1)

@@ -1,4 +1,4 @@
-"""What counters said of windows that they had not seen, in scores with intervals."""
+"""Scores, with intervals, of counters on windows that they have not seen."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
-from sklearn.metrics import confusion_matrix
 
-from cyclofeat.counting._folds import Float, Int, aligned_proba, shares
-from cyclofeat.counting._protocols import Windows
-from cyclofeat.counting._scores import (
+from cyclofeat.counting._folds import Float, Int, aligned_proba
+from cyclofeat.counting._protocols import Protocol, Windows
+from cyclofeat.counting.scores import (
+    N_BINS,
     at_the_ends,
     calibration_sums,
     draws,
     expected_calibration_error,
     interval,
     macro_f1,
-    ratio,
+    ratio_of_sums,
     rule_of_three,
+    shares,
     sums_by_assembly,
 )
 
@@ -32,43 +33,33 @@ Interval = tuple[float, float]
 class Evaluation:
     """Result of :func:`evaluate`.
 
-    Scores that the counter or the data do not allow are None. Each has an interval: percentiles of a
-    bootstrap over assemblies at ``confidence``; where a share is 0 or 1 (and the bootstrap would know no
-    spread), the rule of three: none among n assemblies is compatible with a share of up to about 3/n.
+    Scores that the counter or the data do not allow are None. ``<score>_interval`` holds percentiles of a
+    bootstrap over assemblies at ``confidence``; where a share is 0 or 1, the rule of three: none among n
+    assemblies is compatible with a share of up to about 3/n.
 
     Attributes
     ----------
     accuracy, mean_absolute_error : float
         Over all windows, each predicted by a counter that never saw its assembly.
-    accuracy_interval, mean_absolute_error_interval : tuple of float
     confusion : ndarray of int, shape (n_classes, n_classes)
         Windows of true class (row) predicted as class (column).
     confusion_interval : ndarray, shape (2, n_classes, n_classes)
         Lower and upper end of the bootstrap interval of the share of a true class predicted as each class.
-    classes : ndarray, shape (n_classes,)
-    groups : ndarray, shape (n_groups,)
-        Assemblies.
-    group_accuracy : ndarray, shape (n_groups,)
-        Accuracy within each assembly.
-    predictions : ndarray, shape (n_windows,)
-    confidence : float
+    groups, group_accuracy : ndarray, shape (n_groups,)
+        Assemblies, and the accuracy within each.
+    predictions, labels, assemblies : ndarray, shape (n_windows,)
+        Predicted count, true count and assembly of each window.
     macro_f1 : float
         Mean over classes of the harmonic mean of precision and recall.
-    macro_f1_interval : tuple of float
     exact_lobes : float or None
         Share of windows whose set of worn lobes is exactly right; needs ``worn`` and a counter that has
         ``predict_lobes``.
-    exact_lobes_interval : tuple of float or None
     calibration_error : float or None
         Expected calibration error of the predicted class: mean over ten bins of the probability of
-        |probability - accuracy|, every assembly with the same weight. Never negative, so that a perfectly
-        calibrated counter has one too, the larger the fewer the assemblies. Needs ``predict_proba``.
-    calibration_error_interval : tuple of float or None
-    coverage : float or None
-        Share of windows whose set of counts holds the true one; needs ``predict_set``. Refusals are misses.
-    coverage_interval : tuple of float or None
-    class_coverage : ndarray, shape (n_classes,), or None
-        The same of each class.
+        |probability - accuracy|, every assembly with the same weight. Needs ``predict_proba``.
+    coverage, class_coverage : float and ndarray, shape (n_classes,), or None
+        Share of windows whose set of counts holds the true one, of all and of each class; needs
+        ``predict_set``. Refusals are misses.
     set_size : float or None
         Mean number of counts in a set that is not empty.
     refused : float or None
@@ -77,6 +68,7 @@ class Evaluation:
         Accuracy of each condition.
     probabilities : ndarray, shape (n_windows, n_classes), or None
     protocol : str
+        What was held out, see :class:`Protocol`; ``"train-test"`` for :func:`train_and_test`.
     """
 
     accuracy: float
@@ -89,6 +81,8 @@ class Evaluation:
     groups: NDArray[Any] = field(repr=False)
     group_accuracy: NDArray[np.float64] = field(repr=False)
     predictions: NDArray[Any] = field(repr=False)
+    labels: NDArray[Any] = field(repr=False)
+    assemblies: NDArray[Any] = field(repr=False)
     confidence: float = 0.95
     macro_f1: float = float("nan")
     macro_f1_interval: Interval = (float("nan"), float("nan"))
@@ -108,8 +102,29 @@ class Evaluation:
     def __str__(self) -> str:
         return score_text(self.to_dict())
 
+    def calibration_curve(self) -> tuple[Float, Float, Float] | None:
+        """Return mean probability, share of right answers and weight of each bin of the probability.
+
+        Every assembly has the same weight; bins without windows are left out. None without probabilities.
+        """
+        if self.probabilities is None:
+            return None
+        member = np.unique(self.assemblies, return_inverse=True)[1]
+        right = self.labels == self.predictions
+        sums = calibration_sums(self.probabilities.max(axis=1), right, shares(member), member).sum(axis=0)
+        said, was, weight = sums.reshape(3, N_BINS)
+        used = weight > 0
+        return said[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
+
+    def class_accuracy(self, k: int) -> tuple[float, Interval]:
+        """Return the share of windows of class ``k`` predicted right, with its interval."""
+        low, high = self.confusion_interval[:, k, k].tolist()
+        value = float(self.confusion[k, k] / self.confusion[k].sum())
+        n_assemblies = int(np.unique(self.assemblies[self.labels == self.classes[k]]).size)
+        return value, at_the_ends(value, (low, high), n_assemblies, self.confidence)
+
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types, for JSON; scores that there are not are left out."""
+        """The result in plain types, for JSON; without scores that are None."""
         result: dict[str, Any] = {
             "accuracy": self.accuracy,
             "accuracy_interval": list(self.accuracy_interval),
@@ -150,7 +165,7 @@ def score_text(scores: Mapping[str, Any]) -> str:
 
 @dataclass
 class Answers:
-    """What counters said of windows that they had not seen."""
+    """Answers of counters about windows that they have not seen."""
 
     classes: NDArray[Any]
     predictions: NDArray[Any]
@@ -159,7 +174,9 @@ class Answers:
     exact: NDArray[np.bool_] | None = None
 
     @classmethod
-    def empty(cls, data: Windows, classes: NDArray[Any]) -> Answers:
+    def empty(cls, data: Windows) -> Answers:
+        """Return answers to be entered, for the classes of ``data``."""
+        classes = np.unique(data.y)
         return cls(classes, np.empty_like(data.y), np.full((len(data.y), classes.size), np.nan))
 
     def enter(self, fitted: BaseEstimator, data: Windows, test: NDArray[np.intp]) -> None:
@@ -189,63 +206,27 @@ class Answers:
         self.classes, self.proba = classes, proba
 
 
-def summarise(
-    data: Windows,
-    answers: Answers,
-    conditions: NDArray[Any] | None,
-    protocol: str,
-    confidence: float,
-    n_bootstrap: int,
-    random_state: int,
-) -> Evaluation:
-    labels, predictions, classes = data.y, answers.predictions, answers.classes
-    groups, member = np.unique(data.groups, return_inverse=True)
-    drawn = draws(groups.size, n_bootstrap, random_state)
-    right = labels == predictions
-
-    def share(hits: NDArray[np.bool_]) -> tuple[float, Interval]:
-        """A share of windows; at 0 or 1 with the rule of three over assemblies."""
-        sums = sums_by_assembly(np.column_stack([hits, np.ones(hits.size)]), member)
-        value, found = interval(ratio, sums, drawn, confidence)
-        return value, at_the_ends(value, found, groups.size, confidence)
-
-    accuracy, accuracy_interval = share(right)
+def summarise(data: Windows, answers: Answers, protocol: Protocol) -> Evaluation:
+    """Score the answers; intervals are those of a bootstrap over assemblies."""
+    predictions, classes = answers.predictions, answers.classes
+    sample = _Bootstrap.of(data, protocol)
+    right = data.y == predictions
+    accuracy, accuracy_interval = sample.share(right)
     # Unsigned numbers would wrap around.
-    errors = np.abs(labels.astype(float) - predictions.astype(float))
-    sums = sums_by_assembly(np.column_stack([errors, np.ones(errors.size)]), member)
-    error, error_interval = interval(ratio, sums, drawn, confidence)
+    errors = np.abs(data.y.astype(float) - predictions.astype(float))
+    error, error_interval = sample.score(ratio_of_sums, np.column_stack([errors, np.ones(errors.size)]))
     if error == 0:  # what none wrong is compatible with, each wrong by one
-        error_interval = (0.0, rule_of_three(groups.size, confidence))
-
-    cells = np.stack(
-        [
-            confusion_matrix(labels[member == g], predictions[member == g], labels=classes)
-            for g in range(groups.size)
-        ]
-    )
-    size = classes.size
-    flat = cells.reshape(groups.size, -1).astype(float)
-    f1, f1_interval = interval(
-        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)), flat, drawn, confidence
-    )
-    f1_interval = at_the_ends(f1, f1_interval, groups.size, confidence)
-    tables = np.tensordot(drawn, cells, axes=1)
-    rows = tables.sum(axis=2, keepdims=True)
-    parts = np.divide(tables, rows, out=np.zeros(tables.shape), where=rows > 0)
-    tail = 100 * (1 - confidence) / 2
-
+        error_interval = (0.0, rule_of_three(sample.groups.size, protocol.confidence))
     more: dict[str, Any] = {}
-    probabilities = answers.proba if np.isfinite(answers.proba).all() else None
-    if probabilities is not None:
-        said = probabilities.max(axis=1)
-        cal = calibration_sums(said, right, shares(member), member)
-        value, limits = interval(expected_calibration_error, cal, drawn, confidence)
-        more |= {"calibration_error": value, "calibration_error_interval": limits}
+    if np.isfinite(answers.proba).all():
+        more["probabilities"] = answers.proba
+        more |= _of_probabilities(answers.proba, right, sample)
     if answers.exact is not None:
-        value, limits = share(answers.exact)
+        value, limits = sample.share(answers.exact)
         more |= {"exact_lobes": value, "exact_lobes_interval": limits}
     if answers.sets is not None:
-        more |= _of_sets(answers.sets, np.searchsorted(classes, labels), share)
+        more |= _of_sets(answers.sets, np.searchsorted(classes, data.y), sample.share)
+    conditions = protocol.conditions_of(len(data.y))
     if conditions is not None:
         more["by_condition"] = {
             name: float(right[conditions == name].mean()) for name in np.unique(conditions).tolist()
@@ -255,19 +236,74 @@ def summarise(
         mean_absolute_error=error,
         accuracy_interval=accuracy_interval,
         mean_absolute_error_interval=error_interval,
-        confusion=cells.sum(axis=0),
-        confusion_interval=np.percentile(parts, [tail, 100 - tail], axis=0),
+        **_of_confusion(data.y, answers, sample),
         classes=classes,
-        groups=groups,
-        group_accuracy=np.bincount(member, right) / np.bincount(member),
+        groups=sample.groups,
+        group_accuracy=np.bincount(sample.member, right) / np.bincount(sample.member),
         predictions=predictions,
-        confidence=confidence,
-        macro_f1=f1,
-        macro_f1_interval=f1_interval,
-        probabilities=probabilities,
-        protocol=protocol,
+        labels=data.y,
+        assemblies=data.groups,
+        confidence=protocol.confidence,
+        protocol=protocol.hold_out,
         **more,
     )
+
+
+@dataclass(frozen=True)
+class _Bootstrap:
+    """Assemblies of the windows, and how often each bootstrap draw takes them."""
+
+    groups: NDArray[Any]
+    member: Int
+    drawn: Int
+    confidence: float
+
+    @classmethod
+    def of(cls, data: Windows, protocol: Protocol) -> _Bootstrap:
+        groups, member = np.unique(data.groups, return_inverse=True)
+        drawn = draws(groups.size, protocol.n_bootstrap, protocol.random_state)
+        return cls(groups, member, drawn, protocol.confidence)
+
+    def score(self, score: Callable[[Float], Float], values: NDArray[Any]) -> tuple[float, Interval]:
+        """Score of sums of the values of windows, with its interval."""
+        return interval(score, sums_by_assembly(values, self.member), self.drawn, self.confidence)
+
+    def share(self, hits: NDArray[np.bool_]) -> tuple[float, Interval]:
+        """Share of windows; at 0 or 1 with the rule of three over assemblies."""
+        value, limits = self.score(ratio_of_sums, np.column_stack([hits, np.ones(hits.size)]))
+        return value, at_the_ends(value, limits, self.groups.size, self.confidence)
+
+
+def _of_confusion(labels: NDArray[Any], answers: Answers, sample: _Bootstrap) -> dict[str, Any]:
+    """Confusion matrix and macro F1, with intervals."""
+    size, n_groups = answers.classes.size, sample.groups.size
+    cells = np.zeros((n_groups, size, size), dtype=np.int64)
+    truth, answer = (np.searchsorted(answers.classes, counts) for counts in (labels, answers.predictions))
+    np.add.at(cells, (sample.member, truth, answer), 1)
+    flat = cells.reshape(n_groups, -1).astype(float)
+    f1, f1_interval = interval(
+        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
+        flat,
+        sample.drawn,
+        sample.confidence,
+    )
+    tables = np.tensordot(sample.drawn, cells, axes=1)
+    rows = tables.sum(axis=2, keepdims=True)
+    parts = np.divide(tables, rows, out=np.zeros(tables.shape), where=rows > 0)
+    tail = 100 * (1 - sample.confidence) / 2
+    return {
+        "confusion": cells.sum(axis=0),
+        "confusion_interval": np.percentile(parts, [tail, 100 - tail], axis=0),
+        "macro_f1": f1,
+        "macro_f1_interval": at_the_ends(f1, f1_interval, n_groups, sample.confidence),
+    }
+
+
+def _of_probabilities(proba: Float, right: NDArray[np.bool_], sample: _Bootstrap) -> dict[str, Any]:
+    """Expected calibration error of the predicted class."""
+    sums = calibration_sums(proba.max(axis=1), right, shares(sample.member), sample.member)
+    value, limits = interval(expected_calibration_error, sums, sample.drawn, sample.confidence)
+    return {"calibration_error": value, "calibration_error_interval": limits}
 
 
 def _of_sets(
@@ -279,13 +315,11 @@ def _of_sets(
     covered = sets[np.arange(rank.size), rank]
     coverage, limits = share(covered)
     sizes = sets.sum(axis=1)
-    by_class = [
-        float(covered[rank == c].mean()) if np.any(rank == c) else np.nan for c in range(sets.shape[1])
-    ]
+    of_class = [covered[rank == c] for c in range(sets.shape[1])]
     return {
         "coverage": coverage,
         "coverage_interval": limits,
-        "class_coverage": np.array(by_class),
+        "class_coverage": np.array([hits.mean() if hits.size else np.nan for hits in of_class]),
         "set_size": float(sizes[sizes > 0].mean()) if np.any(sizes) else 0.0,
         "refused": float(np.mean(sizes == 0)),
     }

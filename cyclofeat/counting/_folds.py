@@ -1,8 +1,7 @@
-"""Folds by assembly, and what estimators say of assemblies that they have not seen."""
+"""Cross-validation folds by assembly, and probabilities for assemblies that an estimator has not seen."""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import StratifiedGroupKFold
+from sklearn.utils import check_random_state
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import has_fit_parameter
 
@@ -22,27 +22,23 @@ Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
 LEAST_PROBABILITY = 1e-3
 
 
+def drawn_seed(random_state: int | None) -> int:
+    """Return one number for all that is random, however often it is used."""
+    return int(check_random_state(random_state).randint(2**31 - 1))
+
+
 def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
-    """One value per window as an array, or ``ValueError`` with the argument's name."""
+    """Return one value per window as an array, or raise ``ValueError`` with the argument's name."""
     array = np.asarray(values)
     if array.shape != (n_windows,):
         raise ValueError(
             f"{name} must hold one value per window, shape ({n_windows},), got shape {array.shape}"
         )
-    missing = _missing(array)
-    if missing.any():
-        where = int(np.argmax(missing))
-        raise ValueError(f"{name} must hold a value for every window, got {array[where]} at window {where}")
+    # Also among the objects of a data frame's column.
+    for where, value in enumerate(array.tolist() if array.dtype.kind in "fcO" else []):
+        if value is None or (isinstance(value, (float, complex)) and not np.isfinite(value)):
+            raise ValueError(f"{name} must hold a value for every window, got {value} at window {where}")
     return array
-
-
-def _missing(values: NDArray[Any]) -> NDArray[np.bool_]:
-    """None, NaN and infinity, also among the objects of a data frame's column."""
-    if values.dtype.kind in "fc":
-        return np.asarray(~np.isfinite(values))
-    if values.dtype.kind != "O":
-        return np.zeros(values.shape, dtype=bool)
-    return np.array([one is None or (isinstance(one, float) and not math.isfinite(one)) for one in values])
 
 
 def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:
@@ -55,7 +51,7 @@ def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:
 
 
 def assemblies_of(groups: ArrayLike | None, n_windows: int) -> Int:
-    """Number of the assembly of each window, from 0; without groups every window is one of its own."""
+    """Return the number of each window's assembly, from 0; without groups every window is one assembly."""
     if groups is None:
         return np.arange(n_windows)
     return np.asarray(np.unique(of_windows("groups", groups, n_windows), return_inverse=True)[1])
@@ -67,7 +63,7 @@ def fewest_assemblies(member: Int, y: NDArray[Any]) -> int:
 
 
 def grouped_folds(y: NDArray[Any], member: Int, n_splits: int, random_state: int | None) -> Folds:
-    """Whole assemblies held out in turn, classes shared out evenly; [] where a class has only one assembly.
+    """Hold out whole assemblies in turn, classes shared out evenly; [] if a class has only one assembly.
 
     There are ``n_splits`` folds or, where that is less, as many as the rarest class has assemblies.
     """
@@ -82,7 +78,7 @@ def grouped_folds(y: NDArray[Any], member: Int, n_splits: int, random_state: int
 def fit_grouped(
     estimator: BaseEstimator, X: NDArray[Any], y: NDArray[Any], groups: NDArray[Any] | None
 ) -> BaseEstimator:
-    """Fit, handing groups over to an estimator whose ``fit`` takes them; returns it."""
+    """Fit an estimator, with groups if its ``fit`` takes them, and return it."""
     if groups is not None and has_fit_parameter(estimator, "groups"):
         return estimator.fit(X, y, groups=groups)
     return estimator.fit(X, y)
@@ -114,13 +110,8 @@ def held_out_proba(
     return proba
 
 
-def shares(member: Int) -> Float:
-    """Weight of each window such that every assembly weighs 1."""
-    return np.asarray(1.0 / np.bincount(member)[member])
-
-
 def safe_log(proba: Float) -> Float:
-    """Logarithm of probabilities, none taken for less than 0.001."""
+    """Logarithm of probabilities, those below 0.001 raised to it."""
     return np.asarray(np.log(np.maximum(proba, LEAST_PROBABILITY)))
 
 
@@ -138,22 +129,9 @@ def pooled(logs: Float, weights: Float) -> Float:
 def pool_weights(logs: Float, rank: Int, importance: Float, n_assemblies: int) -> Float:
     """Exponents, not negative, at which the pooled opinions are most likely; with one opinion: 1/temperature.
 
-    Where every held-out assembly was counted right, the likelihood would ask for certainty. By Laplace's rule
-    of succession one of ``n_assemblies + 2`` is therefore taken for wrong.
-
-    Parameters
-    ----------
-    logs : ndarray, shape (n_opinions, n_windows, n_classes)
-        Logarithms of held-out probabilities.
-    rank : ndarray of int, shape (n_windows,)
-        Column of the true class.
-    importance : ndarray, shape (n_windows,)
-        Weight of each window.
-    n_assemblies : int
-
-    Returns
-    -------
-    ndarray, shape (n_opinions,)
+    ``logs`` are logarithms of held-out probabilities, shape (n_opinions, n_windows, n_classes), ``rank`` is
+    the column of each window's true class. By Laplace's rule of succession one of ``n_assemblies + 2`` is
+    taken for wrong, since the likelihood of no errors would ask for certainty.
     """
     n_opinions, n_windows, n_classes = logs.shape
     wrong = 1.0 / (n_assemblies + 2)

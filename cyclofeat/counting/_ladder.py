@@ -1,4 +1,4 @@
-"""The papers' way of counting: one number per window, and a ladder of thresholds."""
+"""Counter by one number per window and a ladder of thresholds, as in the papers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 
-from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._base import Counter
-from cyclofeat.counting._folds import softmax
-
-Float = NDArray[np.float64]
+from cyclofeat.counting._folds import Float, softmax
 
 
 class EntropyLadder(Counter):
     """Count by one number per window that rises, or falls, with the number of worn lobes.
 
-    The papers read the number of worn lobes off the Shannon entropy of the spectrum, which falls from 1 to 7
-    worn lobes on their rig. This is that reading for any such number: each class has a rung, the rungs are in
-    order, and a window belongs to the nearest one.
+    The papers read the number of worn lobes from the Shannon entropy of the spectrum, which falls from 1 to 7
+    worn lobes on their rig. Each class has a rung, the rungs are in order, and a window belongs to the
+    nearest one.
 
     Parameters
     ----------
@@ -47,18 +45,13 @@ class EntropyLadder(Counter):
         Whether the feature rises with the class.
     feature_ : transformer or None
         Fitted.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
 
     Notes
     -----
     The rungs are the isotonic regression of the feature on the class (pool adjacent violators), rising or
     falling, whichever leaves the smaller sum of squares. Probabilities take each class for a Gaussian about
-    its rung with the common ``spread_`` and all classes for equally frequent, so that the most probable class
-    is that between whose thresholds the value lies. Where means are in order these are the probabilities of
-    linear discriminant analysis with equal priors. Of classes on one rung the first is predicted: the
-    feature does not tell them apart.
+    its rung with the common ``spread_`` and all classes for equally frequent. Of classes on one rung the
+    first is predicted.
 
     Examples
     --------
@@ -103,33 +96,20 @@ class EntropyLadder(Counter):
         z = self._read(values)
         size = np.bincount(rank)
         means = np.bincount(rank, z) / size
-        fits = {
-            rising: IsotonicRegression(increasing=rising).fit_transform(
-                np.arange(means.size), means, sample_weight=size
-            )
-            for rising in (True, False)
-        }
-        # a tie is a single rung for all: then the direction says nothing
-        self.increasing_ = bool(
-            np.sum(size * (fits[True] - means) ** 2) <= np.sum(size * (fits[False] - means) ** 2)
+        rising, falling = (
+            IsotonicRegression(increasing=up).fit_transform(np.arange(means.size), means, sample_weight=size)
+            for up in (True, False)
         )
-        self.rungs_ = np.asarray(fits[self.increasing_], dtype=np.float64)
+        # a tie is a single rung for all: then the direction says nothing
+        self.increasing_ = bool(np.sum(size * (rising - means) ** 2) <= np.sum(size * (falling - means) ** 2))
+        self.rungs_ = np.asarray(rising if self.increasing_ else falling, dtype=np.float64)
         self.thresholds_ = (self.rungs_[:-1] + self.rungs_[1:]) / 2
         freedom = max(z.size - means.size, 1)
         self.spread_ = float(np.sqrt(np.sum((z - means[rank]) ** 2) / freedom))
         return self
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Probability of each class, shape (n_windows, n_classes), by distance to the rungs.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
+        """Probability of each class, shape (n_windows, n_classes), by distance to the rungs."""
         z = self._read(self._windows(X))
         # Windows of a class all alike leave no spread: then the nearest rung is as good as certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)

@@ -1,4 +1,4 @@
-"""Is this lobe worn? A small network on the fold seen from each lobe, and where the fold begins."""
+"""Small network that tells worn lobes from sound ones, and where the fold begins."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cyclofeat import lobes
-from cyclofeat.counting._folds import Float
+from cyclofeat.counting._folds import Float, Int
 from cyclofeat.counting._lobe_sets import Bool
+from cyclofeat.signal import lobes
+from cyclofeat.signal.windows import Complex
 
 # Probabilities of lobes nearer to 0 or 1 than this are no surer than it.
 _LEAST_LOBE = 1e-4
@@ -31,7 +32,7 @@ _BETWEEN = 2
 _BESIDE = (0.25, 0.75)
 
 
-def views_of_lobes(lines: lobes.Complex, begins: Float, n_lobes: int, points_per_lobe: int) -> Float:
+def views_of_lobes(lines: Complex, begins: Float, n_lobes: int, points_per_lobe: int) -> Float:
     """The fold seen from each lobe: (n_windows, n_lobes, n_lobes * points_per_lobe), of unit std."""
     folded = lobes.fold(lobes.shift(lines, begins), n_lobes, 16)
     points = folded.reshape(len(lines), n_lobes, points_per_lobe, -1).mean(axis=3)
@@ -41,38 +42,25 @@ def views_of_lobes(lines: lobes.Complex, begins: Float, n_lobes: int, points_per
     return np.asarray(points[:, turn].reshape(len(lines), n_lobes, -1))
 
 
-def train_network(
-    lines: lobes.Complex,
-    begins: Float,
-    worn: Bool,
-    points_per_lobe: int,
-    n_hidden: int,
-    n_epochs: int,
-    seed: int,
-) -> Pipeline | None:
-    """Network that tells sound lobes, worn ones and views begun between two lobes; None without either kind.
-
-    Parameters
-    ----------
-    lines : ndarray of complex, shape (n_windows, n_lines)
-    begins : ndarray, shape (n_windows,)
-        Where slot 0 begins.
-    worn : ndarray of bool, shape (n_windows, n_lobes)
-    points_per_lobe, n_hidden, n_epochs, seed : int
-    """
+def training_views(
+    lines: Complex, begins: Float, worn: Bool, points_per_lobe: int, random_state: int
+) -> tuple[Float, Int]:
+    """Views to train a network on, and their kinds: sound lobe, worn lobe, begun between two lobes."""
     n_lobes = worn.shape[1]
-    if worn.min() == worn.max():
-        return None
-    beside = begins + np.random.default_rng(seed).uniform(*_BESIDE, len(lines)) / n_lobes
+    beside = begins + np.random.default_rng(random_state).uniform(*_BESIDE, len(lines)) / n_lobes
     X = np.concatenate([views_of_lobes(lines, at, n_lobes, points_per_lobe) for at in (begins, beside)])
-    X = X.reshape(-1, X.shape[-1])
     kind = np.concatenate([worn.ravel().astype(int), np.full(worn.size, _BETWEEN)])
+    return X.reshape(-1, X.shape[-1]), kind
+
+
+def train_network(X: Float, kind: Int, n_hidden: int, n_epochs: int, random_state: int) -> Pipeline:
+    """Train the network on views of shape (n_views, n_points)."""
     network = MLPClassifier(
         (n_hidden,),
         alpha=0.01,
         batch_size=int(np.clip(len(X) // _STEPS, 1, _BATCH)),
         max_iter=n_epochs,
-        random_state=seed,
+        random_state=random_state,
     )
     with warnings.catch_warnings():
         # It learns for a set time; to converge would be to learn the noise.
@@ -94,9 +82,7 @@ def lobe_logits(network: Pipeline | None, views: Float) -> tuple[Float, Float]:
     return worn - sound, np.logaddexp(sound, worn).sum(axis=1) - between.sum(axis=1)
 
 
-def logits_anywhere(
-    network: Pipeline | None, lines: lobes.Complex, n_lobes: int, points_per_lobe: int
-) -> Float:
+def logits_anywhere(network: Pipeline | None, lines: Complex, n_lobes: int, points_per_lobe: int) -> Float:
     """Logits of the lobes with slots begun where they look most like slots."""
     places = np.arange(_BEGINNINGS) / (_BEGINNINGS * n_lobes)
     found = np.empty((len(lines), n_lobes))
@@ -111,8 +97,8 @@ def logits_anywhere(
     return found
 
 
-def begins_by_mesh(lines: lobes.Complex, n_lobes: int) -> Float:
-    """Where the first slot begins in the window, as a share of the fold, by the mesh line's phase."""
+def begins_by_mesh(lines: Complex, n_lobes: int) -> Float:
+    """Return where the first slot begins, as a share of the fold, by the phase of the mesh line."""
     phase = np.angle(lines[:, n_lobes - 1]) / (2 * np.pi)
     return np.asarray((_MESH_PHASE - phase) % 1.0 / n_lobes)
 

@@ -1,4 +1,4 @@
-"""Sets of lobes: how many are worn, and which, from the logit of each lobe."""
+"""Probabilities of counts and of sets of lobes, from the logit of each lobe."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Bool = NDArray[np.bool_]
 
 
 def turned(worn: Bool, slots: Int) -> Bool:
-    """Each row turned by its number of slots: what was lobe 0 is then at that place."""
+    """Turn each row by its number of slots: lobe 0 moves to that place."""
     n_lobes = worn.shape[1]
     return np.asarray(np.take_along_axis(worn, (np.arange(n_lobes) - slots[:, np.newaxis]) % n_lobes, axis=1))
 

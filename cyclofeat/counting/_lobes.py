@@ -1,7 +1,8 @@
-"""Counting lobe by lobe: which lobes are worn, and so how many."""
+"""Counter that decides for each lobe whether it is worn."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -9,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 from sklearn.pipeline import Pipeline
-from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat import lobes
-from cyclofeat._sklearn import Interval, StrOptions, fit_context
+from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
 from cyclofeat.counting._base import Counter
 from cyclofeat.counting._folds import (
     Float,
@@ -21,12 +20,12 @@ from cyclofeat.counting._folds import (
     Int,
     aligned_proba,
     assemblies_of,
+    drawn_seed,
     grouped_folds,
     of_windows,
     pool_weights,
     pooled,
     safe_log,
-    shares,
     softmax,
 )
 from cyclofeat.counting._lobe_network import (
@@ -35,11 +34,15 @@ from cyclofeat.counting._lobe_network import (
     logits_anywhere,
     platt,
     train_network,
+    training_views,
     views_of_lobes,
 )
 from cyclofeat.counting._lobe_sets import Bool, best_sets, inclusion, log_counts, turned
-from cyclofeat.counting._trees import CountingTrees
+from cyclofeat.counting.scores import shares
+from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
+from cyclofeat.signal import lobes
+from cyclofeat.signal.windows import Complex
 
 # Logits of lobes beyond this say no more than "sure"; 15 of them still multiply without overflow.
 _SURE = 9.0
@@ -47,16 +50,16 @@ _SURE = 9.0
 _GUESSES = 3
 
 
+@dataclass(eq=False, repr=False)
 class LobeCounter(Counter):
-    """Count and positions of worn lobes together, from a probability of each lobe of being worn.
+    """Counter of worn lobes and their positions, from the probability of each lobe.
 
-    The whitened torque, folded at the lobe frequency, gives each lobe a slot (:mod:`cyclofeat.lobes`). A slot
-    seen together with the others - the fold turned until that slot comes first - is one example of a worn or
-    a sound lobe, so that what is learned about one lobe holds for all, and a fold begun at another lobe gives
-    the same answers at other places. A small network on these views gives the odds of each lobe; trees on the
-    features of :class:`~cyclofeat.features.LobeMap` the odds of each count. Both opinions of the count are
-    pooled with weights learned on held-out assemblies, which calibrates it; the lobes are then those most
-    probable given the count.
+    The whitened torque, folded at the lobe frequency, gives each lobe a slot
+    (:mod:`cyclofeat.signal.lobes`). The fold turned until a slot comes first is one example of a worn or a
+    sound lobe, so that what is learned about one lobe holds for all. A small network on these views gives the
+    odds of each lobe; trees on the features of :class:`~cyclofeat.features.LobeMap` the odds of each count.
+    Both opinions of the count are pooled with weights learned on held-out assemblies, which calibrates it;
+    the lobes are then those most probable given the count.
 
     Parameters
     ----------
@@ -96,13 +99,6 @@ class LobeCounter(Counter):
     lobe_map_ : LobeMap
     calibration_ : ndarray, shape (2,)
         Intercept and slope by which held-out logits of lobes become probabilities.
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
-
-    See Also
-    --------
-    LobeLocator : Probability of each lobe only, given a tachometer.
 
     Notes
     -----
@@ -113,19 +109,17 @@ class LobeCounter(Counter):
 
     *Where a slot begins.* A tachometer that tells the passage of lobe 0 fixes it. Otherwise the fold is begun
     at eight places within a lobe, and the network, trained on folds begun beside a lobe too, says which of
-    them looks least like those. (The phase of the mesh line, to which every worn lobe adds alike, would tell
-    at once, but where every other lobe is worn it is off by up to half a slot.) What cannot be told is which
-    lobe is which: lobes are then numbered from the one whose slot is the first to begin in the window. The
-    count is always made so, whether there is a tachometer or not.
+    them looks least like those. (The phase of the mesh line is off by up to half a slot if every other lobe
+    is worn.) Lobes are then numbered from the one whose slot is the first to begin in the window. The count
+    is always made this way, with or without a tachometer.
 
-    *Neighbours or not.* Contact zones of neighbouring lobes overlap: load that one worn lobe sheds its
-    neighbours take up, and what a row of worn lobes does to the torque is not the sum of what each does by
-    itself. Where both rows and lobes apart are to be counted, both must be trained on;
-    ``make_rig_recordings(lobes="mixed")`` makes such recordings.
+    *Neighbours or not.* Contact zones of neighbouring lobes overlap, so that the effect of a row of worn
+    lobes is not the sum of the effects of each. Where both rows and lobes apart are to be counted, both must
+    be trained on; ``make_rig_recordings(lobes="mixed")`` makes such recordings.
 
-    *Without known lobes* (``worn`` not given) those worn are taken for neighbours, at first about the centre
-    of the fold's energy, then thrice where held-out networks see them most. It serves the count; the
-    positions themselves are not to be relied on: rows can be off by some lobes, differently for each count.
+    *Without known lobes* (``worn`` not given) worn lobes are assumed to be neighbours, at first about the
+    centre of the fold's energy, then thrice where held-out networks see them most. The positions are then not
+    reliable: rows can be off by some lobes, differently for each count.
 
     Examples
     --------
@@ -157,29 +151,16 @@ class LobeCounter(Counter):
         "random_state": ["random_state"],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        input_speed_hz: float = 500 / 60,
-        n_lobes: int = 15,
-        pattern: str = "any",
-        points_per_lobe: int = 8,
-        n_trees: int = 300,
-        n_hidden: int = 64,
-        n_epochs: int = 30,
-        n_splits: int = 5,
-        random_state: int | None = 0,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.input_speed_hz = input_speed_hz
-        self.n_lobes = n_lobes
-        self.pattern = pattern
-        self.points_per_lobe = points_per_lobe
-        self.n_trees = n_trees
-        self.n_hidden = n_hidden
-        self.n_epochs = n_epochs
-        self.n_splits = n_splits
-        self.random_state = random_state
+    sampling_rate: float
+    input_speed_hz: float = 500 / 60
+    n_lobes: int = 15
+    pattern: str = "any"
+    points_per_lobe: int = 8
+    n_trees: int = 300
+    n_hidden: int = 64
+    n_epochs: int = 30
+    n_splits: int = 5
+    random_state: int | None = 0
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(
@@ -190,7 +171,7 @@ class LobeCounter(Counter):
         passage: ArrayLike | None = None,
         groups: ArrayLike | None = None,
     ) -> Self:
-        """Learn from windows whose number of worn lobes is known, better still which ones.
+        """Fit to windows with known counts and, better, known worn lobes.
 
         Parameters
         ----------
@@ -203,8 +184,8 @@ class LobeCounter(Counter):
         passage : array-like, shape (n_windows,), optional
             When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
         groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window is taken for an assembly of its own; where
-            windows share one, the counter then learns how sure it is of what it has seen.
+            Assembly of each window. Without groups every window counts as one assembly; if windows share an
+            assembly, the calibration is then learned on windows like those in training.
 
         Returns
         -------
@@ -221,18 +202,17 @@ class LobeCounter(Counter):
             raise ValueError(f"points_per_lobe must be 1, 2, 4, 8 or 16, got {self.points_per_lobe}")
         counts = _counts(self.classes_, self.n_lobes)
         known = self._known_lobes(labels, worn, passage, counts)
-        begins = None if passage is None else self._begins(passage, len(windows))
+        begins = None if passage is None else _begins(passage, len(windows))
         member = assemblies_of(groups, len(windows))
-        # one number for all that is random, however often it is used
-        seed = int(check_random_state(self.random_state).randint(2**31 - 1))
+        seed = drawn_seed(self.random_state)
         self.lobe_map_ = LobeMap(
             self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
         ).fit(windows)
         found = self.lobe_map_.lines(windows)
-        features = self.lobe_map_._from_lines(found)
+        features = self.lobe_map_.from_lines(found)
         folds = grouped_folds(rank, member, self.n_splits, seed)
         self.calibrated_ = bool(folds)
-        self.count_trees_ = self._count_trees(seed).fit(features, rank)
+        self.count_trees_ = CountingTrees(self.n_trees, random_state=seed).fit(features, rank)
         self.lobe_network_, held_out = None, None
         self.calibration_: Float = np.array([0.0, 1.0])
         if counts is not None and 0 < counts[rank].sum() < counts[rank].size * self.n_lobes:
@@ -251,22 +231,12 @@ class LobeCounter(Counter):
         return self
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Calibrated probability of each count.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
-        found = self._lines(X)
-        return self._count_proba(found, self._logits(found, None))
+        """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
+        lines = self._lines(X)
+        return self._count_proba(lines, self._logits(lines, None))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
-        """Probability that each lobe is worn, reconciled with the count: they add up to the expected count.
+        """Return the probability of each lobe given the count: they add up to the expected count.
 
         Parameters
         ----------
@@ -290,21 +260,10 @@ class LobeCounter(Counter):
         return np.asarray(np.einsum("wc,wck->wk", proba, given))
 
     def predict_lobes(self, X: ArrayLike, passage: ArrayLike | None = None) -> Bool:
-        """The worn lobes: the most probable set of as many as :meth:`predict` counts.
+        """Return the most probable set of as many worn lobes as :meth:`predict` counts.
 
-        Parameters
-        ----------
-        X, passage
-            As for :meth:`predict_lobe_proba`.
-
-        Returns
-        -------
-        ndarray of bool, shape (n_windows, n_lobes)
-
-        Raises
-        ------
-        ValueError
-            As for :meth:`predict_lobe_proba`.
+        Arguments and errors are those of :meth:`predict_lobe_proba`; the result is a table of bool of the
+        same shape.
         """
         proba, logits = self._both(X, passage)
         counts = self.classes_.astype(int)[np.argmax(proba, axis=1)]
@@ -323,19 +282,19 @@ class LobeCounter(Counter):
         proba = self._count_proba(found, anywhere)
         if passage is None:
             return proba, anywhere
-        return proba, self._logits(found, self._begins(passage, len(found.lines)))
+        return proba, self._logits(found, _begins(passage, len(found.lines)))
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
         """Probability that each lobe is worn, whatever the count, from lobe lines made already."""
-        return np.asarray(expit(self._logits(found, self._begins(passage, len(found.lines)))))
+        return np.asarray(expit(self._logits(found, _begins(passage, len(found.lines)))))
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
-        windows = self._windows(X)
-        found: lobes.LobeLines = self.lobe_map_.lines(windows)
-        return found
+        windows = self._windows(X)  # raises NotFittedError before lobe_map_ is missed
+        lines: lobes.LobeLines = self.lobe_map_.lines(windows)
+        return lines
 
     def _count_proba(self, found: lobes.LobeLines, logits: Float) -> Float:
-        features = self.lobe_map_._from_lines(found)
+        features = self.lobe_map_.from_lines(found)
         by_map = aligned_proba(self.count_trees_, features, np.arange(self.classes_.size))
         return pooled(self._opinions(by_map, logits), self.weights_)
 
@@ -364,22 +323,20 @@ class LobeCounter(Counter):
             raise ValueError("y must hold the number of lobes that worn marks in each window, it does not")
         return known
 
-    def _begins(self, passage: ArrayLike, n_windows: int) -> Float:
-        return np.asarray(of_windows("passage", passage, n_windows), dtype=float)
+    def _network(self, lines: Complex, begins: Float, worn: Bool, seed: int) -> Pipeline | None:
+        """Trained network; None where lobes are all worn or all sound."""
+        if worn.min() == worn.max():
+            return None
+        X, kind = training_views(lines, begins, worn, self.points_per_lobe, seed)
+        return train_network(X, kind, self.n_hidden, self.n_epochs, seed)
 
-    def _count_trees(self, seed: int) -> CountingTrees:
-        return CountingTrees(self.n_trees, random_state=seed)
-
-    def _network(self, lines: lobes.Complex, begins: Float, worn: Bool, seed: int) -> Pipeline | None:
-        return train_network(lines, begins, worn, self.points_per_lobe, self.n_hidden, self.n_epochs, seed)
-
-    def _lobe_logits(self, network: Pipeline | None, lines: lobes.Complex, begins: Float | None) -> Float:
-        """Logits of the lobes as the network says them; with slots begun where it sees them, or as told."""
+    def _lobe_logits(self, network: Pipeline | None, lines: Complex, begins: Float | None) -> Float:
+        """Logits of the lobes by the network, slots begun at ``begins`` or where the network sees them."""
         if begins is None:
             return logits_anywhere(network, lines, self.n_lobes, self.points_per_lobe)
         return lobe_logits(network, views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe))[0]
 
-    def _guess(self, lines: lobes.Complex, begins: Float, n_worn: Int, folds: Folds, seed: int) -> Bool:
+    def _guess(self, lines: Complex, begins: Float, n_worn: Int, folds: Folds, seed: int) -> Bool:
         """Neighbours worn where the fold has its energy, then where held-out networks see them."""
         begun = lobes.fold(lobes.shift(lines, begins), self.n_lobes)
         first = np.round(lobes.energy_centre(begun) * self.n_lobes - n_worn / 2).astype(int)
@@ -409,21 +366,20 @@ class LobeCounter(Counter):
         """Exponents of the two opinions, learned where neither has seen the assembly."""
         by_map = np.full((rank.size, self.classes_.size), np.nan)
         for train, test in folds:
-            trees = self._count_trees(seed).fit(features[train], rank[train])
+            trees = CountingTrees(self.n_trees, random_state=seed).fit(features[train], rank[train])
             by_map[test] = aligned_proba(trees, features[test], np.arange(self.classes_.size))
-        usable = np.isfinite(by_map).all(axis=1)
         if held_out is None:
             held_out = np.zeros((rank.size, self.n_lobes))
-        usable &= np.isfinite(held_out).all(axis=1)
+        usable = np.isfinite(by_map).all(axis=1) & np.isfinite(held_out).all(axis=1)
         if not usable.any():
             return np.array([1.0, 0.0])
-        logits = self._calibrated(held_out[usable])
-        return pool_weights(
-            self._opinions(by_map[usable], logits),
-            rank[usable],
-            shares(member)[usable],
-            np.unique(member[usable]).size,
-        )
+        opinions = self._opinions(by_map[usable], self._calibrated(held_out[usable]))
+        n_assemblies = np.unique(member[usable]).size
+        return pool_weights(opinions, rank[usable], shares(member)[usable], n_assemblies)
+
+
+def _begins(passage: ArrayLike, n_windows: int) -> Float:
+    return np.asarray(of_windows("passage", passage, n_windows), dtype=float)
 
 
 def _counts(classes: NDArray[Any], n_lobes: int) -> Int | None:

@@ -1,7 +1,8 @@
-"""Which lobes are worn: a probability per lobe from the torque folded lobe by lobe."""
+"""Locator of worn lobes: a probability per lobe from the folded torque."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat import lobes
-from cyclofeat.counting._trees import CountingTrees
+from cyclofeat.counting._folds import of_windows
+from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
+from cyclofeat.signal import lobes
 
 
 def passage_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[np.float64]:
-    """When lobe 0 passes the cam's direction, for windows that start at an absolute input angle.
+    """Return when lobe 0 passes the cam's direction, for windows that start at an absolute input angle.
 
     In the wheel's frame the cam points in direction (z_k phi + pi)/z_s, at the tip of lobe l at 2 pi l/z_s.
 
@@ -36,12 +38,13 @@ def passage_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[n
     return np.asarray(-cam_in_wheel / (2 * np.pi) % 1.0)
 
 
+@dataclass(eq=False, repr=False)
 class LobeLocator(BaseEstimator):
     """Probability that each lobe of a disc is worn.
 
-    The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.lobes`), from the passage of lobe 0
-    on. Every slot of the fold, seen with its neighbours (the fold turned until that slot comes first), is one
-    example of a worn or a sound lobe: what is learned about one lobe holds for all.
+    The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.signal.lobes`), from the passage of
+    lobe 0 on. The fold turned until a slot comes first is one example of a worn or a sound lobe: what is
+    learned about one lobe holds for all.
 
     Parameters
     ----------
@@ -55,27 +58,13 @@ class LobeLocator(BaseEstimator):
         Number of trees.
     random_state : int or None
         Seed of the trees.
-
-    Attributes
-    ----------
-    lobe_map_ : LobeMap
-        Finds the lobe lines.
-    trees_ : CountingTrees
     """
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        input_speed_hz: float = 500 / 60,
-        n_lobes: int = 15,
-        n_trees: int = 200,
-        random_state: int | None = 0,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.input_speed_hz = input_speed_hz
-        self.n_lobes = n_lobes
-        self.n_trees = n_trees
-        self.random_state = random_state
+    sampling_rate: float
+    input_speed_hz: float = 500 / 60
+    n_lobes: int = 15
+    n_trees: int = 200
+    random_state: int | None = 0
 
     def fit(self, X: ArrayLike, worn: ArrayLike, passage: ArrayLike) -> Self:
         """Learn from windows whose worn lobes are known.
@@ -115,38 +104,20 @@ class LobeLocator(BaseEstimator):
         return self
 
     def predict_proba(self, X: ArrayLike, passage: ArrayLike) -> NDArray[np.float64]:
-        """Probability that each lobe is worn.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-        passage : array-like, shape (n_windows,)
-            As for :meth:`fit`.
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_lobes)
-        """
+        """Probability that each lobe is worn, shape (n_windows, n_lobes); arguments as for :meth:`fit`."""
         check_is_fitted(self)
         windows: NDArray[Any] = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
         return self._from_lines(self.lobe_map_.lines(windows), passage)
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
-        """The same of lobe lines, where another has made them already."""
+        """Probability of each lobe from lobe lines that are at hand."""
         proba = self.trees_.predict_proba(self._views(found, passage))[:, 1]
         return np.asarray(proba.reshape(len(found.lines), self.n_lobes))
 
     def _views(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
         """The fold seen from each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
-        begins = np.asarray(passage, dtype=float)
-        if begins.shape != (len(found.lines),) or not np.isfinite(begins).all():
-            raise ValueError(
-                f"passage must hold one finite number per window ({len(found.lines)}), "
-                f"got shape {begins.shape}"
-            )
-        lines = lobes.shift(found.lines, begins)
-        folded = lobes.fold(lines, self.n_lobes)
+        begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
+        folded = lobes.fold(lobes.shift(found.lines, begins), self.n_lobes)
         slots = np.stack([folded.mean(axis=2), folded.std(axis=2)], axis=1)
         turn = (np.arange(self.n_lobes) + np.arange(self.n_lobes)[:, np.newaxis]) % self.n_lobes
         return np.ascontiguousarray(slots[:, :, turn].transpose(0, 2, 1, 3)).reshape(-1, 2 * self.n_lobes)

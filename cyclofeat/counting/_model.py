@@ -1,22 +1,17 @@
-"""A counter and a locator for whole recordings, with what they were made for."""
+"""Counter and locator for whole recordings."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import joblib
-import numba
 import numpy as np
-import scipy
-import sklearn
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from cyclofeat import __version__
+from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
@@ -26,22 +21,20 @@ from cyclofeat.counting._folds import fewest_assemblies
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
+from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.features import LobeMap
-from cyclofeat.lobes import LobeLines, lobe_frequency
-from cyclofeat.recording import Recording, Windower, WindowSet, common_n_lobes
+from cyclofeat.recordings import Recording, Windower, WindowSet, common_n_lobes, common_speed
+from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
+from cyclofeat.signal.windows import Float
 
-Float = NDArray[np.float64]
-
-# Relative deviation of a stated speed from the model's beyond which the speed search would not find it.
-_SPEED_TOLERANCE = 0.015
 # Places between two lobes at which a recording without an absolute angle is assumed to begin.
 _BEGINNINGS = 4
 
 
 @dataclass(frozen=True)
 class LobeCount:
-    """What a model says of one recording.
+    """Answer of a model for one recording.
 
     Attributes
     ----------
@@ -63,7 +56,7 @@ class LobeCount:
     refused : bool
         Whether most of the windows lie outside what the model was trained on, no count fits most of them
         (where the counter is a :class:`ConformalCounter`), or the lobe lines fit another speed: the count
-        then stands on nothing but trust.
+        is then not reliable.
     reason : str
         Why refused, else empty.
     distance : float
@@ -83,7 +76,7 @@ class LobeCount:
     distance: float = float("nan")
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in plain types, for JSON."""
+        """Return the answer in plain types, for JSON."""
         return {
             "defect_count": self.defect_count,
             "probability": {str(count): value for count, value in self.probability.items()},
@@ -114,13 +107,11 @@ class LobeModel:
     locator : LobeLocator, LobeCounter or None
         Fitted; the counter itself where that is a :class:`LobeCounter`. None where the training recordings
         did not state angle and worn lobes.
-    sampling_rate : float
-        In Hz.
-    input_speed_hz : float
-        Nominal input speed in turns per second.
+    sampling_rate, input_speed_hz : float
+        In Hz, and nominal in turns per second.
     n_lobes : int
     card : dict
-        What the model was made from: training data, versions.
+        Training data and versions.
     domain : TrainingDomain or None
         Fitted to the features that the counter sees; None where there was one assembly only.
     """
@@ -139,7 +130,6 @@ class LobeModel:
         recordings: Sequence[Recording],
         *,
         input_speed_hz: float | None = None,
-        n_lobes: int | None = None,
         random_state: int = 0,
         n_splits: int = 5,
         n_trees: int = 300,
@@ -155,11 +145,9 @@ class LobeModel:
         recordings : sequence of Recording
             With ``defect_count``; where all of them also state ``worn_lobes`` and an absolute angle, the
             model learns to locate lobes too. Probabilities are calibrated on held-out assemblies; recordings
-            that do not all state theirs are taken for one assembly each.
+            are one assembly each if they do not all state theirs.
         input_speed_hz : float, optional
             Nominal input speed; default the median of those that the recordings state.
-        n_lobes : int, optional
-            Number of lobes of a disc; default the one that the recordings share.
         random_state : int
             Seed of the trees.
         n_splits : int
@@ -180,11 +168,7 @@ class LobeModel:
             Where recordings lack a defect count, hold one class only, cannot be cut into windows, or state
             another number of lobes or a speed more than 1.5 % beside the nominal one.
         """
-        stated = common_n_lobes(recordings)
-        # Recordings that say nothing of their lobes have 15.
-        if n_lobes is not None and stated not in (15, n_lobes):
-            raise ValueError(f"n_lobes must be that of the recordings, {stated}, got {n_lobes}")
-        n_lobes = stated if n_lobes is None else n_lobes
+        n_lobes = common_n_lobes(recordings)
         speed = common_speed(recordings, input_speed_hz)
         windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
         if windows.y is None:
@@ -192,33 +176,12 @@ class LobeModel:
         assert speed is not None  # the windower would have raised
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        made_for: dict[str, Any] = {
+        made_for = {
             "input_speed_hz": speed, "n_lobes": n_lobes, "n_trees": n_trees, "random_state": random_state,
         }  # fmt: skip
-        plain = make_lobe_counter(windows.sampling_rate, **made_for)
-        lobe_map = plain["lobe_map"]
-        # A lobe map learns nothing from other windows: made once, it serves every fold.
-        features = np.asarray(lobe_map.fit_transform(windows.X))
+        protocol = Protocol(n_splits=n_splits, random_state=random_state) if n_splits else None
+        counter, locator, scores, features = _fitted(windows, made_for, protocol)
         member = windows.recording if windows.groups is None else windows.groups
-        worn = worn_of_windows(windows, n_lobes)
-        passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
-        counter: BaseEstimator
-        locator: LobeLocator | LobeCounter | None = None
-        if worn is not None and _any_apart(worn):
-            known = {"worn": worn, "passage": passage}
-            counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
-            scores = _cross_validation(counter, windows.X, windows, n_splits, random_state, **known)
-            locator = counter.fit(windows.X, windows.y, groups=member, **known)
-        else:
-            # One power of all probabilities never changes the count: the plain trees' scores are the model's.
-            scores = _cross_validation(plain["trees"], features, windows, n_splits, random_state)
-            trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
-            trees.fit(features, windows.y, groups=member)
-            counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
-            if worn is not None and passage is not None and worn.any() and not worn.all():
-                locator = LobeLocator(
-                    windows.sampling_rate, input_speed_hz=speed, n_lobes=n_lobes, random_state=random_state
-                ).fit(windows.X, worn, passage)
         domain = None
         if np.unique(member).size > 1:
             domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
@@ -231,7 +194,7 @@ class LobeModel:
             "classes": np.unique(windows.y).tolist(),
             "calibrated": fewest_assemblies(member, windows.y) > 1,
             "cross_validation": scores,
-            "versions": versions(),
+            "versions": package_versions(*MODEL_PACKAGES),
         }
         return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card, domain)
 
@@ -245,19 +208,15 @@ class LobeModel:
         n_lobes: int = 15,
         description: str = "",
     ) -> LobeModel:
-        """A model of a counter that is fitted already, for whole recordings; it locates no lobes.
+        """Make a model for whole recordings of a counter that is fitted already; it locates no lobes.
 
         Parameters
         ----------
         counter : classifier
             Fitted to windows of one output turn, with ``predict_proba``; classes are defect counts. What a
             :class:`ConformalCounter` refuses, the model refuses.
-        sampling_rate : float
-            Of those windows, in Hz.
-        input_speed_hz : float
-            Nominal input speed in turns per second.
-        n_lobes : int
-            Number of lobes of a disc.
+        sampling_rate, input_speed_hz, n_lobes
+            Attributes of the model.
         description : str
             For the card.
 
@@ -278,19 +237,18 @@ class LobeModel:
                 f"{sampling_rate:g} Hz and {60 * input_speed_hz:g} RPM, got one fitted to {fitted} samples"
             )
         parts = (counter, getattr(counter, "counter_", None))
-        calibrated = any(getattr(part, "calibrated_", False) for part in parts)
         card = {
             "description": description,
             "classes": np.asarray(counter.classes_).tolist(),
-            "calibrated": calibrated,
+            "calibrated": any(getattr(part, "calibrated_", False) for part in parts),
             "cross_validation": None,
-            "versions": versions(),
+            "versions": package_versions(*MODEL_PACKAGES),
         }
         domain = getattr(counter, "domain_", None)
         return cls(counter, None, sampling_rate, input_speed_hz, n_lobes, card, domain)
 
     def check(self, recording: Recording) -> None:
-        """Raise ``ValueError`` where a recording does not suit the model: sampling rate, lobes, speed."""
+        """Raise ``ValueError`` if the recording's sampling rate, lobes or speed do not suit the model."""
         # Recordings that say nothing of their lobes have 15.
         if recording.n_lobes not in (15, self.n_lobes):
             raise ValueError(
@@ -303,16 +261,11 @@ class LobeModel:
                 f"trained at {self.sampling_rate:g} Hz: resample the recording or train a model at its rate"
             )
         stated = {"speed_rpm of the recording is": recording.input_speed_hz}
-        phi = recording.input_angle(self.n_lobes)
-        if phi is not None:
-            # Speed by the tachometer, whatever the label says; in the middle half, away from a run-up.
-            first, last = phi.size // 4, 3 * phi.size // 4
-            turns = (phi[last] - phi[first]) / (2 * np.pi)
-            stated["the angle of the recording turns at"] = float(
-                turns * recording.sampling_rate / max(last - first, 1)
-            )
+        # Speed by the tachometer, whatever the label says; in the middle half, away from a run-up.
+        middle = recording.part(0.25 * recording.duration, 0.75 * recording.duration)
+        stated["the angle of the recording turns at"] = middle.mean_input_speed(self.n_lobes)
         for source, speed in stated.items():
-            if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:
+            if speed is not None and abs(speed / self.input_speed_hz - 1) > SPEED_TOLERANCE:
                 raise ValueError(
                     f"{source} {60 * speed:.5g} RPM, but the model was trained at "
                     f"{60 * self.input_speed_hz:.5g} RPM: train a model at that speed"
@@ -321,19 +274,10 @@ class LobeModel:
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
 
-        Windows of whole output turns are classified one by one and their probabilities combined, see
-        :func:`predict_recordings`; a counter that has not learned how much windows of one assembly err
-        together is taken to be no surer of many than of one. The recording is refused where more than half
-        of its windows lie outside the training domain, or where, without a tachometer, its lobe lines are
-        those of another speed; it still has a count.
-
-        Parameters
-        ----------
-        recording : Recording
-
-        Returns
-        -------
-        LobeCount
+        The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
+        without a learned dependence is taken to be no surer of many windows than of one. The recording is
+        refused where more than half of its windows lie outside the training domain, or where, without a
+        tachometer, its lobe lines are those of another speed; it still has a count.
 
         Raises
         ------
@@ -342,7 +286,7 @@ class LobeModel:
         """
         self.check(recording)
         windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
-        combined, features, found = self._combined(windows.X)
+        combined, features, lines = self._combined(windows.X)
         probability = combined.probability[0]
         count = int(combined.counts[0])
         notes = []
@@ -363,14 +307,12 @@ class LobeModel:
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
                 f"{distance:.2f} times the largest distance inside{' (median)' if len(windows) > 1 else ''}"
             )
-        lobes: tuple[int, ...] = ()
-        by_lobe: tuple[float, ...] = ()
-        absolute = False
+        lobes: list[int] = []
+        share: Float = np.zeros(0)
+        absolute = self.locator is not None and bool(windows.absolute.all())
         if self.locator is not None:
-            absolute = bool(windows.absolute.all())
-            share = self._lobe_probability(windows, found, absolute)
-            lobes = tuple(sorted(int(lobe) for lobe in np.argsort(-share, kind="stable")[:count]))
-            by_lobe = tuple(float(p) for p in share)
+            share = self._lobe_probability(windows, lines, absolute)
+            lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
             if not absolute and lobes:
                 notes.append(
                     "positions are relative: without an absolute angle they count from the lobe under load "
@@ -383,8 +325,8 @@ class LobeModel:
         return LobeCount(
             defect_count=count,
             probability={int(c): float(p) for c, p in zip(combined.classes, probability, strict=True)},
-            lobes=lobes,
-            lobe_probability=by_lobe,
+            lobes=tuple(lobes),
+            lobe_probability=tuple(share.tolist()),
             absolute=absolute,
             n_windows=len(windows),
             warnings=tuple(notes),
@@ -394,35 +336,34 @@ class LobeModel:
         )
 
     def _combined(self, X: Float) -> tuple[RecordingCounts, Float | None, LobeLines | None]:
-        """Windows counted together; the features that the domain knows; lobe lines where they were made."""
-        found = None
-        features = None
+        """Return the combined counts, the features that the domain knows, and lobe lines if made."""
+        lines, features = None, None
         deciding, seen = self.counter, X
         if isinstance(self.counter, Pipeline) and isinstance(self.counter[0], LobeMap):
             # Lobe lines are most of the work: made once for counter, domain and locator.
-            found = self.counter[0].lines(X)
-            features = self.counter[0]._from_lines(found)
+            lines = self.counter[0].lines(X)
+            features = self.counter[0].from_lines(lines)
             deciding, seen = self.counter[1:], features
             if len(deciding) == 1:
                 deciding = deciding[0]
             elif self.domain is not None:
                 features = np.asarray(deciding[:-1].transform(features))
         elif isinstance(self.counter, LobeCounter):
-            found = self.counter.lobe_map_.lines(X)
-            features = self.counter.lobe_map_._from_lines(found)
+            lines = self.counter.lobe_map_.lines(X)
+            features = self.counter.lobe_map_.from_lines(lines)
         elif self.domain is not None:
             features = features_seen(self.counter, X)
         learned = getattr(deciding, "dependence_", None)
         combined = predict_recordings(
             deciding, seen, np.zeros(len(X), dtype=int), dependence=1.0 if learned is None else learned
         )
-        return combined, features, found
+        return combined, features, lines
 
     def _another_speed(self, X: Float) -> str:
-        """Why the torque cannot come from the model's speed; empty where nothing says so."""
+        """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
         first = self.counter[0] if isinstance(self.counter, Pipeline) else None
         searched = first.speed_tolerance if isinstance(first, LobeMap) else 0.0
-        tolerance = max(_SPEED_TOLERANCE, searched)
+        tolerance = max(SPEED_TOLERANCE, searched)
         speed = other_speed(X, self.sampling_rate, self.input_speed_hz, tolerance, self.n_lobes)
         if speed is None:
             return ""
@@ -439,71 +380,66 @@ class LobeModel:
         distance = self.domain.distance(features) / largest
         return float(np.median(distance)), int(np.sum(distance > 1))
 
-    def _lobe_probability(self, windows: WindowSet, found: LobeLines | None, absolute: bool) -> Float:
+    def _lobe_probability(self, windows: WindowSet, lines: LobeLines | None, absolute: bool) -> Float:
         """Mean over windows of each lobe's probability, numbered as on the disc or from the first sample."""
         assert self.locator is not None
-        if found is None:
-            found = self.locator.lobe_map_.lines(windows.X)
+        if lines is None:
+            lines = self.locator.lobe_map_.lines(windows.X)
         if absolute:
             passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
-            return np.asarray(self.locator._from_lines(found, passage).mean(axis=0))
+            return np.asarray(self.locator._from_lines(lines, passage).mean(axis=0))
         # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
         # Where between two lobes the recording begins is not known: the most decided answer tells.
-        again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, found.input_speed_hz)
+        again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, lines.input_speed_hz)
         begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
-        shares = self.locator._from_lines(found.repeated(_BEGINNINGS), begins.ravel())
+        shares = self.locator._from_lines(lines.repeated(_BEGINNINGS), begins.ravel())
         answers = shares.reshape(_BEGINNINGS, len(windows), -1).mean(axis=1)
-        return np.asarray(max(answers, key=lambda share: float(np.abs(share - 0.5).sum())))
+        return np.asarray(answers[np.abs(answers - 0.5).sum(axis=1).argmax()])
 
 
-def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None = None) -> float | None:
-    """Nominal input speed in turns per second: the given one, else the median of those stated.
-
-    Raises
-    ------
-    ValueError
-        If a recording states one so far beside it that the lobe map's search would not find it.
-    """
-    stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
-    speed = input_speed_hz
-    if speed is None:
-        if not stated:
-            return None
-        speed = float(np.median(stated))
-    off = [one for one in stated if abs(one / speed - 1) > _SPEED_TOLERANCE]
-    if off:
-        raise ValueError(
-            f"speed_rpm of {len(off)} of {len(recordings)} recordings lies more than "
-            f"{_SPEED_TOLERANCE:.1%} beside {60 * speed:.5g} RPM, the first at {60 * off[0]:.5g} RPM: take "
-            "the recordings of one speed at a time"
+def _fitted(
+    windows: WindowSet, made_for: dict[str, Any], protocol: Protocol | None
+) -> tuple[BaseEstimator, LobeLocator | LobeCounter | None, dict[str, Any] | None, Float]:
+    """Fitted counter and locator (where worn lobes are known), cross-validated scores, and features."""
+    member = windows.recording if windows.groups is None else windows.groups
+    n_lobes = made_for["n_lobes"]
+    worn = windows.worn_table(n_lobes)
+    passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
+    if worn is not None and _any_apart(worn):
+        counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
+        scores = _cross_validation(counter, windows.X, windows, protocol, (worn, passage))
+        counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
+        return counter, counter, scores, features_seen(counter, windows.X)
+    plain = make_lobe_counter(windows.sampling_rate, **made_for)
+    # A lobe map learns nothing from other windows: made once, it serves every fold.
+    features = np.asarray(plain["lobe_map"].fit_transform(windows.X))
+    # One power of all probabilities never changes the count: the plain trees' scores are the model's.
+    scores = _cross_validation(plain["trees"], features, windows, protocol)
+    random_state = made_for["random_state"]
+    trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
+    trees.fit(features, windows.y, groups=member)
+    locator = None
+    if worn is not None and passage is not None and worn.any() and not worn.all():
+        locator = LobeLocator(
+            windows.sampling_rate, made_for["input_speed_hz"], n_lobes, random_state=random_state
         )
-    return speed
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that a stored model depends on."""
-    return {
-        "cyclofeat": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "scikit-learn": sklearn.__version__,
-        "joblib": joblib.__version__,
-        "numba": numba.__version__,
-    }
+        locator.fit(windows.X, worn, passage)
+    return Pipeline([("lobe_map", plain["lobe_map"]), ("trees", trees)]), locator, scores, features
 
 
 def _cross_validation(
-    counter: BaseEstimator, X: Float, windows: WindowSet, n_splits: int, random_state: int, **known: Any
+    counter: BaseEstimator,
+    X: Float,
+    windows: WindowSet,
+    protocol: Protocol | None,
+    lobes: tuple[Any, Any] | None = None,
 ) -> dict[str, Any] | None:
     """Scores of counts with whole assemblies held out; None where too few are known."""
-    if n_splits == 0 or windows.y is None or windows.groups is None:
+    if protocol is None or windows.y is None or windows.groups is None:
         return None
-    if fewest_assemblies(windows.groups, windows.y) < n_splits:
+    if fewest_assemblies(windows.groups, windows.y) < protocol.n_splits:
         return None
-    scores = evaluate(
-        clone(counter), X, windows.y, windows.groups, n_splits=n_splits, random_state=random_state, **known
-    ).to_dict()
+    scores = evaluate(clone(counter), X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
     # that of plain trees is not the model's
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
 
@@ -517,17 +453,5 @@ def _turned(windows: WindowSet, speed_hz: Float) -> Float:
 
 
 def _any_apart(worn: NDArray[np.bool_]) -> bool:
-    """Whether the worn lobes of any window are more than one row of neighbours."""
+    """Return True if the worn lobes of any window are more than one row of neighbours."""
     return bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())
-
-
-def worn_of_windows(windows: WindowSet, n_lobes: int) -> NDArray[np.bool_] | None:
-    """Whether each lobe is worn, shape (n_windows, n_lobes); None where it is not known of all windows."""
-    if not windows.absolute.all():
-        return None
-    worn = np.zeros((len(windows), n_lobes), dtype=bool)
-    for row, lobes in zip(worn, windows.worn_lobes, strict=True):
-        if lobes is None:
-            return None
-        row[list(lobes)] = True
-    return worn

@@ -12,10 +12,9 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 from sklearn.exceptions import ConvergenceWarning
 
-from cyclofeat._sklearn import Interval, fit_context
+from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._base import Counter
-
-Float = NDArray[np.float64]
+from cyclofeat.counting._folds import Float
 
 
 class OrdinalCounter(Counter):
@@ -43,15 +42,12 @@ class OrdinalCounter(Counter):
     thresholds_ : ndarray, shape (n_classes - 1,)
         t_j, increasing.
     n_iter_ : int
-    n_features_in_ : int
-    feature_names_in_ : ndarray of str
-        If ``fit`` was given a data frame.
 
     Notes
     -----
-    Fitted by L-BFGS-B with the exact gradient in b, t_1 and the logarithms of the steps t_j+1 - t_j. With two
-    classes it is logistic regression with C = 1/alpha. Without penalty, classes that a weighted sum separates
-    have no finite maximum of the likelihood; the fit then ends with a warning or at a very steep solution.
+    With two classes this is logistic regression with C = 1/alpha. Without penalty, classes that a weighted
+    sum separates have no finite maximum of the likelihood; the fit then ends with a warning or at a very
+    steep solution.
 
     Examples
     --------
@@ -123,22 +119,12 @@ class OrdinalCounter(Counter):
         return self
 
     def predict_proba(self, X: ArrayLike) -> Float:
-        """Probability of each class.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-
-        Returns
-        -------
-        ndarray, shape (n_windows, n_classes)
-        """
+        """Probability of each class, shape (n_windows, n_classes)."""
         features = self._windows(X)
         distance = self.thresholds_ - (features @ self.coef_)[:, np.newaxis]
         at_most = expit(distance)
         # the last class from the other tail: 1 - (1 - tiny) would leave nothing
-        proba = np.diff(at_most, axis=1, prepend=0.0)
-        proba = np.hstack([proba, expit(-distance[:, -1:])])
+        proba = np.hstack([np.diff(at_most, axis=1, prepend=0.0), expit(-distance[:, -1:])])
         return np.asarray(proba / proba.sum(axis=1, keepdims=True))
 
 

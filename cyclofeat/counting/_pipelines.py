@@ -8,11 +8,10 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._ladder import EntropyLadder
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
-from cyclofeat.counting._trees import CountingTrees
+from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
 
 KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
@@ -25,10 +24,9 @@ def make_lobe_counter(
     input_speed_hz: float = 500 / 60,
     n_lobes: int = 15,
     n_trees: int = 300,
-    calibrated: bool = False,
     random_state: int | None = 0,
 ) -> Any:
-    """Counter of worn lobes, ready to fit to windows.
+    """Make a counter of worn lobes of a chosen kind, ready to fit to windows.
 
     ==============  ====================================================================================
     kind            what it is made of
@@ -51,16 +49,12 @@ def make_lobe_counter(
         Number of lobes of a disc.
     n_trees : int
         Number of trees, for the kinds that have any.
-    calibrated : bool
-        Whether to put the counter into a :class:`GroupCalibratedCounter`, whose probabilities are right as
-        often as they say: its ``fit`` takes the assemblies as ``groups``. ``"lobes"`` does that by itself and
-        is left as it is.
     random_state : int or None
         Seed of the trees and folds.
 
     Returns
     -------
-    sklearn.pipeline.Pipeline, LobeCounter or GroupCalibratedCounter
+    sklearn.pipeline.Pipeline or LobeCounter
         Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
         ``"trees"``; ``"entropy"`` and ``"ladder"``; ``"lobe_map"``, ``"scaler"`` and ``"ordinal"``.
 
@@ -74,7 +68,11 @@ def make_lobe_counter(
     >>> counter = make_lobe_counter(sampling_rate=25_600)
     >>> [name for name, _ in counter.steps]
     ['lobe_map', 'trees']
-    >>> ordinal = make_lobe_counter(sampling_rate=25_600, kind="ordinal", calibrated=True)
+
+    Probabilities that are right as often as they say (``"lobes"`` is calibrated already):
+
+    >>> from cyclofeat.counting import GroupCalibratedCounter
+    >>> ordinal = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600, kind="ordinal"))
     >>> ordinal.set_params(counter__ordinal__alpha=10.0).counter[-1]
     OrdinalCounter(alpha=10.0)
     """
@@ -91,35 +89,16 @@ def make_lobe_counter(
         "ladder": [("entropy", SpectralEntropy(sampling_rate)), ("ladder", EntropyLadder())],
         "ordinal": [lobe_map, ("scaler", StandardScaler()), ("ordinal", OrdinalCounter())],
     }
-    pipeline = Pipeline(steps[kind])
-    return GroupCalibratedCounter(pipeline, random_state=random_state) if calibrated else pipeline
+    return Pipeline(steps[kind])
 
 
 def make_entropy_counter(
     sampling_rate: float, *, n_trees: int = 300, random_state: int | None = 0
 ) -> Pipeline:
-    """The papers' best feature in the same place: Shannon spectral entropy, then the same trees.
+    """Make a counter on the papers' best feature: Shannon spectral entropy, then the same trees.
 
-    Trees can take any course of the entropy over the count; ``make_lobe_counter(kind="ladder")`` reads it as
-    the papers do, as a ladder.
-
-    Parameters
-    ----------
-    sampling_rate : float
-        Samples per second of the windows, in Hz.
-    n_trees : int
-        Number of trees.
-    random_state : int or None
-        Seed of the trees.
-
-    Returns
-    -------
-    sklearn.pipeline.Pipeline
-        Steps ``"entropy"`` and ``"trees"``; unfitted.
+    Parameters are those of :func:`make_lobe_counter`; the steps are ``"entropy"`` and ``"trees"``.
+    ``make_lobe_counter(kind="ladder")`` reads the entropy as the papers do, as a ladder.
     """
-    return Pipeline(
-        [
-            ("entropy", SpectralEntropy(sampling_rate)),
-            ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state)),
-        ]
-    )
+    trees = CountingTrees(n_estimators=n_trees, random_state=random_state)
+    return Pipeline([("entropy", SpectralEntropy(sampling_rate)), ("trees", trees)])

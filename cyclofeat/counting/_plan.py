@@ -1,22 +1,22 @@
-"""How long to record to tell n worn lobes from n + 1: read from a table of simulated trials."""
+"""Length of a recording that tells n worn lobes from n + 1, from a table of simulated trials."""
 
 from __future__ import annotations
 
 import csv
 import functools
-import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.resources import files
-from numbers import Integral, Real
 from typing import Any
 
-_TABLE = "tables/detection.csv"
+from cyclofeat._base.checks import positive, whole
+
 _LOBES = 15
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How often n and n + 1 worn lobes were told apart on simulated assemblies.
+    """Simulated assemblies with n or n + 1 worn lobes, and how many were identified correctly.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Trial:
     assemblies : int
         With n or n + 1 worn lobes.
     right : float
-        Assemblies told right; one whose recordings are told right in part counts in part.
+        Assemblies identified correctly; an assembly counts in part if some of its recordings are correct.
     """
 
     rig: str
@@ -45,7 +45,7 @@ class Trial:
 
     @property
     def probability(self) -> float:
-        """Chance of telling the next assembly right by Laplace's rule of succession, never quite 0 or 1."""
+        """Probability of the right answer for the next assembly, by Laplace's rule of succession."""
         return (self.right + 1) / (self.assemblies + 2)
 
 
@@ -56,17 +56,13 @@ class RecordingPlan:
     Attributes
     ----------
     worn : int
-        n, to be told from n + 1.
-    confidence : float
-        Asked for.
-    noise_nm, depth : float
-        Asked for.
+        n, to be distinguished from n + 1.
+    confidence, noise_nm, depth : float
+        Requested values.
     tabulated_noise_nm, tabulated_depth : float
         Entry of the table that answers: the next worse one.
-    turns : int or None
-        Least number of output turns; None where the table's longest recording is not enough.
-    seconds : float or None
-        The same at the input speed.
+    turns, seconds : int, float or None
+        Shortest recording in output turns, and in s; None where the table's longest is not enough.
     probability : float
         Reached with ``turns``; where that is None, with the longest recording.
     assemblies : int
@@ -74,11 +70,9 @@ class RecordingPlan:
     largest_noise_nm : float or None
         Largest noise of the table at which the longest recording is enough at this depth; None if at none.
     reachable : float
-        Largest confidence that as many assemblies could show, all told right.
-    longest_turns : int
-        Output turns of the table's longest recording.
-    longest_seconds : float
-        The same at the input speed.
+        Largest confidence that as many assemblies could show, all identified correctly.
+    longest_turns, longest_seconds : int, float
+        The table's longest recording in output turns, and in s.
     """
 
     worn: int
@@ -97,14 +91,14 @@ class RecordingPlan:
     longest_seconds: float
 
     def to_dict(self) -> dict[str, Any]:
-        """In plain types, for JSON."""
+        """Return the plan in plain types, for JSON."""
         return asdict(self)
 
 
 @functools.cache
 def detection_table() -> tuple[Trial, ...]:
     """The trials that plans are made from, written by ``make bench-counting`` (``tables/README.md``)."""
-    text = files("cyclofeat.counting").joinpath(_TABLE).read_text(encoding="utf-8")
+    text = files("cyclofeat.counting").joinpath("tables/detection.csv").read_text(encoding="utf-8")
     return tuple(
         Trial(
             row["rig"], float(row["depth"]), float(row["noise_nm"]), int(row["turns"]), int(row["worn"]),
@@ -121,8 +115,9 @@ def plan_recording(
     confidence: float = 0.95,
     depth: float = 1.0,
     input_speed_hz: float = 500 / 60,
+    trials: Sequence[Trial] | None = None,
 ) -> RecordingPlan:
-    """How many output turns to record to tell ``worn`` lobes from one more.
+    """Plan how many output turns to record to tell ``worn`` lobes from one more.
 
     Parameters
     ----------
@@ -136,6 +131,8 @@ def plan_recording(
         Of the wear, as a share of the lobe's width (1: the papers' worn lobe).
     input_speed_hz : float
         Input turns per second.
+    trials : sequence of Trial, optional
+        Trials to plan from. Default: the table of the package, :func:`detection_table`.
 
     Returns
     -------
@@ -148,14 +145,14 @@ def plan_recording(
 
     Notes
     -----
-    *What it stands on.* Simulated assemblies of rig R1 (an assumption: brake rotor 0.02 kg m2 behind 10
+    *Basis.* Simulated assemblies of rig R1 (an assumption: brake rotor 0.02 kg m2 behind 10
     kNm/rad, 3 Nm rms drift below 1.5 Hz, 22 Nm, 500 RPM), neighbouring worn lobes, a counter trained on the
     same rig at the same noise and all depths. On a rig that was not trained on, expect less. Of noise and
     depth the next worse entry of the table answers, nothing is interpolated. Another speed is taken to need
     as many turns.
 
-    *Probability.* (right + 1)/(assemblies + 2), Laplace's rule of succession: few assemblies, all told right,
-    do not promise certainty, and a confidence above ``reachable`` cannot be shown with them.
+    *Probability.* (right + 1)/(assemblies + 2), Laplace's rule of succession: a confidence above
+    ``reachable`` cannot be shown with so few assemblies.
 
     Examples
     --------
@@ -163,20 +160,15 @@ def plan_recording(
     >>> plan.turns, round(plan.seconds, 3)
     (1, 1.8)
     """
-    n = _worn(worn)
-    trials = [trial for trial in detection_table() if trial.worn == n]
-    given: dict[str, Any] = {
-        "noise_nm": noise_nm,
-        "confidence": confidence,
-        "depth": depth,
-        "input_speed_hz": input_speed_hz,
-    }
-    for name, value in given.items():
-        if isinstance(value, bool) or not isinstance(value, Real):
-            raise TypeError(f"{name} must be a number, got {value!r}")
-        number = float(value)
-        if not (math.isfinite(number) and number > 0):
-            raise ValueError(f"{name} must be positive and finite, got {value!r}")
+    table = detection_table() if trials is None else trials
+    n, most = whole("worn", worn), max(trial.worn for trial in table)
+    if not 0 <= n <= most:
+        raise ValueError(f"worn must lie between 0 and {most}, the table's largest n, got {worn!r}")
+    trials = [trial for trial in table if trial.worn == n]
+    positive("noise_nm", noise_nm)
+    positive("confidence", confidence)
+    positive("depth", depth)
+    positive("input_speed_hz", input_speed_hz)
     if not 0.5 < confidence < 1:
         raise ValueError(f"confidence must lie above 0.5 (guessing) and below 1, got {confidence!r}")
     noises, depths = sorted({t.noise_nm for t in trials}), sorted({t.depth for t in trials})
@@ -213,13 +205,3 @@ def plan_recording(
         longest_turns=longest,
         longest_seconds=seconds(longest),
     )
-
-
-def _worn(worn: Any) -> int:
-    if isinstance(worn, bool) or not isinstance(worn, Integral):
-        raise TypeError(f"worn must be a whole number of lobes, got {worn!r}")
-    most = max(trial.worn for trial in detection_table())
-    number = int(worn)
-    if not 0 <= number <= most:
-        raise ValueError(f"worn must lie between 0 and {most}, the table's largest n, got {worn!r}")
-    return number

@@ -1,8 +1,9 @@
-"""Windows to be evaluated on, and which of them are held out together."""
+"""Windows to evaluate on, and the protocol: which of them are held out together, and the intervals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, field, replace
 from numbers import Real
 from typing import Any
 
@@ -11,14 +12,74 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array, check_consistent_length
 
+from cyclofeat._base.checks import one_of, short
 from cyclofeat.counting._folds import Float, Folds, of_windows
 
-PROTOCOLS = ("stratified", "leave-one-assembly-out", "leave-one-condition-out")
+HOLD_OUT = ("stratified", "leave-one-assembly-out", "leave-one-condition-out")
 _LEAK = (
     "groups must name the assembly of every window, got None: windows of one recording look alike for "
     "reasons that have nothing to do with wear, so a split that puts them on both sides measures how well "
     "the counter recognises the recording. Pass the groups that Windower.transform returns"
 )
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Protocol of an evaluation: what is held out, how intervals are made, and how it runs.
+
+    Parameters
+    ----------
+    hold_out : {"stratified", "leave-one-assembly-out", "leave-one-condition-out"}, default="stratified"
+        What is held out in turn: a share of the assemblies of every class
+        (``StratifiedGroupKFold(shuffle=True)``); one assembly; all windows of one condition (the training
+        windows are then those of other conditions *and* other assemblies).
+    conditions : array-like, shape (n_windows,), optional
+        Load, speed, material or whatever the windows differ in besides the count. Required to leave one
+        condition out; otherwise the accuracy of each condition is reported.
+    n_splits : int, default=5
+        Number of folds of ``"stratified"``.
+    confidence : float, default=0.95
+        Coverage of the bootstrap intervals.
+    n_bootstrap : int, default=1000
+        Number of bootstrap draws over assemblies.
+    random_state : int, default=0
+        Seed of folds and bootstrap.
+    n_jobs : int, optional
+        Processes that fit folds in parallel, as in joblib: None is one, -1 all processors.
+    progress : callable, optional
+        Called as ``progress(fits_done, n_fits)``.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of its range.
+    """
+
+    hold_out: str = "stratified"
+    _: KW_ONLY
+    conditions: ArrayLike | None = field(default=None, repr=False)
+    n_splits: int = 5
+    confidence: float = 0.95
+    n_bootstrap: int = 1000
+    random_state: int = 0
+    n_jobs: int | None = None
+    progress: Callable[[int, int], None] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.confidence < 1:
+            raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence!r}")
+        if self.n_splits < 2:
+            raise ValueError(f"n_splits must be at least 2, got {self.n_splits!r}")
+        one_of("hold_out", self.hold_out, HOLD_OUT)
+
+    def report_progress(self, fits_done: int, n_fits: int) -> None:
+        """Call ``progress``, if there is one."""
+        if self.progress is not None:
+            self.progress(fits_done, n_fits)
+
+    def conditions_of(self, n_windows: int) -> NDArray[Any] | None:
+        """Return the condition of each window, checked; None without conditions."""
+        return None if self.conditions is None else of_windows("conditions", self.conditions, n_windows)
 
 
 @dataclass(frozen=True)
@@ -37,8 +98,7 @@ class Windows:
         X: ArrayLike,
         y: ArrayLike,
         groups: ArrayLike | None,
-        worn: ArrayLike | None,
-        passage: ArrayLike | None,
+        lobes: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> Windows:
         if groups is None:
             raise ValueError(_LEAK)
@@ -53,10 +113,11 @@ class Windows:
         constant = np.flatnonzero(windows.max(axis=1) == windows.min(axis=1))
         if constant.size and windows.shape[1] > 1:  # a single feature may well stand in place of a window
             raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
-        if (worn is None) != (passage is None):
-            raise ValueError("worn and passage must be given together: lobes are numbered by the passage")
-        if worn is None or passage is None:
+        if lobes is None:
             return cls(windows, labels, assemblies, None, None)
+        if not isinstance(lobes, tuple) or len(lobes) != 2:
+            raise ValueError(f"lobes must be a tuple (worn, passage), got {short(lobes)}")
+        worn, passage = lobes
         marks = np.asarray(worn, dtype=bool)
         if marks.ndim != 2 or len(marks) != len(windows):
             raise ValueError(
@@ -66,16 +127,22 @@ class Windows:
         return cls(windows, labels, assemblies, marks, begins)
 
     def with_torque(self, X: NDArray[Any]) -> Windows:
-        return Windows(X, self.y, self.groups, self.worn, self.passage)
+        """Return the same labels with other windows."""
+        return replace(self, X=X)
+
+
+def windows_of(name: str, arrays: tuple[Any, ...]) -> Windows:
+    """Return checked windows of a tuple ``(X, y, groups)`` or ``(X, y, groups, lobes)``."""
+    if not isinstance(arrays, tuple) or len(arrays) not in (3, 4):
+        raise ValueError(
+            f"{name} must be a tuple (X, y, groups) or (X, y, groups, lobes), got {short(arrays)}"
+        )
+    return Windows.checked(*arrays)
 
 
 def training_windows(training: tuple[Any, ...], data: Windows) -> Windows:
-    if not isinstance(training, tuple) or len(training) not in (3, 5):
-        raise ValueError(
-            "training must be a tuple (X, y, groups), or (X, y, groups, worn, passage), got "
-            f"{type(training).__name__}" + (f" of {len(training)}" if isinstance(training, tuple) else "")
-        )
-    windows = Windows.checked(*(training if len(training) == 5 else (*training, None, None)))
+    """Return checked training windows that share no assembly with ``data``."""
+    windows = windows_of("training", training)
     both = np.intersect1d(windows.groups, data.groups)
     if both.size:
         raise ValueError(
@@ -85,24 +152,26 @@ def training_windows(training: tuple[Any, ...], data: Windows) -> Windows:
     return windows
 
 
-def folds_of(
-    protocol: str, data: Windows, conditions: NDArray[Any] | None, n_splits: int, random_state: int
-) -> Folds:
-    if protocol == "leave-one-condition-out":
-        return _by_condition(data, conditions)
-    least = n_splits if protocol == "stratified" else 2
+def folds_of(protocol: Protocol, data: Windows) -> Folds:
+    """Return the indices of training and test windows of each fold."""
+    if protocol.hold_out == "leave-one-condition-out":
+        return _by_condition(data, protocol.conditions_of(len(data.y)))
+    stratified = protocol.hold_out == "stratified"
+    least = protocol.n_splits if stratified else 2
     for label in np.unique(data.y):
         n_assemblies = np.unique(data.groups[data.y == label]).size
         if n_assemblies < least:
-            fewer = f"n_splits={n_splits}" if protocol == "stratified" else f"the 2 that {protocol} needs"
+            fewer = f"n_splits={least}" if stratified else f"the 2 that {protocol.hold_out} needs"
             raise ValueError(
                 f"class {label} has {n_assemblies} assemblies, fewer than {fewer}: with one "
                 "recording per class no split can estimate an accuracy; record more or lower n_splits"
             )
-    if protocol == "leave-one-assembly-out":
+    if not stratified:
         held_out = (data.groups == name for name in np.unique(data.groups))
         return [(np.flatnonzero(~rows), np.flatnonzero(rows)) for rows in held_out]
-    splitter = StratifiedGroupKFold(n_splits=n_splits, shuffle=True, random_state=random_state)
+    splitter = StratifiedGroupKFold(
+        n_splits=protocol.n_splits, shuffle=True, random_state=protocol.random_state
+    )
     return list(splitter.split(data.X, data.y, data.groups))
 
 

@@ -1,15 +1,14 @@
-"""Whether recordings turn at the speed that a model was trained for, by their torque alone."""
+"""Check of the speed of recordings by their torque alone."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.lobes import comb_prominence, highest_frequency, lobe_frequency
+from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency
+from cyclofeat.signal.windows import Float
 
-Float = NDArray[np.float64]
-
-# Speeds looked at, as multiples of the nominal one; in windows of an output turn lines of neighbours overlap.
+# Speeds of the search, as multiples of the nominal one; over one output turn lines of neighbours overlap.
 _LOWEST, _HIGHEST, _STEP = 0.75, 1.25, 0.0008
 _FIRST_LINE, _LINES, _FEWEST_LINES = 5, 35, 15
 # No line counts for more than this ratio of power, so that few strong ones are no comb; those within a
@@ -24,28 +23,14 @@ _MOST_WINDOWS = 8
 def other_speed(
     X: Float, sampling_rate: float, input_speed_hz: float, tolerance: float, n_lobes: int = 15
 ) -> float | None:
-    """Input speed of a recording, where its lobe lines say clearly that it is not the nominal one.
+    """Return the input speed of a recording if its lobe lines clearly contradict the nominal one.
 
-    The lines of the input shaft at the nominal speed are the lobe lines of a speed z_s/(z_s + 1) as high, and
-    taken for the former: a disc whose lobes hardly differ shows hardly anything else. A recording at that
-    very speed is not found out. Anything else that repeats 0.8 to 1.3 times a turn of the input looks like
-    lobes at another speed.
+    ``X`` holds windows of one recording, shape (n_windows, n_samples), in Nm; the result is in turns per
+    second. Deviations up to the relative ``tolerance`` are none.
 
-    Parameters
-    ----------
-    X : ndarray, shape (n_windows, n_samples)
-        Windows of torque in Nm, of one recording. Of many the middle ones are looked at.
-    sampling_rate : float
-    input_speed_hz : float
-        Nominal input speed in turns per second.
-    tolerance : float
-        Relative deviation from it that is none.
-    n_lobes : int, default=15
-
-    Returns
-    -------
-    float or None
-        In turns per second; None where nothing speaks against the nominal speed.
+    The lines of the input shaft at the nominal speed coincide with the lobe lines of a speed z_s/(z_s + 1) as
+    high. They count as lines of the shaft; a recording at exactly that speed is therefore not detected.
+    Anything else that repeats 0.8 to 1.3 times per turn of the input looks like lobes at another speed.
     """
     fitting = int(sampling_rate / 2 / highest_frequency(input_speed_hz, n_lobes, 1, _HIGHEST - 1))
     if fitting < _FEWEST_LINES:

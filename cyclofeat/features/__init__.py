@@ -23,7 +23,16 @@ transformer                  features of each window
 ===========================  =================================================================================
 
 All take ``X`` of shape (n_windows, n_samples) in Nm and a required ``sampling_rate`` in Hz. Each is a thin
-shell over pure functions of :mod:`cyclofeat.spectral` and its neighbours.
+shell over pure functions of :mod:`cyclofeat.signal`; ``examples/features`` shows each on surrogate torque.
+``fit`` sets ``n_features_in_``, the samples in a window, ``feature_names_in_``, their names, if it is given a
+data frame, and for spectra ``frequencies_`` in Hz.
+
+Shape features of the density (entropy, flatness, centroid, roll-off, narrow-band ratio) do not depend on the
+scale of the torque and, under the preset ``"ripple"``, not on its mean. They are 0 for windows without power:
+zeros and, under ``"ripple"``, any constant window and any of fewer than 9 samples.
+
+``base`` holds the base class of all transformers, ``registry`` the name, unit, formula and version of each
+feature.
 """
 
 # One import, one line in the table above and one entry below per transformer.

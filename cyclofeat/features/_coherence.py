@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, ClassVar, NamedTuple
 
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_consistent_length, column_or_1d
 
-from cyclofeat._coherence import coherence_of_transforms, coherence_transforms, without_rounding
-from cyclofeat._density import checked_bands
-from cyclofeat._welch import Complex, SegmentTransforms, power_over_segments
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.features._registry import REGISTRY, band_qualifier
-from cyclofeat.spectral import band_mask, octave_bands, welch_frequencies
+from cyclofeat.features.base import WindowTransformer
+from cyclofeat.features.registry import REGISTRY, band_qualifier
+from cyclofeat.signal import band_mask, octave_bands, welch_frequencies
+from cyclofeat.signal.coherence import coherence_of_transforms, coherence_transforms, without_rounding
+from cyclofeat.signal.density import checked_bands
+from cyclofeat.signal.welch import SegmentTransforms, power_over_segments
+from cyclofeat.signal.windows import Complex, Float
 
 _MOST_REFERENCES = 8
 _DEFAULT_BANDS = 5
@@ -29,14 +31,15 @@ class References(NamedTuple):
     bands: list[slice]
     last: int
     transforms: Complex
-    powers: NDArray[np.float64]
+    powers: Float
 
 
+@dataclass(eq=False, repr=False)
 class CoherenceToReference(WindowTransformer):
     """Mean coherence, band by band, with training windows of a reference class (paper A 5.2, paper B 5).
 
-    ``fit`` keeps up to 8 training windows of the reference class. Each window's magnitude-squared coherence
-    with each of them, by the defaults of MATLAB's ``mscohere``, is averaged over the lines of each band; the
+    ``fit`` keeps up to 8 training windows of the reference class. Each window's coherence with each of them
+    (:func:`cyclofeat.signal.magnitude_squared_coherence`) is averaged over the lines of each band; the
     feature is the median over the references. A reference that equals the window is left out: with itself a
     window has coherence 1, which would give the label away in training.
 
@@ -55,7 +58,7 @@ class CoherenceToReference(WindowTransformer):
         Of more than 8 windows, 8 evenly spread over the training set are kept.
     bands : sequence of tuple of float, default=None
         Lower and upper limits in Hz, both included. ``None`` takes the lowest five of
-        :func:`cyclofeat.spectral.octave_bands`, 0 to 1600 Hz at 25.6 kHz: the papers looked at 0 to 1500 Hz.
+        :func:`cyclofeat.signal.octave_bands`, 0 to 1600 Hz at 25.6 kHz: the papers looked at 0 to 1500 Hz.
 
     Attributes
     ----------
@@ -63,22 +66,12 @@ class CoherenceToReference(WindowTransformer):
         Windows of the reference class.
     frequencies_ : ndarray, shape (n_bins,)
         Frequencies of the coherence in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.magnitude_squared_coherence : Coherence line by line.
 
     Notes
     -----
-    Input torque and output torque are taken alike; the features do not depend on the scale of either window.
-    They do depend on its mean, as ``mscohere`` keeps it. Windows that equal each other to 1e-6 of their
-    largest sample count as the same window. A window without any other reference, and one without power, has
-    coherence 0. Windows of fewer than 9 samples have segments of one sample, so that all their lines have one
-    coherence, 1 for windows of one sample.
+    The features do not depend on the scale of windows. They do depend on the mean, as ``mscohere`` keeps it.
+    Windows that equal each other to 1e-6 of their largest sample count as the same window. A window without
+    any other reference, and one without power, has coherence 0.
 
     Where windows of one recording are both references and evaluated, what repeats in that recording alone
     raises their coherence: split by assembly.
@@ -97,8 +90,6 @@ class CoherenceToReference(WindowTransformer):
     True
     >>> transformer.get_feature_names_out()
     array(['coherence(mscohere;healthy;130..136Hz)'], dtype=object)
-
-    In pictures, on surrogate torque: ``examples/features/plot_coherence.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -107,15 +98,9 @@ class CoherenceToReference(WindowTransformer):
         "bands": [tuple, list, None],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        reference: str | float = "healthy",
-        bands: Sequence[tuple[float, float]] | None = None,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.reference = reference
-        self.bands = bands
+    sampling_rate: float
+    reference: str | float = "healthy"
+    bands: Sequence[tuple[float, float]] | None = None
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
@@ -159,17 +144,17 @@ class CoherenceToReference(WindowTransformer):
             for band in self._bands()
         ]
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         transforms = coherence_transforms(X.shape[1])
-        coherence = np.empty((len(X), len(self._bands())))
         references = self._of_references(transforms)
-        for row, x in enumerate(X):
+        rows = []
+        for x in X:
             a = transforms(x[np.newaxis])
-            coherence[row] = self._of_window(x, a[0], power_over_segments(a)[0], references)
-        return coherence
+            rows.append(self._of_window(x, a[0], power_over_segments(a)[0], references))
+        return np.stack(rows)
 
     def _of_references(self, transforms: SegmentTransforms) -> References:
-        """What ``_of_window`` needs of the references: worked out once for many windows."""
+        """Return what ``_of_window`` needs of the references, computed once for many windows."""
         lines = [np.flatnonzero(band_mask(self.frequencies_, band)) for band in self._bands()]
         bands = [slice(int(inside[0]), int(inside[-1]) + 1) for inside in lines]
         # Lines above the highest band are left out.
@@ -180,9 +165,7 @@ class CoherenceToReference(WindowTransformer):
             bands, last, np.stack([one[0, :, :last] for one in of_references]), np.stack(powers)
         )
 
-    def _of_window(
-        self, x: NDArray[Any], transforms: Complex, power: NDArray[np.float64], references: References
-    ) -> NDArray[np.float64]:
+    def _of_window(self, x: NDArray[Any], transforms: Complex, power: Float, references: References) -> Float:
         """Features, shape (n_bands,), of one window, its transforms and their power over segments."""
         others = np.array([not _same(x, reference) for reference in self.references_])
         if not others.any():
@@ -199,7 +182,7 @@ class CoherenceToReference(WindowTransformer):
 
 
 def _same(x: NDArray[Any], reference: NDArray[Any]) -> bool:
-    """Whether two windows are one and the same, but for rounding."""
+    """Return True if two windows are equal but for rounding."""
     limit = _SAME * max(float(x.max()), -float(x.min()))
     # Nearly all pairs differ at once.
     return all(

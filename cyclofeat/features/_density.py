@@ -1,21 +1,20 @@
-"""What the shape of the power spectral density says, per window or as a course over its parts."""
+"""Shape of the power spectral density, per window or as a course over its parts."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._density import checked_bands
-from cyclofeat._sklearn import Interval
-from cyclofeat.features._registry import REGISTRY, band_qualifier
-from cyclofeat.features._spectral import SpectralTransformer
-from cyclofeat.spectral import (
-    band_mask,
+from cyclofeat._base.sklearn_private import Interval
+from cyclofeat.features._spectral import SpectralTransformer, lines_of
+from cyclofeat.features.registry import REGISTRY, band_qualifier
+from cyclofeat.signal import (
     band_power,
     narrowband_mask,
     narrowband_ratio,
@@ -25,8 +24,11 @@ from cyclofeat.spectral import (
     welch_frequencies,
     welch_psd,
 )
+from cyclofeat.signal.density import checked_bands
+from cyclofeat.signal.windows import Float
 
 
+@dataclass(eq=False, repr=False)
 class CourseTransformer(SpectralTransformer):
     """Base of the transformers that give one number per density, of whole windows or of their parts.
 
@@ -40,11 +42,13 @@ class CourseTransformer(SpectralTransformer):
     }
     _row: ClassVar[str]
 
-    band: tuple[float, float] | None
-    n_parts: int
+    sampling_rate: float
+    preset: str = "matlab_pwelch"
+    band: tuple[float, float] | None = None
+    n_parts: int = 1
 
     @abstractmethod
-    def _value(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _value(self, frequencies: Float, psd: Float) -> Float:
         """Value, shape (n_windows,), of densities of shape (n_windows, n_bins)."""
 
     def _qualifiers(self) -> tuple[str, ...]:
@@ -52,29 +56,23 @@ class CourseTransformer(SpectralTransformer):
         return ()
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        self.frequencies_ = welch_frequencies(self._part_length(X), self.sampling_rate)
-        if self.band is not None:
-            band_mask(self.frequencies_, self.band)  # raises where the band does not fit
-
-    def _part_length(self, X: NDArray[Any]) -> int:
-        return max(1, int(X.shape[1]) // self.n_parts)
+        self.frequencies_ = welch_frequencies(max(1, X.shape[1] // self.n_parts), self.sampling_rate)
+        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
     def _columns(self) -> list[str]:
-        row = REGISTRY[self._row]
         band = [] if self.band is None else [band_qualifier(self.band)]
         stated = [self.preset, *band, *self._qualifiers()]
-        if self.n_parts == 1:
-            return [row.column(*stated)]
         digits = len(str(self.n_parts))
-        return [row.column(*stated, f"part{i:0{digits}d}of{self.n_parts}") for i in range(self.n_parts)]
+        parts = [[f"part{i:0{digits}d}of{self.n_parts}"] for i in range(self.n_parts)]
+        return [REGISTRY[self._row].column(*stated, *part) for part in (parts if self.n_parts > 1 else [[]])]
 
-    def _from_psd(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         return self._value(frequencies, psd)[:, np.newaxis]
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         if self.n_parts == 1:
             return super()._compute(X)
-        length = self._part_length(X)
+        length = max(1, X.shape[1] // self.n_parts)
         # A window of fewer samples than parts repeats its last ones.
         begins = np.minimum(np.arange(self.n_parts) * length, X.shape[1] - length)
         parts = X[:, begins[:, np.newaxis] + np.arange(length)]
@@ -90,31 +88,17 @@ class SpectralFlatness(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`.
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`.
     band : tuple of float, default=None
         Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
     n_parts : int, default=1
         Parts into which each window is cut, of ``n_samples // n_parts`` samples, what is left at the end
         dropped. One column per part: the course of the flatness.
 
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.spectral_flatness : The same as a function.
-
     Notes
     -----
-    The flatness does not depend on the scale of the torque and, under ``"ripple"``, not on its mean. A
-    single line without power makes it 0, as the product of eq. 9 is; a window without any power has flatness
-    0, too (zeros; under ``"ripple"`` any constant and any window of fewer than 9 samples).
+    A single line without power makes :func:`cyclofeat.signal.spectral_flatness` 0, as the product of eq. 9
+    is.
 
     Examples
     --------
@@ -125,25 +109,11 @@ class SpectralFlatness(CourseTransformer):
     >>> SpectralFlatness(sampling_rate=25_600).fit_transform(noise).round(2)
     array([[0.93],
            [0.  ]])
-
-    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _row = "spectral_flatness"
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        band: tuple[float, float] | None = None,
-        n_parts: int = 1,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.band = band
-        self.n_parts = n_parts
-
-    def _value(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_flatness(psd, frequencies, self.band)
 
 
@@ -155,32 +125,10 @@ class SpectralCentroid(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`. With the mean kept, its line at
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, its line at
         0 Hz draws the centroid to a few Hz, as in paper A table 5.
-    band : tuple of float, default=None
-        Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
-    n_parts : int, default=1
-        Parts into which each window is cut, of ``n_samples // n_parts`` samples, what is left at the end
-        dropped. One column per part: the course of the centroid, as in paper A fig. 14.
-
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.spectral_centroid : The same as a function.
-
-    Notes
-    -----
-    The centroid does not depend on the scale of the torque and, under ``"ripple"``, not on its mean. A window
-    without power has centroid 0: a window of zeros and, under ``"ripple"``, any constant window and any of
-    fewer than 9 samples.
+    band, n_parts
+        As for :class:`SpectralFlatness`; paper A fig. 14 shows such a course.
 
     Examples
     --------
@@ -195,28 +143,15 @@ class SpectralCentroid(CourseTransformer):
     array([[ 500., 2000.]])
     >>> course.get_feature_names_out()[0]
     'spectral_centroid_hz(ripple;part0of2)'
-
-    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _row = "spectral_centroid"
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        band: tuple[float, float] | None = None,
-        n_parts: int = 1,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.band = band
-        self.n_parts = n_parts
-
-    def _value(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_centroid(psd, frequencies, self.band)
 
 
+@dataclass(eq=False, repr=False)
 class SpectralRolloff(CourseTransformer):
     """Frequency in Hz up to which a fraction of the power lies (paper A section 5.4: 95 %).
 
@@ -225,35 +160,17 @@ class SpectralRolloff(CourseTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`. With the mean kept, more than 95 %
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, more than 95 %
         of the power of most torque lies next to 0 Hz.
+    band, n_parts
+        As for :class:`SpectralFlatness`.
     fraction : float, default=0.95
         Fraction of the power, above 0 and at most 1.
-    band : tuple of float, default=None
-        Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
-    n_parts : int, default=1
-        Parts into which each window is cut, of ``n_samples // n_parts`` samples, what is left at the end
-        dropped. One column per part: the course of the roll-off, as in paper A fig. 14.
-
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.spectral_rolloff : The same as a function.
 
     Notes
     -----
     The roll-off is the frequency of a line: it moves in steps of their distance, 1.56 Hz in windows of 46,080
-    samples at 25.6 kHz. It does not depend on the scale of the torque and, under ``"ripple"``, not on its
-    mean. A window without power has roll-off 0: a window of zeros and, under ``"ripple"``, any constant
-    window and any of fewer than 9 samples.
+    samples at 25.6 kHz.
 
     Examples
     --------
@@ -263,8 +180,6 @@ class SpectralRolloff(CourseTransformer):
     >>> torque = 22 + np.sin(2 * np.pi * 400 * time) + 0.1 * np.sin(2 * np.pi * 4000 * time)
     >>> SpectralRolloff(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis])
     array([[403.125]])
-
-    In pictures, on surrogate torque: ``examples/features/plot_spectral_shape.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -273,27 +188,16 @@ class SpectralRolloff(CourseTransformer):
     }
     _row = "spectral_rolloff"
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        fraction: float = 0.95,
-        band: tuple[float, float] | None = None,
-        n_parts: int = 1,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.fraction = fraction
-        self.band = band
-        self.n_parts = n_parts
+    fraction: float = 0.95
 
     def _qualifiers(self) -> tuple[str, ...]:
         return (f"fraction{self.fraction:.12g}",)
 
-    def _value(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _value(self, frequencies: Float, psd: Float) -> Float:
         return spectral_rolloff(psd, frequencies, self.fraction, self.band)
 
 
+@dataclass(eq=False, repr=False)
 class NarrowbandRatio(SpectralTransformer):
     """Share of the power around the harmonics of a frequency (paper A section 5.5).
 
@@ -302,7 +206,7 @@ class NarrowbandRatio(SpectralTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`. With the mean kept, its line at
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, its line at
         0 Hz counts in the total.
     fundamental_hz : float, default=100.0
         Fundamental in Hz. Paper A's 100 Hz is order 12 at 500 RPM, and the mains' second harmonic.
@@ -312,25 +216,6 @@ class NarrowbandRatio(SpectralTransformer):
     n_harmonics : int, default=None
         Number of harmonics. ``None`` takes all up to half of the sampling rate.
 
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.narrowband_ratio : The same as a function.
-
-    Notes
-    -----
-    The ratio does not depend on the scale of the torque and, under ``"ripple"``, not on its mean. It is 0 for
-    a window without power: a window of zeros and, under ``"ripple"``, any constant window and any of fewer
-    than 9 samples.
-
     Examples
     --------
     >>> import numpy as np
@@ -339,8 +224,6 @@ class NarrowbandRatio(SpectralTransformer):
     >>> torque = 22 + np.sin(300 * phase) + np.sin(350 * phase)
     >>> NarrowbandRatio(sampling_rate=25_600, preset="ripple").fit_transform(torque[np.newaxis]).round(3)
     array([[0.5]])
-
-    In pictures, on surrogate torque: ``examples/features/plot_band_power.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -350,19 +233,11 @@ class NarrowbandRatio(SpectralTransformer):
         "n_harmonics": [Interval(Integral, 1, None, closed="left"), None],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        fundamental_hz: float = 100.0,
-        half_width_hz: float = 5.0,
-        n_harmonics: int | None = None,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.fundamental_hz = fundamental_hz
-        self.half_width_hz = half_width_hz
-        self.n_harmonics = n_harmonics
+    sampling_rate: float
+    preset: str = "matlab_pwelch"
+    fundamental_hz: float = 100.0
+    half_width_hz: float = 5.0
+    n_harmonics: int | None = None
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._learn(X, y)
@@ -374,42 +249,25 @@ class NarrowbandRatio(SpectralTransformer):
         width = f"{count}x{self.fundamental_hz:.12g}Hz+-{self.half_width_hz:.12g}Hz"
         return [REGISTRY["narrowband_ratio"].column(self.preset, width)]
 
-    def _from_psd(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         ratio = narrowband_ratio(psd, frequencies, self.fundamental_hz, self.half_width_hz, self.n_harmonics)
         return ratio[:, np.newaxis]
 
 
+@dataclass(eq=False, repr=False)
 class BandPower(SpectralTransformer):
-    """Power of the torque in bands, in Nm^2: the mean square of what the band holds.
+    """Power of the torque in bands, in Nm^2: its mean square within the band.
 
     Parameters
     ----------
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`. With the mean kept, the lowest band
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. With the mean kept, the lowest band
         holds the square of the mean torque.
     bands : sequence of tuple of float, default=None
         Lower and upper limits in Hz, both included. ``None`` takes those of
-        :func:`cyclofeat.spectral.octave_bands`: 0 to 1/256 of the sampling rate and seven octaves above.
-
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.band_power : The same as a function.
-
-    Notes
-    -----
-    The power grows with the square of the torque's scale; under ``"ripple"`` it does not depend on the mean,
-    and is 0 for any constant window and any of fewer than 9 samples.
+        :func:`cyclofeat.signal.octave_bands`: 0 to 1/256 of the sampling rate and seven octaves above.
 
     Examples
     --------
@@ -422,8 +280,6 @@ class BandPower(SpectralTransformer):
     >>> transformer.get_feature_names_out()
     array(['band_power_nm2(matlab_pwelch;0..50Hz)',
            'band_power_nm2(matlab_pwelch;300..500Hz)'], dtype=object)
-
-    In pictures, on surrogate torque: ``examples/features/plot_band_power.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -431,15 +287,9 @@ class BandPower(SpectralTransformer):
         "bands": [tuple, list, None],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        bands: Sequence[tuple[float, float]] | None = None,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.bands = bands
+    sampling_rate: float
+    preset: str = "matlab_pwelch"
+    bands: Sequence[tuple[float, float]] | None = None
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._learn(X, y)
@@ -449,5 +299,5 @@ class BandPower(SpectralTransformer):
         bands = checked_bands(self.frequencies_, self.bands)
         return [REGISTRY["band_power"].column(self.preset, band_qualifier(band)) for band in bands]
 
-    def _from_psd(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         return band_power(psd, frequencies, self.bands)

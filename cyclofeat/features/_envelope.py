@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._sklearn import Interval
-from cyclofeat.features._registry import REGISTRY
+from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features._wavelet import WaveletTransformer
-from cyclofeat.wavelets import AnyWavelet, envelope_lines, level_envelope, level_of
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal.wavelets import AnyWavelet, envelope_lines, level_envelope, level_of
+from cyclofeat.signal.windows import Float
 
 
+@dataclass(eq=False, repr=False)
 class WaveletEnvelopeSpectrum(WaveletTransformer):
     """Envelope spectrum of the wavelet level that holds the mesh frequency (paper A section 5.1).
 
-    The mesh frequency is ``shaft_hz * n_pins``; level j holds it if fs/2^(j+1) <= f < fs/2^j. The torque that
-    this level holds is reconstructed alone (what exactly:
-    :func:`cyclofeat.wavelets.level_envelope`), its Hilbert envelope taken, and the amplitudes of the
-    envelope's spectrum read near the harmonics of shaft and mesh. Each window gives
+    The mesh frequency is ``shaft_hz * n_pins``; level j holds it if fs/2^(j+1) <= f < fs/2^j. The features
+    describe the Hilbert envelope of this level's torque
+    (:func:`cyclofeat.signal.wavelets.level_envelope`):
 
     - mean of the envelope in Nm,
     - amplitude of the envelope in Nm at the harmonics 1, 2, ... of the shaft,
@@ -50,20 +52,10 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     ----------
     level_ : int
         The level that holds the mesh frequency: 7 for the papers' drive at 25.6 kHz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.wavelets.level_envelope, cyclofeat.wavelets.envelope_lines : The same as functions.
 
     Notes
     -----
-    All features grow in proportion to the torque and do not depend on its mean. A constant window has
-    features 0. Shaft harmonics are told apart in windows of several input turns only; the
-    amplitudes of a shorter window are finite and mean little.
+    Only windows of several input turns resolve the shaft's harmonics. A constant window has features 0.
 
     A level taken alone has an image: a tone at f comes with a weaker one at fs/2^j - f, which other levels
     would have cancelled. At 500 RPM and 25.6 kHz the mesh's 133.3 Hz has its image at 66.7 Hz, and the two
@@ -86,8 +78,6 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     wavelet_envelope_line_nm(mb32.3;level07;shaft01) 0.39
     wavelet_envelope_line_nm(mb32.3;level07;shaft02) 0.0
     wavelet_envelope_line_nm(mb32.3;level07;mesh01) 0.1
-
-    In pictures, on surrogate torque: ``examples/features/plot_envelope_spectrum.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -99,23 +89,13 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
         "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        wavelet: AnyWavelet = "mb32.3",
-        shaft_hz: float = 500 / 60,
-        n_pins: int = 16,
-        n_shaft_harmonics: int = 15,
-        n_mesh_harmonics: int = 3,
-        speed_tolerance: float = 0.015,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.wavelet = wavelet
-        self.shaft_hz = shaft_hz
-        self.n_pins = n_pins
-        self.n_shaft_harmonics = n_shaft_harmonics
-        self.n_mesh_harmonics = n_mesh_harmonics
-        self.speed_tolerance = speed_tolerance
+    sampling_rate: float
+    wavelet: AnyWavelet = "mb32.3"
+    shaft_hz: float = 500 / 60
+    n_pins: int = 16
+    n_shaft_harmonics: int = 15
+    n_mesh_harmonics: int = 3
+    speed_tolerance: float = 0.015
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._learn(X, y)
@@ -149,9 +129,7 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
     def _depth(self) -> int:
         return self.level_
 
-    def _from_coefficients(
-        self, X: NDArray[Any], coefficients: Sequence[NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         detail = coefficients[self.level_ - 1]
         envelope, step = level_envelope(detail, self.level_, self.wavelet, X.shape[1])
         harmonics = np.r_[

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._sklearn import Interval
-from cyclofeat.features._registry import REGISTRY
+from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features._wavelet import WaveletTransformer
-from cyclofeat.wavelets import AnyWavelet, level_statistics
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal.wavelets import AnyWavelet, level_statistics
+from cyclofeat.signal.windows import Float
 
 _STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
 
 
+@dataclass(eq=False, repr=False)
 class WaveletLevelStatistics(WaveletTransformer):
     """Energy, peakedness and quiet of each level of a wavelet transform (paper B figs. 10-12 in numbers).
 
@@ -27,7 +30,7 @@ class WaveletLevelStatistics(WaveletTransformer):
     - kurtosis of its coefficients: the peaks of worn lobes raise it,
     - share of the lowest colour in its row of the scalogram: paper B's "lack of vibrations".
 
-    Definitions in :func:`cyclofeat.wavelets.level_statistics`.
+    Definitions in :func:`cyclofeat.signal.wavelets.level_statistics`.
 
     Parameters
     ----------
@@ -41,30 +44,19 @@ class WaveletLevelStatistics(WaveletTransformer):
     colours : int, default=64
         Number of colours of the scalogram.
 
-    Attributes
-    ----------
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
     See Also
     --------
-    cyclofeat.wavelets.level_statistics : The same as a function.
-    cyclofeat.wavelets.scalogram : The picture behind it.
+    cyclofeat.signal.wavelets.level_statistics : The same as a function.
+    cyclofeat.signal.wavelets.scalogram : The picture behind it.
 
     Notes
     -----
-    A constant window has rms, share and kurtosis 0 and is of the lowest colour throughout. Windows of any
-    length can be had: in short ones, deep levels show how the window was continued beyond its ends.
-
-    Share, kurtosis and lowest colour do not depend on the scale of the torque, as long as coefficients stay
-    above sqrt(eps) = 1.5e-8 Nm.
+    A constant window has rms, share and kurtosis 0 and is of the lowest colour throughout. In short windows,
+    deep levels show how the window was continued beyond its ends.
 
     Examples
     --------
-    A tone of 133.3 Hz, without and with bursts of 2 kHz at every input turn. Wavelets are no sharp filters:
-    a little of the tone reaches level 3.
+    A tone of 133.3 Hz, without and with bursts of 2 kHz at every input turn:
 
     >>> import numpy as np
     >>> from cyclofeat.features import WaveletLevelStatistics
@@ -73,14 +65,10 @@ class WaveletLevelStatistics(WaveletTransformer):
     >>> torque = 22 + np.sin(2 * np.pi * 133.3 * time) + np.outer([0, 1], burst)
     >>> transformer = WaveletLevelStatistics(sampling_rate=25_600).fit(torque)
     >>> features = dict(zip(transformer.get_feature_names_out(), transformer.transform(torque).T))
-    >>> features["wavelet_rms_nm(mb32.3;level07)"].round(2)
-    array([0.7, 0.7])
     >>> features["wavelet_rms_nm(mb32.3;level03)"].round(2)
     array([0.02, 0.05])
     >>> features["wavelet_lowest_colour(mb32.3;64colours;level03)"].round(2)
     array([0.01, 0.31])
-
-    In pictures, on surrogate torque: ``examples/features/plot_level_statistics.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -89,17 +77,10 @@ class WaveletLevelStatistics(WaveletTransformer):
         "colours": [Interval(Integral, 2, None, closed="left")],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        wavelet: AnyWavelet = "mb32.3",
-        levels: int = 12,
-        colours: int = 64,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.wavelet = wavelet
-        self.levels = levels
-        self.colours = colours
+    sampling_rate: float
+    wavelet: AnyWavelet = "mb32.3"
+    levels: int = 12
+    colours: int = 64
 
     def _columns(self) -> list[str]:
         columns = []
@@ -114,9 +95,7 @@ class WaveletLevelStatistics(WaveletTransformer):
     def _depth(self) -> int:
         return self.levels
 
-    def _from_coefficients(
-        self, X: NDArray[Any], coefficients: Sequence[NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         details = coefficients[: self.levels + 1]  # the last one is not used
         statistics = level_statistics(details, X.shape[1], self.colours)
         return np.hstack([statistics[name] for name in _STATISTICS])

@@ -1,25 +1,28 @@
-"""Torque folded lobe by lobe."""
+"""Transformer over ``signal.lobes``: torque folded lobe by lobe."""
 
 from __future__ import annotations
 
-from numbers import Integral, Real
+from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat import lobes
-from cyclofeat._sklearn import Interval, StrOptions
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.features._registry import REGISTRY
+from cyclofeat._base.sklearn_private import Interval, StrOptions
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal import lobes
+from cyclofeat.signal.windows import Float
 
 
+@dataclass(eq=False, repr=False)
 class LobeMap(WindowTransformer):
-    """What each lobe of the disc does to the torque: a slot per lobe, and the lobe lines.
+    """Torque folded into one slot per lobe, and the lobe lines.
 
-    Each lobe passes the load at (z_s + 1)/z_s of the input speed. The torque of each window is freed of the
-    rig's torsional resonance (residual of an autoregressive model), its input speed is refined, and it is
-    folded at that rate into one slot per lobe. Each window gives
+    The torque of each window is freed of the rig's torsional resonance (residual of an autoregressive model),
+    its input speed is refined, and it is folded at the lobe frequency, (z_s + 1)/z_s of the input speed, into
+    one slot per lobe (:mod:`cyclofeat.signal.lobes`). Each window gives
 
     - mean of the whitened torque in each slot, and its rms about that mean, in units of the whole window's
       standard deviation,
@@ -47,23 +50,11 @@ class LobeMap(WindowTransformer):
         makes the slots independent of where the window starts. ``"start"``: at the window's first sample; in
         windows that start at a known absolute angle, slots are then fixed to lobes.
 
-    Attributes
-    ----------
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.lobes : The same as functions.
-
     Notes
     -----
-    Run-out (order 1) and lobes (order 16/15) need a whole output turn, 1.8 s at 500 RPM, to be told apart.
+    Run-out (order 1) and lobes (order 16/15) are resolved over a whole output turn, 1.8 s at 500 RPM.
     A window of less than two lobe periods (0.225 s at 500 RPM) and one without torque variation have slots 0
-    and lines -30 dB. None of the features depends on the scale or, but for rounding, on the mean of the
-    torque.
+    and lines -30 dB. No feature depends on the scale of the torque.
 
     Examples
     --------
@@ -77,37 +68,23 @@ class LobeMap(WindowTransformer):
     >>> slot_rms = lobe_map.transform(torque[np.newaxis])[0, 15:30]
     >>> int(np.argmax(slot_rms))
     3
-
-    In pictures, on surrogate torque: ``examples/features/plot_lobe_map.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **WindowTransformer._parameter_constraints,
-        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
-        "n_lobes": [Interval(Integral, 3, None, closed="left")],
+        **SPEED_CONSTRAINTS,
         "n_lines": [Interval(Integral, 3, None, closed="left")],
         "ar_order": [Interval(Integral, 0, None, closed="left")],
-        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
         "align": [StrOptions({"energy", "start"})],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        input_speed_hz: float = 500 / 60,
-        n_lobes: int = 15,
-        n_lines: int = 44,
-        ar_order: int = 16,
-        speed_tolerance: float = 0.015,
-        align: str = "energy",
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.input_speed_hz = input_speed_hz
-        self.n_lobes = n_lobes
-        self.n_lines = n_lines
-        self.ar_order = ar_order
-        self.speed_tolerance = speed_tolerance
-        self.align = align
+    sampling_rate: float
+    input_speed_hz: float = 500 / 60
+    n_lobes: int = 15
+    n_lines: int = 44
+    ar_order: int = 16
+    speed_tolerance: float = 0.015
+    align: str = "energy"
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         highest = lobes.highest_frequency(
@@ -132,20 +109,17 @@ class LobeMap(WindowTransformer):
             for line in range(1, self.n_lines + 1)
         ]
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
-        return self._from_lines(self.lines(X))
+    def _compute(self, X: NDArray[Any]) -> Float:
+        return self.from_lines(self.lines(X))
 
-    def _from_lines(self, found: lobes.LobeLines) -> NDArray[np.float64]:
-        """Features, shape (n_windows, n_features), of lobe lines."""
-        folded = self._fold(found)
-        return np.hstack(
-            [
-                folded.mean(axis=2),
-                folded.std(axis=2),
-                lobes.line_prominence(found),
-                lobes.line_contrast(found),
-            ]
-        )
+    def from_lines(self, lines: lobes.LobeLines) -> Float:
+        """Features, shape (n_windows, n_features), of windows whose lobe lines are at hand."""
+        folded = lobes.fold(lines.lines, self.n_lobes)
+        if self.align == "energy":
+            centred = lobes.shift(lines.lines, lobes.energy_centre(folded) - 0.5)
+            folded = lobes.fold(centred, self.n_lobes)
+        slots = [folded.mean(axis=2), folded.std(axis=2)]
+        return np.hstack([*slots, lobes.line_prominence(lines), lobes.line_contrast(lines)])
 
     def lines(self, X: NDArray[Any]) -> lobes.LobeLines:
         """Lobe lines and refined input speed of windows ``X``, shape (n_windows, n_samples)."""
@@ -153,15 +127,5 @@ class LobeMap(WindowTransformer):
             np.asarray(X, dtype=np.float64),
             self.sampling_rate,
             self.input_speed_hz,
-            n_lobes=self.n_lobes,
-            n_lines=self.n_lines,
-            ar_order=self.ar_order,
-            speed_tolerance=self.speed_tolerance,
+            lobes.LobeComb(self.n_lobes, self.n_lines, self.ar_order, self.speed_tolerance),
         )
-
-    def _fold(self, found: lobes.LobeLines) -> NDArray[np.float64]:
-        folded = lobes.fold(found.lines, self.n_lobes)
-        if self.align == "energy":
-            centred = lobes.shift(found.lines, lobes.energy_centre(folded) - 0.5)
-            folded = lobes.fold(centred, self.n_lobes)
-        return folded

@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
@@ -13,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import check_consistent_length, column_or_1d
 
-from cyclofeat import lobes
-from cyclofeat._sklearn import Interval, StrOptions
-from cyclofeat.features._registry import REGISTRY
+from cyclofeat._base.sklearn_private import Interval, StrOptions
 from cyclofeat.features._wavelet import WaveletTransformer
-from cyclofeat.wavelets import AnyWavelet, dwt, lowest_colour, visible
+from cyclofeat.features.base import SPEED_CONSTRAINTS
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal import lobes
+from cyclofeat.signal.wavelets import AnyWavelet, dwt, lowest_colour, visible
+from cyclofeat.signal.windows import Float
 
-# A reference is the median over as many windows.
 _N_REFERENCES = 8
 # Lobe lines that place a window, where the sampling rate holds as many; LobeMap's default.
 _N_LINES = 44
@@ -27,13 +29,14 @@ _N_LINES = 44
 _N_PROBES = 16
 
 
+@dataclass(eq=False, repr=False)
 class WaveletMinimaOverlap(WaveletTransformer):
     """Cells of the lowest colour that a window's scalogram shares with the worst class's (paper B section 7).
 
-    For each level of the wavelet transform: the share of the scalogram's cells that have the lowest colour
-    both here and in the reference (the dark area of paper B's fig. 18, paper A's fig. 9). ``fit`` keeps the
-    minima of up to eight windows of the worst class; each feature is the median over them. The scalogram is
-    MATLAB's (:func:`cyclofeat.wavelets.scalogram`).
+    For each level of the wavelet transform: the share of the scalogram's cells
+    (:func:`cyclofeat.signal.wavelets.scalogram`) that have the lowest colour both here and in the reference
+    (the dark area of paper B's fig. 18, paper A's fig. 9). ``fit`` keeps the minima of up to eight windows of
+    the worst class; each feature is the median over them.
 
     Parameters
     ----------
@@ -69,44 +72,33 @@ class WaveletMinimaOverlap(WaveletTransformer):
         Label of the windows in the reference; None where ``fit`` was given no ``y``.
     reference_minima_ : list of ndarray of bool, shape (n_references, n_compared)
         For each level, which of the compared coefficients of the reference have the lowest colour.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
 
     See Also
     --------
-    cyclofeat.wavelets.minima_mask : The minima of a scalogram, cell by cell.
+    cyclofeat.signal.wavelets.minima_mask : The minima of a scalogram, cell by cell.
     cyclofeat.scans.scan_wavelets : Which wavelet's overlap grows with the number of worn lobes.
 
     Notes
     -----
-    **Reference.** Taken from the class's windows at equal distances in their order, so that they come from as
-    many recordings as possible. In ``transform``, a window that is identical to one in the reference is not
-    compared with it: with itself it shares all its minima, which would give its label away. Where nothing
-    else is in the reference, it is compared with itself after all. Other windows of a recording that is in
+    **Reference.** Windows at equal distances in the class's order, so that they come from as many recordings
+    as possible. In ``transform``, a window that is identical to one in the reference is not compared with it
+    (it would share all its minima), unless nothing else is in the reference. Other windows of a recording in
     the reference still resemble it: evaluate with whole assemblies held out. Without ``y`` all windows count
     as one class, and ``reference`` must be ``"worst"``.
 
-    **Alignment.** A window is not turned in a circle, which would join its end to its beginning in a step
-    that outshines every other coefficient. Of the scalogram of the whole window, a part begins at the
-    window's lobe phase and is one lobe period (z_s slots, 15/16 of an input turn) shorter than the window, so
-    that it fits behind every phase. The part begins at the nearest border of two coefficients, level by
-    level: at most 2^(k-1) samples off, 8 at level 4 where a lobe's slot has 192. From level 8 on (at
-    25.6 kHz) a coefficient is longer than a slot, and alignment means little. The windows are transformed as
-    they are, one transform serving every transformer, and colours are those of the whole window. Windows of
-    less than two lobe periods (0.225 s at 500 RPM) are compared from their first sample on.
+    **Alignment.** The compared part of the scalogram begins at the window's lobe phase and is one lobe period
+    (z_s slots, 15/16 of an input turn) shorter than the window, so that it fits behind every phase. It begins
+    at the nearest border of two coefficients: at most 2^(k-1) samples off, 8 at level 4 where a lobe's slot
+    has 192. From level 8 on (at 25.6 kHz) a coefficient is longer than a slot, and alignment means little.
+    Colours are those of the whole window. Windows of less than two lobe periods (0.225 s at 500 RPM) are
+    compared from their first sample on.
 
     With ``"none"``, coefficients count by their cells inside the central cut: the exact share of MATLAB's
-    picture. Its alignment then has to come from the data: records that start alike, or windows on equal steps
-    of an absolute angle.
+    picture.
 
-    A constant window is of the lowest colour throughout. Overlaps do not depend on the scale or the mean of
-    the torque, as long as coefficients stay above sqrt(eps) = 1.5e-8 Nm.
-
-    Paper A found no gradual relation in measured torque. A peaked level has many cells of the lowest colour
-    and shares many with anything, so that the worst class need not have the largest overlap: on surrogate
-    recordings whose assemblies differ, it often has not. Read it beside :class:`WaveletLevelStatistics`.
+    A constant window is of the lowest colour throughout. A peaked level has many cells of the lowest colour
+    and shares many with any other, so that the worst class need not have the largest overlap. Paper A found
+    no gradual relation in measured torque. Read it beside :class:`WaveletLevelStatistics`.
 
     Examples
     --------
@@ -126,8 +118,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
     'minima_overlap(mb32.3;64colours;energy;worst;level04;v2)'
     >>> transformer.transform(X)[:, 3].round(1)
     array([0.5, 0.5, 0.5, 0.8, 0.8, 0.8, 0.9, 0.9, 0.9])
-
-    In pictures, on surrogate torque: ``examples/features/plot_minima_overlap.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -136,32 +126,18 @@ class WaveletMinimaOverlap(WaveletTransformer):
         "colours": [Interval(Integral, 2, None, closed="left")],
         "reference": [str, Real],
         "align": [StrOptions({"energy", "none"})],
-        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
-        "n_lobes": [Interval(Integral, 3, None, closed="left")],
-        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+        **SPEED_CONSTRAINTS,
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        wavelet: AnyWavelet = "mb32.3",
-        levels: int = 12,
-        colours: int = 64,
-        reference: float | str = "worst",
-        align: str = "energy",
-        input_speed_hz: float = 500 / 60,
-        n_lobes: int = 15,
-        speed_tolerance: float = 0.015,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.wavelet = wavelet
-        self.levels = levels
-        self.colours = colours
-        self.reference = reference
-        self.align = align
-        self.input_speed_hz = input_speed_hz
-        self.n_lobes = n_lobes
-        self.speed_tolerance = speed_tolerance
+    sampling_rate: float
+    wavelet: AnyWavelet = "mb32.3"
+    levels: int = 12
+    colours: int = 64
+    reference: float | str = "worst"
+    align: str = "energy"
+    input_speed_hz: float = 500 / 60
+    n_lobes: int = 15
+    speed_tolerance: float = 0.015
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._learn(X, y)
@@ -212,23 +188,36 @@ class WaveletMinimaOverlap(WaveletTransformer):
         return self.levels
 
     def _from_coefficients(
-        self,
-        X: NDArray[Any],
-        coefficients: Sequence[NDArray[np.float64]],
-        found: lobes.LobeLines | None = None,
-    ) -> NDArray[np.float64]:
-        # ``found``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
-        return _median_of_others(self._shared(X, coefficients, found), self._known(X))
+        self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
+    ) -> Float:
+        # ``lines``: lobe lines of X, if they are at hand (LobeMap's of the same speed, lobes and tolerance).
+        return _median_of_others(self._shared(X, coefficients, lines), self._known(X))
 
-    def _shared(
-        self,
-        X: NDArray[Any],
-        coefficients: Sequence[NDArray[np.float64]],
-        found: lobes.LobeLines | None = None,
-    ) -> NDArray[np.float64]:
+    def overlaps(
+        self, X: NDArray[Any], excluded: NDArray[np.bool_], lines: lobes.LobeLines | None = None
+    ) -> Float:
+        """Overlaps with chosen windows of the reference.
+
+        Parameters
+        ----------
+        X : ndarray, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+        excluded : ndarray of bool, shape (n_windows, n_references)
+            Windows of the reference that a window is not compared with; one with none left is compared with
+            all of them.
+        lines : LobeLines, optional
+            Result of :meth:`lines` for ``X``, if it is at hand.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, levels)
+        """
+        return _median_of_others(self._shared(X, dwt(X, self.wavelet, self.levels), lines), excluded)
+
+    def _shared(self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None) -> Float:
         """Share of cells that are lowest in both, shape (n_windows, n_references, levels)."""
         shared = np.empty((len(X), len(self._digests), self.levels))
-        of_level = zip(self._minima(X, coefficients, found), self.reference_minima_, strict=True)
+        of_level = zip(self._minima(X, coefficients, lines), self.reference_minima_, strict=True)
         for level, ((minima, cells), reference) in enumerate(of_level):
             # Whole numbers in single precision: exact in windows of up to 2^24 samples.
             weighted = (reference * cells).astype(np.float32)
@@ -237,18 +226,14 @@ class WaveletMinimaOverlap(WaveletTransformer):
         return shared
 
     def _minima(
-        self,
-        X: NDArray[Any],
-        coefficients: Sequence[NDArray[np.float64]],
-        found: lobes.LobeLines | None = None,
-    ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64]]]:
+        self, X: NDArray[Any], coefficients: Sequence[Float], lines: lobes.LobeLines | None = None
+    ) -> list[tuple[NDArray[np.bool_], Float]]:
         """For each level: which of the compared coefficients are lowest, and how many cells each has."""
         n_samples = X.shape[1]
-        starts = self._starts(X, found)
+        starts = self._starts(X, lines)
         result = []
         for level in range(1, self.levels + 1):
-            detail = coefficients[level - 1]
-            shown, cells = visible(detail, level, n_samples)
+            shown, cells = visible(coefficients[level - 1], level, n_samples)
             minima = lowest_colour(shown, self.colours)
             if starts is not None:
                 size = 1 << level
@@ -266,19 +251,18 @@ class WaveletMinimaOverlap(WaveletTransformer):
         slowest = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes) * (1 - self.speed_tolerance)
         return math.ceil(self.sampling_rate / slowest)
 
-    def _starts(self, X: NDArray[Any], found: lobes.LobeLines | None) -> NDArray[np.int64] | None:
+    def _starts(self, X: NDArray[Any], lines: lobes.LobeLines | None) -> NDArray[np.int64] | None:
         """Sample of each window that its lobe phase begins at; None if they are not aligned."""
-        if found is None:
-            found = self._lines(X)
-        if found is None:
+        lines = lines or self.lines(X)
+        if lines is None:
             return None
-        phase = np.mod(lobes.energy_centre(lobes.fold(found.lines, self.n_lobes)), 1.0)
-        period = self.sampling_rate / lobes.lobe_frequency(1.0, self.n_lobes) / found.input_speed_hz
+        phase = np.mod(lobes.energy_centre(lobes.fold(lines.lines, self.n_lobes)), 1.0)
+        period = self.sampling_rate / lobes.lobe_frequency(1.0, self.n_lobes) / lines.input_speed_hz
         starts = np.floor(phase * period).astype(np.int64)
         return np.minimum(starts, self._longest_period() - 1)
 
-    def _lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
-        """Lobe lines that place the windows; None if they are not aligned."""
+    def lines(self, X: NDArray[Any]) -> lobes.LobeLines | None:
+        """Lobe lines that place windows ``X``, shape (n_windows, n_samples); None if they are not aligned."""
         nominal = lobes.lobe_frequency(self.input_speed_hz, self.n_lobes)
         # The same limit as in lobe_lines; the comparison then has something left to compare.
         if self.align == "none" or X.shape[1] * nominal < 2 * self.sampling_rate:
@@ -288,16 +272,18 @@ class WaveletMinimaOverlap(WaveletTransformer):
             np.asarray(X, dtype=np.float64),
             self.sampling_rate,
             self.input_speed_hz,
-            n_lobes=self.n_lobes,
-            n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
-            speed_tolerance=self.speed_tolerance,
+            lobes.LobeComb(
+                n_lobes=self.n_lobes,
+                n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
+                speed_tolerance=self.speed_tolerance,
+            ),
         )
 
     def _probed(self, n_samples: int) -> NDArray[np.intp]:
         return np.linspace(0, n_samples - 1, _N_PROBES).astype(np.intp)
 
     def _known(self, X: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which windows are which ones of the reference, shape (n_windows, n_references)."""
+        """Mark windows that are identical to one of the reference, shape (n_windows, n_references)."""
         probes = np.asarray(X[:, self._probed(X.shape[1])], dtype=np.float64)
         known: NDArray[np.bool_] = (probes[:, np.newaxis] == self._probes).all(axis=2)
         for row in np.flatnonzero(known.any(axis=1)):
@@ -306,18 +292,14 @@ class WaveletMinimaOverlap(WaveletTransformer):
         return known
 
 
-def _digest(window: NDArray[np.float64]) -> bytes:
+def _digest(window: Float) -> bytes:
     # + 0.0 makes one zero of both.
     return hashlib.blake2b((window + 0.0).tobytes(), digest_size=16).digest()
 
 
-def _median_of_others(shared: NDArray[np.float64], left_out: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Median over the references, shape (n_windows, levels), of shares that are not left out.
-
-    ``shared`` has the shape (n_windows, n_references, levels), ``left_out`` (n_windows, n_references). Where
-    all are left out, all count.
-    """
+def _median_of_others(shared: Float, excluded: NDArray[np.bool_]) -> Float:
+    """Median over the references (axis 1) that are not excluded; where all are excluded, all count."""
     medians = np.median(shared, axis=1)
-    for row in np.flatnonzero(left_out.any(axis=1) & ~left_out.all(axis=1)):
-        medians[row] = np.median(shared[row, ~left_out[row]], axis=0)
+    for row in np.flatnonzero(excluded.any(axis=1) & ~excluded.all(axis=1)):
+        medians[row] = np.median(shared[row, ~excluded[row]], axis=0)
     return medians

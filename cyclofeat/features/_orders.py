@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from numbers import Integral, Real
+from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._sklearn import Interval, StrOptions
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.features._registry import REGISTRY
-from cyclofeat.orders import (
+from cyclofeat._base.sklearn_private import Interval, StrOptions
+from cyclofeat.features.base import SPEED_CONSTRAINTS, WindowTransformer
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal.orders import (
     COMBS,
     FOLDS,
     comb_lines,
@@ -19,15 +20,17 @@ from cyclofeat.orders import (
     lines_per_input_turn,
     order_lines,
 )
+from cyclofeat.signal.windows import Float
 
 
+@dataclass(eq=False, repr=False)
 class OrderSpectrum(WindowTransformer):
     """Amplitudes of the torque, in Nm, at the order lines k/z_s of the input speed, and around the mesh.
 
-    The input speed of each window is refined (:func:`cyclofeat.orders.estimate_input_speed`), and the torque
-    is read at the multiples of a turn: by default the output turn, whose lines are k/15 of the input speed
-    for 15 lobes. Line 15 is the input turn, line 16 the passage of a lobe, line 240 the mesh. Kept are the
-    first lines and, on both sides of each mesh line, its sidebands.
+    The input speed of each window is refined (:func:`cyclofeat.signal.orders.estimate_input_speed`), and the
+    torque is read at multiples of a turn (:func:`cyclofeat.signal.orders.order_lines`). With 15 lobes line 15
+    of the output turn is the input turn, line 16 the passage of a lobe, line 240 the mesh. The features are
+    the first lines and, on both sides of each mesh line, its sidebands.
 
     Parameters
     ----------
@@ -52,25 +55,17 @@ class OrderSpectrum(WindowTransformer):
     comb : {"lobe", "mesh"}, default="lobe"
         Lines by which the speed is found: all lobe lines, or the mesh lines alone.
 
-    Attributes
-    ----------
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
     See Also
     --------
-    cyclofeat.orders.order_lines : The same as a function, with the equation.
-    cyclofeat.orders.synchronous_average : The torque folded by the same turn.
+    cyclofeat.signal.orders.order_lines : The same as a function, with the equation.
+    cyclofeat.signal.orders.synchronous_average : The torque folded by the same turn.
     LobeMap : The pattern of the lobes, freed of the rig's resonance.
 
     Notes
     -----
-    The amplitudes grow with the torque's scale and do not depend, but for rounding, on its mean. To tell
-    lines of the output turn apart takes at least one of it, 1.8 s at 500 RPM; in shorter windows neighbouring
-    lines blend. Constant windows, and those of one sample, have amplitudes 0. Drift of the brake leaks into
-    the lowest lines; :class:`HighPass` takes it out.
+    In windows of less than an output turn (1.8 s at 500 RPM) neighbouring lines of the output turn blend.
+    Constant windows have amplitudes 0. Drift of the brake leaks into the lowest lines; :class:`HighPass`
+    takes it out.
 
     Examples
     --------
@@ -88,46 +83,30 @@ class OrderSpectrum(WindowTransformer):
     239 0.02
     240 1.0
     255 0.1
-
-    In pictures, on surrogate torque: ``examples/features/plot_order_spectrum.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **WindowTransformer._parameter_constraints,
-        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        **SPEED_CONSTRAINTS,
         "fold_by": [StrOptions(set(FOLDS))],
         "n_lines": [Interval(Integral, 1, None, closed="left")],
         "n_mesh_lines": [Interval(Integral, 0, None, closed="left")],
         "n_sidebands": [Interval(Integral, 0, None, closed="left")],
-        "n_lobes": [Interval(Integral, 3, None, closed="left")],
-        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
         "comb": [StrOptions(set(COMBS))],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        input_speed_hz: float = 500 / 60,
-        fold_by: str = "output",
-        n_lines: int = 48,
-        n_mesh_lines: int = 2,
-        n_sidebands: int = 16,
-        n_lobes: int = 15,
-        speed_tolerance: float = 0.015,
-        comb: str = "lobe",
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.input_speed_hz = input_speed_hz
-        self.fold_by = fold_by
-        self.n_lines = n_lines
-        self.n_mesh_lines = n_mesh_lines
-        self.n_sidebands = n_sidebands
-        self.n_lobes = n_lobes
-        self.speed_tolerance = speed_tolerance
-        self.comb = comb
+    sampling_rate: float
+    input_speed_hz: float = 500 / 60
+    fold_by: str = "output"
+    n_lines: int = 48
+    n_mesh_lines: int = 2
+    n_sidebands: int = 16
+    n_lobes: int = 15
+    speed_tolerance: float = 0.015
+    comb: str = "lobe"
 
-    def _kept(self) -> NDArray[np.intp]:
-        """Numbers of the lines that are kept."""
+    def _lines(self) -> NDArray[np.intp]:
+        """Numbers of the lines that are features."""
         mesh = round((self.n_lobes + 1) / lines_per_input_turn(self.fold_by, self.n_lobes))
         aside = np.arange(-self.n_sidebands, self.n_sidebands + 1)
         around = np.add.outer(mesh * np.arange(1, self.n_mesh_lines + 1), aside).ravel()
@@ -135,7 +114,7 @@ class OrderSpectrum(WindowTransformer):
         return lines[lines > 0]
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
-        last = int(self._kept()[-1])
+        last = int(self._lines()[-1])
         first_order = lines_per_input_turn(self.fold_by, self.n_lobes)
         highest = last * first_order * self.input_speed_hz * (1 + self.speed_tolerance)
         if highest > self.sampling_rate / 2:
@@ -148,18 +127,18 @@ class OrderSpectrum(WindowTransformer):
             comb_lines(self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes)
 
     def _columns(self) -> list[str]:
-        kept = self._kept()
-        digits = len(str(kept[-1]))
-        return [REGISTRY["order_amplitude"].column(self.fold_by, f"k{line:0{digits}d}") for line in kept]
+        lines = self._lines()
+        digits = len(str(lines[-1]))
+        return [REGISTRY["order_amplitude"].column(self.fold_by, f"k{line:0{digits}d}") for line in lines]
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         speeds = estimate_input_speed(
             X, self.sampling_rate, self.input_speed_hz, self.speed_tolerance, self.comb, self.n_lobes
         )
         return self._from_speed(X, speeds)
 
-    def _from_speed(self, X: NDArray[Any], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_speed(self, X: NDArray[Any], speeds: Float) -> Float:
         """Features, shape (n_windows, n_features), of windows whose input speeds are known."""
-        kept = self._kept()
-        lines = order_lines(X, self.sampling_rate, speeds, int(kept[-1]), self.fold_by, self.n_lobes)
-        return np.abs(lines[:, kept - 1])
+        lines = self._lines()
+        amplitudes = order_lines(X, self.sampling_rate, speeds, int(lines[-1]), self.fold_by, self.n_lobes)
+        return np.abs(amplitudes[:, lines - 1])

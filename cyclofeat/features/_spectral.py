@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._sklearn import StrOptions
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.features._registry import REGISTRY, band_qualifier
-from cyclofeat.spectral import (
+from cyclofeat._base.sklearn_private import StrOptions
+from cyclofeat.features.base import WindowTransformer
+from cyclofeat.features.registry import REGISTRY, band_qualifier
+from cyclofeat.signal import (
     PRESETS,
     band_mask,
     normalized_entropy,
@@ -19,13 +20,19 @@ from cyclofeat.spectral import (
     welch_frequencies,
     welch_psd,
 )
+from cyclofeat.signal.windows import Float
+
+
+def lines_of(frequencies: Float, band: tuple[float, float] | None) -> NDArray[np.bool_] | slice:
+    """Lines of a spectrum in a band, all of them for None; ``ValueError`` where the band does not fit."""
+    return slice(None) if band is None else band_mask(frequencies, band)
 
 
 class SpectralTransformer(WindowTransformer):
     """Base of the transformers that need nothing but Welch's power spectral density of each window.
 
-    A subclass implements ``_from_psd`` in place of ``_compute``. A composite that has the density of a chunk
-    at hand calls ``_from_psd`` itself, so that several transformers share one density.
+    A subclass implements ``_from_psd`` in place of ``_compute``, which lets a composite share one density.
+    ``frequencies_`` are those of the density in Hz.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -39,13 +46,14 @@ class SpectralTransformer(WindowTransformer):
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
 
     @abstractmethod
-    def _from_psd(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         """Features, shape (n_windows, n_features), of densities of shape (n_windows, n_bins) in Nm^2/Hz."""
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         return self._from_psd(*welch_psd(X, self.sampling_rate, self.preset))
 
 
+@dataclass(eq=False, repr=False)
 class SpectralEntropy(SpectralTransformer):
     """Spectral entropy of the torque in each window, in bits or normalized.
 
@@ -58,36 +66,20 @@ class SpectralEntropy(SpectralTransformer):
     sampling_rate : float
         Samples per second in Hz.
     preset : {"matlab_pwelch", "ripple"}, default="matlab_pwelch"
-        Definition of the density, see :data:`cyclofeat.spectral.PRESETS`. The default is paper A's: with the
+        Definition of the density, see :data:`cyclofeat.signal.PRESETS`. The default is paper A's: with the
         mean kept, the entropy over all frequencies mostly measures the ratio of ripple to mean.
     normalize : bool, default=False
         Whether to normalize to the range from 0 to 1.
     band : tuple of float, default=None
         Lower and upper limit in Hz, both included. ``None`` takes all frequencies.
 
-    Attributes
-    ----------
-    frequencies_ : ndarray, shape (n_bins,)
-        Frequencies of the density in Hz.
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.shannon_entropy, cyclofeat.spectral.normalized_entropy : The same as functions.
-
     Notes
     -----
-    The entropy depends neither on the scale of the torque nor, under ``"ripple"``, on its mean. It does
-    depend on the length of the windows, through resolution and zero-padding: constant torque has 1.26 bits
-    in windows of 46,080 samples and 1.05 bits in 57,600. Compare windows of one length only.
+    The entropy depends on the length of the windows, through resolution and zero-padding: constant torque has
+    1.26 bits in windows of 46,080 samples and 1.05 bits in 57,600. Compare windows of one length only.
 
-    A window without power in the band has entropy 0: a window of zeros and, under ``"ripple"``, any constant
-    window and any of fewer than 9 samples. Under ``"matlab_pwelch"`` a constant window has the entropy of
-    the Hamming window's transform, 0.84 bits without zero-padding, and one of fewer than 9 samples that of a
-    flat spectrum.
+    Under ``"matlab_pwelch"`` a constant window has the entropy of the Hamming window's transform, 0.84 bits
+    without zero-padding, and one of fewer than 9 samples that of a flat spectrum.
 
     Examples
     --------
@@ -101,8 +93,6 @@ class SpectralEntropy(SpectralTransformer):
            [1.39 ]])
     >>> transformer.get_feature_names_out()
     array(['shannon_entropy_bits(matlab_pwelch)'], dtype=object)
-
-    In pictures, on surrogate torque: ``examples/features/plot_spectral_entropy.py``.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -111,28 +101,20 @@ class SpectralEntropy(SpectralTransformer):
         "band": [tuple, list, None],
     }
 
-    def __init__(
-        self,
-        sampling_rate: float,
-        preset: str = "matlab_pwelch",
-        normalize: bool = False,
-        band: tuple[float, float] | None = None,
-    ) -> None:
-        self.sampling_rate = sampling_rate
-        self.preset = preset
-        self.normalize = normalize
-        self.band = band
+    sampling_rate: float
+    preset: str = "matlab_pwelch"
+    normalize: bool = False
+    band: tuple[float, float] | None = None
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         super()._learn(X, y)
-        if self.band is not None:
-            band_mask(self.frequencies_, self.band)  # raises where the band does not fit
+        lines_of(self.frequencies_, self.band)  # raises where the band does not fit
 
     def _columns(self) -> list[str]:
         row = REGISTRY["normalized_entropy" if self.normalize else "shannon_entropy"]
         band = () if self.band is None else (band_qualifier(self.band),)
         return [row.column(self.preset, *band)]
 
-    def _from_psd(self, frequencies: NDArray[np.float64], psd: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_psd(self, frequencies: Float, psd: Float) -> Float:
         entropy = normalized_entropy if self.normalize else shannon_entropy
         return entropy(psd, frequencies, self.band)[:, np.newaxis]

@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.features._registry import REGISTRY
-from cyclofeat.spectral import torque_statistics
+from cyclofeat.features.base import WindowTransformer
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.signal import torque_statistics
+from cyclofeat.signal.windows import Float
 
 _STATISTICS = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
 
 
+@dataclass(eq=False, repr=False)
 class TorqueStatistics(WindowTransformer):
     """Ten statistics of the torque in each window (paper A table 4, and five more).
 
     Minimum, maximum, mean, standard deviation, range and rms in Nm; crest factor, skewness, kurtosis and
-    ripple (std over absolute mean) as pure numbers. Formulas in :func:`cyclofeat.spectral.torque_statistics`.
+    ripple (std over absolute mean) as pure numbers. Formulas in :func:`cyclofeat.signal.torque_statistics`.
 
     Parameters
     ----------
     sampling_rate : float
-        Samples per second in Hz. The statistics do not depend on it; it is required, as everywhere, so that
-        all transformers are made and searched over alike.
-
-    Attributes
-    ----------
-    n_features_in_ : int
-        Samples in a window.
-    feature_names_in_ : ndarray of str, shape (n_samples,)
-        Names of the samples, if ``fit`` was given a data frame.
-
-    See Also
-    --------
-    cyclofeat.spectral.torque_statistics : The same as a function.
-
-    Notes
-    -----
-    A constant window has std, range, skewness, kurtosis and ripple 0, a window of zeros also crest factor 0.
+        Samples per second in Hz. The statistics do not depend on it; all transformers take it.
 
     Examples
     --------
@@ -52,16 +39,13 @@ class TorqueStatistics(WindowTransformer):
     torque_max_nm [24. 22.]
     torque_mean_nm [22. 22.]
     torque_std_nm [2. 0.]
-
-    In pictures, on surrogate torque: ``examples/features/plot_torque_statistics.py``.
     """
 
-    def __init__(self, sampling_rate: float) -> None:
-        self.sampling_rate = sampling_rate
+    sampling_rate: float
 
     def _columns(self) -> list[str]:
         return [REGISTRY[f"torque_{name}"].column() for name in _STATISTICS]
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         statistics = torque_statistics(X)
         return np.column_stack([statistics[name] for name in _STATISTICS])

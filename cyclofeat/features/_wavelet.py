@@ -1,4 +1,4 @@
-"""What the transformers share that need a wavelet transform of each window."""
+"""Base class of transformers that need a wavelet transform of each window."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import numpy as np
 import pywt
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.features._base import WindowTransformer
-from cyclofeat.wavelets import AnyWavelet, as_wavelet, dwt, wavelet_qualifier
+from cyclofeat.features.base import WindowTransformer
+from cyclofeat.signal.wavelets import AnyWavelet, as_wavelet, dwt, wavelet_qualifier
+from cyclofeat.signal.windows import Float
 
 
 class WaveletTransformer(WindowTransformer):
     """Base of the transformers that read the discrete wavelet transform of each window.
 
-    A subclass implements ``_depth`` and ``_from_coefficients`` in place of ``_compute``. A composite that has
-    the transform of a chunk at hand calls ``_from_coefficients`` itself, so that several transformers share
-    one: those whose ``_bank`` is the same, with the transform as deep as the deepest of them needs.
+    A subclass implements ``_depth`` and ``_from_coefficients`` in place of ``_compute``, which lets a
+    composite share one transform, as deep as the deepest of its parts needs.
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
@@ -41,14 +40,12 @@ class WaveletTransformer(WindowTransformer):
         """Number of levels that ``_from_coefficients`` reads."""
 
     @abstractmethod
-    def _from_coefficients(
-        self, X: NDArray[Any], coefficients: Sequence[NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _from_coefficients(self, X: NDArray[Any], coefficients: Sequence[Float]) -> Float:
         """Features, shape (n_windows, n_features), of windows and their transform.
 
-        ``coefficients`` are those of :func:`cyclofeat.wavelets.dwt`, details of level 1 first, of at least
-        ``_depth()`` levels; what follows these is ignored.
+        ``coefficients`` are those of :func:`cyclofeat.signal.wavelets.dwt`, details of level 1 first, of at
+        least ``_depth()`` levels; what follows these is ignored.
         """
 
-    def _compute(self, X: NDArray[Any]) -> NDArray[np.float64]:
+    def _compute(self, X: NDArray[Any]) -> Float:
         return self._from_coefficients(X, dwt(X, self.wavelet, self._depth()))

@@ -1,61 +1,81 @@
 """Where model and measurement disagree, what is missing, how large it is, and how much better it gets.
 
-=======================  ===================================================================================
-name                     what it does
-=======================  ===================================================================================
-``DiscrepancyWorkflow``  all four stages in one, with a report
-``NuisancePrior``        what may differ between recordings without being a missing effect
-``GapLocator``           where measured torque differs from the simulator's, cell by cell, with honest
-                         p-values
-``EffectRanker``         which effect of the library would explain it, its look-alikes, what to measure next
-``EffectFitter``         how large the effect is, with intervals, and the simulator with it
-``GapReport``            how far the gap shrank on recordings held out, against each alternative
-``downstream_gain``      what the corrected simulator is worth to a counter that is trained on it
-``SummaryGap``           the same questions of published statistics, where there are no recordings
-``LoopGap``              the same questions of torque-deflection loops with held output
-``summarise``            the numbers that are compared, in families: speed, slow part, amplitudes, third
-                         octaves, lines of lobes and shaft, floor, synchronous averages, features
-=======================  ===================================================================================
+=================  =========================================================================================
+room               question
+=================  =========================================================================================
+``where``          Where do measured and simulated torque disagree? (:func:`locate`)
+``what``           Which effect of the library is missing? (:func:`learn_effects` draws the table of
+                   effects, :meth:`EffectRanker.rank` names them)
+``size``           How large is it? (:func:`fit_effects`)
+``proof``          How far did the gap shrink on recordings held out? (:func:`prove`,
+                   :func:`downstream_gain`)
+``comparison``     Which model, which conditions? (:class:`Comparison`, the first argument of all stages)
+``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
+``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
+``_workflow``      The four stages in turn (:func:`find_gap`); ``_prove`` compares the alternatives
+=================  =========================================================================================
+
+:func:`find_gap` runs all four stages for a :class:`Comparison` and returns a :class:`GapResult`.
+:func:`find_published_gap` asks the same questions of published statistics, :func:`find_loop_gap` of
+torque-deflection loops with the output held.
 """
 
-from cyclofeat.gap._comparison import ComparisonRow, DistanceRow
-from cyclofeat.gap._downstream import DownstreamGain, downstream_gain
-from cyclofeat.gap._fitter import EffectFitter
-from cyclofeat.gap._locator import GapLocator, Row
-from cyclofeat.gap._loop_parts import loop_shape
-from cyclofeat.gap._loops import LoopGap, LoopModel, LoopSmoother
-from cyclofeat.gap._null import Bank, NuisancePrior, make_bank
-from cyclofeat.gap._phase import PhaseMap
-from cyclofeat.gap._ranker import EffectRanker, Ranked
-from cyclofeat.gap._report import GapReport
-from cyclofeat.gap._summaries import Cell, summarise
-from cyclofeat.gap._summary_mode import SummaryGap
-from cyclofeat.gap._table import EffectTable
-from cyclofeat.gap._workflow import Candidate, DiscrepancyWorkflow
+from cyclofeat.gap._prove import prove
+from cyclofeat.gap._result import GapResult, RankedEffect, Where, WhereRow, where_of
+from cyclofeat.gap._settings import GapSettings, Windows
+from cyclofeat.gap._workflow import find_gap, prepare_ranker
+from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
+from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
+from cyclofeat.gap.proof import DistanceRow, DownstreamGain, Proof, ProofRow, downstream_gain
+from cyclofeat.gap.published import PublishedGap, PublishedSettings, find_published_gap
+from cyclofeat.gap.simulations import Bank, Population
+from cyclofeat.gap.size import FittedEffects, FittedParameter, fit_effects
+from cyclofeat.gap.summaries import Cell, Conditions, Measured, PhaseMap, summarise
+from cyclofeat.gap.what import EffectRanker, EffectTable, Ranked, Ranking, learn_effects
+from cyclofeat.gap.where import LocatedGap, Row, locate
 
 __all__ = [
+    "MAY_DIFFER",
     "Bank",
-    "Candidate",
     "Cell",
-    "ComparisonRow",
-    "DiscrepancyWorkflow",
+    "Comparison",
+    "Conditions",
     "DistanceRow",
     "DownstreamGain",
-    "EffectFitter",
     "EffectRanker",
     "EffectTable",
-    "GapLocator",
-    "GapReport",
+    "FittedEffects",
+    "FittedParameter",
+    "GapResult",
+    "GapSettings",
+    "LocatedGap",
     "LoopGap",
     "LoopModel",
     "LoopSmoother",
-    "NuisancePrior",
+    "Measured",
     "PhaseMap",
+    "Population",
+    "Proof",
+    "ProofRow",
+    "PublishedGap",
+    "PublishedSettings",
     "Ranked",
+    "RankedEffect",
+    "Ranking",
     "Row",
-    "SummaryGap",
+    "Where",
+    "WhereRow",
+    "Windows",
     "downstream_gain",
+    "find_gap",
+    "find_loop_gap",
+    "find_published_gap",
+    "fit_effects",
+    "learn_effects",
+    "locate",
     "loop_shape",
-    "make_bank",
+    "prepare_ranker",
+    "prove",
     "summarise",
+    "where_of",
 ]

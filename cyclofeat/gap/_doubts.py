@@ -1,4 +1,4 @@
-"""What in recordings limits what can be said of them."""
+"""Doubts about recordings: properties that limit what can be said of them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.gap._recordings import recordings_of
+from cyclofeat.gap.summaries import recordings_of
 
 _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
@@ -16,7 +16,7 @@ _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording 
 def doubts_about(
     windows: NDArray[Any], y: ArrayLike | None, groups: ArrayLike | None, angle: ArrayLike | None
 ) -> list[str]:
-    """What in the recordings limits what can be said of them."""
+    """Sentences on the properties of recordings that limit what can be said of them."""
     of_window, counts = recordings_of(len(windows), y, groups)
     n = int(of_window.max()) + 1
     doubts = []

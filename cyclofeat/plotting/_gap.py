@@ -1,30 +1,21 @@
-"""Where recordings and simulator differ."""
+"""Display of the differences between recordings and simulator."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.plotting._base import Float, axes_for, plain_log_ticks
-from cyclofeat.plotting._gap_words import (
-    clarity,
-    difference_words,
-    family_name,
-    in_words,
-    p_words,
-    short_name,
-)
+from cyclofeat.plotting.drawing import Float, axes_for, plain_log_ticks
+from cyclofeat.plotting.gap_words import difference_words, family_name, in_words, p_words, short_name
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import Cell, GapLocator, Row
-    from cyclofeat.gap._phase import PhaseMap
+    from cyclofeat.gap import GapResult, Where, WhereRow
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
@@ -32,12 +23,9 @@ KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
 # Three roles, told apart by the colour-blind too: recordings, what is flagged, and the model in grey. The
 # colours are the first two of the cycle and that of the ticks, so that a theme may change them.
 RECORDED, FLAGGED, _SHADE = "C0", "C1", 0.22
-SIZES: dict[Kind, tuple[float, float]] = {
-    "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
-}  # fmt: skip
 _LEAST_SPREADS = 0.1  # left end of the overview's axis
-_OTHER_SPREAD = "varies more, or less, than simulated"
-_N_WORDS = 4  # differences that a picture tells in words
+_OTHER_SPREAD = "varies more or less than simulated"
+_N_WORDS = 4  # differences that a picture states in words
 
 _PHASES = {
     "lobe": ("passages of all lobes", "phase of the lobes' passage (1: all lobes have passed once)"),
@@ -46,26 +34,14 @@ _PHASES = {
 
 
 class GapDisplay:
-    """Where recordings and simulator differ.
+    """Display of the differences between recordings and simulator.
 
     Parameters
     ----------
-    table : sequence of cyclofeat.gap.Row
-        Cells, their differences, intervals and p.
-    mean : array-like, shape (n_cells,)
-        Mean of the recordings in each cell of ``table``.
-    spread, simulated_spread : array-like, shape (n_cells,)
-        Standard deviation of one recording, and of one simulated recording.
-    family_p : mapping from str to float
-        Adjusted p of each family.
-    phase : mapping from str to PhaseMap, optional
-        Folded torque by ``"lobe"`` and by ``"input"``.
-    alpha : float, default=0.05
-        Adjusted p up to which a cell is flagged.
-    input_speed_hz : float, default=500 / 60
-        Nominal input speed at which the cells' frequencies are stated.
+    where : cyclofeat.gap.Where
+        Comparison of recordings with a model: ``where`` or ``where_after`` of a result.
     label : str, default="measured"
-        What the recordings are called; give ``"surrogate"`` or the like where nothing was measured.
+        Name of the recordings; give ``"surrogate"`` or the like where nothing was measured.
 
     Attributes
     ----------
@@ -88,15 +64,13 @@ class GapDisplay:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from cyclofeat.gap import GapLocator
-    >>> from cyclofeat.plotting import GapDisplay
-    >>> time = np.arange(11_520) / 6400
-    >>> X = 22 + 0.3 * np.sin(2 * np.pi * 50 * time) + np.random.default_rng(0).normal(0, 0.05, (3, 11_520))
-    >>> locator = GapLocator(6400, n_bank=10, n_permutations=499).fit(X, y=[0, 0, 0])
-    >>> display = GapDisplay.from_locator(locator, kind="spectrum")  # doctest: +SKIP
-    >>> display.plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
+    >>> GapDisplay.from_result(result, kind="spectrum")  # doctest: +SKIP
+    >>> GapDisplay(result.where_after).plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
     """
+
+    SIZES: ClassVar[dict[Kind, tuple[float, float]]] = {
+        "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
+    }  # fmt: skip
 
     ax_: Axes
     axes_: list[Axes]
@@ -104,86 +78,35 @@ class GapDisplay:
     flags_: list[Artist]
     spread_flags_: list[Artist]
 
-    def __init__(
-        self,
-        *,
-        table: Sequence[Row],
-        mean: ArrayLike,
-        spread: ArrayLike,
-        simulated_spread: ArrayLike,
-        family_p: Mapping[str, float],
-        phase: Mapping[str, PhaseMap] | None = None,
-        alpha: float = 0.05,
-        input_speed_hz: float = 500 / 60,
-        label: str = "measured",
-    ) -> None:
-        self.table = list(table)
-        n = len(self.table)
-        self.mean = _of_length("mean", mean, n)
-        self.spread = _of_length("spread", spread, n)
-        self.simulated_spread = _of_length("simulated_spread", simulated_spread, n)
-        self.family_p = dict(family_p)
-        self.phase = dict(phase or {})
-        self.alpha = float(alpha)
-        self.input_speed_hz = float(input_speed_hz)
+    def __init__(self, where: Where, *, label: str = "measured") -> None:
+        self.where = where
         self.label = str(label)
 
     @classmethod
-    def of_locator(cls, locator: GapLocator, *, label: str = "measured") -> Self:
-        """Display of a fitted locator, not drawn yet.
-
-        Parameters
-        ----------
-        locator : cyclofeat.gap.GapLocator
-            Fitted.
-        label : str, default="measured"
-            What the recordings are called.
-        """
-        columns = {cell: k for k, cell in enumerate(_keys(locator.cells_))}
-        # The test of all cells together is no cell.
-        table = [row for row in locator.table_ if _keys([row.cell])[0] in columns]
-        at = [columns[key] for key in _keys([row.cell for row in table])]
-        # Spread about the mean of the own count of worn lobes, which is no spread of recordings.
-        measured = locator.centred(locator.measured_, locator.counts_)[:, at]
-        simulated = locator.centred(locator.simulated_, locator.bank_.counts)[:, at]
-        return cls(
-            table=table,
-            mean=locator.measured_[:, at].mean(axis=0),
-            spread=measured.std(axis=0, ddof=1),
-            simulated_spread=simulated.std(axis=0, ddof=1),
-            family_p=locator.family_p_,
-            phase=getattr(locator, "phase_", None),
-            alpha=locator.alpha,
-            input_speed_hz=locator.input_speed_hz,
-            label=label,
-        )
-
-    @classmethod
-    def from_locator(
+    def from_result(
         cls,
-        locator: GapLocator,
+        result: GapResult,
         kind: Kind = "spectrum",
         ax: Axes | None = None,
         *,
         phase: str = "lobe",
         label: str = "measured",
     ) -> Self:
-        """Draw what a fitted locator has found.
+        """Draw the comparison with the model as it was.
 
         Parameters
         ----------
-        locator : cyclofeat.gap.GapLocator
-            Fitted.
+        result : cyclofeat.gap.GapResult
         kind, ax, phase
             As in :meth:`plot`.
         label : str, default="measured"
-            What the recordings are called; give ``"surrogate"`` or the like where nothing was measured.
+            As in :class:`GapDisplay`.
 
         Returns
         -------
         GapDisplay
         """
-        return cls.of_locator(locator, label=label).plot(kind=kind, ax=ax, phase=phase)
+        return cls(result.where, label=label).plot(kind=kind, ax=ax, phase=phase)
 
     def plot(self, kind: Kind = "spectrum", ax: Axes | None = None, *, phase: str = "lobe") -> Self:
         """Draw.
@@ -207,66 +130,54 @@ class GapDisplay:
         ValueError
             If there is no such kind or phase, or the locator has nothing of that kind.
         """
-        draw: dict[str, Callable[[], None]] = {
-            "families": self._families,
-            "spectrum": self._spectrum,
-            "orders": self._orders,
-            "phase": lambda: self._phase(phase),
-        }
-        if kind not in draw:
+        if kind not in KINDS:
             raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
         if not self.has(kind, phase):
-            there = [name for name in KINDS if any(self.has(name, by) for by in _PHASES)]
+            drawable = [name for name in KINDS if any(self.has(name, by) for by in _PHASES)]
             what = f"kind='phase' with phase={phase!r}" if kind == "phase" else f"kind={kind!r}"
-            raise ValueError(f"{what} is not in what was compared; there is {', '.join(there) or 'nothing'}")
-        self.figure_, self.ax_ = axes_for(ax, SIZES[kind])
+            raise ValueError(f"{what} is not among what was compared: {', '.join(drawable) or 'nothing'}")
+        self.figure_, self.ax_ = axes_for(ax, self.SIZES[kind])
         self.axes_, self.flags_, self.spread_flags_ = [self.ax_], [], []
-        draw[kind]()
+        if kind == "families":
+            self._families()
+        elif kind == "spectrum":
+            self._spectrum()
+        elif kind == "orders":
+            self._orders()
+        else:
+            self._phase(phase)
         return self
 
     def has(self, kind: Kind, phase: str = "lobe") -> bool:
-        """Whether there is something of that kind to draw."""
-        families = {row.cell.family for row in self.table}
+        """Return whether the comparison holds something of that kind to draw."""
+        families = {row.cell.family for row in self.where.rows}
         if kind == "phase":
-            return phase in self.phase
+            return phase in self.where.phase
         if kind == "orders":
             return bool({"lobe lines", "shaft lines"} & families)
-        return bool(self.table) if kind == "families" else "spectrum" in families
+        return bool(self.where.rows) if kind == "families" else "spectrum" in families
 
-    def _of(self, *families: str) -> NDArray[np.intp]:
-        """Places of the families' means."""
-        return np.array(
-            [k for k, row in enumerate(self.table) if row.cell.family in families and row.of == "mean"],
-            dtype=np.intp,
-        )
-
-    def _with_other_spread(self, rows: Sequence[Row]) -> list[int]:
+    def _with_other_spread(self, rows: Sequence[WhereRow]) -> list[int]:
         """Places in ``rows`` of the cells whose spread between recordings is flagged."""
-        flagged = {
-            key
-            for key, row in zip(_keys([row.cell for row in self.table]), self.table, strict=True)
-            if row.of == "spread" and row.p <= self.alpha
-        }
-        return [k for k, key in enumerate(_keys([row.cell for row in rows])) if key in flagged]
-
-    # -- overview
+        flagged = {row.cell for row in self.where.rows if row.of == "spread" and row.p <= self.where.alpha}
+        return [k for k, row in enumerate(rows) if row.cell in flagged]
 
     def _families(self) -> None:
         from matplotlib import rcParams
 
-        ax = self.ax_
-        names = list(dict.fromkeys(row.cell.family for row in self.table))
+        ax, edge, ink = self.ax_, rcParams["axes.edgecolor"], rcParams["text.color"]
+        names = list(dict.fromkeys(row.cell.family for row in self.where.rows))
         ends = []
         for place, family in enumerate(names):
-            rows = [row for row in self.table if row.cell.family == family]
-            row = max(rows, key=clarity)
+            rows = [row for row in self.where.rows if row.cell.family == family]
+            row = max(rows, key=lambda row: row.clarity)
             # Differences of spreads, too, are placed by how clear they are.
             least = max(
                 (r.detectable / r.spread for r in rows if r.of == "mean" and r.spread > 0), default=1.0
             )
-            size, p = clarity(row) * least, self.family_p.get(family, row.p)
-            flagged = p <= self.alpha
-            colour = FLAGGED if flagged else rcParams["axes.edgecolor"]
+            size, p = row.clarity * least, self.where.family_p.get(family, row.p)
+            flagged = p <= self.where.alpha
+            colour = FLAGGED if flagged else edge
             at = max(size, _LEAST_SPREADS)
             ends.append(at)
             ax.hlines(place, _LEAST_SPREADS, at, color=colour, linewidth=3 if flagged else 1.5, alpha=0.7)
@@ -277,12 +188,10 @@ class GapDisplay:
             if flagged:
                 self.flags_.append(dot)
             ends.append(least)
-            ax.plot(
-                max(least, _LEAST_SPREADS), place, "|", color=rcParams["text.color"], markersize=9, zorder=4
-            )
+            ax.plot(max(least, _LEAST_SPREADS), place, "|", color=ink, markersize=9, zorder=4)
             ax.text(
                 _LEAST_SPREADS * 1.05, place - 0.17, in_words(row), va="bottom", fontsize="small",
-                color=rcParams["text.color"], alpha=1.0 if flagged else 0.75,
+                color=ink, alpha=1.0 if flagged else 0.75,
             )  # fmt: skip
         ax.set_yticks(range(len(names)), [family_name(name) for name in names])
         ax.set(
@@ -295,10 +204,10 @@ class GapDisplay:
         right = ax.secondary_yaxis("right")
         right.set_yticks(
             range(len(names)),
-            [p_words(self.family_p[name]) if name in self.family_p else "" for name in names],
+            [p_words(self.where.family_p[name]) if name in self.where.family_p else "" for name in names],
         )
         for name, text in zip(names, right.get_yticklabels(), strict=True):
-            if self.family_p.get(name, 1.0) <= self.alpha:
+            if self.where.family_p.get(name, 1.0) <= self.where.alpha:
                 text.set_fontweight("bold")
         for axis in (ax.yaxis, right.yaxis):
             axis.set_tick_params(length=0)
@@ -307,26 +216,24 @@ class GapDisplay:
         right.spines["right"].set_visible(False)
         self._legend(
             ax, [
-                ("o", FLAGGED, FLAGGED, f"differs (p at most {self.alpha:g})"),
-                ("o", rcParams["axes.edgecolor"], "none", "no difference shown"),
-                ("|", rcParams["text.color"], "none", "least that would most likely (80 %) be found"),
+                ("o", FLAGGED, FLAGGED, f"differs (p at most {self.where.alpha:g})"),
+                ("o", edge, "none", "no difference shown"),
+                ("|", ink, "none", "smallest difference found with a chance of 80 %"),
             ], loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3,
         )  # fmt: skip
-
-    # -- spectrum
 
     def _spectrum(self) -> None:
         from matplotlib import rcParams
 
-        at = self._of("spectrum")
-        rows = [self.table[k] for k in at]
+        rows = self.where.means("spectrum")
         hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
         effects: Float = np.array([row.effect for row in rows])
         upper, lower = self._panels(0.54)
-        level = self.mean[at]
-        self._two_lines(upper, hz, level, level - effects, self.spread[at], self.simulated_spread[at])
+        level: Float = np.array([row.mean for row in rows])
+        spreads: Float = np.array([(row.measured_spread, row.simulated_spread) for row in rows])
+        self._two_lines(upper, hz, level, level - effects, list(spreads.T))
         for row in rows:
-            if row.p <= self.alpha:
+            if row.p <= self.where.alpha:
                 self.flags_.append(self._shade(upper, row.cell.low_hz, row.cell.high_hz))
                 self._shade(lower, row.cell.low_hz, row.cell.high_hz)
         lower.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
@@ -349,7 +256,7 @@ class GapDisplay:
         handles, labels = ax.get_legend_handles_labels()
         if self.flags_:
             handles.append(Patch(color=FLAGGED, alpha=_SHADE, linewidth=0))
-            labels.append(f"differs (p at most {self.alpha:g})")
+            labels.append(f"differs (p at most {self.where.alpha:g})")
         if self.spread_flags_:
             handles.append(Line2D([], [], linestyle="", marker="^", color=FLAGGED, markerfacecolor="none"))
             labels.append(_OTHER_SPREAD)
@@ -358,15 +265,12 @@ class GapDisplay:
             frameon=False, borderaxespad=0.2,
         )  # fmt: skip
 
-    # -- lines
-
     def _orders(self) -> None:
         from matplotlib import rcParams
 
-        ax, at = self.ax_, self._of("lobe lines", "shaft lines")
-        rows = [self.table[k] for k in at]
+        ax, rows = self.ax_, self.where.means("lobe lines", "shaft lines")
         orders: Float = np.array(
-            [(row.cell.low_hz + row.cell.high_hz) / 2 / self.input_speed_hz for row in rows]
+            [(row.cell.low_hz + row.cell.high_hz) / 2 / self.where.input_speed_hz for row in rows]
         )
         shaft = np.array([row.cell.family == "shaft lines" for row in rows])
         ax.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
@@ -378,7 +282,7 @@ class GapDisplay:
                 self._differences(ax, orders[chosen], [rows[k] for k in chosen], marker, colour, collect=True)
                 marks.append((marker, colour, "none", name))
         if self.flags_:
-            marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.alpha:g})"))
+            marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.where.alpha:g})"))
         if self.spread_flags_:
             marks.append(("^", FLAGGED, "none", _OTHER_SPREAD))
         self._mark_spreads(ax, orders[self._with_other_spread(rows)])
@@ -391,19 +295,17 @@ class GapDisplay:
         self._tell(ax, orders, rows, runs=False)
         self._legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
 
-    # -- phase
-
     def _phase(self, by: str) -> None:
         from matplotlib import rcParams
 
-        fold = self.phase[by]
+        fold = self.where.phase[by]
         phase = np.asarray(fold.phase, dtype=np.float64)
         half = 0.5 / phase.size
         measured, simulated = (
             np.asarray(values, dtype=np.float64) for values in (fold.measured, fold.simulated)
         )
         upper, lower = self._panels(0.6)
-        self._two_lines(upper, phase, measured, simulated, fold.measured_spread, fold.simulated_spread)
+        self._two_lines(upper, phase, measured, simulated, (fold.measured_spread, fold.simulated_spread))
         for place in phase[np.asarray(fold.flagged, dtype=bool)]:
             self.flags_.append(self._shade(upper, place - half, place + half))
             self._shade(lower, place - half, place + half)
@@ -419,8 +321,6 @@ class GapDisplay:
         upper.tick_params(labelbottom=False)
         self._spectrum_legend(upper)
 
-    # -- parts
-
     def _panels(self, share: float) -> list[Axes]:
         """Two panels within the axes, the upper one with that share of the height."""
         self.ax_.set_axis_off()
@@ -431,32 +331,28 @@ class GapDisplay:
         return self.axes_
 
     def _two_lines(
-        self, ax: Axes, x: Float, measured: Float, simulated: Float, spread: Float, simulated_spread: Float
+        self, ax: Axes, x: Float, measured: Float, simulated: Float, spreads: Sequence[Float]
     ) -> None:
+        """Lines of recordings and model, with the standard deviation of one recording of each."""
         from matplotlib import rcParams
 
         model = rcParams["text.color"]
-        ax.fill_between(
-            x,
-            simulated - simulated_spread,
-            simulated + simulated_spread,
-            color=model,
-            alpha=0.15,
-            linewidth=0,
-        )
-        ax.fill_between(x, measured - spread, measured + spread, color=RECORDED, alpha=0.25, linewidth=0)
-        ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated, with standard deviation")
-        ax.plot(x, measured, color=RECORDED, linewidth=1.8, label=f"{self.label}, likewise")
+        for middle, spread, colour, alpha in zip(
+            (simulated, measured), spreads[::-1], (model, RECORDED), (0.15, 0.25), strict=True
+        ):
+            ax.fill_between(x, middle - spread, middle + spread, color=colour, alpha=alpha, linewidth=0)
+        ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated ± 1 std")
+        ax.plot(x, measured, color=RECORDED, linewidth=1.8, label=f"{self.label} ± 1 std")
 
     def _shade(self, ax: Axes, low: float, high: float) -> Artist:
         return ax.axvspan(low, high, color=FLAGGED, alpha=_SHADE, linewidth=0, zorder=0)
 
     def _differences(
-        self, ax: Axes, x: Float, rows: Sequence[Row], marker: str, colour: str, *, collect: bool = False
+        self, ax: Axes, x: Float, rows: Sequence[WhereRow], marker: str, colour: str, *, collect: bool = False
     ) -> None:
         """Differences with their intervals: hollow, or filled in the colour of flags."""
         for place, row in zip(x.tolist(), rows, strict=True):
-            flagged = row.p <= self.alpha
+            flagged = row.p <= self.where.alpha
             shown = FLAGGED if flagged else colour
             ax.vlines(place, row.low, row.high, color=shown, linewidth=1.5 if flagged else 0.8,
                       alpha=1.0 if flagged else 0.6, zorder=2)  # fmt: skip
@@ -476,20 +372,18 @@ class GapDisplay:
             )  # fmt: skip
             self.spread_flags_.append(mark)
 
-    def _tell(self, ax: Axes, x: Float, rows: Sequence[Row], *, runs: bool) -> None:
-        """Say the clearest flagged differences in words; with ``runs``, one of neighbours of one sign."""
-        chosen, run = [], []  # type: list[int], list[int]
-        flagged = [row.p <= self.alpha for row in rows]
+    def _tell(self, ax: Axes, x: Float, rows: Sequence[WhereRow], *, runs: bool) -> None:
+        """State the clearest flagged differences; with ``runs``, one per run of neighbours of one sign."""
+        groups: list[list[int]] = []
         for k, row in enumerate(rows):
-            continues = bool(run) and runs and run[-1] == k - 1 and row.effect * rows[run[-1]].effect > 0
-            if flagged[k] and not continues and run:
-                chosen.append(max(run, key=lambda j: abs(rows[j].effect)))
-                run = []
-            if flagged[k]:
-                run.append(k)
-        if run:
-            chosen.append(max(run, key=lambda j: abs(rows[j].effect)))
-        chosen = sorted(chosen, key=lambda k: -clarity(rows[k]))[:_N_WORDS]
+            if row.p > self.where.alpha:
+                continue
+            if runs and groups and groups[-1][-1] == k - 1 and row.effect * rows[k - 1].effect > 0:
+                groups[-1].append(k)
+            else:
+                groups.append([k])
+        largest = [max(group, key=lambda k: abs(rows[k].effect)) for group in groups]
+        chosen = sorted(largest, key=lambda k: -rows[k].clarity)[:_N_WORDS]
         low, high = ax.get_ylim()
         if chosen:
             # Room for the words above all that is drawn, a row for each so that none covers another.
@@ -523,14 +417,3 @@ class GapDisplay:
             for marker, colour, face, text in marks
         ]
         ax.legend(handles=handles, fontsize="small", frameon=False, borderaxespad=0.2, **place)
-
-
-def _keys(cells: Sequence[Cell]) -> list[tuple[str, str]]:
-    return [(cell.family, cell.name) for cell in cells]
-
-
-def _of_length(name: str, values: ArrayLike, n: int) -> Float:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (n,):
-        raise ValueError(f"{name} must have one value for each of {n} rows of table, got shape {array.shape}")
-    return array

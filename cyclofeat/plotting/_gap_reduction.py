@@ -1,55 +1,37 @@
-"""How far a corrected simulator closes the gap."""
+"""Display of how far a corrected simulator closes the gap."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
-from cyclofeat.plotting._base import Float, axes_for, plain_log_ticks
 from cyclofeat.plotting._gap import FLAGGED, RECORDED
-from cyclofeat.plotting._gap_words import (
-    CONDITIONS,
-    alternative_name,
-)
+from cyclofeat.plotting.drawing import Float, axes_for, plain_log_ticks
+from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import GapLocator, Row
+    from cyclofeat.gap import GapResult, ProofRow, Where
 
 ReductionKind = Literal["comparison", "spectrum"]
 
-
-_GRR_FLOOR = -100.0  # in percent: what is worse is drawn there and said in words
-
-
-@dataclass(frozen=True)
-class _Comparison:
-    alternative: str
-    condition: str
-    grr: float
-    low: float
-    high: float
+_GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 
 
 class GapReductionDisplay:
-    """How far simulators close the gap on recordings that none of them was fitted to.
+    """Display of the share of the gap that each alternative closes on recordings held out.
 
     Parameters
     ----------
-    comparison : sequence of rows
-        With attributes ``alternative``, ``condition`` (``"all"``, ``"seen"`` or ``"unseen"``), ``grr`` (share
-        of the gap that is closed; 1 closes it, below 0 it grows), ``low`` and ``high``.
-    before, after : sequence of cyclofeat.gap.Row, optional
-        Tables of the locator with the simulator before and after.
-    alpha : float, default=0.05
-        Adjusted p up to which a cell is flagged.
+    comparison : sequence of cyclofeat.gap.ProofRow
+    before, after : cyclofeat.gap.Where, optional
+        Comparisons with the model before and after the correction; needed for ``kind="spectrum"``.
     label : str, default="measured"
-        What the recordings are called.
+        Name of the recordings.
 
     Attributes
     ----------
@@ -60,13 +42,9 @@ class GapReductionDisplay:
 
     Examples
     --------
-    >>> from types import SimpleNamespace
-    >>> rows = [
-    ...     SimpleNamespace(alternative="after", condition="all", grr=0.9, low=0.8, high=0.95),
-    ...     SimpleNamespace(alternative="retuned", condition="all", grr=0.2, low=0.1, high=0.3),
-    ... ]
-    >>> display = GapReductionDisplay(comparison=rows).plot()
-    >>> display.drawn_
+    >>> from cyclofeat.gap import ProofRow
+    >>> rows = [ProofRow("after", "all", 0.9, 0.8, 0.95), ProofRow("retuned", "all", 0.2, 0.1, 0.3)]
+    >>> GapReductionDisplay(rows).plot().drawn_
     [('after', 'all', 90.0), ('retuned', 'all', 20.0)]
     """
 
@@ -76,58 +54,41 @@ class GapReductionDisplay:
 
     def __init__(
         self,
+        comparison: Sequence[ProofRow] = (),
         *,
-        comparison: Sequence[Any] = (),
-        before: Sequence[Row] | None = None,
-        after: Sequence[Row] | None = None,
-        alpha: float = 0.05,
+        before: Where | None = None,
+        after: Where | None = None,
         label: str = "measured",
     ) -> None:
-        self.comparison = [
-            _Comparison(row.alternative, row.condition, float(row.grr), float(row.low), float(row.high))
-            for row in comparison
-        ]
-        self.before = None if before is None else _bands(before)
-        self.after = None if after is None else _bands(after)
-        self.alpha = float(alpha)
+        self.comparison = tuple(comparison)
+        self.before, self.after = before, after
         self.label = str(label)
 
     @classmethod
-    def from_report(
+    def from_result(
         cls,
-        report: Any = None,
+        result: GapResult,
         kind: ReductionKind = "comparison",
         ax: Axes | None = None,
         *,
-        before: GapLocator | None = None,
-        after: GapLocator | None = None,
         label: str = "measured",
     ) -> Self:
-        """Draw a scored report, or the spectrum's differences before and after.
+        """Draw the shares that alternatives close, or the spectrum's differences before and after.
 
         Parameters
         ----------
-        report : cyclofeat.gap.GapReport, optional
-            Scored; needed for ``kind="comparison"``.
+        result : cyclofeat.gap.GapResult
         kind, ax
             As in :meth:`plot`.
-        before, after : cyclofeat.gap.GapLocator, optional
-            Fitted with the simulator before and after; needed for ``kind="spectrum"``.
         label : str, default="measured"
-            What the recordings are called.
+            Name of the recordings.
 
         Returns
         -------
         GapReductionDisplay
         """
-        display = cls(
-            comparison=() if report is None else report.comparison_,
-            before=None if before is None else before.table_,
-            after=None if after is None else after.table_,
-            alpha=0.05 if after is None else after.alpha,
-            label=label,
-        )
-        return display.plot(kind=kind, ax=ax)
+        rows = () if result.proof is None else result.proof.rows
+        return cls(rows, before=result.where, after=result.where_after, label=label).plot(kind=kind, ax=ax)
 
     def plot(self, kind: ReductionKind = "comparison", ax: Axes | None = None) -> Self:
         """Draw.
@@ -160,10 +121,11 @@ class GapReductionDisplay:
             self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
             self._compare()
         else:
-            if not self.before or not self.after:
+            both = [where for where in (self.before, self.after) if where and where.means("spectrum")]
+            if len(both) < 2:
                 raise ValueError("before and after must be given, with cells of family 'spectrum'")
             self.figure_, self.ax_ = axes_for(ax, (8.0, 3.4))
-            self._spectra()
+            self._spectra(*both)
         return self
 
     def _compare(self) -> None:
@@ -198,10 +160,9 @@ class GapReductionDisplay:
             ax.axhline(float(place), color=grey, linewidth=0.5, alpha=0.4)
         ax.set_yticks(range(len(names)), [alternative_name(name) for name in names])
         ax.tick_params(axis="y", length=0)
-        least = min([-12.0, *(100 * row.low for row in rows if np.isfinite(row.low)),
-                     *(100 * row.grr for row in rows)])  # fmt: skip
-        most = max([105.0, *(100 * row.high for row in rows if np.isfinite(row.high)),
-                    *(100 * row.grr for row in rows)])  # fmt: skip
+        ends = 100 * np.array([(row.low, row.grr, row.high) for row in rows])
+        finite = ends[np.isfinite(ends)]
+        least, most = min(-12.0, finite.min()), max(105.0, finite.max())
         ax.set(
             xlabel="share of the gap closed on recordings not used before (%)",
             xlim=(max(least - 5, _GRR_FLOOR - 8), most + 7),
@@ -215,42 +176,37 @@ class GapReductionDisplay:
             ax.legend(handles=handles, fontsize="small", frameon=False, ncols=len(handles),
                       loc="lower center", bbox_to_anchor=(0.35, 1.0), borderaxespad=0.2)  # fmt: skip
 
-    def _spectra(self) -> None:
+    def _spectra(self, before: Where, after: Where) -> None:
         from matplotlib import rcParams
+        from matplotlib.lines import Line2D
 
         ax = self.ax_
-        assert self.before is not None
-        assert self.after is not None
         grey, ink = rcParams["axes.edgecolor"], rcParams["text.color"]
-        hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in self.before])
-        spread: Float = np.array([row.spread for row in self.before])
+        bands = before.means("spectrum")
+        hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in bands])
+        spread: Float = np.array([row.spread for row in bands])
         ax.fill_between(hz, -spread, spread, color=ink, alpha=0.12, linewidth=0,
-                        label="standard deviation of one recording")  # fmt: skip
+                        label="1 std of a recording")  # fmt: skip
         ax.axhline(0, color=grey, linewidth=1)
-        for rows, colour, style, name in (
-            (self.before, FLAGGED, "--", "before"),
-            (self.after, RECORDED, "-", "after"),
+        for where, colour, style, name in (
+            (before, FLAGGED, "--", "before"),
+            (after, RECORDED, "-", "after"),
         ):
+            rows = where.means("spectrum")
             x: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
             effects: Float = np.array([row.effect for row in rows])
-            ax.plot(x, effects, style, color=colour, linewidth=1.6, label=f"{name} the correction")
-            flagged = np.array([row.p <= self.alpha for row in rows])
+            ax.plot(x, effects, style, color=colour, linewidth=1.6, label=f"{name} correction")
+            flagged = np.array([row.p <= where.alpha for row in rows])
             ax.plot(x[flagged], effects[flagged], "o", color=colour, markersize=5)
         ax.set(
             xscale="log", xlabel="frequency (Hz)",
-            xlim=(self.before[0].cell.low_hz, self.before[-1].cell.high_hz),
+            xlim=(bands[0].cell.low_hz, bands[-1].cell.high_hz),
             ylabel=f"{self.label} minus\nsimulated (dB)",
         )  # fmt: skip
         plain_log_ticks(ax)
         ax.grid(axis="y", alpha=0.3, linewidth=0.6)
         handles, labels = ax.get_legend_handles_labels()
-        from matplotlib.lines import Line2D
-
         handles.append(Line2D([], [], linestyle="", marker="o", markersize=5, color=ink))
-        labels.append("dot: differs")
+        labels.append("differs")
         ax.legend(handles, labels, fontsize="small", frameon=False, ncols=4, loc="lower left",
                   bbox_to_anchor=(0, 1.0), borderaxespad=0.2)  # fmt: skip
-
-
-def _bands(table: Sequence[Row]) -> list[Row]:
-    return [row for row in table if row.cell.family == "spectrum" and row.of == "mean"]

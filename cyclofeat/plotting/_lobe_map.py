@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat import lobes
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting._base import Float, axes_for, input_speed_from_angle
-from cyclofeat.recording import Recording, Windower
+from cyclofeat.plotting.drawing import Float, axes_for, stated_speed
+from cyclofeat.recordings import Recording, Windower
+from cyclofeat.signal import lobes
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -32,28 +32,42 @@ _BARS = (1.43, 1.75)
 _MARGIN = 1.03
 _COUNTED_RADIUS = 0.135
 _OUTLINE_POINTS = 900
-# A healthy disc's slots lie below 0.1: on a scale of their own, their noise would look like wear.
-LEAST_SCALE = 0.3
+# Least upper end of the colour scale: a healthy disc's slots lie below 0.1, and must not look worn.
+_LEAST_SCALE = 0.3
+
+
+@dataclass(frozen=True)
+class LobeMarks:
+    """Marks of lobes in the picture of a disc, all numbered as its slots, from 0.
+
+    Parameters
+    ----------
+    worn : iterable of int, optional
+        Lobes known to be worn; None where they are not known.
+    counted : iterable of int, optional
+        Lobes that a model counts as worn.
+    probability : array-like, shape (n_lobes,), optional
+        Probability of each lobe of being worn.
+    """
+
+    worn: Iterable[int] | None = None
+    counted: Iterable[int] = ()
+    probability: ArrayLike | None = None
 
 
 class LobeMapDisplay:
-    """What the torque does while each lobe of the disc passes the load.
+    """Disturbance of the torque while each lobe of the disc passes the load.
 
     Parameters
     ----------
     slot_rms : array-like, shape (n_lobes,)
         Rms of the folded, whitened torque in each slot, in units of the whitened torque's standard deviation.
     absolute : bool, default=False
-        Whether slot k belongs to lobe k of the disc (and not to the k-th lobe after the window's start).
-    worn_lobes : iterable of int, optional
-        Lobes known to be worn, in the same numbering, from 0.
-    counted_lobes : iterable of int, optional
-        Lobes that a model counts as worn, in the same numbering, from 0.
-    lobe_probability : array-like, shape (n_lobes,), optional
-        Probability of each lobe of being worn, in the same numbering.
+        True if slot k belongs to lobe k of the disc, False if to the k-th lobe after the window's start.
+    marks : LobeMarks, optional
     outline : array-like of complex, optional
-        Closed outline of the disc about its centre, in any unit, with the tip of lobe 0 on the real axis (as
-        from ``CycloidalProfile.outline``). Default: a plain circle.
+        Outline of the disc about its centre, in any unit, with the tip of lobe 0 on the real axis (as from
+        ``CycloidalProfile.outline``). Default: a circle.
     input_speed_hz : float, optional
         Input speed in turns per second at which the torque was folded.
 
@@ -70,9 +84,8 @@ class LobeMapDisplay:
 
     Notes
     -----
-    Numbers in the picture count from 1, as people read them. The worn half of a lobe disturbs the torque from
-    about two slots before to one slot after the lobe's own: the map shows where, the model's probabilities
-    say which.
+    Numbers in the picture count from 1. The worn half of a lobe disturbs the torque from about two slots
+    before to one slot after the lobe: the map shows the region, the model's probabilities the lobes.
 
     Examples
     --------
@@ -98,9 +111,7 @@ class LobeMapDisplay:
         *,
         slot_rms: ArrayLike,
         absolute: bool = False,
-        worn_lobes: Iterable[int] | None = None,
-        counted_lobes: Iterable[int] | None = None,
-        lobe_probability: ArrayLike | None = None,
+        marks: LobeMarks | None = None,
         outline: ArrayLike | None = None,
         input_speed_hz: float | None = None,
     ) -> None:
@@ -110,9 +121,10 @@ class LobeMapDisplay:
         if not (np.isfinite(self.slot_rms).all() and (self.slot_rms >= 0).all()):
             raise ValueError(f"slot_rms must be finite and not negative, got {self.slot_rms}")
         self.absolute = bool(absolute)
-        self.worn_lobes = None if worn_lobes is None else _lobes("worn_lobes", worn_lobes, self.n_lobes)
-        self.counted_lobes = _lobes("counted_lobes", counted_lobes or (), self.n_lobes)
-        self.lobe_probability = _probabilities(lobe_probability, self.n_lobes)
+        marks = marks or LobeMarks()
+        self.worn_lobes = None if marks.worn is None else _lobes("marks.worn", marks.worn, self.n_lobes)
+        self.counted_lobes = _lobes("marks.counted", marks.counted, self.n_lobes)
+        self.lobe_probability = _probabilities(marks.probability, self.n_lobes)
         self.outline = _closed(outline)
         self.input_speed_hz = input_speed_hz
 
@@ -128,14 +140,13 @@ class LobeMapDisplay:
         *,
         input_speed_hz: float | None = None,
         n_lobes: int | None = None,
-        n_lines: int = 44,
-        skip_s: float = 0.0,
         start_angle: float | None = None,
-        counted_lobes: Iterable[int] | None = None,
-        lobe_probability: ArrayLike | None = None,
+        marks: LobeMarks | None = None,
         outline: ArrayLike | None = None,
     ) -> Self:
         """Display of the first whole output turn (``n_lobes`` input turns) of a recording.
+
+        Use :meth:`Recording.part` to leave out a run-up. A low sampling rate gives fewer lobe lines than 44.
 
         Parameters
         ----------
@@ -145,26 +156,19 @@ class LobeMapDisplay:
             from the recording's angle or, without one, refined from the torque.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
-        n_lines : int, default=44
-            Number of lobe lines to fold; a low sampling rate holds fewer.
-        skip_s : float, default=0.0
-            Time to leave out at the beginning (ramp and settling), in s.
         start_angle : float, optional
-            Absolute angle of the input shaft in rad at the first sample after ``skip_s``, where it is known
-            otherwise than from the recording's angle.
-        counted_lobes : iterable of int, optional
-            Lobes that a model counts as worn, from 0, numbered as the slots will be.
-        lobe_probability : array-like, shape (n_lobes,), optional
-            Probability of each lobe of being worn, numbered as the slots will be.
+            Absolute angle of the input shaft in rad at the first sample; default, by the recording's angle.
+        marks : LobeMarks, optional
+            Answer of a model, numbered as the slots; worn lobes are the recording's.
         outline : array-like of complex, optional
             See :class:`LobeMapDisplay`.
 
         Returns
         -------
         LobeMapDisplay
-            Where the angle is absolute, slot k spans the moments at which the cam points within half a lobe
-            of the tip of lobe k, and the recording's worn lobes are marked. Otherwise slot 0 begins at the
-            first sample, and worn lobes cannot be placed.
+            If the angle is absolute, slot k spans the moments at which the cam points within half a lobe of
+            the tip of lobe k, and the recording's worn lobes are marked. Otherwise slot 0 begins at the first
+            sample, and worn lobes are not marked.
 
         Raises
         ------
@@ -173,42 +177,39 @@ class LobeMapDisplay:
             too slowly for the lobe lines.
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
-        nominal = recording.input_speed_hz if input_speed_hz is None else input_speed_hz
-        if nominal is None:
-            raise ValueError(
-                "input_speed_hz must be given for a recording that does not state its speed_rpm, got None"
-            )
-        windower = Windower(input_speed_hz=nominal, reduction=n_lobes, skip_s=skip_s)
-        windows = windower.windows([_beginning(recording, skip_s + n_lobes / nominal)])
+        nominal = stated_speed(recording, input_speed_hz)
+        turn_s = n_lobes / nominal + 1 / recording.sampling_rate
+        first = recording if recording.duration <= turn_s else recording.part(0.0, turn_s)
+        windows = Windower(input_speed_hz=nominal, reduction=n_lobes).windows([first])
         X = windows.X[:1]
-        first = round(float(windows.start_s[0]) * recording.sampling_rate)
-        speed = input_speed_from_angle(recording, n_lobes, first, first + X.shape[1])
+        speed = recording.part(0.0, X.shape[1] / recording.sampling_rate).mean_input_speed(n_lobes)
         lobe_map = LobeMap(
             windows.sampling_rate,
             input_speed_hz=nominal if speed is None else speed,
             n_lobes=n_lobes,
-            n_lines=n_lines,
             align="start",
         )
         if speed is not None:
             lobe_map.set_params(speed_tolerance=0.0)
+        fitting = lobes.highest_frequency(lobe_map.input_speed_hz, n_lobes, 1, lobe_map.speed_tolerance)
+        lobe_map.set_params(n_lines=min(lobe_map.n_lines, int(recording.sampling_rate / 2 / fitting)))
         lobe_map.fit(X)
-        found = lobe_map.lines(X)
-        lines = found.lines
-        if start_angle is None and bool(windows.absolute[0]):
-            start_angle = float(windows.start_angle[0])
-        if start_angle is not None:
-            lines = lobes.shift(lines, np.array([_turns_to_lobe_zero(start_angle, n_lobes)]))
-        folded = lobes.fold(lines, n_lobes)[0]
+        of_lobes = lobe_map.lines(X)
+        lines = of_lobes.lines
+        if start_angle is None and windows.absolute[0]:
+            start_angle = windows.start_angle[0]
         absolute = start_angle is not None
+        if start_angle is not None:
+            from cyclofeat.counting import passage_of_lobe_zero  # loads numba
+
+            lines = lobes.shift(lines, passage_of_lobe_zero([start_angle], n_lobes) - 0.5 / n_lobes)
+        folded = lobes.fold(lines, n_lobes)[0]
         return cls(
             slot_rms=np.sqrt((folded**2).mean(axis=1)),
             absolute=absolute,
-            worn_lobes=recording.worn_lobes if absolute else None,
-            counted_lobes=counted_lobes,
-            lobe_probability=lobe_probability,
+            marks=replace(marks or LobeMarks(), worn=recording.worn_lobes if absolute else None),
             outline=outline,
-            input_speed_hz=float(found.input_speed_hz[0]),
+            input_speed_hz=float(of_lobes.input_speed_hz[0]),
         )
 
     @classmethod
@@ -239,8 +240,7 @@ class LobeMapDisplay:
             recording,
             input_speed_hz=model.input_speed_hz,
             n_lobes=model.n_lobes,
-            counted_lobes=counted.lobes,
-            lobe_probability=counted.lobe_probability,
+            marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
             outline=outline,
         )
 
@@ -262,12 +262,12 @@ class LobeMapDisplay:
         kind : {"disc", "bars"}, default="disc"
             Ring of slots about the disc, or bars side by side.
         vmax : float, optional
-            Rms at the end of the scale; default, the largest, but 0.3 at least. Give the same one to pictures
-            that are to be compared.
+            Rms at the end of the scale; default, the largest, at least 0.3. Use one value for pictures that
+            are compared.
         cmap : str, default="YlOrRd"
             Name of the colour map of the rms.
         colorbar : bool, default=True
-            Whether to draw the colour bar of ``kind="disc"``.
+            If True, ``kind="disc"`` has a colour bar.
 
         Returns
         -------
@@ -278,7 +278,7 @@ class LobeMapDisplay:
         ImportError
             If matplotlib is not installed.
         ValueError
-            If there is no such kind, or ``vmax`` is not positive.
+            If the kind is unknown, or ``vmax`` is not positive.
         """
         if kind not in ("disc", "bars"):
             raise ValueError(f"kind must be 'disc' or 'bars', got {kind!r}")
@@ -289,7 +289,7 @@ class LobeMapDisplay:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
 
-        end = max(float(self.slot_rms.max()), LEAST_SCALE) if vmax is None else float(vmax)
+        end = max(float(self.slot_rms.max()), _LEAST_SCALE) if vmax is None else float(vmax)
         norm, colours = Normalize(0.0, end), matplotlib.colormaps[cmap]
         self.colorbar_ = None
         if kind == "bars":
@@ -303,19 +303,15 @@ class LobeMapDisplay:
                 extend="max" if self.slot_rms.max() > end else "neither",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
-                # In vector files one image instead of 256 strips with hairlines between them.
+                # One image instead of 256 strips with hairlines between them in vector files.
                 self.colorbar_.solids.set_rasterized(True)
         return self
-
-    # -- both kinds
 
     @property
     def _numbering(self) -> str:
         if self.absolute:
             return "as numbered on the disc"
         return "counted from the one under load at the first sample"
-
-    # -- the disc
 
     def _disc(self, norm: Normalize, colours: Colormap) -> None:
         from matplotlib import rcParams
@@ -329,7 +325,7 @@ class LobeMapDisplay:
         if self.outline is None:
             ax.add_patch(Circle((0, 0), 1.0, **body))
         else:
-            # More points than can be seen only swell vector files.
+            # Fewer points keep vector files small.
             drawn = self.outline[:: max(1, self.outline.size // _OUTLINE_POINTS)]
             points = drawn * upright / np.abs(drawn).max()
             ax.add_patch(Polygon(np.column_stack([points.real, points.imag]), **body))
@@ -355,17 +351,12 @@ class LobeMapDisplay:
 
         worn = set(self.worn_lobes or ())
         for lobe, direction in enumerate(np.deg2rad(middles)):
-            number = self.ax_.text(
-                _NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction), str(lobe + 1),
-                ha="center", va="center", color=ink,
-            )  # fmt: skip
+            place = _NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction)
+            number = self.ax_.text(*place, str(lobe + 1), ha="center", va="center", color=ink)
             if lobe in worn:
                 _mark_worn(number, ink)
             if lobe in self.counted_lobes:
-                ring = Circle(
-                    (_NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction)), _COUNTED_RADIUS,
-                    fill=False, edgecolor="C1", linewidth=2.5, zorder=4,
-                )  # fmt: skip
+                ring = Circle(place, _COUNTED_RADIUS, fill=False, edgecolor="C1", linewidth=2.5, zorder=4)
                 self.ax_.add_patch(ring)
 
     def _disc_probabilities(self, middles: Float, half: float, ink: str) -> Artist | None:
@@ -374,10 +365,9 @@ class LobeMapDisplay:
         from matplotlib.patches import Circle, Patch, Wedge
 
         inner, outer = _BARS
+        look: dict[str, Any] = {"fill": False, "edgecolor": ink, "alpha": 0.4, "linewidth": 0.6}
         for radius, style in ((inner, "-"), ((inner + outer) / 2, ":"), (outer, "-")):
-            self.ax_.add_patch(
-                Circle((0, 0), radius, fill=False, edgecolor=ink, alpha=0.4, linewidth=0.6, linestyle=style)
-            )
+            self.ax_.add_patch(Circle((0, 0), radius, linestyle=style, **look))
         for middle, probability in zip(middles, self.lobe_probability, strict=True):
             length = (outer - inner) * float(probability)
             edges = middle - 0.7 * half, middle + 0.7 * half
@@ -386,27 +376,20 @@ class LobeMapDisplay:
         return Patch(color="C2", label=meaning)
 
     def _legend(self, probability: Artist | None, **place: Any) -> None:
-        """What the marks mean, outside of the axes."""
+        """Draw the legend of the marks, outside of the axes."""
         from matplotlib.lines import Line2D
 
         marks: list[Artist] = []
+        dot: dict[str, Any] = {"linestyle": "", "marker": "o"}
         if self.worn_lobes:
-            marks.append(
-                Line2D([], [], linestyle="", marker="o", markersize=10, color="C0", label="truly worn lobe")
-            )
+            marks.append(Line2D([], [], markersize=10, color="C0", label="truly worn lobe", **dot))
         if self.counted_lobes:
-            marks.append(
-                Line2D(
-                    [], [], linestyle="", marker="o", markersize=11, markerfacecolor="none",
-                    markeredgecolor="C1", markeredgewidth=2.5, label="counted as worn",
-                )
-            )  # fmt: skip
+            dot |= {"markerfacecolor": "none", "markeredgecolor": "C1", "markeredgewidth": 2.5}
+            marks.append(Line2D([], [], markersize=11, label="counted as worn", **dot))
         if probability is not None:
             marks.append(probability)
         if marks:
             self.ax_.legend(handles=marks, ncols=2, fontsize="small", frameon=False, **place)
-
-    # -- bars
 
     def _bars(self, norm: Normalize, colours: Colormap, end: float) -> None:
         from matplotlib import rcParams
@@ -444,40 +427,20 @@ def _mark_worn(number: Text, ink: str) -> None:
     number.set_bbox({"boxstyle": "circle,pad=0.25", "facecolor": "C0", "edgecolor": ink})
 
 
-def _turns_to_lobe_zero(start_angle: float, n_lobes: int) -> float:
-    """Turns of the fold from the first sample to half a lobe before the tip of lobe 0.
-
-    The cam's direction in the wheel's frame is ((z_s + 1) phi + pi)/z_s; one turn of it passes all lobes.
-    """
-    cam_in_wheel = ((n_lobes + 1) * start_angle + np.pi) / n_lobes
-    return float((-cam_in_wheel / (2 * np.pi) - 0.5 / n_lobes) % 1.0)
-
-
-def _beginning(recording: Recording, duration_s: float) -> Recording:
-    """The recording cut to little more than ``duration_s``: windows of its rest would fill the memory."""
-    n_samples = math.ceil(duration_s * recording.sampling_rate) + 1
-    if recording.n_samples <= n_samples:
-        return recording
-    angle = None if recording.angle is None else recording.angle[:n_samples]
-    return recording.replace(torque=recording.torque[:n_samples], angle=angle)
-
-
 def _lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
-    found = tuple(sorted({int(lobe) for lobe in values}))
-    for lobe in found:
+    marked = tuple(sorted({int(lobe) for lobe in values}))
+    for lobe in marked:
         if not 0 <= lobe < n_lobes:
             raise ValueError(f"{name} must lie in 0..{n_lobes - 1}, got {lobe}")
-    return found
+    return marked
 
 
 def _probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
-    if array.shape != (n_lobes,):
-        raise ValueError(f"lobe_probability must have shape ({n_lobes},), got {array.shape}")
-    if not (np.isfinite(array).all() and (array >= 0).all() and (array <= 1).all()):
-        raise ValueError(f"lobe_probability must lie between 0 and 1, got {array}")
+    if array.shape != (n_lobes,) or not np.all((array >= 0) & (array <= 1)):
+        raise ValueError(f"marks.probability must hold {n_lobes} numbers from 0 to 1, got {array}")
     return array
 
 

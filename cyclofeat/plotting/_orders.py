@@ -1,4 +1,4 @@
-"""Lines of the output turn, told apart by what causes them."""
+"""Picture of the lines of the output turn, by their cause."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat.orders import lines_per_input_turn, order_lines
-from cyclofeat.plotting._base import axes_for, input_speed_from_angle, line_column
-from cyclofeat.recording import Recording
+from cyclofeat.plotting.drawing import axes_for, line_column, stated_speed
+from cyclofeat.recordings import Recording
+from cyclofeat.signal.orders import lines_per_input_turn, order_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 _HIGHEST_ORDER = 48
-# Below this share of the largest line a logarithmic axis would only show rounding.
+# Lines below this share of the largest one are rounding errors.
 _DYNAMIC_RANGE = 1e-5
-# Of a turn. A record of one turn at the nominal speed holds a little less where the machine runs slower.
+# Share of a turn: a record of one turn at the nominal speed is too short if the machine runs slower.
 _MOST_MISSING = 0.02
 
 
 class OrderDisplay:
-    """Amplitudes of the torque at the lines of the output turn, by what they belong to.
+    """Amplitudes of the torque at the lines of the output turn, by their cause.
 
-    Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th of them belongs to
-    the passage of lobes, every z_s-th to the turn of the input shaft, both together to the mesh, in which all
-    lobes act alike.
+    Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th line belongs to the
+    passage of lobes, every z_s-th to the turn of the input shaft, both together to the mesh, in which all
+    lobes act in the same way.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class OrderDisplay:
 
     See Also
     --------
-    cyclofeat.orders.order_lines : The amplitudes, with their equation.
+    cyclofeat.signal.orders.order_lines : The amplitudes, with their equation.
 
     Examples
     --------
@@ -96,15 +96,14 @@ class OrderDisplay:
     ) -> Self:
         """Display of the first output turn of a recording, up to order 48 or what its rate holds.
 
-        A turn that ends up to 2 % after the recording is taken as far as it goes.
+        A recording may lack up to 2 % of the turn.
 
         Parameters
         ----------
         recording : Recording
         input_speed_hz : float, optional
-            Input speed in turns per second. Default: by the recording's angle; without an angle its nominal
-            speed, whose error of 1 % blends neighbouring lines: pass the refined
-            ``LobeMapDisplay.input_speed_hz`` then.
+            Input speed in turns per second. Default: by the recording's angle, else its nominal speed. An
+            error of 1 % blends neighbouring lines: pass the refined ``LobeMapDisplay.input_speed_hz`` then.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
 
@@ -115,14 +114,10 @@ class OrderDisplay:
         Raises
         ------
         ValueError
-            If no speed is known, or the recording is shorter than that.
+            If no speed is known, or the recording is too short.
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
-        nominal = input_speed_hz or recording.input_speed_hz
-        if nominal is None:
-            raise ValueError(
-                "input_speed_hz must be given for a recording that does not state its speed_rpm, got None"
-            )
+        nominal = stated_speed(recording, input_speed_hz)
         rate = recording.sampling_rate
         turn = n_lobes / nominal * rate
         if recording.n_samples < (1 - _MOST_MISSING) * turn:
@@ -130,12 +125,11 @@ class OrderDisplay:
                 f"recording must last one output turn, {turn / rate:.4g} s at {60 * nominal:g} RPM, "
                 f"got {recording.duration:.4g} s"
             )
-        X = recording.torque[np.newaxis, : round(turn)]
+        first = recording if recording.n_samples <= round(turn) else recording.part(0.0, turn / rate)
         if input_speed_hz is None:
-            nominal = input_speed_from_angle(recording, n_lobes, 0, X.shape[1]) or nominal
-        fitting = int(rate / 2 / nominal * n_lobes)
-        highest = min(_HIGHEST_ORDER * n_lobes, fitting)
-        lines = order_lines(X, rate, [nominal], highest, "output", n_lobes)
+            nominal = first.mean_input_speed(n_lobes) or nominal
+        highest = min(_HIGHEST_ORDER * n_lobes, int(rate / 2 / nominal * n_lobes))
+        lines = order_lines(first.torque[np.newaxis], rate, [nominal], highest, "output", n_lobes)
         return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes)
 
     def plot(self, ax: Axes | None = None) -> Self:
@@ -149,25 +143,15 @@ class OrderDisplay:
         Returns
         -------
         self
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.2))
         largest = float(self.amplitudes.max()) or 1.0
         bottom = max(float(np.quantile(self.amplitudes, 0.05)), _DYNAMIC_RANGE * largest)
-        passage = f"order {self.n_lobes + 1}/{self.n_lobes}"
+        passage = f"multiples of the lobes' passage (order {self.n_lobes + 1}/{self.n_lobes})"
         looks = {  # colour, marker, marker size, meaning
             "other": ("0.6", "", 0, "other lines of the output turn"),
             "input": ("C2", "s", 3, "multiples of the input turn"),
-            "lobe": (
-                "C1",
-                "o",
-                4,
-                f"multiples of the lobes' passage ({passage})",
-            ),
+            "lobe": ("C1", "o", 4, passage),
             "mesh": ("C0", "D", 5, "mesh: both, all lobes alike"),
         }
         self.lines_ = {}
@@ -175,7 +159,7 @@ class OrderDisplay:
             which = self.kinds == kind
             heights = np.maximum(self.amplitudes[which], bottom)
             gap = np.full(heights.size, np.nan)
-            # One path for all strokes of a kind: hundreds of them would swell vector files.
+            # One path for all strokes of a kind keeps vector files small.
             (self.lines_[kind],) = self.ax_.plot(
                 np.repeat(self.orders[which], 3),
                 np.column_stack([np.full(heights.size, bottom), heights, gap]).ravel(),

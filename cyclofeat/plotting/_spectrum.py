@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal.windows import hann
+from scipy.signal import periodogram
 
-from cyclofeat.lobes import lobe_frequency
-from cyclofeat.plotting._base import Float, axes_for, input_speed_from_angle, line_column
-from cyclofeat.recording import Recording
-from cyclofeat.spectral import get_preset, welch_psd
+from cyclofeat.plotting.drawing import Float, axes_for, line_column
+from cyclofeat.recordings import Recording
+from cyclofeat.signal import get_preset, welch_psd
+from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _QUANTITIES = ("amplitude", "psd")
 _SCALES = ("log", "dB", "linear")
-# Numerical zeros (a padded or noise-free record) would stretch a logarithmic axis without end.
+# Numerical zeros (a padded or noise-free record) would stretch a logarithmic axis.
 _DYNAMIC_RANGE = 1e8
 
 
@@ -34,13 +34,13 @@ class SpectrumDisplay:
     values : array-like, shape (n_bins,)
         Amplitude in Nm, or power spectral density in Nm^2/Hz; not negative.
     quantity : {"amplitude", "psd"}, default="amplitude"
-        What ``values`` hold.
+        Quantity of ``values``.
     input_speed_hz : float, optional
         Input speed in turns per second: places lobe lines and orders. Without it there are none.
     n_lobes : int, default=15
         Number of lobes z_s of a disc.
     definition : str, default=""
-        How the spectrum was made, for the axis label.
+        Definition of the spectrum, for the axis label.
 
     Attributes
     ----------
@@ -117,15 +117,15 @@ class SpectrumDisplay:
         ----------
         recording : Recording
         quantity : {"amplitude", "psd"}, default="amplitude"
-            ``"amplitude"``: of one Fourier transform over the whole recording, mean removed, periodic Hann
-            window; a sine's line has the sine's amplitude. Only this tells lobe lines from orders: a
-            recording of T seconds resolves 2/T Hz. ``"psd"``: :func:`cyclofeat.spectral.welch_psd`.
+            ``"amplitude"``: one Fourier transform of the whole recording, mean removed, periodic Hann window;
+            a sine's line has the sine's amplitude. A recording of T seconds resolves 2/T Hz, enough to
+            separate lobe lines from orders. ``"psd"``: :func:`cyclofeat.signal.welch_psd`.
         preset : str, default="ripple"
-            Definition of the PSD, a name in :data:`cyclofeat.spectral.PRESETS`.
+            Definition of the PSD, a name in :data:`cyclofeat.signal.PRESETS`.
         input_speed_hz : float, optional
-            Input speed in turns per second. Default: the mean speed by the recording's angle; without an
-            angle its nominal speed. A true speed 1 % beside it puts the marks between the lines: pass the
-            refined ``LobeMapDisplay.input_speed_hz`` then.
+            Input speed in turns per second. Default: the mean speed by the recording's angle, else its
+            nominal speed. An error of 1 % puts the marks between the lines: pass the refined
+            ``LobeMapDisplay.input_speed_hz`` then.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
 
@@ -135,13 +135,16 @@ class SpectrumDisplay:
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         if input_speed_hz is None:
-            measured = input_speed_from_angle(recording, n_lobes, 0, recording.n_samples)
+            measured = recording.mean_input_speed(n_lobes)
             input_speed_hz = recording.input_speed_hz if measured is None else measured
         if quantity == "psd":
             frequencies, values = welch_psd(recording.torque, recording.sampling_rate, preset)
             definition = f"Welch, preset {get_preset(preset).name!r}"
         else:
-            frequencies, values = _amplitudes(recording.torque, recording.sampling_rate)
+            frequencies, power = periodogram(
+                recording.torque, recording.sampling_rate, "hann", scaling="spectrum"
+            )
+            values = np.sqrt(2 * power)
             definition = f"Hann, {recording.duration:.3g} s"
         return cls(
             frequencies=frequencies,
@@ -167,7 +170,7 @@ class SpectrumDisplay:
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
         max_frequency_hz : float, default=400.0
-            Upper limit in Hz; the highest frequency there is, where that is lower.
+            Upper limit in Hz, at most the highest frequency.
         scale : {"log", "dB", "linear"}, default="log"
             Scale of the vertical axis; dB are relative to 1 Nm (amplitude) or 1 Nm^2/Hz (PSD).
         **line_kw
@@ -182,7 +185,7 @@ class SpectrumDisplay:
         ImportError
             If matplotlib is not installed.
         ValueError
-            If the limit is below the second frequency, or there is no such scale.
+            If the limit is below the second frequency, or the scale is unknown.
         """
         if not max_frequency_hz >= self.frequencies[1]:
             raise ValueError(
@@ -192,7 +195,7 @@ class SpectrumDisplay:
             raise ValueError(f"scale must be one of {_SCALES}, got {scale!r}")
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.4))
         limit = min(float(max_frequency_hz), float(self.frequencies[-1]))
-        # A line at 0 Hz would only show what of the mean was left.
+        # The line at 0 Hz holds a remainder of the mean.
         shown = (self.frequencies <= limit) & (self.frequencies > 0)
         heights = self._scaled(self.values[shown], scale)
         (self.line_,) = self.ax_.plot(self.frequencies[shown], heights, zorder=3, **line_kw)
@@ -201,20 +204,18 @@ class SpectrumDisplay:
         if scale == "log":
             self.ax_.set_yscale("log")
         if scale != "linear":
-            # Single bins can fall to any depth by chance: they must not take half of the picture.
+            # Single bins can fall to any depth by chance.
             self.ax_.set_ylim(bottom=float(np.quantile(heights, 0.01)))
         self.ax_.set(xlabel="frequency (Hz)", ylabel=self._label(scale), xlim=(0, limit))
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
-        self.order_ax_ = None
-        if self.input_speed_hz is not None:
-            self.order_ax_ = self._mark(limit, self.input_speed_hz)
+        speed = self.input_speed_hz
+        self.order_ax_ = None if speed is None else self._mark(limit, speed)
         return self
 
     def _scaled(self, values: Float, scale: str) -> Float:
         if scale == "linear":
             return values
-        largest = values.max()
-        values = np.maximum(values, largest / _DYNAMIC_RANGE if largest > 0 else 1 / _DYNAMIC_RANGE)
+        values = np.maximum(values, (values.max() or 1.0) / _DYNAMIC_RANGE)
         if scale == "log":
             return values
         return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
@@ -225,7 +226,7 @@ class SpectrumDisplay:
         return f"{label}\n{self.definition}" if self.definition else label
 
     def _mark(self, limit: float, input_speed_hz: float) -> Any:
-        """Lobe lines behind the spectrum, orders of the input as short strokes and as the axis on top."""
+        """Draw lobe lines behind the spectrum, and orders of the input as strokes and as the axis on top."""
         spacing = lobe_frequency(input_speed_hz, self.n_lobes)
         lobe_lines = np.arange(1, int(limit / spacing) + 1) * spacing
         orders = np.arange(1, int(limit / input_speed_hz) + 1) * input_speed_hz
@@ -245,11 +246,3 @@ class SpectrumDisplay:
         )
         order_ax.set_xlabel("order of the input shaft (times per turn)")
         return order_ax
-
-
-def _amplitudes(torque: Float, sampling_rate: float) -> tuple[Float, Float]:
-    """Amplitude spectrum in Nm over the whole record: mean removed, periodic Hann window."""
-    taper = hann(torque.size, sym=False)
-    spectrum = np.fft.rfft((torque - torque.mean()) * taper)
-    frequencies = np.arange(spectrum.size, dtype=np.float64) * (sampling_rate / torque.size)
-    return frequencies, np.asarray(np.abs(spectrum) * 2 / taper.sum(), dtype=np.float64)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat.plotting._base import Float, axes_for, line_column
-from cyclofeat.recording import Recording
+from cyclofeat.plotting.drawing import axes_for, line_column, thinned
+from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,16 +84,8 @@ class TorqueDisplay:
         ValueError
             If the slice holds fewer than two samples.
         """
-        stop_s = recording.duration if stop_s is None else stop_s
-        if not 0 <= start_s < stop_s:
-            raise ValueError(f"start_s must lie between 0 and stop_s = {stop_s:g} s, got {start_s!r}")
-        first, last = (round(moment * recording.sampling_rate) for moment in (start_s, stop_s))
-        torque = recording.torque[first:last]
-        if torque.size < 2:
-            raise ValueError(
-                f"the slice from start_s = {start_s:g} to stop_s = {stop_s:g} s must hold 2 samples or more, "
-                f"got {torque.size} of a recording of {recording.duration:g} s"
-            )
+        torque = recording.part(start_s, stop_s).torque
+        first = round(start_s * recording.sampling_rate)
         return cls(time=(first + np.arange(torque.size)) / recording.sampling_rate, torque=torque)
 
     def plot(self, ax: Axes | None = None, *, max_points: int = 6000, **line_kw: Any) -> Self:
@@ -104,35 +96,19 @@ class TorqueDisplay:
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
         max_points : int, default=6000
-            Longer records are drawn as smallest and largest value of ``max_points / 2`` equal parts: no peak
-            is lost, and files stay small.
+            Longer records are drawn as smallest and largest value of ``max_points / 2`` equal parts, so that
+            peaks remain.
         **line_kw
             Passed on to ``Axes.plot``.
 
         Returns
         -------
         self
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
-        (self.line_,) = self.ax_.plot(*_thinned(self.time, self.torque, max_points), **line_kw)
+        (self.line_,) = self.ax_.plot(*thinned(self.time, self.torque, max_points), **line_kw)
         if "linewidth" not in line_kw and "lw" not in line_kw:
             self.line_.set_linewidth(0.7)
         self.ax_.set(xlabel="time (s)", ylabel="output torque (Nm)", xlim=(self.time[0], self.time[-1]))
         self.ax_.grid(alpha=0.3, linewidth=0.6)
         return self
-
-
-def _thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
-    """Extremes of ``max_points / 2`` equal parts, or all where there are no more points than that."""
-    if max_points < 4:
-        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
-    if values.size <= max_points:
-        return time, values
-    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
-    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
-    return np.repeat(time[starts], 2), extremes.T.ravel()

@@ -1,18 +1,18 @@
-"""A recording's features beside those of the training windows."""
+"""Picture of a recording's features beside those of the training windows."""
 
 from __future__ import annotations
 
-import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat import lobes
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting._base import Float, axes_for
-from cyclofeat.plotting._kinds import words_of
-from cyclofeat.recording import Recording, Windower, WindowSet
+from cyclofeat.plotting.drawing import Float, axes_for, legend_above
+from cyclofeat.plotting.kinds import words_of
+from cyclofeat.recordings import Recording, Windower, WindowSet
+from cyclofeat.signal import lobes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,32 +20,47 @@ if TYPE_CHECKING:
 
     from cyclofeat.counting import LobeModel
 
-# Columns of one kind, like 15 slots or 44 lines, from which on their course says more than their numbers.
+# Fewest columns of one kind, like 15 slots or 44 lines, that are drawn as a course.
 _FEWEST_COLUMNS = 3
 
 
-class TrainingDisplay:
-    """How near a recording lies to the training windows of each count, and in which features.
+@dataclass(frozen=True)
+class TrainingMoments:
+    """Mean and spread of the features of training windows.
 
     Parameters
     ----------
-    features : array-like, shape (n_windows, n_features)
-        Of the recording's windows.
-    names : sequence of str
-        Of the features, ``kind(place)``; those of one kind are drawn together. Empty: none are drawn.
     classes : array-like, shape (n_classes,)
         Counts that the model knows.
     means : array-like, shape (n_classes, n_features)
         Mean of the training windows of each count.
     spread : array-like, shape (n_features,)
         Standard deviation of training windows about the mean of their count.
+    """
+
+    classes: ArrayLike
+    means: ArrayLike
+    spread: ArrayLike
+
+
+class TrainingDisplay:
+    """Distance of a recording from the training windows of each count, overall and by feature.
+
+    Parameters
+    ----------
+    features : array-like, shape (n_windows, n_features)
+        Of the recording's windows.
+    names : sequence of str
+        Of the features, ``kind(place)``; those of one kind are drawn together. If empty, none are drawn.
+    training : TrainingMoments
+        Features of the training windows.
     distances : array-like, shape (n_windows, n_classes)
         Distance of each window from the training windows of each count, 1 being the largest inside.
     slot_lobes : array-like of int, shape (n_lobes,), optional
-        The lobe, from 0, whose passage lies nearest to each slot of a :class:`cyclofeat.features.LobeMap`.
-        Slots are then drawn by the numbers of lobes.
+        Lobe, from 0, whose passage lies nearest to each slot of a :class:`cyclofeat.features.LobeMap`: the
+        labels of slots.
     absolute : bool, default=False
-        Whether these are numbers on the disc, and not counted from the recording's first sample.
+        True if these are numbers on the disc, False if they count from the recording's first sample.
 
     Attributes
     ----------
@@ -59,15 +74,16 @@ class TrainingDisplay:
 
     See Also
     --------
-    cyclofeat.counting.TrainingDomain : What the distance is.
+    cyclofeat.counting.TrainingDomain : Definition of the distance.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from cyclofeat.plotting import TrainingDisplay
+    >>> from cyclofeat.plotting import TrainingDisplay, TrainingMoments
+    >>> training = TrainingMoments([0, 1], means=[[0, 0, 0], [1, 1, 1]], spread=[0.1, 0.1, 0.1])
     >>> display = TrainingDisplay(
-    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"], classes=[0, 1],
-    ...     means=[[0, 0, 0], [1, 1, 1]], spread=[0.1, 0.1, 0.1], distances=[[2.5, 0.2]],
+    ...     features=[[0.9, 1.1, 1.0]], names=["slot(1)", "slot(2)", "slot(3)"], training=training,
+    ...     distances=[[2.5, 0.2]],
     ... )
     >>> display.kinds
     ['slot']
@@ -82,18 +98,16 @@ class TrainingDisplay:
         *,
         features: ArrayLike,
         names: list[str],
-        classes: ArrayLike,
-        means: ArrayLike,
-        spread: ArrayLike,
+        training: TrainingMoments,
         distances: ArrayLike,
         slot_lobes: ArrayLike | None = None,
         absolute: bool = False,
     ) -> None:
         self.features: Float = np.asarray(features, dtype=np.float64)
         self.names = list(names)
-        self.classes: NDArray[Any] = np.asarray(classes)
-        self.means: Float = np.asarray(means, dtype=np.float64)
-        self.spread: Float = np.asarray(spread, dtype=np.float64)
+        self.classes: NDArray[Any] = np.asarray(training.classes)
+        self.means: Float = np.asarray(training.means, dtype=np.float64)
+        self.spread: Float = np.asarray(training.spread, dtype=np.float64)
         self.distances: Float = np.asarray(distances, dtype=np.float64)
         self.slot_lobes = None if slot_lobes is None else np.asarray(slot_lobes, dtype=np.int64)
         self.absolute = bool(absolute)
@@ -114,7 +128,7 @@ class TrainingDisplay:
 
     @classmethod
     def from_estimator(cls, model: LobeModel, recording: Recording) -> Self:
-        """Display of a recording's windows beside what a model was trained on.
+        """Display of a recording's windows beside the training windows of a model.
 
         Parameters
         ----------
@@ -132,8 +146,8 @@ class TrainingDisplay:
         ValueError
             If the model has no domain, or the recording does not suit it.
         """
-        from cyclofeat.counting._conformal import features_seen
-        from cyclofeat.persistence import feature_definitions
+        from cyclofeat.counting import features_seen
+        from cyclofeat.models import feature_definitions
 
         domain = model.domain
         if domain is None:
@@ -148,9 +162,11 @@ class TrainingDisplay:
         return cls(
             features=features,
             names=names if len(names) == features.shape[1] else [],
-            classes=np.asarray(model.counter.classes_),
-            means=domain.means_ * domain.scale_ + domain.location_,
-            spread=np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
+            training=TrainingMoments(
+                model.counter.classes_,
+                domain.means_ * domain.scale_ + domain.location_,
+                np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
+            ),
             distances=np.sqrt(np.maximum(squared, 0.0)) / max(domain.threshold_, np.finfo(float).tiny),
             slot_lobes=_slot_lobes(model, windows),
             absolute=bool(windows.absolute[0]),
@@ -158,12 +174,12 @@ class TrainingDisplay:
 
     @property
     def kinds(self) -> list[str]:
-        """Kinds of features that can be drawn, those that tell the counts apart best first."""
-        found = {name: self._columns(name) for name in dict.fromkeys(map(_kind, self.names))}
+        """Kinds of features that can be drawn, the best at separating counts first."""
+        columns = {name: self._columns(name) for name in dict.fromkeys(map(_kind, self.names))}
         spread = np.where(self.spread > 0, self.spread, np.inf)
-        told = ((self.means.max(axis=0) - self.means.min(axis=0)) / spread) ** 2
-        several = [name for name, columns in found.items() if columns.size >= _FEWEST_COLUMNS]
-        return sorted(several, key=lambda name: -float(told[found[name]].mean()))
+        separation = (np.ptp(self.means, axis=0) / spread) ** 2
+        several = [name for name, places in columns.items() if places.size >= _FEWEST_COLUMNS]
+        return sorted(several, key=lambda name: -float(separation[columns[name]].mean()))
 
     def _columns(self, kind: str) -> NDArray[np.intp]:
         return np.array([k for k, name in enumerate(self.names) if _kind(name) == kind], dtype=np.intp)
@@ -196,7 +212,7 @@ class TrainingDisplay:
         ImportError
             If matplotlib is not installed.
         ValueError
-            If there is no such kind or count.
+            If the kind or a count is unknown.
         """
         if kind != "distance" and kind not in self.kinds:
             raise ValueError(f"kind must be 'distance' or one of {self.kinds}, got {kind!r}")
@@ -217,25 +233,18 @@ class TrainingDisplay:
         middle = np.median(self.distances, axis=0)
         self.ax_.bar(places, middle, color="C0", alpha=0.45, label="this recording, median of its windows")
         if len(self.distances) > 1:
-            everywhere = np.tile(places, (len(self.distances), 1))
+            everywhere = np.tile(places, len(self.distances))
             self.ax_.plot(
-                everywhere.ravel(),
-                self.distances.ravel(),
-                "_",
-                color="C0",
-                markersize=14,
-                label="each window",
+                everywhere, self.distances.ravel(), "_", color="C0", markersize=14, label="each window"
             )
-        self.ax_.axhline(1, color="C1", linestyle="--", label="beyond this from all of them: refused")
+        self.ax_.axhline(1, color="C1", linestyle="--", label="refused if all bars exceed this")
         self.ax_.set_xticks(places, [str(count) for count in self.classes])
         self.ax_.set(
             xlabel="training windows with this number of worn lobes",
             ylabel="distance from them\n(1 = edge of the training)",
             ylim=(0, 1.1 * max(1.0, float(self.distances.max()))),
         )
-        self.ax_.legend(
-            fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
-        )
+        legend_above(self.ax_)
 
     def _course(self, kind: str, counts: list[int]) -> None:
         columns = self._columns(kind)
@@ -243,13 +252,11 @@ class TrainingDisplay:
         for number, count in enumerate(counts):
             row = int(np.flatnonzero(self.classes == count)[0])
             mean, colour = self.means[row, columns], f"C{number}"
+            label, style = f"trained: {count} worn", "--"
             if number == 0:
-                spread = self.spread[columns]
-                self.ax_.fill_between(
-                    places, mean - spread, mean + spread, color=colour, alpha=0.25, linewidth=0
-                )
-            style = "-" if number == 0 else "--"
-            label = f"trained: {count} worn" + (" (one std)" if number == 0 else "")
+                low, high = mean - self.spread[columns], mean + self.spread[columns]
+                self.ax_.fill_between(places, low, high, color=colour, alpha=0.25, linewidth=0)
+                label, style = f"{label} (one std)", "-"
             self.ax_.plot(places, mean, style, color=colour, linewidth=1.2, label=label)
         from matplotlib import rcParams
 
@@ -265,15 +272,13 @@ class TrainingDisplay:
             start = "as numbered on the disc" if self.absolute else "counted from the first sample"
             self.ax_.set_xlabel(f"lobe, {start}")
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
-        self.ax_.legend(
-            fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
-        )
+        legend_above(self.ax_, ncols=3)
 
 
 def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | None:
-    """The lobe, from 0, that passes nearest to each slot of the first window, as the features fold it."""
-    from cyclofeat._model_content import estimators_in
+    """Return the lobe, from 0, that passes nearest to each slot of the first window."""
     from cyclofeat.counting import passage_of_lobe_zero
+    from cyclofeat.models import estimators_in
 
     lobe_map = next((part for part in estimators_in(model.counter) if isinstance(part, LobeMap)), None)
     if lobe_map is None:
@@ -292,11 +297,5 @@ def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | Non
 
 
 def _kind(name: str) -> str:
-    """Name of a column without its place.
-
-    Examples
-    --------
-    >>> _kind("lobe_slot_rms(slot07)"), _kind("spectral_entropy")
-    ('lobe_slot_rms', 'spectral_entropy')
-    """
-    return re.sub(r"\(.*", "", name)
+    """Name of a column without its place: lobe_slot_rms of lobe_slot_rms(slot07)."""
+    return name.partition("(")[0]

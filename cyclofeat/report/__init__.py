@@ -1,13 +1,13 @@
 """Self-contained HTML reports: one file, no network, fit for print and for dark screens.
 
 =============================  ================================================================
-function                       what the page tells
+function                       page
 =============================  ================================================================
-``write_count_report``         what a model says of recordings, and on what grounds
-``write_evaluation_report``    how often counters are right on assemblies that they have not seen
+``write_count_report``         answers of a model for recordings, with their evidence
+``write_evaluation_report``    scores of counters on assemblies that they have not seen
 ``write_gap_report``           where model and measurement disagree, and what is missing
-``write_demo_report``          the demonstration on surrogate recordings
 ``write_animation``            the gearbox turning, with its forces and its torque
+``check_page_path``            a check, before the work, that the page can be written
 =============================  ================================================================
 
 A report is first summarised to a dictionary of plain values (:func:`summarise_count` and its like), then
@@ -16,22 +16,19 @@ rendered by a template that escapes all of them. Needs ``pip install "cyclofeat[
 
 from cyclofeat.report._animation import summarise_animation, write_animation
 from cyclofeat.report._count import CountedRecording, summarise_count, write_count_report
-from cyclofeat.report._demo import summarise_demo, write_demo_report
 from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
 from cyclofeat.report._gap import summarise_gap, write_gap_report
-from cyclofeat.report._gap_findings import GapFindings
+from cyclofeat.report._page import check_page_path
 
 __all__ = [
     "CountedRecording",
-    "GapFindings",
+    "check_page_path",
     "summarise_animation",
     "summarise_count",
-    "summarise_demo",
     "summarise_evaluation",
     "summarise_gap",
     "write_animation",
     "write_count_report",
-    "write_demo_report",
     "write_evaluation_report",
     "write_gap_report",
 ]

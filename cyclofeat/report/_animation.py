@@ -1,4 +1,4 @@
-"""The gearbox turning, as a page of its own: wheels, sleeves, contact forces and the torque."""
+"""Page that shows the gearbox turning: wheels, sleeves, contact forces and the torque."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat import __version__
-from cyclofeat.plotting._torque import _thinned
-from cyclofeat.report._page import count_text, environment, lobes_text, target_of, versions, write_page
+from cyclofeat.plotting.drawing import thinned
+from cyclofeat.report._page import check_page_path, count_text, lobes_text, versions, write_page
 
 if TYPE_CHECKING:
     import os
@@ -28,39 +28,38 @@ Complex = NDArray[np.complex128]
 MOST_FRAMES = 5000
 _OUTLINE_POINTS_PER_LOBE = 40
 _TRACE_POINTS = 4000
-# A single impact must not shrink all other arrows to nothing: arrows are longest at this quantile.
+# Quantile of the forces whose arrow is longest: a single impact must not shrink all others.
 _LONGEST_ARROW = 0.999
 
 
 def write_animation(
-    path: str | os.PathLike[str],
     run: SimulationRun,
+    path: str | os.PathLike[str],
     *,
     frames: int = 720,
-    start_s: float = 0.0,
-    stop_s: float | None = None,
+    part: tuple[float, float | None] = (0.0, None),
     source: str = "simulated",
     title: str = "",
 ) -> Path:
-    """Write the gearbox turning: one HTML file that needs nothing else and no network.
+    """Write a page that shows the gearbox turning: one HTML file that needs no network.
 
-    The page shows both wheels between their sleeves, the force of each contact as an arrow, worn lobes
-    marked, and the torque running beside them. It can be played at several speeds, stopped, stepped and
-    scrubbed, with mouse or keyboard. The file appears whole or not at all; one of that name is replaced.
+    The page shows both wheels between their sleeves, the force of each contact as an arrow, the worn lobes,
+    and the torque beside them. It plays at several speeds, stops and steps, with mouse or keyboard. A file of
+    that name is replaced.
 
     Parameters
     ----------
-    path : path-like
-        File to write, usually ``*.html``.
     run : cyclofeat.simulators.SimulationRun
         With forces and points: ``simulate(..., forces=True, points=True)``.
+    path : path-like
+        File to write, ``*.html``.
     frames : int, default=720
         Moments at which forces are shown, equally spaced, from 2 to 5000; between them the picture is
-        interpolated. A whole output turn in 720 frames has 48 of them to an input turn.
-    start_s, stop_s : float, optional
-        Part of the run to show, in s from its first sample; default, all of it.
+        interpolated. A whole output turn in 720 frames has 48 frames per input turn.
+    part : tuple of float, default=(0.0, None)
+        Beginning and end in s from the first sample of the run; None is its end.
     source : {"simulated", "surrogate"}, default="simulated"
-        What the page calls the run; ``"surrogate"`` where a rig's drift and noise are in it.
+        ``"surrogate"`` if the run contains a rig's drift and noise.
     title : str, optional
         Heading.
 
@@ -80,9 +79,9 @@ def write_animation(
 
     Notes
     -----
-    Wheels are drawn where the kinematics put them, theta_k = rest - phi/z_s (paper B's rest position). What
-    contacts give way is left out: tenths of a millimetre at most, where a worn lobe passes. Forces and points
-    of contact are those of the simulation: what a sleeve does to the wheel.
+    Wheels are drawn at their kinematic angles, theta_k = rest - phi/z_s (paper B's rest position), without
+    the deflection of contacts: tenths of a millimetre at most, where a worn lobe passes. Forces and points of
+    contact, of sleeves on the wheel, are those of the simulation.
 
     Examples
     --------
@@ -91,15 +90,12 @@ def write_animation(
     >>> from cyclofeat.simulators import LobeDefects, simulate
     >>> run = simulate(None, LobeDefects.worn(1), duration=0.3, forces=True, points=True)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = write_animation(pathlib.Path(folder, "gearbox.html"), run, start_s=0.2, frames=40)
+    ...     file = write_animation(run, pathlib.Path(folder, "gearbox.html"), part=(0.2, None), frames=40)
     ...     "<svg" in file.read_text(encoding="utf-8")
     True
     """
-    target = target_of(path)
-    environment()  # a missing jinja2 is found out before the work is done
-    summary = summarise_animation(
-        run, frames=frames, start_s=start_s, stop_s=stop_s, source=source, title=title
-    )
+    target = check_page_path(path)
+    summary = summarise_animation(run, frames=frames, part=part, source=source, title=title)
     script = files("cyclofeat.report").joinpath("templates/animation.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     return write_page(target, "animation.html", summary | {"script": script, "script_digest": digest})
@@ -109,14 +105,13 @@ def summarise_animation(
     run: SimulationRun,
     *,
     frames: int = 720,
-    start_s: float = 0.0,
-    stop_s: float | None = None,
+    part: tuple[float, float | None] = (0.0, None),
     source: str = "simulated",
     title: str = "",
 ) -> dict[str, Any]:
-    """All that the page of an animation shows, as plain values that JSON can hold.
+    """Summarise an animation in plain values that JSON can hold.
 
-    Parameters are those of :func:`write_animation`.
+    Parameters and errors are those of :func:`write_animation`.
 
     Returns
     -------
@@ -124,11 +119,6 @@ def summarise_animation(
         ``title``, ``version``, ``surrogate``, ``worn`` (in words), ``steps`` (of the colours), ``provenance``
         and ``machine``: geometry in mm, angles in rad and forces in N of each frame, the torque in Nm over
         time in s.
-
-    Raises
-    ------
-    ValueError
-        As :func:`write_animation`.
     """
     if run.external_forces is None or run.external_points is None or run.internal_points is None:
         raise ValueError("run must hold forces and points: simulate(..., forces=True, points=True)")
@@ -138,18 +128,16 @@ def summarise_animation(
         raise ValueError(f"frames must lie between 2 and {MOST_FRAMES}, got {frames!r}")
     n_samples = run.torque_out.size
     end = n_samples / run.sampling_rate
-    stop_s = end if stop_s is None else stop_s
+    start_s, stop_s = part[0], end if part[1] is None else part[1]
     if not 0 <= start_s < stop_s <= end * (1 + 1e-9):
-        raise ValueError(
-            f"start_s and stop_s must lie in order within the run's {end:g} s, got {start_s:g} and {stop_s:g}"
-        )
+        raise ValueError(f"part must lie in order within the run's {end:g} s, got {start_s:g} and {stop_s:g}")
     first, last = round(start_s * run.sampling_rate), round(stop_s * run.sampling_rate) - 1
     if last - first < 1:
-        raise ValueError(f"the part from start_s = {start_s:g} to stop_s = {stop_s:g} s holds no two samples")
+        raise ValueError(f"part from {start_s:g} to {stop_s:g} s must hold two samples at least")
     picked = np.linspace(first, last, frames).round().astype(int)
     machine = _machine(run) | _frames(run, picked) | _trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
-    said = _said(defects)
+    wear = _wear(defects)
     return {
         "title": title or "The gearbox turning",
         "version": __version__,
@@ -158,14 +146,14 @@ def summarise_animation(
             "text": "every force and torque here was made by a simulator. Nothing was recorded on a machine.",
         },
         "origin": "",
-        "worn": said,
+        "worn": wear,
         "steps": _steps(machine["force_scale"]),
         "machine": machine,
         "provenance": [
             ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
              f"{gearbox.n_internal_sleeves} internal sleeves"),
             ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
-            ("wear", said + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
+            ("wear", wear + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
             ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
             ("load", f"{gearbox.load_torque:.4g} Nm"),
             ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
@@ -175,8 +163,8 @@ def summarise_animation(
     }  # fmt: skip
 
 
-def _said(defects: LobeDefects) -> str:
-    """What is wrong with the lobes, in words."""
+def _wear(defects: LobeDefects) -> str:
+    """Describe the defects in words."""
     parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
     if defects.worn_lobes or not parts:
         parts.insert(0, count_text(len(defects.worn_lobes), defects.worn_lobes))
@@ -185,18 +173,16 @@ def _said(defects: LobeDefects) -> str:
     return "; ".join(parts)
 
 
-# -- what the script draws
-
-
 def _machine(run: SimulationRun) -> dict[str, Any]:
     """Geometry in mm; each wheel in its own frame, with the tip of lobe 0 on the x axis."""
+    from cyclofeat.simulators import LobeDefects
+
     gearbox, z = run.gearbox, run.gearbox.n_lobes
     profile = gearbox.profile
     wheels = []
     for wheel in range(2):
-        has = wheel in run.defects.wheels
-        worn = run.defects.worn_lobes if has else ()
-        removed = run.defects.removed_lobes if has else ()
+        defects = run.defects if wheel in run.defects.wheels else LobeDefects.healthy()
+        worn, removed = defects.worn_lobes, defects.removed_lobes
         wheels.append({
             "rest": round(_rest(z)[wheel], 6),
             "cam": round((-1) ** wheel * 1e3 * gearbox.eccentricity, 4),
@@ -225,7 +211,7 @@ def _rest(n_lobes: int) -> tuple[float, float]:
 
 
 def _without(outline: Complex, removed: tuple[int, ...]) -> Complex:
-    """The outline with a recess from tip to tip where a lobe is removed: there is no surface there."""
+    """Outline with a recess from tip to tip where a lobe is removed."""
     outline = outline.copy()
     for lobe in removed:
         part = slice(lobe * _OUTLINE_POINTS_PER_LOBE + 1, (lobe + 1) * _OUTLINE_POINTS_PER_LOBE)
@@ -267,10 +253,10 @@ def _vectors(forces: Float, points: Complex, centres: Complex) -> Complex:
 
 
 def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
-    """Torque over time from the first frame on, and when the cam points at a worn or removed lobe."""
+    """Torque over time from the first frame on, and times at which the cam points at a defect."""
     part = slice(first, last + 1)
     time = np.arange(last + 1 - first) / run.sampling_rate
-    times, values = _thinned(time, run.torque_out[part], _TRACE_POINTS)
+    times, values = thinned(time, run.torque_out[part], _TRACE_POINTS)
     z, defects = run.gearbox.n_lobes, run.defects
     marked = np.zeros(time.size, dtype=int)
     for wheel in defects.wheels:
@@ -288,7 +274,7 @@ def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
 
 
 def _steps(largest: float) -> list[str]:
-    """The five colours' ranges of force, in words: equal steps of its root, as the arrows' lengths are."""
+    """Ranges of force of the five colours, in words: equal steps of the root, like the arrows' lengths."""
     ends = [largest * (k / 5) ** 2 for k in range(6)]
     ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
     return [f"below {ends[1]:.3g} N", *ranges[1:4], f"above {ends[4]:.3g} N"]
@@ -296,10 +282,8 @@ def _steps(largest: float) -> list[str]:
 
 def _round_up(value: float) -> float:
     """The next round number: 1, 1.5, 2, 2.5, 3, 4, 5, 6 or 8 times a power of ten."""
-    power = 10 ** math.floor(math.log10(value))
-    return float(
-        next(m * power for m in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10) if m * power >= value * (1 - 1e-9))
-    )
+    steps = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10]) * 10.0 ** math.floor(math.log10(value))
+    return float(steps[steps >= value * (1 - 1e-9)][0])
 
 
 def _mm(length: Any) -> float:
@@ -312,6 +296,6 @@ def _points(outline: Complex) -> list[float]:
 
 
 def _whole(vectors: Complex) -> list[list[int]]:
-    """For each frame x, y of every sleeve, wheel by wheel, in whole N."""
+    """x, y of every sleeve in whole N, wheel by wheel, for each frame."""
     pairs = np.stack([vectors.real, vectors.imag], axis=-1).round().astype(int)
     return pairs.reshape(len(vectors), -1).tolist()

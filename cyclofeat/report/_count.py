@@ -1,4 +1,4 @@
-"""The report of a count: what a model says of recordings, on what grounds, and how far to trust it."""
+"""Report of a count: a model's answers for recordings, and their evidence."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
-from cyclofeat.plotting._base import require_matplotlib
-from cyclofeat.plotting._kinds import feature_of, words_of
-from cyclofeat.recording import Windower
+from cyclofeat._base.words import number
+from cyclofeat.plotting.drawing import require_matplotlib
+from cyclofeat.plotting.kinds import feature_of, words_of
+from cyclofeat.recordings import Windower
 from cyclofeat.report._page import (
+    check_page_path,
     count_text,
     lobes_text,
-    number,
     origin,
     probability_text,
-    target_of,
     versions,
     write_page,
 )
@@ -29,22 +29,22 @@ if TYPE_CHECKING:
     import os
 
     from cyclofeat.counting import LobeCount, LobeModel
-    from cyclofeat.recording import Recording
+    from cyclofeat.recordings import Recording
 
 _N_FEATURE_PICTURES = 4
 
 
 @dataclass(frozen=True)
 class CountedRecording:
-    """One recording with what a model said of it.
+    """Recording with a model's answer.
 
     Parameters
     ----------
     name : str
-        As the report is to call it, usually its file.
+        Name in the report, usually of the file.
     recording : Recording
     count : cyclofeat.counting.LobeCount
-        What ``model.count(recording)`` returned.
+        Answer of ``model.count(recording)``.
     """
 
     name: str
@@ -53,37 +53,36 @@ class CountedRecording:
 
 
 def write_count_report(
-    path: str | os.PathLike[str],
     model: LobeModel,
     counted: Iterable[CountedRecording],
+    path: str | os.PathLike[str],
     *,
     failures: Mapping[str, str] | None = None,
     settings: Mapping[str, object] | None = None,
     most_sections: int = 12,
 ) -> Path:
-    """Write the report of a count: one HTML file that needs nothing else.
+    """Write the report of a count as one HTML file.
 
-    The answer comes first: count, lobes, probability, set of counts where the model gives one, and what to
-    know before relying on it. Then the evidence: the disc with its lobes, torque, spectrum, orders, and the
-    features beside those of the training windows. Several recordings have a summary and a table before their
-    sections. Of a recording that was refused and has no tachometer, what rests on its speed is left out.
-    The file appears whole or not at all; one of that name is replaced.
+    The answer comes first: count, lobes, probability, set of counts if the model gives one, and warnings.
+    Then the evidence: the disc with its lobes, torque, spectrum, orders, and the features beside those of the
+    training windows. Several recordings have a summary and a table before their sections. For a recording
+    that was refused and has no tachometer, the report omits pictures that need its speed. A file of that name
+    is replaced.
 
     Parameters
     ----------
-    path : path-like
-        File to write, usually ``*.html``.
     model : cyclofeat.counting.LobeModel
-        What counted.
     counted : iterable of CountedRecording
-        Gone through once. Of a generator, only recordings that get a section are kept in memory.
+        Iterated once. Of a generator, only recordings with a section stay in memory.
+    path : path-like
+        File to write, ``*.html``.
     failures : mapping from str to str, optional
-        Recordings that could not be counted: name to reason. Read when ``counted`` is at its end.
+        Recordings that could not be counted: name to reason. Read after ``counted``.
     settings : mapping, optional
-        What else the report was made from, label to value.
+        Other settings, label to value.
     most_sections : int, default=12
-        Recordings with a section of their own, those that need a look first: refused, then least probable.
-        The others have their line in the table only (a section takes 1 to 2 MB).
+        Recordings with a section: refused ones first, then the least probable. The others have only a line in
+        the table (a section takes 1 to 2 MB).
 
     Returns
     -------
@@ -104,9 +103,9 @@ def write_count_report(
     >>> from cyclofeat.report import CountedRecording, write_count_report
     >>> recording = read_recording("rig.tdms", speed_rpm=500)  # doctest: +SKIP
     >>> counted = [CountedRecording("rig.tdms", recording, model.count(recording))]  # doctest: +SKIP
-    >>> write_count_report("count.html", model, counted)  # doctest: +SKIP
+    >>> write_count_report(model, counted, "count.html")  # doctest: +SKIP
     """
-    target = target_of(path)
+    target = check_page_path(path)
     summary = summarise_count(
         model, counted, failures=failures, settings=settings, most_sections=most_sections
     )
@@ -121,38 +120,32 @@ def summarise_count(
     settings: Mapping[str, object] | None = None,
     most_sections: int = 12,
 ) -> dict[str, Any]:
-    """All that the report of a count shows, as plain values that JSON can hold.
+    """Summarise a count in plain values that JSON can hold.
 
-    Parameters are those of :func:`write_count_report`; pictures are data URIs.
+    Parameters and errors are those of :func:`write_count_report`; pictures are data URIs.
 
     Returns
     -------
     dict
-        ``title``, ``version``, ``surrogate``, ``origin``, ``several``, ``tiles`` (what all come to), ``rows``
-        (one for each recording), ``with_stated``, ``failures``, ``sections``, ``n_more`` (recordings without
-        one), ``features`` (what the kinds drawn are), ``n_lobes``, ``calibrated``, ``model`` and
-        ``provenance``.
-
-    Raises
-    ------
-    ImportError, ValueError
-        As :func:`write_count_report`.
+        ``title``, ``version``, ``surrogate``, ``origin``, ``several``, ``tiles`` (summary), ``rows`` (one per
+        recording), ``with_stated``, ``failures``, ``sections``, ``n_more`` (recordings without section),
+        ``features`` (definitions of those drawn), ``n_lobes``, ``calibrated``, ``model`` and ``provenance``.
     """
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
     require_matplotlib("report")
     rows: list[dict[str, Any]] = []
     sources: list[str | None] = []
-    kept: list[tuple[int, CountedRecording]] = []
+    urgent: list[tuple[int, CountedRecording]] = []
     for place, item in enumerate(counted):
         rows.append(_row(item))
         sources.append(item.recording.source)
-        kept = sorted([*kept, (place, item)], key=_urgency)[:most_sections]
+        urgent = sorted([*urgent, (place, item)], key=_urgency)[:most_sections]
     failed = {str(name): str(reason) for name, reason in (failures or {}).items()}
     if not rows and not failed:
         raise ValueError("counted must hold at least one recording, got none")
     sections = []
-    for place, item in sorted(kept, key=lambda one: one[0]):
+    for place, item in sorted(urgent, key=lambda one: one[0]):
         rows[place]["anchor"] = f"recording-{place + 1}"
         sections.append(rows[place] | _section(model, item))
     _, surrogate, said_of_origin = origin(sources)
@@ -180,35 +173,32 @@ def summarise_count(
     }
 
 
-def _urgency(kept: tuple[int, CountedRecording]) -> tuple[bool, float]:
-    """What needs a look most comes first: refused, then least probable."""
-    count = kept[1].count
+def _urgency(placed: tuple[int, CountedRecording]) -> tuple[bool, float]:
+    """Sorting key: refused recordings first, then the least probable."""
+    count = placed[1].count
     return not count.refused, count.probability[count.defect_count]
 
 
-# -- the answer
-
-
 def _tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list[dict[str, Any]]:
-    """What all recordings come to: how many were counted, the worst, and those to look after."""
+    """Tiles of the summary: recordings counted, the worst, and those that need a look."""
     sound = [row for row in rows if not row["refused"]]
     by_count = Counter(row["count"] for row in sound)
     parts = [f"{n} with {count_text(count, ())}" for count, n in sorted(by_count.items())]
-    found = [("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts), False)]
+    tiles = [("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts), False)]
     if sound:
         worst = max(by_count)
         names = [row["name"] for row in sound if row["count"] == worst]
-        found.append(("Worst", _capital(count_text(worst, ())), _some(names) if worst else "in any", False))
+        tiles.append(("Worst", _capital(count_text(worst, ())), _some(names) if worst else "in any", False))
     refused = [row["name"] for row in rows if row["refused"]]
     if refused:
-        found.append(("Refused", str(len(refused)), f"not to be relied on: {_some(refused)}", True))
+        tiles.append(("Refused", str(len(refused)), f"not reliable: {_some(refused)}", True))
     if failed:
-        found.append(("Could not be counted", str(len(failed)), _some(list(failed)), True))
+        tiles.append(("Could not be counted", str(len(failed)), _some(list(failed)), True))
     wrong = [row["name"] for row in sound if row["wrong"]]
     if wrong:
-        found.append(("Other than stated", str(len(wrong)), _some(wrong), True))
+        tiles.append(("Other than stated", str(len(wrong)), _some(wrong), True))
     return [
-        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in found
+        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in tiles
     ]
 
 
@@ -223,7 +213,7 @@ def _capital(text: str) -> str:
 
 
 def _row(item: CountedRecording) -> dict[str, Any]:
-    """The line of a recording in the table; where it has a section, the place of that is entered later."""
+    """Line of a recording in the table; the anchor of its section is added later."""
     count, recording = item.count, item.recording
     stated = recording.defect_count
     return {
@@ -244,7 +234,7 @@ def _section(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
 
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
-    # Taken to turn as the model was trained where nothing is stated, which is how it was counted.
+    # Without a stated speed the recording was counted at the model's.
     nominal = recording.speed_rpm or 60 * model.input_speed_hz
     described = describe(recording.replace(speed_rpm=nominal), reduction=model.n_lobes)
     return {
@@ -270,32 +260,31 @@ def _section(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
 
 
 def _speed_known(item: CountedRecording) -> bool:
-    """Whether lobes and lines can be placed: by a tachometer, or by a torque that is like the training's."""
+    """Return True if the speed is known by a tachometer, or the torque is like that of training."""
     return item.recording.angle is not None or not item.count.refused
 
 
 def _quality(notes: Sequence[str]) -> list[str]:
-    """What in the recording itself would spoil a count, but for what the count or the page says already."""
+    """Warnings about the recording that the count and the page do not give."""
     return [note for note in notes if not note.startswith(("no angle", "no speed", "the record holds"))]
 
 
 def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:
-    """Counts that cannot be excluded, window by window, where the model gives such sets."""
+    """Sets of counts that cannot be excluded, window by window, if the model gives them."""
     if not hasattr(model.counter, "predict_counts"):
         return None
     windows = Windower(input_speed_hz=model.input_speed_hz, reduction=model.n_lobes).windows([recording])
-    found = Counter(str(answer) for answer in model.counter.predict_counts(windows.X))
-    coverage = 100 * float(model.counter.coverage)
+    answers = Counter(str(answer) for answer in model.counter.predict_counts(windows.X))
     return {
-        "coverage": f"{coverage:.4g} %",
-        "sets": [f"{text} ({n} of {len(windows)})" for text, n in found.most_common()],
+        "coverage": f"{100 * float(model.counter.coverage):.4g} %",
+        "sets": [f"{text} ({n} of {len(windows)})" for text, n in answers.most_common()],
     }
 
 
 def _recorded(
     model: LobeModel, item: CountedRecording, described: Mapping[str, Any]
 ) -> list[tuple[str, str]]:
-    """What the recording is, label and value."""
+    """Describe the recording: label and value."""
     recording = item.recording
     angle = "none: no tachometer"
     if recording.angle is not None:
@@ -308,7 +297,7 @@ def _recorded(
         by = "not found: no lobe lines stand out of the torque"
     else:
         by = f"{measured:.5g} RPM, by the {'tachometer' if recording.angle is not None else 'lobe lines'}"
-    found = {
+    lines = {
         "length": f"{recording.duration:.4g} s, {recording.sampling_rate:g} Hz",
         "torque": f"{recording.torque.min():.4g} to {recording.torque.max():.4g} Nm, "
         f"mean {recording.torque.mean():.4g} Nm",
@@ -321,16 +310,14 @@ def _recorded(
         "assembly": recording.assembly,
         "source": recording.source or "not stated",
     }
-    return [(label, str(value)) for label, value in found.items() if value is not None]
-
-
-# -- the evidence
+    return [(label, str(value)) for label, value in lines.items() if value is not None]
 
 
 def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
-    """Pictures of a recording, and of its features where the model knows those of its training."""
+    """Pictures of a recording, and of its features if the model has a training domain."""
     from cyclofeat.plotting import (
         LobeMapDisplay,
+        LobeMarks,
         OrderDisplay,
         SpectrumDisplay,
         TorqueDisplay,
@@ -340,7 +327,7 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
 
     count, recording = item.count, item.recording
     if recording.angle_is_absolute and count.lobe_probability and not count.absolute:
-        # Lobes counted from the first sample: the picture must count alike.
+        # The model counts lobes from the first sample, and so must the picture.
         recording = recording.replace(angle_is_absolute=False)
     torque = TorqueDisplay.from_recording(recording)
     if _speed_known(item):
@@ -348,8 +335,7 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
             recording,
             input_speed_hz=model.input_speed_hz,
             n_lobes=model.n_lobes,
-            counted_lobes=count.lobes,
-            lobe_probability=count.lobe_probability or None,
+            marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
             outline=_outline(model.n_lobes, count.lobes),
         )
         at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes}
@@ -360,15 +346,15 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
             lobe_map,
         )
     else:
-        # Lines marked at a speed that is not the recording's would be read as if they were.
+        # Lines marked at a wrong speed would mislead.
         unmarked = SpectrumDisplay.from_recording(recording.replace(speed_rpm=None))
         pictures = recording_pictures(torque, unmarked)
-    found: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
+    evidence: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
     if model.domain is not None:
         display = TrainingDisplay.from_estimator(model, recording)
         nearest = tuple(sorted(count.probability, key=lambda c: -count.probability[c])[:2])
-        found["distance"] = distance_picture(display)
-        found["features"] = [
+        evidence["distance"] = distance_picture(display)
+        evidence["features"] = [
             {
                 "kind": kind,
                 "title": words_of(kind).title,
@@ -377,22 +363,25 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
             }
             for kind in (display.kinds[:_N_FEATURE_PICTURES] if _speed_known(item) else ())
         ]
-    return found | {"territory": _territory(count)}
+    return evidence | {"territory": _territory(count)}
 
 
 def _definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """What the kinds of features drawn are, each once, by the names that the code has for them."""
+    """Title, name in the code and formula of each kind of feature that is drawn."""
     kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])
-    found = []
-    for kind in kinds:
-        row = feature_of(kind)
-        formula = "" if row is None else f"{row.formula} ({row.source})"
-        found.append({"title": words_of(kind).title, "name": kind, "formula": formula})
-    return found
+    rows = {kind: feature_of(kind) for kind in kinds}
+    return [
+        {
+            "title": words_of(kind).title,
+            "name": kind,
+            "formula": "" if row is None else f"{row.formula} ({row.source})",
+        }
+        for kind, row in rows.items()
+    ]
 
 
 def _outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
-    """A disc in the proportions of the papers' one: recordings do not state their gearbox."""
+    """Outline of a disc in the proportions of the papers: recordings do not state their gearbox."""
     from cyclofeat.simulators import CycloidalProfile
 
     n_pins = n_lobes + 1
@@ -403,7 +392,7 @@ def _outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
 
 
 def _territory(count: LobeCount) -> dict[str, str]:
-    """Whether the recording is like those that the model was trained on."""
+    """Describe the distance of the recording from the training windows."""
     if np.isnan(count.distance):
         return {"heading": "Unknown", "text": "the model does not know what it was trained on"}
     return {
@@ -412,16 +401,13 @@ def _territory(count: LobeCount) -> dict[str, str]:
     }
 
 
-# -- what it rests on
-
-
 def _of_model(model: LobeModel) -> list[tuple[str, str]]:
     from cyclofeat.counting import score_text
 
     card = model.card
     scores = card.get("cross_validation")
     sources = ", ".join(card.get("sources", ()))
-    found = {
+    lines = {
         "trained on": card.get("description") or "not stated",
         "source": f"{sources} recordings" if sources else None,
         "windows": card.get("n_windows"),
@@ -433,4 +419,4 @@ def _of_model(model: LobeModel) -> list[tuple[str, str]]:
         f"{100 * scores['confidence']:.3g} % interval",
         "versions": ", ".join(f"{name} {value}" for name, value in card["versions"].items()),
     }
-    return [(label, str(value)) for label, value in found.items() if value is not None]
+    return [(label, str(value)) for label, value in lines.items() if value is not None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from cyclofeat.report._page import unbroken
 
@@ -36,14 +36,6 @@ def rounded(value: float) -> str:
         return f"{value:.2g}"
     digits = 1 - math.floor(math.log10(value))
     return f"{round(value, digits):.0f}"
-
-
-def listed(names: Iterable[str]) -> str:
-    return "; ".join(names)
-
-
-def quoted(text: str) -> str:
-    return f"\N{LEFT DOUBLE QUOTATION MARK}{text}\N{RIGHT DOUBLE QUOTATION MARK}"
 
 
 def sentence(text: str) -> str:

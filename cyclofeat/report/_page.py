@@ -1,15 +1,15 @@
-"""What all reports share: the page itself, how it is written, and words for numbers."""
+"""Page of a report: template, writing, and words for numbers."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat import __version__
-from cyclofeat._files import write_whole
+from cyclofeat._base import words
+from cyclofeat._base.files import write_whole
+from cyclofeat._base.versions import package_versions
+from cyclofeat._base.words import number
 
 if TYPE_CHECKING:
     import os
@@ -19,24 +19,35 @@ if TYPE_CHECKING:
 SIMULATED = ("simulated", "surrogate")
 
 
-def target_of(path: str | os.PathLike[str]) -> Path:
-    """The page to write, which is found out to be possible before the work is done."""
+def check_page_path(path: str | os.PathLike[str]) -> Path:
+    """Check that a page ``*.html`` can be written, before the work for it, and return its path.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist.
+    ImportError
+        If jinja2 is not installed.
+    ValueError
+        If the name does not end in ``.html`` or ``.htm``.
+    """
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a report is a page: its name must end in .html, got {target.name!r}")
     if not target.parent.is_dir():
         raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
+    environment()
     return target
 
 
 def write_page(target: Path, template: str, summary: Mapping[str, Any]) -> Path:
-    """Render a template of this package and write the page, whole or not at all."""
+    """Render a template of this package and write the whole page."""
     html = environment().get_template(template).render(summary)
     return write_whole(target, lambda file: file.write(html.encode()))
 
 
 def environment() -> jinja2.Environment:
-    """Where the templates of this package are; every value that they are given is escaped."""
+    """Return the environment of this package's templates, which escapes every value."""
     try:
         import jinja2
     except ImportError as error:
@@ -51,7 +62,7 @@ def environment() -> jinja2.Environment:
 
 
 def origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
-    """What the recordings are called, the banner where there are surrogates, and a line on their origin."""
+    """Name of the recordings, banner for surrogates, and a line on their origin."""
     n, n_made = len(sources), sum(source in SIMULATED for source in sources)
     if n and all(source == "measured" for source in sources):
         return "measured", None, f"{number(n, 'recording')}, stated to be measured on a machine."
@@ -65,37 +76,29 @@ def origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, s
 
 
 def versions() -> str:
-    """What a report was made with, in one line."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "scikit-learn"))
-    return f"cyclofeat {__version__}, Python {platform.python_version()}, {packages}"
-
-
-# -- numbers as text
-
-
-def number(n: int, thing: str) -> str:
-    """``1 lobe``, ``2 lobes``."""
-    return f"{n} {thing}" if n == 1 else f"{n} {thing}s"
+    """Return the versions that a report was made with, in one line."""
+    used = package_versions("cyclofeat", "python", "numpy", "scipy", "scikit-learn")
+    return ", ".join(f"{'Python' if name == 'python' else name} {version}" for name, version in used.items())
 
 
 def unbroken(text: str) -> str:
-    """The text on one line, wherever it stands."""
+    """Return the text with spaces that do not break lines."""
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def count_text(count: int, lobes: Iterable[int] | None, absolute: bool = True) -> str:
-    """How many are worn, and which."""
-    text = {0: "no worn lobe", 1: "1 worn lobe"}.get(count, f"{count} worn lobes")
+    """Return the number of worn lobes, and which, in words."""
+    text = number(count, "worn lobe") if count else "no worn lobe"
     numbers = lobes_text(lobes, absolute)
     return f"{text}: {numbers}" if numbers else text
 
 
 def lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
-    """Lobes as people count them, from 1."""
-    numbers = ", ".join(str(int(lobe) + 1) for lobe in sorted(lobes or ()))
+    """Return lobes as people count them, from 1."""
+    numbers = words.lobes_text(lobes)
     return numbers if absolute or not numbers else f"{numbers} counted from the first sample"
 
 
 def probability_text(probability: float) -> str:
-    """A probability; what rounds to 1 is not called certain."""
+    """Return a probability as text; "> 0.99" if it rounds to 1."""
     return "> 0.99" if probability >= 0.995 else f"{probability:.2f}"

@@ -8,17 +8,21 @@
 | `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav` | one kind of file each |
 | `_labels` | labels as files hold them |
 | `_folder` | a folder with its manifest |
-| `_describe`, `_quality` | what a record holds, and what would spoil a count |
+| `_describe`, `_quality` | content of a record, and defects that would spoil a count |
 """
 
+from cyclofeat.datasets.readers._columns import Source
 from cyclofeat.datasets.readers._describe import describe, describe_recording, one_line
-from cyclofeat.datasets.readers._folder import Entry, folder_entries, read_folder
+from cyclofeat.datasets.readers._folder import MANIFEST, Entry, folder_entries, read_folder
 from cyclofeat.datasets.readers._npz import load_arrays
-from cyclofeat.datasets.readers._read import SOURCES, read_recording, write_recording
+from cyclofeat.datasets.readers._read import SOURCES, ReadingOptions, read_recording, write_recording
 
 __all__ = [
+    "MANIFEST",
     "SOURCES",
     "Entry",
+    "ReadingOptions",
+    "Source",
     "describe",
     "describe_recording",
     "folder_entries",

@@ -1,14 +1,19 @@
-"""What all files of channels have in common: names, units, numbers, and the errors about them."""
+"""Channels of files: names, units, numbers, and errors about them."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cyclofeat._base import checks
+from cyclofeat._base.arguments import ArgumentError
 
 Float = NDArray[np.float64]
 Channel = str | int
@@ -36,27 +41,29 @@ _OTHER_SPELLINGS = {
 # Units that may follow a name after an underscore, as in torque_nm.
 _UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS}
 
-# Deflate, the strongest of the compressions that these files use, packs no more than 1032:1. What claims more
-# than that of a small file is damaged, or made to fill the memory.
+# What to do about an angle of unknown unit: the end of an ArgumentError's template.
+ANGLE_REMEDY = "give {angle_unit:='rad' or 'deg'}, or {angle_channel:=False} to leave it out"
+
+# Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
+# damaged, or made to fill the memory.
 _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
 
 
 class Source:
-    """The channels of one file, converted to numbers when they are asked for.
+    """Channels of one file, converted to numbers on demand.
 
     Parameters
     ----------
     path : pathlib.Path
     names : list of str
-        As people see them.
     units : list of (str or None), optional
         As the file states them beside the name; where None, the name may state one.
     plain : list of str, optional
-        Names without what only tells them apart (a TDMS channel without its group).
+        Names without a qualifier (a TDMS channel without its group).
     """
 
     noun, plural = "channel", "channels"
-    by_index = True  # whether channels have an order that people can count
+    by_index = True  # channels have an order that people can count
     named = True
     labels: dict[str, Any] | None = None  # all labels, of a file that write_recording wrote
     other_labels: dict[str, Any]
@@ -77,14 +84,14 @@ class Source:
         self.units = [unit or named for unit, (_, named) in zip(stated, split, strict=True)]
         self.other_labels = {}
 
-    # What each kind of file has to know.
+    # What each kind of file defines.
 
     def raw(self, index: int) -> NDArray[Any]:
         """Values of one channel as the file holds them, shape (n,): numbers, or dates."""
         raise NotImplementedError
 
     def usable(self, index: int) -> bool:
-        """Whether a channel may hold a record: asked where no name tells which is the torque."""
+        """Return True if a channel may hold a record; used if no name identifies the torque."""
         return True
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
@@ -92,17 +99,15 @@ class Source:
         return None
 
     def meta(self, torque: int) -> dict[str, Any]:
-        """What else the file says of a channel."""
+        """Return other statements of the file about a channel."""
         return {}
 
     def check_torque(self, torque: int, scale: float | None) -> None:
         """Raise ``ValueError`` where the torque's channel holds raw counts and no scale is given."""
 
     def where(self, sample: int) -> str:
-        """Where a sample stands, for messages."""
+        """Return the place of a sample in the file, for messages."""
         return f"sample {sample}"
-
-    # What follows from it.
 
     def column(self, index: int) -> Float:
         """Numbers of one channel, checked: real, finite, at least two."""
@@ -127,62 +132,59 @@ class Source:
         return values if values.dtype.kind in "mM" else self.column(index)
 
     def listed(self) -> str:
-        """Names of all channels, for messages."""
-        names = [repr(name) for name in self.names[:40]] if self.named else self.names[:40]
-        more = f" and {len(self.names) - 40} more" if len(self.names) > 40 else ""
-        return (", ".join(names) or "none") + more + ("" if self.named else " (no names in the file)")
+        """Return the names of all channels, for messages."""
+        text = ", ".join(map(repr if self.named else str, self.names[:40])) or "none"
+        text += f" and {len(self.names) - 40} more" if len(self.names) > 40 else ""
+        return text if self.named else f"{text} (no names in the file)"
 
     def find(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
-        """Index of the channel that is asked for, else of the one with a usual name, else None."""
+        """Index of the wanted channel, else of the one with a usual name, else None."""
         if wanted is None:
             matches = [i for i, base in enumerate(self.bases) if base in usual]
             if len(matches) > 1:
-                names = ", ".join(repr(self.names[i]) for i in matches)
-                raise ValueError(
-                    f"{self.file}: {argument} must be given, since several {self.plural} fit: {names}"
+                fitting = ", ".join(repr(self.names[i]) for i in matches)
+                raise self._wrong(
+                    "{argument} must be given, since several {plural} fit: {names}", argument, names=fitting
                 )
             return matches[0] if matches else None
-        if not self.by_index and not isinstance(wanted, str):
+        if not isinstance(wanted, str) and not (self.by_index and checks.is_whole(wanted)):
+            index = " or index from 0" if self.by_index else ""
             raise TypeError(
-                f"{argument} must be the name of {self.a_noun()}, got {wanted!r}; {self.plural} are "
+                f"{argument} must be {self.a_noun()}'s name{index}, got {wanted!r}; {self.plural} are "
                 f"{self.listed()}"
             )
-        if isinstance(wanted, (bool, np.bool_)) or not isinstance(wanted, (str, int, np.integer)):
-            raise TypeError(f"{argument} must be a {self.noun}'s name or index from 0, got {wanted!r}")
         if not isinstance(wanted, str):
             if not 0 <= wanted < len(self.names):
                 raise self._unknown(argument, wanted)
             return int(wanted)
-        matches = [i for i, name in enumerate(self.names) if name == wanted]
-        matches = matches or [i for i, name in enumerate(self.plain) if name == wanted]
-        matches = matches or [i for i, base in enumerate(self.bases) if base == wanted.strip().lower()]
+        matches = []
+        for names, name in ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower())):
+            matches = matches or [i for i, candidate in enumerate(names) if candidate == name]
         if not matches and self.by_index and wanted.isdecimal() and int(wanted) < len(self.names):
             matches = [int(wanted)]
         if not matches:
             raise self._unknown(argument, wanted)
         if len(matches) > 1:
-            if self.by_index:
-                raise ValueError(
-                    f"{self.file}: {argument} = {wanted!r} fits {self.plural} {matches}; give one index"
-                )
-            names = ", ".join(repr(self.names[i]) for i in matches)
-            raise ValueError(f"{self.file}: {argument} = {wanted!r} fits several {self.plural}: {names}")
+            listed = ", ".join(repr(self.names[i]) for i in matches)
+            raise self._wrong(
+                "{argument: = {wanted!r}} fits several {plural}: {which}",
+                argument, wanted=wanted, which=f"{matches}; give one index" if self.by_index else listed,
+            )  # fmt: skip
         return matches[0]
 
     def torque(self, wanted: Channel | None, others: set[int | None]) -> int:
         """Index of the torque's channel."""
         if not self.names:
             raise ValueError(f"{self.file} holds no {self.noun}")
-        found = self.find("channel", wanted, TORQUE_NAMES)
-        if found is None:
-            left = [i for i in range(len(self.names)) if i not in others and self.usable(i)]
-            if len(left) != 1:
-                raise ValueError(
-                    f"{self.file}: channel must be given, to say which {self.noun} is the torque: "
-                    f"{self.listed()}"
-                )
-            found = left[0]
-        return found
+        index = self.find("channel", wanted, TORQUE_NAMES)
+        if index is not None:
+            return index
+        usable = [i for i in range(len(self.names)) if i not in others and self.usable(i)]
+        if len(usable) != 1:
+            raise self._wrong(
+                "{argument} must be given, to say which {noun} is the torque: {listed}", "channel"
+            )
+        return usable[0]
 
     def torque_factor(self, index: int, scale: float | None) -> tuple[float, bool]:
         """Nm per unit of a channel, and whether that is assumed."""
@@ -192,10 +194,10 @@ class Source:
         if unit is None:
             return 1.0, True
         if unit not in TORQUE_UNITS:
-            raise ValueError(
-                f"{self.file}: channel {self.names[index]!r} is in {unit!r}, known are "
-                f"{', '.join(TORQUE_UNITS)}; give scale= (Nm per unit)"
-            )
+            raise ArgumentError(
+                "{file}: channel {name!r} is in {unit!r}, known are {known}; give {scale:=} (Nm per unit)",
+                file=self.file, name=self.names[index], unit=unit, known=", ".join(TORQUE_UNITS),
+            )  # fmt: skip
         return TORQUE_UNITS[unit], False
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
@@ -203,33 +205,38 @@ class Source:
         stated = self.units[index]
         name = self.names[index]
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
-            raise ValueError(
-                f"{self.file}: angle_unit = {angle_unit!r} contradicts the {self.noun} {name!r}, which is in "
-                f"{stated}"
-            )
+            raise self._wrong(
+                "{argument: = {angle_unit!r}} contradicts the {noun} {name!r}, which is in {stated}",
+                "angle_unit", angle_unit=angle_unit, name=name, stated=stated,
+            )  # fmt: skip
         unit = angle_unit or stated or self.angle_unit
         if unit not in ANGLE_UNITS:
-            raise ValueError(
-                f"{self.file}: {self.noun} {name!r} does not say whether it is in rad or deg; give "
-                "angle_unit='rad' or 'deg', or angle_channel=False to leave it out"
-            )
+            raise ArgumentError(
+                f"{{file}}: {{noun}} {{name!r}} does not say whether it is in rad or deg; {ANGLE_REMEDY}",
+                file=self.file, noun=self.noun, name=name,
+            )  # fmt: skip
         return ANGLE_UNITS[unit], angle_unit is None and stated is None
 
     def a_noun(self) -> str:
         return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
 
-    def _unknown(self, argument: str, wanted: Any) -> ValueError:
-        return ValueError(
-            f"{self.file}: {argument} = {wanted!r} does not exist; {self.plural} are {self.listed()}"
+    def _unknown(self, argument: str, wanted: Any) -> ArgumentError:
+        return self._wrong(
+            "{argument: = {wanted!r}} does not exist; {plural} are {listed}", argument, wanted=wanted
         )
+
+    def _wrong(self, template: str, argument: str, **details: object) -> ArgumentError:
+        """Error about an argument that does not suit this file."""
+        words = {"file": self.file, "noun": self.noun, "plural": self.plural, "listed": self.listed()}
+        return ArgumentError("{file}: " + template, argument=argument, **words, **details)
 
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """Lower-case base name and unit of a channel: ``Torque [Nm]`` gives ("torque", "Nm")."""
-    found = re.fullmatch(r"(.+?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|/\s*(\S+)|\bin\s+(\S+))\s*", name.strip())
-    if found:
-        unit = next(group for group in found.groups()[1:] if group is not None)
-        return found[1].strip().lower(), clean_unit(unit)
+    match = re.fullmatch(r"(.+?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|/\s*(\S+)|\bin\s+(\S+))\s*", name.strip())
+    if match:
+        unit = next(group for group in match.groups()[1:] if group is not None)
+        return match[1].strip().lower(), clean_unit(unit)
     base, _, suffix = name.strip().lower().rpartition("_")
     if base and suffix in _UNIT_SUFFIXES:
         return base, _UNIT_SUFFIXES[suffix]
@@ -245,23 +252,27 @@ def clean_unit(unit: str | None) -> str | None:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number."""
-    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    return number and math.isfinite(value)
+    """Return True for a finite real number."""
+    return checks.is_number(value) and math.isfinite(value)
 
 
-def check_rate(name: str, value: Any) -> None:
-    """Raise ``ValueError`` for what is no sampling rate."""
+def check_rate(value: Any, place: str | None = None) -> None:
+    """Raise ``ValueError`` for what is no sampling rate: of the argument, or as ``place`` states it."""
     if not (is_number(value) and value > 0):
-        raise ValueError(f"{name} must be a positive, finite number (Hz), got {value!r}")
+        template = "{argument}" if place is None else "{place}"
+        raise ArgumentError(
+            template + " must be a positive, finite number (Hz), got {value!r}",
+            argument="sampling_rate", place=place, value=value,
+        )  # fmt: skip
 
 
 def check_same_rate(file: str, given: float | None, stated: float, where: str, *, tolerance: float) -> None:
     """Raise ``ValueError`` where two statements of the rate contradict each other."""
     if given is not None and not math.isclose(given, stated, rel_tol=tolerance):
-        raise ValueError(
-            f"{file}: sampling_rate = {given:g} Hz contradicts {where}, which says {stated:g} Hz"
-        )
+        raise ArgumentError(
+            "{file}: {argument: = {given:g} Hz} contradicts {where}, which says {stated:g} Hz",
+            file=file, argument="sampling_rate", given=given, where=where, stated=stated,
+        )  # fmt: skip
 
 
 def check_claim(path: Path, n_bytes: int) -> None:
@@ -272,12 +283,28 @@ def check_claim(path: Path, n_bytes: int) -> None:
         )
 
 
+@contextmanager
+def reading(path: Path, kind: str) -> Iterator[None]:
+    """Raise ``ValueError`` that calls the file damaged for whatever a library raises while it reads."""
+    try:
+        yield
+    except (MemoryError, PermissionError, ImportError):
+        raise
+    except Exception as error:  # libraries let all kinds of exceptions through where a file is damaged
+        if isinstance(error, ValueError) and path.name in str(error):
+            raise
+        text = " ".join(str(error).split())
+        raise ValueError(
+            f"{path.name} is damaged, it cannot be read as {kind} ({type(error).__name__}: {text})"
+        ) from None
+
+
 def whole_rate(step_s: float) -> float:
-    """Rate in Hz of a step in s; a whole number where rounding of the step is all that speaks against it."""
+    """Return the rate in Hz of a step in s, a whole number if the step's rounding allows one."""
     rate = 1 / step_s
     return float(round(rate)) if abs(rate - round(rate)) <= 1e-9 * rate and round(rate) > 0 else rate
 
 
 def missing_library(suffix: str, library: str) -> ImportError:
-    """What to say where a library of the extra is not installed."""
+    """Return the error for a library of the extra that is not installed."""
     return ImportError(f"reading {suffix} files needs {library}: pip install 'cyclofeat[io]'")

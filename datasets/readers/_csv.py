@@ -1,4 +1,4 @@
-"""Columns of a CSV file, and the CSV file that a recording becomes."""
+"""Reader and writer of CSV files."""
 
 from __future__ import annotations
 
@@ -6,29 +6,24 @@ import csv
 import json
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import UNITS, Float, Source, check_rate, clean_unit
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
 from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
 _MOST_COLUMNS, _LONGEST_LINE = 4096, 2**20
 
 
 class CsvSource(Source):
-    """Columns of a CSV file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    delimiter : str or None
-        None: the first of tab, semicolon, comma in the first row.
-    """
+    """Columns of a CSV file; default delimiter: the first of tab, semicolon, comma in the first row."""
 
     noun, plural = "column", "columns"
 
@@ -80,7 +75,7 @@ class CsvSource(Source):
             return None
 
     def _unit_row(self, line: str, width: int) -> list[str | None] | None:
-        """Units in a row of their own below the names; None where the row is no such one."""
+        """Return the units in the row below the names; None if the row holds no units."""
         cells = self._cells(line)
         if len(cells) != width or any(self._number(cell) is not None for cell in cells):
             return None
@@ -94,22 +89,20 @@ class CsvSource(Source):
             if cells != width or not row.strip():
                 came = "1 column" if cells == 1 else f"{cells} columns"
                 doubled = self.delimiter == "," and cells == 2 * width
-                raise ValueError(
-                    f"{self.file}: line {self.first_line + index} must have {width} columns as the first row "
-                    f"has, got {came if row.strip() else 'an empty line'}"
-                    + ("; are these decimal commas? give delimiter=';'" if doubled else "")
-                )
+                raise ArgumentError(
+                    "{file}: {where} must have {width} columns as the first row has, got {came}"
+                    + ("; are these decimal commas? give {delimiter:=';'}" if doubled else ""),
+                    file=self.file, where=self.where(index), width=width,
+                    came=came if row.strip() else "an empty line",
+                )  # fmt: skip
 
     def where(self, sample: int) -> str:
-        """The line of a sample."""
         return f"line {self.first_line + sample}"
 
     def meta(self, torque: int) -> dict[str, Any]:
-        """Whether commas were read as decimal commas."""
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
-        """Numbers of one column."""
         rows = [row.replace(",", ".") for row in self.rows] if self.decimal_comma else self.rows
         try:
             return np.loadtxt(
@@ -118,21 +111,7 @@ class CsvSource(Source):
         except ValueError as error:
             raise self._not_numbers(index, error) from None
 
-    def column(self, index: int) -> Float:
-        """Numbers of one column, checked: finite, at least two."""
-        values = self.raw(index)
-        if not np.all(np.isfinite(values)):
-            where = int(np.argmax(~np.isfinite(values)))
-            raise ValueError(
-                f"{self.file}: {self.where(where)}, column {self.names[index]!r} holds {values[where]}; "
-                "every sample must be a finite number"
-            )
-        if values.size < 2:
-            raise ValueError(f"{self.file} holds one sample; a record needs at least 2")
-        return np.asarray(values, dtype=np.float64)
-
     def times(self, index: int) -> NDArray[Any]:
-        """Numbers of a column of times, or its dates (ISO 8601)."""
         try:
             return self.column(index)
         except ValueError:
@@ -141,18 +120,13 @@ class CsvSource(Source):
             cells = [self._cells(row)[index].strip() for row in self.rows]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
                 raise
-            bare = [re.sub(r"(Z|[+-]\d\d:?\d\d)$", "", cell[10:]).replace(",", ".") for cell in cells]
-            try:
-                return np.array(
-                    [f"{cell[:10]}{clock}" for cell, clock in zip(cells, bare, strict=True)],
-                    dtype="datetime64[ns]",
-                )
-            except ValueError:
-                pass
+            bare = [re.sub(r"(?<=.{10})(Z|[+-]\d\d:?\d\d)$", "", cell).replace(",", ".") for cell in cells]
+            with suppress(ValueError):
+                return np.array(bare, dtype="datetime64[ns]")
             raise
 
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
-        """What to say of a column that did not convert: its first cell that is not a number."""
+        """Return the error that names the first cell of a column that is no number."""
         column = f"column {self.names[index]!r}"
         for row, line in enumerate(self.rows):
             cell = self._cells(line)[index]
@@ -187,7 +161,7 @@ def _decoded(path: Path) -> str:
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
-    """Write a recording as columns, with its labels as comments at the head."""
+    """Write a recording as columns, with labels as comments at the head."""
     head = [f"# {FORMAT}: {VERSION}"]
     head += [f"# {key}: {json.dumps(value)}" for key, value in labels.items()]
     columns, names = [recording.torque], ["torque [Nm]"]
@@ -215,5 +189,5 @@ def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] |
         raise ValueError(
             f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(LABELS)}"
         )
-    check_rate(f"{file}: sampling_rate in its header", labels.get("sampling_rate"))
+    check_rate(labels.get("sampling_rate"), f"{file}: sampling_rate in its header")
     return labels

@@ -1,4 +1,4 @@
-"""What a recording holds, and what in it would spoil a count."""
+"""Description of a recording, with warnings of what would spoil a count."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from cyclofeat._base.words import lobes_text, number
 from cyclofeat.datasets.readers._quality import clipped, dropped, speed_by_lines
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
-# Shares and deviations from which on a count suffers.
+# Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
 # Lobe lines up to the 44th enter a count: 391 Hz at 500 RPM.
 _LINES = 44
 
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
-    """What a recording holds, how whole it is, and what in it would spoil a count.
+    """Describe a recording: content, defects of the record, and what would spoil a count.
 
     Parameters
     ----------
@@ -29,18 +30,18 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     dict
         All of :func:`describe_recording`, and
 
-        ``clipped_share`` : share of samples that stand at the record's largest or smallest value where
-        samples pile up there (runs of three and more, four times as many as at the next value).
+        ``clipped_share`` : share of samples at the record's largest or smallest value where samples pile up
+        there (runs of three and more, four times as many as at the next value).
 
-        ``dropout_share`` : share of samples held at one value for much longer than the record's values are
-        otherwise, or exactly 0 between values far from it.
+        ``dropout_share`` : share of samples that repeat one value for much longer than usual, or are exactly
+        0 between values far from it.
 
-        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines near the nominal speed; None
-        where neither tells. ``speed_from`` : "angle", "lobe lines" or None. ``speed_deviation`` : its
-        relative deviation from the nominal speed, or None.
+        ``speed_measured_rpm`` : input speed by the angle, else by the lobe lines near the nominal speed, or
+        None. ``speed_from`` : "angle", "lobe lines" or None. ``speed_deviation`` : its relative deviation
+        from the nominal speed, or None.
 
-        ``output_turns`` : output turns recorded, by the measured speed, else the nominal one; None where no
-        speed is known. ``whole_output_turns`` (int) and ``unused_s`` : what remains after them, in s.
+        ``output_turns`` : output turns recorded, by the measured speed, else the nominal one, or None.
+        ``whole_output_turns`` (int) and ``unused_s`` : the rest after them, in s.
 
         ``angle_unit_assumed`` (bool), ``time_jitter`` (samples, or None), ``start_time`` (or None).
 
@@ -48,43 +49,35 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
 
     Notes
     -----
-    The lobe lines tell the speed within 5 % of the nominal one, if they stand 3 dB out of their surroundings
-    on average. A record that is constant has neither clipped samples nor dropouts: ``constant`` says all.
+    Lobe lines give the speed within 5 % of the nominal one, if they stand 3 dB out of their surroundings on
+    average. A constant record has neither clipped samples nor dropouts.
 
     Examples
     --------
     >>> import numpy as np
     >>> time = np.arange(51_200) / 25_600
     >>> torque = np.clip(22 + np.sin(2 * np.pi * 8 * time), None, 22.9)
-    >>> found = describe(Recording(torque, 25_600, speed_rpm=500))
-    >>> round(found["clipped_share"], 2), found["whole_output_turns"]
+    >>> facts = describe(Recording(torque, 25_600, speed_rpm=500))
+    >>> round(facts["clipped_share"], 2), facts["whole_output_turns"]
     (0.14, 1)
     """
     reduction = recording.n_lobes if reduction is None else reduction
     if reduction < 2:
         raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
     meta = recording.meta or {}
-    found = describe_recording(recording)
+    facts = describe_recording(recording)
     speed, speed_from = _speed(recording, reduction)
     nominal = recording.input_speed_hz
     known = speed or nominal
-    turns = None
-    if recording.angle is not None:
-        angle = recording.input_angle(reduction)
-        assert angle is not None
-        turns = float(angle[-1] - angle[0]) / (2 * np.pi) * recording.n_samples / (recording.n_samples - 1)
-        turns /= reduction
-    elif known is not None:
+    turns = whole = unused = None
+    if known is not None:
         turns = recording.duration * known / reduction
-    # A record of exactly one turn must not lose it to rounding.
-    whole = None if turns is None else int(turns * (1 + 1e-6))
-    unused = None
-    if turns is not None and whole is not None and turns > 0:
+        whole = int(turns * (1 + 1e-6))  # a record of exactly one turn must not lose it to rounding
         unused = max(0.0, recording.duration * (1 - whole / turns))
-    constant = found["constant"]
+    constant = facts["constant"]
     drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
     clips = 0.0 if constant else clipped(recording.torque[~drops]) * float(np.mean(~drops))
-    found |= {
+    facts |= {
         "clipped_share": clips,
         "dropout_share": float(np.mean(drops)),
         "speed_measured_rpm": None if speed is None else 60 * speed,
@@ -97,53 +90,50 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         "time_jitter": meta.get("time_jitter"),
         "start_time": meta.get("start_time"),
     }
-    found["warnings"] = _warnings(recording, found, reduction)
-    return found
+    facts["warnings"] = _warnings(recording, facts, reduction)
+    return facts
 
 
 def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
-    """Input speed in turns per second, and what it was found by."""
-    angle = recording.input_angle(reduction)
-    if angle is not None:
-        turns = float(angle[-1] - angle[0]) / (2 * np.pi)
-        return turns * recording.sampling_rate / (recording.n_samples - 1), "angle"
+    """Return the input speed in turns per second, and its source."""
+    by_angle = recording.mean_input_speed(reduction)
     nominal = recording.input_speed_hz
-    if nominal is None:
-        return None, None
-    found = speed_by_lines(recording.torque, recording.sampling_rate, nominal, reduction)
-    return found, None if found is None else "lobe lines"
+    if by_angle is not None or nominal is None:
+        return by_angle, None if by_angle is None else "angle"
+    by_lines = speed_by_lines(recording.torque, recording.sampling_rate, nominal, reduction)
+    return by_lines, None if by_lines is None else "lobe lines"
 
 
-def _warnings(recording: Recording, found: dict[str, Any], reduction: int) -> list[str]:
-    """What would spoil a count, in the order of gravity."""
-    if found["constant"]:
+def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> list[str]:
+    """Warnings of what would spoil a count, the gravest first."""
+    if facts["constant"]:
         return [
-            f"the record is constant ({found['minimum']:g} {found['unit']}): sensor dead or not connected?"
+            f"the record is constant ({facts['minimum']:g} {facts['unit']}): sensor dead or not connected?"
         ]
     notes = []
     nominal = recording.input_speed_hz
-    if found["dropout_share"] > _MOST_DROPPED:
-        notes.append(f"{100 * found['dropout_share']:.2g} % of the samples are dropouts")
-    if found["clipped_share"] > _MOST_CLIPPED:
+    if facts["dropout_share"] > _MOST_DROPPED:
+        notes.append(f"{100 * facts['dropout_share']:.2g} % of the samples are dropouts")
+    if facts["clipped_share"] > _MOST_CLIPPED:
         notes.append(
-            f"{100 * found['clipped_share']:.2g} % of the samples are clipped at {found['minimum']:g} or "
-            f"{found['maximum']:g} {found['unit']}"
+            f"{100 * facts['clipped_share']:.2g} % of the samples are clipped at {facts['minimum']:g} or "
+            f"{facts['maximum']:g} {facts['unit']}"
         )
-    if found["whole_output_turns"] == 0:
+    if facts["whole_output_turns"] == 0:
         notes.append(
-            f"the record holds {found['output_turns']:.2g} output turns, a count needs one "
+            f"the record holds {facts['output_turns']:.2g} output turns, a count needs one "
             f"({reduction} input turns)"
         )
-    speed = found["speed_measured_rpm"]
+    speed = facts["speed_measured_rpm"]
     if nominal is None and speed is None:
         notes.append("no speed is stated: the length of an output turn is not known")
-    deviation = found["speed_deviation"]
+    deviation = facts["speed_deviation"]
     if deviation is not None and abs(deviation) > _SPEED_TOLERANCE:
         notes.append(
-            f"the input turns at {speed:.5g} RPM by its {found['speed_from']}, {100 * deviation:+.2g} % off "
+            f"the input turns at {speed:.5g} RPM by its {facts['speed_from']}, {100 * deviation:+.2g} % off "
             f"the nominal {60 * nominal:.5g} RPM"  # type: ignore[operator]
         )
-    if nominal is not None and speed is None and found["whole_output_turns"]:
+    if nominal is not None and speed is None and facts["whole_output_turns"]:
         notes.append("no lobe lines near the nominal speed: another speed, or no signal of a gear")
     known = nominal if speed is None else speed / 60
     if known is not None:
@@ -153,19 +143,19 @@ def _warnings(recording: Recording, found: dict[str, Any], reduction: int) -> li
                 f"{recording.sampling_rate:g} Hz are too few for the {_LINES} lobe lines of a count, which "
                 f"need more than {needed:.0f} Hz"
             )
-    if found["unit_assumed"]:
+    if facts["unit_assumed"]:
         notes.append("the file states no unit of the torque: Nm assumed")
-    if found["angle_unit_assumed"]:
+    if facts["angle_unit_assumed"]:
         notes.append("the file states no unit of the angle: rad assumed")
-    if found["time_jitter"]:
-        notes.append(f"the times jitter by up to {found['time_jitter']:g} samples")
+    if facts["time_jitter"]:
+        notes.append(f"the times jitter by up to {facts['time_jitter']:g} samples")
     if recording.angle is None:
         notes.append("no angle: positions of lobes will be relative")
     return notes
 
 
 def describe_recording(recording: Recording) -> dict[str, Any]:
-    """What a recording holds: channel, unit, range, rate, duration and labels.
+    """Describe the content of a recording: channel, unit, range, rate, duration and labels.
 
     Parameters
     ----------
@@ -174,16 +164,16 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``file``, ``channel``, ``unit`` (Nm, unless ``meta`` states another for a record that is no torque),
+        ``file``, ``channel``, ``unit`` (Nm, unless ``meta`` states another),
         ``unit_assumed`` (bool), ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``
         (bool), ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (None, or
         shaft and kind of zero), ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
-        ``worn_lobes`` (list, from 0) and ``source``. None stands for what is not known. Fit for JSON.
+        ``worn_lobes`` (list, from 0) and ``source``. Unknown values are None; JSON can hold all.
 
     Examples
     --------
-    >>> found = describe_recording(Recording([21.0, 23.0], 25_600, speed_rpm=500))
-    >>> found["unit"], found["minimum"], found["maximum"], found["sampling_rate"], found["n_samples"]
+    >>> facts = describe_recording(Recording([21.0, 23.0], 25_600, speed_rpm=500))
+    >>> facts["unit"], facts["minimum"], facts["maximum"], facts["sampling_rate"], facts["n_samples"]
     ('Nm', 21.0, 23.0, 25600.0, 2)
     """
     torque = recording.torque
@@ -218,7 +208,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
 
 
 def one_line(recording: Recording) -> str:
-    """A recording in one line for people, lobes counted from 1.
+    """Describe a recording in one line for people, lobes counted from 1.
 
     Parameters
     ----------
@@ -233,26 +223,26 @@ def one_line(recording: Recording) -> str:
     >>> one_line(Recording([21.0, 23.0], 2_000, run="r7", worn_lobes=(0, 4)))
     "run 'r7': torque 21 to 23 Nm (mean 22), 2000 Hz, 2 samples = 0.001 s, no angle, 2 worn lobes (1, 5)"
     """
-    found = describe_recording(recording)
-    names = [f"{key} {found[key]!r}" for key in ("run", "assembly") if found[key] is not None]
-    name = ", ".join(([found["file"]] if found["file"] else []) + names)
-    unit = found["unit"] + (" (unit assumed)" if found["unit_assumed"] else "")
-    values = f"{found['minimum']:.4g} to {found['maximum']:.4g} {unit} (mean {found['mean']:.4g})"
-    parts = [f"{found['channel']} {values}"]
-    if found["constant"]:
+    facts = describe_recording(recording)
+    names = [f"{key} {facts[key]!r}" for key in ("run", "assembly") if facts[key] is not None]
+    name = ", ".join(([facts["file"]] if facts["file"] else []) + names)
+    unit = facts["unit"] + (" (unit assumed)" if facts["unit_assumed"] else "")
+    values = f"{facts['minimum']:.4g} to {facts['maximum']:.4g} {unit} (mean {facts['mean']:.4g})"
+    parts = [f"{facts['channel']} {values}"]
+    if facts["constant"]:
         parts.append("CONSTANT")
-    rate_from = f" from {found['rate_from']}" if found["rate_from"] else ""
-    parts.append(f"{found['sampling_rate']:g} Hz{rate_from}")
-    parts.append(f"{found['n_samples']} samples = {found['duration_s']:.4g} s")
-    if found["speed_rpm"] is not None:
-        parts.append(f"{found['speed_rpm']:g} RPM")
-    if found["load_nm"] is not None:
-        parts.append(f"load {found['load_nm']:g} Nm")
-    parts.append("no angle" if found["angle"] is None else f"angle of the {found['angle']}")
-    if found["defect_count"] is not None:
-        lobes = ", ".join(str(lobe + 1) for lobe in found["worn_lobes"] or ())
-        count = found["defect_count"]
-        parts.append(f"{count} worn lobe{'' if count == 1 else 's'}" + (f" ({lobes})" if lobes else ""))
-    if found["source"]:
-        parts.append(found["source"])
+    rate_from = f" from {facts['rate_from']}" if facts["rate_from"] else ""
+    parts.append(f"{facts['sampling_rate']:g} Hz{rate_from}")
+    parts.append(f"{facts['n_samples']} samples = {facts['duration_s']:.4g} s")
+    if facts["speed_rpm"] is not None:
+        parts.append(f"{facts['speed_rpm']:g} RPM")
+    if facts["load_nm"] is not None:
+        parts.append(f"load {facts['load_nm']:g} Nm")
+    parts.append("no angle" if facts["angle"] is None else f"angle of the {facts['angle']}")
+    if facts["defect_count"] is not None:
+        lobes = lobes_text(facts["worn_lobes"])
+        count = facts["defect_count"]
+        parts.append(number(count, "worn lobe") + (f" ({lobes})" if lobes else ""))
+    if facts["source"]:
+        parts.append(facts["source"])
     return f"{name}: {', '.join(parts)}" if name else ", ".join(parts)

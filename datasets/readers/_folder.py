@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
+#: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"
-_CAMPAIGN = "campaign.json"  # what a campaign's folder is known by
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
 _ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
 _LABELS = {
@@ -22,15 +22,22 @@ _LABELS = {
     "angle_of": "angle_of", "angle_is_absolute": "angle_is_absolute",
 }  # fmt: skip
 _COLUMNS = ("file", *_ARGUMENTS, *_LABELS)
-_NUMBERS = ("sampling_rate", "scale", "speed", "load")
+_BOOLEANS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+# What a cell of the column must be.
+_RIGHT = {
+    **dict.fromkeys(("sampling_rate", "scale", "speed", "load"), "a number"),
+    **dict.fromkeys(("defect_count", "n_lobes"), "a whole number"),
+    "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
+    "angle_is_absolute": "true or false",
+}
 _MOST_ERRORS = 10
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One recording of a folder.
+    """One file to read, given by itself or by a folder's manifest.
 
-    Attributes
+    Parameters
     ----------
     path : pathlib.Path
     arguments : dict
@@ -44,7 +51,7 @@ class Entry:
     line: int | None = None
 
     def read(self, **arguments: Any) -> Recording:
-        """The recording; arguments given here precede those of the manifest."""
+        """Read the recording; arguments given here precede those of the manifest."""
         given = {key: value for key, value in arguments.items() if value is not None}
         return read_recording(self.path, **(self.arguments | given))
 
@@ -75,8 +82,8 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     FileNotFoundError
         If there is no such folder.
     ValueError
-        If the manifest or a recording is not what it should be. The message names every line that is wrong
-        (the first ten), what came and what would be right.
+        If the manifest or a recording is not as described. The message names the wrong lines (the first
+        ten) and what would be right.
 
     Warns
     -----
@@ -110,28 +117,16 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
 
 
 def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
-    """What a folder holds, by its manifest or by its files' names; nothing is read yet.
+    """List the recordings of a folder, by its manifest or its files' names, without reading them.
 
-    Parameters
-    ----------
-    path : path
-        Folder.
-
-    Returns
-    -------
-    list of Entry
-
-    Raises
-    ------
-    FileNotFoundError, ValueError
-        As :func:`read_folder`.
+    Parameters and errors are those of :func:`read_folder`.
     """
     folder = file_path(path)
     if not folder.exists():
         raise FileNotFoundError(f"no such folder: {folder}")
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder; use read_recording for a file")
-    if (folder / _CAMPAIGN).is_file():
+    if (folder / "campaign.json").is_file():
         raise ValueError(
             f"folder {folder} holds a campaign, whose windows are arrays and not recordings: "
             "cyclofeat.simulators.load_campaign reads it"
@@ -164,18 +159,14 @@ def _manifest(folder: Path) -> list[Entry]:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
     delimiter = next((d for d in "\t;," if d in lines[first]), ",")
     names = [name.strip().lower() for name in _cells(lines[first], delimiter)]
-    unknown = [name for name in names if name not in _COLUMNS]
-    if unknown:
-        raise ValueError(
-            f"{MANIFEST}: line {first + 1}: unknown column {unknown[0]!r}; known are {', '.join(_COLUMNS)}"
-        )
+    head = f"{MANIFEST}: line {first + 1}:"
     for name in names:
+        if name not in _COLUMNS:
+            raise ValueError(f"{head} unknown column {name!r}; known are {', '.join(_COLUMNS)}")
         if names.count(name) > 1:
-            raise ValueError(
-                f"{MANIFEST}: line {first + 1}: column {name!r} is there {names.count(name)} times"
-            )
+            raise ValueError(f"{head} column {name!r} is there {names.count(name)} times")
     if "file" not in names:
-        raise ValueError(f"{MANIFEST}: line {first + 1}: no column 'file'; columns are {', '.join(names)}")
+        raise ValueError(f"{head} no column 'file'; columns are {', '.join(names)}")
     entries: list[Entry] = []
     wrong: list[str] = []
     lines_of: dict[tuple[Any, ...], int] = {}
@@ -221,37 +212,27 @@ def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entr
     for column, cell in row.items():
         if cell:
             arguments[_LABELS.get(column, column)] = _value(column, cell, delimiter)
-    if "worn_lobes" in arguments and arguments.get("defect_count", len(arguments["worn_lobes"])) != len(
-        arguments["worn_lobes"]
-    ):
+    count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
+    if count is not None and worn is not None and count != len(worn):
         raise ValueError(
-            f"defect_count must be the number of worn_lobes, got {arguments['defect_count']} and "
-            f"{row['worn_lobes']!r}"
+            f"defect_count must be the number of worn_lobes, got {count} and {row['worn_lobes']!r}"
         )
     return Entry(path, arguments, line)
 
 
 def _value(column: str, cell: str, delimiter: str) -> Any:
-    """A cell as what its column holds."""
+    """Convert a cell to the type of its column."""
     try:
-        if column in _NUMBERS:
-            return float(cell.replace(",", ".") if delimiter != "," else cell)
-        if column in ("defect_count", "n_lobes"):
-            return int(cell)
         if column == "worn_lobes":
             return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
         if column == "angle_is_absolute":
-            return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[
-                cell.lower()
-            ]
+            return _BOOLEANS[cell.lower()]
+        if _RIGHT.get(column) == "a whole number":
+            return int(cell)
+        if _RIGHT.get(column) == "a number":
+            return float(cell.replace(",", ".") if delimiter != "," else cell)
     except (ValueError, KeyError):
-        right = {
-            "defect_count": "a whole number",
-            "n_lobes": "a whole number",
-            "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
-            "angle_is_absolute": "true or false",
-        }.get(column, "a number")
-        raise ValueError(f"{column} must be {right}, got {cell!r}") from None
+        raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}") from None
     return cell
 
 

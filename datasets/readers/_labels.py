@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"
 VERSION = 1
@@ -17,23 +17,23 @@ LABELS = (
 
 
 def check_version(file: str, version: Any) -> None:
-    """Raise ``ValueError`` for a format that is not known here."""
+    """Raise ``ValueError`` for an unknown version of the format."""
     if version != VERSION:
         raise ValueError(f"{file} is of format {version!r}, but {VERSION} can be read; update cyclofeat")
 
 
 def labels_to_write(recording: Recording) -> dict[str, Any]:
-    """Labels that are known, as JSON can hold them."""
+    """Labels of a recording, as JSON can hold them."""
     labels: dict[str, Any] = {"sampling_rate": recording.sampling_rate}
     for key in LABELS:
         value = getattr(recording, key)
-        if value is None or (key == "meta" and not value):
-            continue
-        if recording.angle is None and key.startswith("angle"):
-            continue
-        if key == "n_lobes" and value == 15:
-            continue  # as in files that were written before there was another
-        labels[key] = list(value) if key == "worn_lobes" else value
+        skipped = (
+            (key == "meta" and not value)
+            or (recording.angle is None and key.startswith("angle"))
+            or (key == "n_lobes" and value == 15)  # the default of files
+        )
+        if value is not None and not skipped:
+            labels[key] = list(value) if key == "worn_lobes" else value
     meta = labels.get("meta", {})
     try:
         same = json.loads(json.dumps(meta, allow_nan=False)) == meta

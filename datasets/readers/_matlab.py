@@ -1,4 +1,4 @@
-"""Variables of a MATLAB file: v4 to v7 with scipy, v7.3 (which is HDF5) with h5py."""
+"""Reader of MATLAB files: v4 to v7 with scipy, v7.3 (which is HDF5) with h5py."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, missing_library, whole_rate
+from cyclofeat.datasets.readers._columns import (
+    Source,
+    check_claim,
+    check_rate,
+    missing_library,
+    reading,
+    whole_rate,
+)
 
 _RATE_NAMES = {
     "fs", "fs_hz", "samplerate", "sample_rate", "samplingrate", "sampling_rate", "sampling_rate_hz",
@@ -22,6 +30,8 @@ _RATE_NAMES = {
 _STEP_NAMES = {"dt", "ts", "timestep", "time_step", "sampletime", "sample_time"}
 _DEEPEST, _MOST_VARIABLES, _MOST_COLUMNS = 8, 10_000, 64
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+_CELLS = "is a cell array; save it as a vector"
+_NO_NUMBERS = "must hold one number in each element of its struct array"
 _OBJECT = (
     "is a MATLAB object (table, timetable, timeseries, duration), which only MATLAB can read; save its "
     "values as vectors or as a struct of vectors, times with seconds(...)"
@@ -61,18 +71,16 @@ class MatSource(Source):
         )
 
     def usable(self, index: int) -> bool:
-        """Whether a variable is a vector of numbers."""
         return self.names[index] in self.vectors
 
     def raw(self, index: int) -> NDArray[Any]:
-        """One vector."""
         name = self.names[index]
         if name in self.unreadable:
             raise ValueError(f"{self.file}: variable {name!r} {self.unreadable[name]}")
         return self.vectors[name]()
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Rate by a number called fs and the like, or a step called dt, in the same struct or above."""
+        # By a number called fs and the like, or a step called dt, in the same struct or one above.
         parent = self.names[torque].rpartition(".")[0]
         while True:
             for place in (parent, f"{parent}.Properties".lstrip(".")):
@@ -80,12 +88,10 @@ class MatSource(Source):
                     before, _, last = name.rpartition(".")
                     if before != place or not math.isfinite(value):
                         continue
-                    if last.lower() in _RATE_NAMES:
-                        check_rate(f"{self.file}: variable {name!r}", value)
-                        return value, f"variable {name!r}"
-                    if last.lower() in _STEP_NAMES:
-                        check_rate(f"{self.file}: variable {name!r}", value)
-                        return whole_rate(value), f"variable {name!r}"
+                    if last.lower() in _RATE_NAMES | _STEP_NAMES:
+                        check_rate(value, f"{self.file}: variable {name!r}")
+                        rate = value if last.lower() in _RATE_NAMES else whole_rate(value)
+                        return rate, f"variable {name!r}"
             if not parent:
                 return None
             parent = parent.rpartition(".")[0]
@@ -101,24 +107,22 @@ class MatSource(Source):
         return self.texts.get(f"{name}_unit")
 
     def _add(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
-        """A numeric variable of a MATLAB shape; ``read`` takes an index of the MATLAB array."""
+        """Add a numeric variable of a MATLAB shape; ``read`` takes an index of the MATLAB array."""
         if len(self.vectors) > _MOST_VARIABLES:
             raise ValueError(f"{self.file} holds more than {_MOST_VARIABLES} variables")
         size = math.prod(shape)
         if size == 1:
-            value = np.asarray(read(...)).ravel()[0]
+            value = read(...).ravel()[0]
             if not np.iscomplexobj(value):
                 self.scalars[name] = float(value)
         elif size == max(shape, default=0):
-            self.vectors[name] = lambda: np.asarray(read(...)).ravel()
+            self.vectors[name] = lambda: read(...).ravel()
         elif len(shape) == 2 and 1 < min(shape) <= _MOST_COLUMNS:
-            rows, columns = shape
-            if rows >= columns:
-                for j in range(columns):
-                    self.vectors[f"{name}(:,{j + 1})"] = lambda j=j: np.asarray(read((slice(None), j)))  # type: ignore[misc]
-            else:
-                for i in range(rows):
-                    self.vectors[f"{name}({i + 1},:)"] = lambda i=i: np.asarray(read((i, slice(None))))  # type: ignore[misc]
+            by_column = shape[0] >= shape[1]
+            for k in range(min(shape)):
+                part = f"(:,{k + 1})" if by_column else f"({k + 1},:)"
+                at = (slice(None), k) if by_column else (k, slice(None))
+                self.vectors[name + part] = partial(read, at)
         else:
             self.unreadable[name] = f"must be a vector, got shape {'x'.join(str(n) for n in shape)}"
 
@@ -127,19 +131,11 @@ class MatSource(Source):
     def _walk_mat(self, start: bytes) -> None:
         from scipy.io import loadmat
 
-        try:
+        with reading(self.path, "MATLAB"):
             if start[:6] == b"MATLAB":
                 _check_elements(self.path, start)
-            found = loadmat(self.path)
-        except (MemoryError, PermissionError, KeyboardInterrupt):
-            raise
-        except Exception as error:  # scipy lets all kinds through where a file is damaged
-            if str(error).startswith(self.file):
-                raise
-            raise ValueError(
-                f"{self.file} is damaged or not a MATLAB file ({type(error).__name__}: {error})"
-            ) from None
-        for name, value in found.items():
+            variables = loadmat(self.path)
+        for name, value in variables.items():
             if not name.startswith("__"):
                 self._visit(name, value, 0)
 
@@ -151,11 +147,10 @@ class MatSource(Source):
         elif type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
             self.unreadable[name] = _OBJECT
         elif value.dtype.names is not None:
-            if value.size == 1:
-                for field in value.dtype.names:
+            for field in value.dtype.names:
+                if value.size == 1:
                     self._visit(f"{name}.{field}", value[field].flat[0], depth + 1)
-            else:
-                for field in value.dtype.names:
+                else:
                     self._add_elements(f"{name}.{field}", value[field].ravel(order="F"))
         elif value.dtype.kind in "US":
             if value.size == 1:
@@ -167,20 +162,20 @@ class MatSource(Source):
             elif any(type(cell).__name__ == "MatlabOpaque" for cell in value.flat):
                 self.unreadable[name] = _OBJECT
             else:
-                self.unreadable[name] = "is a cell array; save it as a vector"
+                self.unreadable[name] = _CELLS
         elif value.size == 0:
             self.unreadable[name] = "is empty"
         else:
-            self._add(name, value.shape, lambda at: value[at])
+            self._add(name, value.shape, lambda at: np.asarray(value[at]))
 
     def _add_elements(self, name: str, elements: NDArray[Any]) -> None:
-        """A field of a struct array: one number in each element."""
+        """Add a field of a struct array: one number in each element."""
         fits = all(
             isinstance(element, np.ndarray) and element.size == 1 and element.dtype.kind in "iufb"
             for element in elements
         )
         if not fits or elements.size == 0:
-            self.unreadable[name] = "must hold one number in each element of its struct array"
+            self.unreadable[name] = _NO_NUMBERS
             return
         self.vectors[name] = lambda: np.array([float(element.flat[0]) for element in elements])
 
@@ -196,15 +191,8 @@ class MatSource(Source):
             import h5py
         except ImportError:
             raise missing_library("MATLAB v7.3 (.mat)", "h5py") from None
-        try:
-            with h5py.File(self.path, "r") as file:
-                yield file
-        except (MemoryError, PermissionError, ImportError, KeyboardInterrupt):
-            raise
-        except Exception as error:  # OSError, KeyError, RuntimeError, ValueError: all say that it is damaged
-            if str(error).startswith(self.file):
-                raise
-            raise ValueError(f"{self.file} is damaged, it cannot be read as MATLAB v7.3 ({error})") from None
+        with reading(self.path, "MATLAB v7.3"), h5py.File(self.path, "r") as file:
+            yield file
 
     def _visit_group(self, name: str, group: Any, depth: int) -> None:
         import h5py
@@ -244,9 +232,8 @@ class MatSource(Source):
         elif h5py.check_ref_dtype(data.dtype) is not None:
             self._visit_references(name, kind, data)
         elif data.dtype.kind in "iufb":
-            # MATLAB counts the other way round: a column vector of n is stored as (1, n).
-            shape, path = tuple(data.shape[::-1]), data.name
-            self._add(name, shape, lambda at: self._read_hdf5(path, at))
+            # The axes are reversed: a column vector of n is stored as (1, n).
+            self._add(name, tuple(data.shape[::-1]), partial(self._read_hdf5, data.name))
         else:
             self.unreadable[name] = f"must hold real numbers, got {data.dtype}"
 
@@ -256,33 +243,24 @@ class MatSource(Source):
             return np.asarray(data[()] if at is ... else data[at[::-1]])
 
     def _visit_references(self, name: str, kind: str, data: Any) -> None:
-        """A cell array, or a field of a struct array."""
-        if data.size > 1000 and kind == "cell":
-            self.unreadable[name] = "is a cell array; save it as a vector"
+        """Add a cell array, or a field of a struct array."""
+        if kind != "cell":
+            self.vectors[name] = partial(self._struct_elements, name, data.name)
             return
-        file = data.file
-        if kind == "cell":
-            cells = [file[reference] for reference in data[()].ravel()]
-            if all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
-                self.lists[name] = [
-                    "" if cell.attrs.get("MATLAB_empty", 0) else _text(cell[()]) for cell in cells
-                ]
-            else:
-                self.unreadable[name] = "is a cell array; save it as a vector"
-            return
-        path = data.name
+        cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
+        if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
+            self.lists[name] = [
+                "" if cell.attrs.get("MATLAB_empty", 0) else _text(cell[()]) for cell in cells
+            ]
+        else:
+            self.unreadable[name] = _CELLS
 
-        def elements() -> NDArray[Any]:
-            with self._hdf5() as opened:
-                found = [opened[reference] for reference in opened[path][()].ravel()]
-                if any(element.size != 1 or element.dtype.kind not in "iufb" for element in found):
-                    raise ValueError(
-                        f"{self.file}: variable {name!r} must hold one number in each element "
-                        "of its struct array"
-                    )
-                return np.array([float(element[()].ravel()[0]) for element in found])
-
-        self.vectors[name] = elements
+    def _struct_elements(self, name: str, place: str) -> NDArray[Any]:
+        with self._hdf5() as file:
+            elements = [file[reference] for reference in file[place][()].ravel()]
+            if any(element.size != 1 or element.dtype.kind not in "iufb" for element in elements):
+                raise ValueError(f"{self.file}: variable {name!r} {_NO_NUMBERS}")
+            return np.array([float(element[()].ravel()[0]) for element in elements])
 
 
 def _text(codes: NDArray[Any]) -> str:
@@ -295,9 +273,9 @@ _CELL, _STRUCT, _SPARSE, _LAST_CLASS = 1, 2, 5, 18
 
 
 def _check_elements(path: Path, start: bytes) -> None:
-    """Follow the elements of a v5 to v7 file: none may claim more than is there.
+    """Check that no element of a v5 to v7 file claims more bytes than the file has.
 
-    scipy makes an array of the claimed shape before it reads what fills it.
+    scipy makes an array of the claimed shape before it reads its content.
     """
     size = path.stat().st_size
     order = {b"IM": "<", b"MI": ">"}.get(start[126:128])
@@ -342,7 +320,7 @@ def _inflate(path: Path, order: str, content: bytes) -> bytes:
 
 
 def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> None:
-    """Shapes within one matrix element, and within those that it holds."""
+    """Check the shapes of a matrix element and of those that it holds."""
     if depth > 2 * _DEEPEST:
         raise ValueError(f"{path.name} nests its variables too deeply")
     kind = 0
@@ -364,7 +342,7 @@ def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> No
 
 
 def _elements(path: Path, order: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
-    """Types and contents of the elements that follow each other."""
+    """Yield type and content of each element."""
     position = 0
     while position + 8 <= len(content):
         first, n_bytes = struct.unpack_from(f"{order}II", content, position)

@@ -1,10 +1,10 @@
-"""Arrays of an NPZ file, and the NPZ file that a recording becomes."""
+"""Reader and writer of NPZ files."""
 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,9 +13,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate
+from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, reading
 from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, check_version
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 
 class NpzSource(Source):
@@ -59,18 +59,15 @@ class NpzSource(Source):
                 self.units[index] = "Nm"
 
     def raw(self, index: int) -> NDArray[Any]:
-        """One array."""
         with _archive(self.path) as archive:
             return _array(self.path, archive, self.names[index])
 
     def usable(self, index: int) -> bool:
-        """Whether an array is a vector of numbers."""
         with _archive(self.path) as archive:
             shape, dtype = _header(self.path, archive, self.names[index])
         return len(shape) == 1 and dtype.kind in "iuf"
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Rate by the array of that name."""
         if self.rate is None:
             return None
         if self.rate.size != 1 or self.rate.dtype.kind not in "iuf":
@@ -78,7 +75,7 @@ class NpzSource(Source):
                 f"{self.file}: array 'sampling_rate' must be one number in Hz, got {self.rate!r}"
             )
         rate = float(self.rate.reshape(()))
-        check_rate(f"{self.file}: array 'sampling_rate'", rate)
+        check_rate(rate, f"{self.file}: array 'sampling_rate'")
         return rate, "array 'sampling_rate'"
 
 
@@ -90,41 +87,27 @@ def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 @contextmanager
 def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    """The archive, with every failure of reading in one wording."""
-    try:
-        with path.open("rb") as file:
-            if file.read(6) == b"\x93NUMPY":
-                raise ValueError(
-                    f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez"
-                )
-            file.seek(0)
-            with zipfile.ZipFile(file) as archive:
-                yield archive
-    except PermissionError:
-        raise
-    except (
-        zipfile.BadZipFile, zlib.error, EOFError, OSError, KeyError, NotImplementedError, RuntimeError,
-    ) as error:  # fmt: skip
-        raise ValueError(f"{path.name} is damaged or not an NPZ archive ({error})") from None
-    except ValueError as error:
-        if path.name in str(error):
-            raise
-        raise ValueError(f"{path.name} is damaged or not an NPZ archive ({error})") from None
+    """Open the archive."""
+    with reading(path, "NPZ"), path.open("rb") as file:
+        if file.read(6) == b"\x93NUMPY":
+            raise ValueError(f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez")
+        file.seek(0)
+        with zipfile.ZipFile(file) as archive:
+            yield archive
 
 
 def _header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and dtype of an array, without its data."""
     with archive.open(_member(archive, name)) as file:
-        return _read_header(path, name, file)
-
-
-def _read_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-    elif version == (2, 0):
-        shape, _, dtype = np.lib.format.read_array_header_2_0(file)
-    else:
-        raise ValueError(f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers")
+        version = np.lib.format.read_magic(file)
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        elif version == (2, 0):
+            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+        else:
+            raise ValueError(
+                f"{path.name}: array {name!r} is of format {version}, which holds no plain numbers"
+            )
     if dtype.hasobject:
         raise ValueError(
             f"{path.name} holds pickled objects, which are never loaded; save plain numeric arrays"
@@ -133,13 +116,11 @@ def _read_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...
 
 
 def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """One array, after a look at whether the file can hold what its header claims."""
+    """One array; an error if the file cannot hold what its header claims."""
     member = _member(archive, name)
     info = archive.getinfo(member)
     shape, dtype = _header(path, archive, member)
-    n_bytes = dtype.itemsize
-    for length in shape:
-        n_bytes *= length
+    n_bytes = dtype.itemsize * math.prod(shape)
     check_claim(path, max(n_bytes, info.file_size))
     if n_bytes > info.file_size:
         raise ValueError(f"{path.name} is damaged: array {name!r} claims more bytes than there are")
@@ -154,7 +135,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> str:
 
 
 def _plain(path: Path, key: str, array: NDArray[Any]) -> Any:
-    """A label as Python object."""
+    """Return a label as a Python object."""
     value = array.tolist()
     if key != "meta":
         return value
@@ -168,7 +149,7 @@ def _plain(path: Path, key: str, array: NDArray[Any]) -> Any:
 
 
 def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
-    """Write a recording as plain arrays, its labels too."""
+    """Write a recording and its labels as plain arrays."""
     arrays: dict[str, NDArray[Any]] = {"torque": recording.torque}
     if recording.angle is not None:
         arrays["angle"] = recording.angle

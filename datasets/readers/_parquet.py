@@ -1,4 +1,4 @@
-"""Columns of a Parquet file."""
+"""Reader of Parquet files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, missing_library
+from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, missing_library, reading
 
 
 class ParquetSource(Source):
@@ -36,23 +36,19 @@ class ParquetSource(Source):
                     f"{path.name}: metadata 'sampling_rate' must be a number (Hz), got "
                     f"{metadata[b'sampling_rate']!r}"
                 ) from None
-            check_rate(f"{path.name}: metadata 'sampling_rate'", self.rate)
+            check_rate(self.rate, f"{path.name}: metadata 'sampling_rate'")
 
     def usable(self, index: int) -> bool:
-        """Whether a column holds numbers."""
         name = str(self.types[index])
         return name.startswith(("int", "uint", "float", "double", "halffloat", "decimal"))
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Rate by the file's metadata."""
         return None if self.rate is None else (self.rate, "metadata 'sampling_rate'")
 
     def where(self, sample: int) -> str:
-        """The row of a sample."""
         return f"row {sample + 1}"
 
     def raw(self, index: int) -> NDArray[Any]:
-        """One column, batch by batch."""
         name, kind = self.names[index], str(self.types[index])
         called = f"{self.file}: column {name!r}"
         is_time = kind.startswith(("timestamp", "duration"))
@@ -77,20 +73,10 @@ class ParquetSource(Source):
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """The file as pyarrow sees it, with every failure in one wording."""
+    """Open the file with pyarrow."""
     try:
         from pyarrow.parquet import ParquetFile
     except ImportError:
         raise missing_library(".parquet", "pyarrow") from None
-    try:
-        with ParquetFile(path, memory_map=True) as file:
-            yield file
-    except (MemoryError, PermissionError):
-        raise
-    except (OSError, ValueError, KeyError, TypeError, NotImplementedError) as error:
-        # pyarrow's own errors derive from these
-        if str(error).startswith(path.name):
-            raise
-        raise ValueError(
-            f"{path.name} is damaged, it cannot be read as Parquet ({' '.join(str(error).split())})"
-        ) from None
+    with reading(path, "Parquet"), ParquetFile(path, memory_map=True) as file:
+        yield file

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.datasets.readers._columns import Float
-from cyclofeat.orders import estimate_input_speed
+from cyclofeat.signal.orders import estimate_input_speed
 
 _SHORTEST_CLIP, _PILE = 3, 4.0
-# A value held for ten samples, and five times as long as nearly all others: slow or coarsely quantised
-# records repeat values too.
+# Ten samples, and five times as long as nearly all others: slow or coarse records repeat values too.
 _SHORTEST_HOLD, _HOLD_RATIO, _JUMP = 10, 5.0, 10.0
 _LEAST_TURNS, _MOST_TURNS = 1.0, 8.0
 _FIRST_LINE, _LAST_LINE, _PROMINENCE_DB = 5, 44, 3.0
@@ -26,9 +25,8 @@ def _runs(values: Float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def clipped(torque: Float) -> float:
     """Share of samples at the largest or smallest value, where samples pile up there.
 
-    A converter or amplifier at its end holds one value for several samples, and that value is taken far more
-    often than the next one; the crest of a quantised wave is not. A record whose lowest level is its noise
-    within one step of the converter looks clipped too.
+    A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
+    quantised wave does not.
     """
     if torque.size < _SHORTEST_CLIP:
         return 0.0
@@ -44,12 +42,12 @@ def clipped(torque: Float) -> float:
 
 
 def dropped(torque: Float) -> NDArray[np.bool_]:
-    """Samples that were not measured: held at one value for long, or exactly 0 between values far from it."""
+    """Mark samples that repeat one value for long, or are exactly 0 between values far from it."""
     starts, lengths = _runs(torque)
     usual = float(np.quantile(lengths, 0.99))
     # At the ends of the range a held value is a clipped one.
     inner = (torque[starts] > torque.min()) & (torque[starts] < torque.max())
-    held = inner & (lengths >= max(_SHORTEST_HOLD, _HOLD_RATIO * usual))
+    stuck = inner & (lengths >= max(_SHORTEST_HOLD, _HOLD_RATIO * usual))
     step = float(np.median(np.abs(np.diff(torque))))
     if step == 0:  # coarse steps: their mean, since most samples repeat
         step = float(np.mean(np.abs(np.diff(torque))))
@@ -60,15 +58,15 @@ def dropped(torque: Float) -> NDArray[np.bool_]:
     before[starts == 0] = np.inf
     after[ends == torque.size] = np.inf
     zero = (torque[starts] == 0) & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
-    return np.repeat(held | zero, lengths)
+    return np.repeat(stuck | zero, lengths)
 
 
 def speed_by_lines(torque: Float, sampling_rate: float, nominal_hz: float, reduction: int) -> float | None:
     """Input speed in turns per second by the lobe lines; None where they do not stand out.
 
-    The lines are the multiples of (z_s + 1)/z_s of the input speed, see
-    :func:`cyclofeat.orders.estimate_input_speed`, which finds some speed in any record: the lines have to
-    stand 3 dB above the median of the spectrum between them, in the mean over lines.
+    :func:`cyclofeat.signal.orders.estimate_input_speed` returns some speed for any record: the multiples of
+    (z_s + 1)/z_s of the input speed have to stand 3 dB above the median of the spectrum between them, in the
+    mean over lines.
     """
     turn = reduction / nominal_hz * sampling_rate
     if torque.size < _LEAST_TURNS * turn * (1 - _TOLERANCE):
@@ -79,22 +77,19 @@ def speed_by_lines(torque: Float, sampling_rate: float, nominal_hz: float, reduc
     if last < reduction + 1:
         return None
     try:
-        speed = float(
-            estimate_input_speed(
-                window[np.newaxis], sampling_rate, nominal_hz, _TOLERANCE, n_lobes=reduction
-            )[0]
+        speeds = estimate_input_speed(
+            window[np.newaxis], sampling_rate, nominal_hz, _TOLERANCE, n_lobes=reduction
         )
     except ValueError:  # the comb lies beyond half of the sampling rate
         return None
+    speed = float(speeds[0])
     n_points = 1 << (4 * window.size - 1).bit_length()
-    shape = np.hanning(window.size)
-    power = np.abs(np.fft.rfft((window - window.mean()) * shape, n_points)) ** 2
-    bin_hz = sampling_rate / n_points
-    spacing = (reduction + 1) / reduction * speed
+    power = np.abs(np.fft.rfft((window - window.mean()) * np.hanning(window.size), n_points)) ** 2
+    spacing = (reduction + 1) / reduction * speed * n_points / sampling_rate  # in bins
+    half, near = 0.45 * spacing, 2.0 * n_points / window.size
     decibels = []
     for line in range(_FIRST_LINE, last + 1):
-        at = line * spacing / bin_hz
-        half, near = 0.45 * spacing / bin_hz, 2.0 * n_points / window.size
+        at = line * spacing
         low, high = int(at - half), int(at + half) + 1
         around = power[low:high]
         offset = np.abs(np.arange(low, low + around.size) - at)

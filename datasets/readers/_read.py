@@ -1,21 +1,25 @@
-"""One torque record from a file of any kind that is known."""
+"""Reading and writing of one torque record, whatever the kind of file."""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from cyclofeat._files import write_whole
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.checks import check_type
+from cyclofeat._base.files import write_whole
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
+    ANGLE_REMEDY,
     DISC_ANGLE_NAMES,
     TIME_NAMES,
     Channel,
-    Float,
     Source,
     check_rate,
     check_same_rate,
@@ -29,39 +33,87 @@ from cyclofeat.datasets.readers._parquet import ParquetSource
 from cyclofeat.datasets.readers._tdms import TdmsSource
 from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.datasets.readers._wav import WavSource
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
-SOURCES = {
+SOURCES: dict[str, Callable[..., Source]] = {
     ".csv": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource, ".parquet": ParquetSource,
     ".wav": WavSource,
 }  # fmt: skip
-# How files begin, whatever they are called.
+# How files of each kind begin.
 _BEGINNINGS = (
     (b"PK\x03\x04", ".npz"), (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
     (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
     (b"RF64", ".wav"), (b"\x1f\x8b", ".gz"), (b"%PDF", ".pdf"),
 )  # fmt: skip
-# No gearbox here turns its input faster; an angle in degrees taken for rad would.
+# No input shaft turns faster; an angle in degrees taken for rad would.
 _FASTEST_INPUT_HZ = 100.0
 
 
-def read_recording(
-    path: str | os.PathLike[str],
-    *,
-    channel: Channel | None = None,
-    sampling_rate: float | None = None,
-    time_channel: Channel | None = None,
-    angle_channel: Channel | Literal[False] | None = None,
-    angle_unit: str | None = None,
-    scale: float | None = None,
-    delimiter: str | None = None,
-    **labels: Any,
-) -> Recording:
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Options for reading a record whose file does not state everything.
+
+    Parameters
+    ----------
+    channel : str or int, optional
+        Channel (name, or index from 0 where the file has an order) that holds the torque. Default: the one
+        called "torque", "output_torque", "Drehmoment" and the like, else the only one besides time and angle.
+    sampling_rate : float, optional
+        Samples per second, in Hz. Needed where the file does not state it; an error where the file
+        contradicts it.
+    time_channel : str or int, optional
+        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: the one
+        called "time", "t", "timestamp", "Zeit" and the like. In s unless its name says ms, us or ns; dates
+        (ISO 8601) are read too.
+    angle_channel : str, int or False, optional
+        Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
+        like; False leaves it out.
+    angle_unit : {"rad", "deg"}, optional
+        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad.
+    scale : float, optional
+        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm.
+    delimiter : {",", ";", "\\t"}, optional
+        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value is of the wrong type or out of its range.
+    """
+
+    channel: Channel | None = None
+    sampling_rate: float | None = None
+    time_channel: Channel | None = None
+    angle_channel: Channel | Literal[False] | None = None
+    angle_unit: str | None = None
+    scale: float | None = None
+    delimiter: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.sampling_rate is not None:
+            check_rate(self.sampling_rate)
+        scale_fits = self.scale is None or (is_number(self.scale) and self.scale != 0)
+        for argument, fits, expected in (
+            ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
+            ("angle_unit", self.angle_unit in (None, "rad", "deg"), "'rad' or 'deg'"),
+            ("delimiter", self.delimiter in (None, ",", ";", "\t"), "',', ';' or a tab"),
+        ):
+            if not fits:
+                raise ArgumentError(
+                    "{argument} must be {expected}, got {value!r}",
+                    argument=argument, expected=expected, value=getattr(self, argument),
+                )  # fmt: skip
+
+
+_OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
+
+
+def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     """Read one torque record from a CSV, NPZ, TDMS, MATLAB, Parquet or WAV file.
 
-    What is assumed (unit, decimal comma, sampling rate from a time column) is stated in the recording's
-    ``meta`` and by :func:`describe`. One channel is read at a time, so that it may lie in a file larger than
-    memory (TDMS, MATLAB v7.3, Parquet, WAV).
+    The recording's ``meta`` and :func:`describe` state what was assumed (unit, decimal comma, sampling rate
+    from a time column). One channel is read at a time: TDMS, MATLAB v7.3, Parquet and WAV files may be larger
+    than memory.
 
     Parameters
     ----------
@@ -89,28 +141,11 @@ def read_recording(
         ``io``).
 
         ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
-    channel : str or int, optional
-        Channel (name, or index from 0 where the file has an order) that holds the torque. Default: the one
-        called "torque", "output_torque", "Drehmoment" and the like, else the only one beside time and angle.
-    sampling_rate : float, optional
-        Samples per second, in Hz. Needed where the file does not state it; an error where the file
-        contradicts it.
-    time_channel : str or int, optional
-        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: the one
-        called "time", "t", "timestamp", "Zeit" and the like. In s unless its name says ms, us or ns; dates
-        (ISO 8601) are read too.
-    angle_channel : str, int or False, optional
-        Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
-        like; False leaves it out.
-    angle_unit : {"rad", "deg"}, optional
-        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad.
-    scale : float, optional
-        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm.
-    delimiter : {",", ";", "\\\\t"}, optional
-        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row.
-    **labels
-        Further parameters of :class:`~cyclofeat.recording.Recording`, e.g. ``assembly="A1"``. They take
-        precedence over labels in the file; ``meta`` is merged.
+    **options
+        Parameters of :class:`ReadingOptions`: ``channel``, ``sampling_rate``, ``time_channel``,
+        ``angle_channel``, ``angle_unit``, ``scale``, ``delimiter``. And labels: parameters of
+        :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence over labels in
+        the file, and ``meta`` is merged.
 
     Returns
     -------
@@ -125,7 +160,7 @@ def read_recording(
     TypeError
         If a parameter is of the wrong type or unknown.
     ValueError
-        If the file is not what it should be: the message names the file, what came and what would be right.
+        If the file is not as described; the message says what is wrong and what would be right.
 
     Examples
     --------
@@ -138,31 +173,29 @@ def read_recording(
     ([21.9, 22.1, 22.0], 2000.0)
     """
     path = file_path(path)
+    labels = {name: value for name, value in options.items() if name not in _OPTIONS}
     unknown = labels.keys() - set(LABELS)
     if unknown:
-        raise TypeError(f"unknown label {min(unknown)!r}; known are {', '.join(LABELS)}")
-    if sampling_rate is not None:
-        check_rate("sampling_rate", sampling_rate)
-    if scale is not None and not (is_number(scale) and scale != 0):
-        raise ValueError(f"scale must be a finite number other than 0 (Nm per unit), got {scale!r}")
-    if angle_unit not in (None, "rad", "deg"):
-        raise ValueError(f"angle_unit must be 'rad' or 'deg', got {angle_unit!r}")
-    if delimiter not in (None, ",", ";", "\t"):
-        raise ValueError(f"delimiter must be ',', ';' or a tab, got {delimiter!r}")
-    source = _open(path, delimiter)
-    found = _assemble(source, channel, sampling_rate, time_channel, angle_channel, angle_unit, scale)
-    if "angle" not in found:  # left out: then what the file says of it is void
-        found = {key: value for key, value in found.items() if not key.startswith("angle")}
-    meta = found.pop("meta", {}) | dict(labels.pop("meta", None) or {})
+        raise TypeError(
+            f"unknown option or label {min(unknown)!r}; known are {', '.join([*sorted(_OPTIONS), *LABELS])}"
+        )
+    reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
+    source = _open(path, reading.delimiter)
+    parameters = _assemble(source, reading)
+    if "angle" not in parameters:  # then the file's labels of the angle are void
+        parameters = {key: value for key, value in parameters.items() if not key.startswith("angle")}
+    meta = parameters.pop("meta", {}) | dict(labels.pop("meta", None) or {})
     if labels.get("worn_lobes") is not None:
-        found.pop("defect_count", None)  # the file's count belongs to the file's lobes
+        parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
     elif labels.get("defect_count") is not None:
-        found.pop("worn_lobes", None)
+        parameters.pop("worn_lobes", None)
     try:
-        recording = Recording(**(found | labels), meta=meta)
-    except (TypeError, ValueError) as error:
-        hint = " (angle_channel=False leaves the angle out)" if str(error).startswith("angle must") else ""
-        raise type(error)(f"{path.name}: {error}{hint}") from None
+        recording = Recording(**(parameters | labels), meta=meta)
+    except TypeError as error:
+        raise TypeError(f"{path.name}: {error}") from None
+    except ValueError as error:
+        hint = " ({angle_channel:=False} leaves the angle out)" if str(error).startswith("angle must") else ""
+        raise ArgumentError("{file}: {error}" + hint, file=path.name, error=error) from None
     if meta.get("angle_unit_assumed"):
         _check_assumed_angle(path, recording)
     return recording
@@ -203,30 +236,26 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     True
     """
     path = file_path(path)
-    given: Any = recording
-    if not isinstance(given, Recording):
-        raise TypeError(f"recording must be a Recording, got {type(given).__name__}")
+    check_type("recording", recording, Recording)
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file name")
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".npz"):
         raise ValueError(f"{path.name}: unknown kind of file {path.suffix!r}; .csv and .npz can be written")
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"no such folder: {path.parent}")
     labels = labels_to_write(recording)
     write = write_csv if suffix == ".csv" else write_npz
     write_whole(path, lambda file: write(file, recording, labels))
 
 
 def file_path(path: Any) -> Path:
-    """A path, or a ``TypeError``."""
+    """Return a path, or raise ``TypeError``."""
     if not isinstance(path, (str, os.PathLike)):
         raise TypeError(f"path must be a file name, got {path!r}")
     return Path(path)
 
 
 def _open(path: Path, delimiter: str | None) -> Source:
-    """The channels of a file, after a look at whether it is what its name says."""
+    """Channels of a file; an error if it is not of the kind that its name says."""
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file in it, or use read_folder")
     if not path.exists():
@@ -252,61 +281,49 @@ def _open(path: Path, delimiter: str | None) -> Source:
     if suffix == ".csv":
         return CsvSource(path, delimiter)
     if delimiter is not None:
-        raise ValueError(f"delimiter is for CSV files, got {delimiter!r} for {path.name}")
-    kinds: dict[str, Any] = SOURCES
-    source: Source = kinds[suffix](path)
-    return source
+        raise ArgumentError(
+            "{argument} is for CSV files, got {delimiter!r} for {file}",
+            argument="delimiter", delimiter=delimiter, file=path.name,
+        )  # fmt: skip
+    return SOURCES[suffix](path)
 
 
-def _assemble(
-    source: Source,
-    channel: Channel | None,
-    sampling_rate: float | None,
-    time_channel: Channel | None,
-    angle_channel: Channel | Literal[False] | None,
-    angle_unit: str | None,
-    scale: float | None,
-) -> dict[str, Any]:
-    """Parameters of the recording that a file holds."""
-    time = source.find("time_channel", time_channel, TIME_NAMES)
+def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
+    """Parameters of the file's recording."""
+    time = source.find("time_channel", reading.time_channel, TIME_NAMES)
     angle = None
-    if angle_channel is not False:
-        angle = source.find("angle_channel", angle_channel, ANGLE_NAMES)
-    torque = source.torque(channel, {time, angle})
-    source.check_torque(torque, scale)
-    factor, unit_assumed = source.torque_factor(torque, scale)
+    if reading.angle_channel is not False:
+        angle = source.find("angle_channel", reading.angle_channel, ANGLE_NAMES)
+    torque = source.torque(reading.channel, {time, angle})
+    source.check_torque(torque, reading.scale)
+    factor, unit_assumed = source.torque_factor(torque, reading.scale)
     # The rate first: it is known without reading a long record.
     if source.labels is None:
-        rate, rate_meta = rate_of(source, time, torque, sampling_rate, asked=time_channel is not None)
+        rate, rate_meta = rate_of(
+            source, time, torque, reading.sampling_rate, asked=reading.time_channel is not None
+        )
     else:
         rate, rate_meta = source.labels["sampling_rate"], {}
         where = "its header" if isinstance(source, CsvSource) else "its array 'sampling_rate'"
-        check_same_rate(source.file, sampling_rate, rate, where, tolerance=1e-6)
-    found: dict[str, Any] = {"torque": _scaled(source.column(torque), factor)}
+        check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
+    parameters: dict[str, Any] = {"torque": source.column(torque) * factor}
     angle_assumed = False
     if angle is not None:
-        angle_factor, angle_assumed = source.angle_factor(angle, angle_unit)
-        found["angle"] = _scaled(source.column(angle), angle_factor)
-        found["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
+        angle_factor, angle_assumed = source.angle_factor(angle, reading.angle_unit)
+        parameters["angle"] = source.column(angle) * angle_factor
+        parameters["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
     if source.labels is not None:
-        return found | source.labels
+        return parameters | source.labels
     meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit_assumed}
-    if angle_assumed:
-        meta["angle_unit_assumed"] = True
+    meta |= {"angle_unit_assumed": True} if angle_assumed else {}
     meta |= rate_meta | source.meta(torque)
-    if factor != 1:
-        meta["scale"] = factor
-    other = dict(source.other_labels)
-    meta |= other.pop("meta", {})
-    return found | {"sampling_rate": rate} | other | {"meta": meta}
-
-
-def _scaled(values: Float, factor: float) -> Float:
-    return values if factor == 1 else values * factor
+    meta |= {"scale": factor} if factor != 1 else {}
+    meta |= source.other_labels.get("meta", {})
+    return parameters | {"sampling_rate": rate} | source.other_labels | {"meta": meta}
 
 
 def _check_assumed_angle(path: Path, recording: Recording) -> None:
-    """Raise ``ValueError`` where an angle of no stated unit turns as fast as only degrees would."""
+    """Raise ``ValueError`` if an angle without a unit turns as fast as only degrees would."""
     assert recording.angle is not None
     steps = np.abs(np.diff(recording.angle))
     hertz = float(np.median(steps)) * recording.sampling_rate / (2 * math.pi)
@@ -316,8 +333,8 @@ def _check_assumed_angle(path: Path, recording: Recording) -> None:
     # Nearer to the nominal speed as degrees than as rad, on the scale of ratios.
     suits = recording.angle_of == "input" and nominal is not None and hertz * in_degrees > nominal**2
     if hertz > limit or suits:
-        raise ValueError(
-            f"{path.name}: angle does not state its unit, and in rad it would turn at {60 * hertz:.5g} RPM "
-            f"(in deg at {60 * in_degrees:.5g} RPM); give angle_unit='rad' or 'deg', or angle_channel=False "
-            "to leave it out"
-        )
+        raise ArgumentError(
+            "{file}: angle does not state its unit, and in rad it would turn at {in_rad:.5g} RPM (in deg at "
+            "{in_deg:.5g} RPM); " + ANGLE_REMEDY,
+            file=path.name, in_rad=60 * hertz, in_deg=60 * in_degrees,
+        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Channels of an NI TDMS file."""
+"""Reader of NI TDMS files."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import TORQUE_UNITS, Source, missing_library, whole_rate
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.datasets.readers._columns import TORQUE_UNITS, Source, missing_library, reading, whole_rate
 
 _LEAD_IN = 28
 _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
 _UNKNOWN_LENGTH = 2**64 - 1  # of the last segment, where the recording program died
 _VERSIONS = (4712, 4713)
 # npTDMS reads interleaved data whole segments at a time unless asked for parts: this many bytes each.
-_BLOCK = 2**26
+_BLOCK = 2**23
 # Scales that npTDMS computes. For any other it logs a line and hands over raw counts.
 _SCALES = {
     "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract",
@@ -51,44 +52,39 @@ class TdmsSource(Source):
             ]
             self.daqmx = [bool(channel.scaler_data_types) for channel in channels]
         units = [
-            next((str(found[key]) for key in _UNIT_PROPERTIES if found.get(key)), None)
-            for found in self.properties
+            next((str(properties[key]) for key in _UNIT_PROPERTIES if properties.get(key)), None)
+            for properties in self.properties
         ]
         super().__init__(
             path, [f"{group}/{name}" for group, name in self.keys], units, [name for _, name in self.keys]
         )
 
     def usable(self, index: int) -> bool:
-        """Whether a channel holds numbers."""
         kind = self.kinds[index]
         return self.lengths[index] > 0 and kind is not None and kind.kind in "iuf"
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Rate by the waveform's increment in s."""
         step = self.properties[torque].get("wf_increment")
         if step is None or not math.isfinite(float(step)) or float(step) <= 0:
             return None
         return whole_rate(float(step)), "property 'wf_increment'"
 
     def meta(self, torque: int) -> dict[str, Any]:
-        """Start of the waveform (UTC, ISO 8601)."""
         start = self.properties[torque].get("wf_start_time")
         return {} if start is None else {"start_time": str(start)}
 
     def check_torque(self, torque: int, scale: float | None) -> None:
-        """Raise ``ValueError`` for channels that would come back as raw counts."""
         self._check_scales(torque)
         kind = self.kinds[torque]
         counts = kind is not None and kind.kind in "iu" and self.units[torque] not in TORQUE_UNITS
-        unscaled = any(
-            scope.get("NI_Scaling_Status") == "unscaled" and not _n_scales(scope)
-            for scope in self.scopes[torque][:1]
-        )
+        properties = self.properties[torque]
+        unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
         if (counts or unscaled) and scale is None:
-            raise ValueError(
-                f"{self.file}: channel {self.names[torque]!r} holds raw counts ({kind}), and the file states "
-                "no scale; give scale= (Nm per count)"
-            )
+            raise ArgumentError(
+                "{file}: channel {name!r} holds raw counts ({kind}), and the file states no scale; give "
+                "{scale:=} (Nm per count)",
+                file=self.file, name=self.names[torque], kind=kind,
+            )  # fmt: skip
 
     def _check_scales(self, index: int) -> None:
         for scope in self.scopes[index]:
@@ -107,7 +103,6 @@ class TdmsSource(Source):
             return  # the innermost scope with scales is the one that applies
 
     def raw(self, index: int) -> NDArray[Any]:
-        """Scaled values of one channel."""
         self._check_scales(index)
         group, name = self.keys[index]
         n_values, dtype = self.lengths[index], self.kinds[index]
@@ -143,20 +138,19 @@ class TdmsSource(Source):
 
 
 class _Bounded(io.BufferedReader):
-    """A file that is never asked for more bytes than it has: a damaged length must not fill the memory."""
+    """File that never reads more bytes than it has: a damaged length must not fill the memory."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(io.FileIO(path))
         self.size = path.stat().st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Up to ``size`` bytes."""
-        left = max(0, self.size - self.tell())
-        return super().read(left if size is None or size < 0 else min(size, left))
+        rest = max(0, self.size - self.tell())
+        return super().read(rest if size is None or size < 0 else min(size, rest))
 
 
 class _Notes(logging.Filter):
-    """What npTDMS would only log: data that are not where they should be. Nothing of it is printed."""
+    """Filter that collects npTDMS's log messages about lost data instead of printing them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -184,29 +178,20 @@ class _Notes(logging.Filter):
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """The file as npTDMS sees it, with every failure in one wording."""
+    """Open the file with npTDMS."""
     try:
         from nptdms import TdmsFile
     except ImportError:
         raise missing_library(".tdms", "npTDMS") from None
-    with _Bounded(path) as stream:
-        try:
-            with _Notes() as notes, TdmsFile.open(stream) as file:
-                yield file
-            if notes.lost:
-                raise ValueError(f"{path.name} is damaged: {notes.lost[0]}")
-        except (MemoryError, KeyboardInterrupt):
-            raise
-        except Exception as error:  # npTDMS lets KeyError, struct.error and plain Exception through
-            if isinstance(error, ValueError) and str(error).startswith(path.name):
-                raise
-            raise ValueError(
-                f"{path.name} is damaged, it cannot be read as TDMS ({type(error).__name__}: {error})"
-            ) from None
+    with _Bounded(path) as stream, reading(path, "TDMS"):
+        with _Notes() as notes, TdmsFile.open(stream) as file:
+            yield file
+        if notes.lost:
+            raise ValueError(f"{path.name} is damaged: {notes.lost[0]}")
 
 
 def _check_segments(path: Path) -> bool:
-    """Follow the lead-ins of all segments; whether any of them holds interleaved data.
+    """Check the lead-ins of all segments; return True if any of them holds interleaved data.
 
     npTDMS reads what it can of a damaged file; a record that lost its end must not pass for a whole one.
     """
@@ -247,14 +232,14 @@ def _n_scales(properties: Mapping[str, Any]) -> int:
     """Number of scales that a channel, group or file states."""
     if "NI_Number_Of_Scales" in properties:
         return int(properties["NI_Number_Of_Scales"])
-    found = [re.match(r"NI_Scale\[(\d+)\]_Scale_Type", key) for key in properties]
-    return max((int(match[1]) + 1 for match in found if match), default=0)
+    matches = [re.match(r"NI_Scale\[(\d+)\]_Scale_Type", key) for key in properties]
+    return max((int(match[1]) + 1 for match in matches if match), default=0)
 
 
 def _dtype(channel: Any) -> np.dtype[Any] | None:
     """Type of the scaled values; None where there is none, or its scale cannot be computed."""
     try:
         kind: np.dtype[Any] = np.dtype(channel.dtype)
-    except Exception:  # told when the channel is asked for
+    except Exception:  # reading the channel says why
         return None
     return kind

@@ -7,31 +7,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import TIME_UNITS, Float, Source, check_same_rate
 
 # Rounded times lie within a fraction of a sample of even spacing; one missing sample moves them by at least
 # half a sample somewhere.
-_JITTER = 0.25
-# What a record is worth telling of.
-_JITTER_TOLD = 0.05
-# Seconds since 1970 in ms, us and ns, as data loggers write them: such numbers are no seconds of a record.
+_MOST_JITTER, _REPORTED_JITTER = 0.25, 0.05
+# Times since 1970 in ms, us and ns, as data loggers write them.
 _SINCE_1970 = ((1e11, 1e14, "ms"), (1e14, 1e17, "us"), (1e17, 1e20, "ns"))
 
 
 def rate_of(
     source: Source, time: int | None, torque: int, given: float | None, *, asked: bool
 ) -> tuple[float, dict[str, Any]]:
-    """Sampling rate in Hz, and what to note in ``meta`` of where it comes from.
+    """Sampling rate in Hz, and its origin for ``meta``.
 
-    Parameters
-    ----------
-    source : Source
-    time, torque : int or None
-        Channels.
-    given : float or None
-        Rate that the caller states.
-    asked : bool
-        Whether the caller named the time's channel.
+    ``given`` is the rate that the caller states; ``asked`` is True if the caller named the time channel.
     """
     stated = source.stated_rate(torque)
     if stated is not None:
@@ -40,10 +31,11 @@ def rate_of(
             return stated[0], {"rate_from": stated[1]}
     if time is None:
         if given is None:
-            raise ValueError(
-                f"{source.file}: no sampling rate: give sampling_rate= (Hz), or time_channel= for "
-                f"{source.a_noun()} of times; {source.plural} are {source.listed()}"
-            )
+            raise ArgumentError(
+                "{file}: no sampling rate: give {sampling_rate:=} (Hz), or {time_channel:=} for {a_noun} of "
+                "times; {plural} are {listed}",
+                file=source.file, a_noun=source.a_noun(), plural=source.plural, listed=source.listed(),
+            )  # fmt: skip
         return float(given), {"rate_from": "argument"}
     name = f"time {source.noun} {source.names[time]!r}"
     try:
@@ -60,13 +52,13 @@ def rate_of(
         return float(given), {"rate_from": "argument"}
     rate, jitter = even_rate(f"{source.file}: {name}", seconds, source)
     meta: dict[str, Any] = {"rate_from": name + note}
-    if jitter > _JITTER_TOLD:
+    if jitter > _REPORTED_JITTER:
         meta["time_jitter"] = round(jitter, 3)
     return rate, meta
 
 
 def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, str]:
-    """Times in s from the first, and a note on their unit where the column does not state it."""
+    """Times in s from the first, and a note on a unit that the column does not state."""
     if values.dtype.kind in "mM":
         if values.size < 2 or np.any(np.isnat(values)):
             raise ValueError(f"{source.file}: time {source.noun} {source.names[time]!r} has times missing")
@@ -87,14 +79,7 @@ def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, st
 
 
 def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
-    """Rate of an evenly spaced column of times in Hz, and its largest jitter in samples.
-
-    Raises
-    ------
-    ValueError
-        Where the times do not rise, or leave even spacing by more than a quarter of a sample: the message
-        says whether samples are missing (how many gaps, where the longest is) or the clock jitters.
-    """
+    """Rate of an evenly spaced column of times in Hz, and its largest jitter in samples."""
     count = seconds.size - 1
     if not seconds[-1] > seconds[0]:
         raise ValueError(
@@ -109,21 +94,20 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
     rate = count / float(seconds[-1] - seconds[0])
     off = np.abs((seconds - seconds[0]) * rate - np.arange(seconds.size))
     worst = int(np.argmax(off))
-    if off[worst] > _JITTER:
-        raise ValueError(
-            f"{called} is not evenly spaced: {_what_is_wrong(steps, off, worst, rate, source)}; if the "
-            "samples are even, give sampling_rate="
-        )
-    # Rounded times give 25600.0003 Hz, and no two files the same rate: a whole number of Hz within what the
-    # column's own scatter leaves open is taken.
+    if off[worst] > _MOST_JITTER:
+        raise ArgumentError(
+            "{called} is not evenly spaced: {problem}; if the samples are even, give {sampling_rate:=}",
+            called=called, problem=_unevenness(steps, off, worst, rate, source),
+        )  # fmt: skip
+    # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
     slack = rate * (2 * float(off[worst]) / count + 1e-9)
     if abs(rate - round(rate)) <= slack and round(rate) > 0:
         rate = float(round(rate))
     return rate, float(off[worst])
 
 
-def _what_is_wrong(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
-    """Gaps, or jitter, with the place."""
+def _unevenness(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
+    """Describe gaps or jitter, with the place."""
     usual = float(np.median(steps))
     gaps: NDArray[np.int64] = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
     if 0 < gaps.size <= max(1, steps.size // 100):

@@ -1,4 +1,4 @@
-"""Channels of a WAV file."""
+"""Reader of WAV files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.datasets.readers._columns import Source, reading
 
 
 class WavSource(Source):
@@ -30,19 +31,17 @@ class WavSource(Source):
         self.rate = float(rate)
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
-        """Rate by the header."""
         return self.rate, "header"
 
     def check_torque(self, torque: int, scale: float | None) -> None:
-        """Raise ``ValueError`` where whole numbers come without a scale."""
         if scale is None and self.samples.dtype.kind != "f":
-            raise ValueError(
-                f"{self.file} holds shares of full scale ({self.samples.dtype}), which say nothing of Nm; "
-                "give scale= (Nm at full scale)"
-            )
+            raise ArgumentError(
+                "{file} holds shares of full scale ({dtype}), which say nothing of Nm; give {scale:=} (Nm at "
+                "full scale)",
+                file=self.file, dtype=self.samples.dtype,
+            )  # fmt: skip
 
     def raw(self, index: int) -> NDArray[Any]:
-        """One channel; whole numbers as shares of full scale."""
         samples = self.samples if self.samples.ndim == 1 else self.samples[:, index]
         if samples.dtype.kind == "f":
             return samples
@@ -65,20 +64,14 @@ def _check_whole(path: Path) -> None:
 def _read(path: Path) -> tuple[float, NDArray[Any]]:
     from scipy.io import wavfile
 
-    with warnings.catch_warnings():
+    with reading(path, "WAV"), warnings.catch_warnings():
         warnings.simplefilter("error", wavfile.WavFileWarning)
-        # Programs write chunks of their own; what matters of the file is there.
+        # Chunks of other programs do not matter.
         warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)
-        error: Exception
-        for mapped in (True, False):  # 24-bit samples cannot be mapped
-            try:
-                rate, samples = wavfile.read(path, mmap=mapped)
-            except (ValueError, OSError, struct.error, wavfile.WavFileWarning, TypeError, KeyError) as caught:
-                error = caught
-            except (UnboundLocalError, ZeroDivisionError, OverflowError, IndexError) as caught:
-                error = caught  # chunks missing, or of impossible lengths
-            else:
-                if not rate > 0:
-                    raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
-                return rate, samples
-    raise ValueError(f"{path.name} cannot be read as WAV ({error})")
+        try:
+            rate, samples = wavfile.read(path, mmap=True)
+        except ValueError:  # 24-bit samples cannot be mapped
+            rate, samples = wavfile.read(path)
+    if not rate > 0:
+        raise ValueError(f"{path.name}: its header states a rate of {rate!r} Hz")
+    return rate, samples

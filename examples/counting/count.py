@@ -1,4 +1,4 @@
-"""Count the worn lobes of a recording from its file, and see a refusal; **surrogate** recordings."""
+"""Count the worn lobes of a recording from its file, and show a refusal; **surrogate** recordings."""
 
 import tempfile
 from pathlib import Path

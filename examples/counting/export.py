@@ -4,17 +4,17 @@ import tempfile
 from pathlib import Path
 
 from cyclofeat import Windower
-from cyclofeat.counting import make_lobe_counter
+from cyclofeat.counting import GroupCalibratedCounter, make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.persistence import load_model, read_card, save_model
+from cyclofeat.models import load_model, read_card, save_model
 
 recordings = make_rig_recordings(n_assemblies=4, defect_counts=(0, 3), rig="R1", random_state=3)
 windows = Windower().windows(recordings)
-counter = make_lobe_counter(windows.sampling_rate, kind="ordinal", calibrated=True)
+counter = GroupCalibratedCounter(make_lobe_counter(windows.sampling_rate, kind="ordinal"))
 counter.fit(windows.X, windows.y, groups=windows.groups)
 
 with tempfile.TemporaryDirectory() as folder:
-    # .joblib would be a pickle: code, which load_model takes with trusted=True only
+    # A .joblib file is a pickle, which can run code: load_model requires trusted=True for it.
     file = save_model(Path(folder, "counter.skops"), counter, assemblies=set(windows.groups))
     loaded = load_model(file)
     card = read_card(file)

@@ -1,14 +1,13 @@
-"""Train a model on **surrogate** recordings and see what it knows of itself.
+"""Train a model on **surrogate** recordings and print its scores.
 
-Simulated torque of assumed rigs, few assemblies, so that it runs in a minute; 40 or more of each count make
-a model for use.
+The script uses few assemblies so that it runs in a minute; a model for use needs 40 or more of each count.
 """
 
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings
 
 recordings = make_rig_recordings(
-    n_assemblies=5, defect_counts=(0, 3), rig="R1", duration_s=3.6, random_state=1, with_angle=True
+    n_assemblies=5, defect_counts=(0, 3), rig="R1", duration=3.6, random_state=1, with_angle=True
 )
 model = LobeModel.train(recordings, description="surrogates of rig R1, two windows each")
 

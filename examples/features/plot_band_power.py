@@ -2,10 +2,11 @@
 Power in bands and around harmonics
 ===================================
 
-Paper A compared the energy at multiples of 100 Hz with all energy, and found the ratio to look random
-(section 5.5). 100 Hz is order 12 of the input shaft, and the mains' second harmonic; the drive's own mesh is
-at 133.3 Hz. :class:`~cyclofeat.features.NarrowbandRatio` takes either; :class:`~cyclofeat.features.BandPower`
-gives the power in whole octaves. **Surrogate** torque, six assemblies per count on the assumed rig R1.
+Paper A (section 5.5) compared the energy at multiples of 100 Hz with the total energy; the ratio looked
+random. 100 Hz is order 12 of the input shaft and the second harmonic of the mains; the drive's mesh is at
+133.3 Hz. :class:`~cyclofeat.features.NarrowbandRatio` takes either frequency;
+:class:`~cyclofeat.features.BandPower` gives the power in octaves. **Surrogate** torque, six assemblies per
+count on the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,7 @@ import numpy as np
 from _surrogates import SAMPLING_RATE, dots_by_count, shades, surrogate_windows
 
 from cyclofeat.features import BandPower, NarrowbandRatio
-from cyclofeat.spectral import octave_bands
+from cyclofeat.signal import octave_bands
 
 X, y, _ = surrogate_windows(n_assemblies=6)
 fig, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
@@ -34,6 +35,6 @@ for ax, fundamental, name in ((axes[1], 100.0, "100 Hz"), (axes[2], 400 / 3, "13
 plt.show()
 
 # %%
-# Below 400 Hz the power grows with wear, several times over from healthy to seven; above 800 Hz there is
-# nothing but the noise of the torque meter. The *shares* are below one per cent and follow the power between
-# the lines, which drift and resonance make: they tell counts apart as little as in paper A.
+# Below 400 Hz the power grows several times over from healthy to seven worn lobes; above 800 Hz there is only
+# the noise of the torque meter. The *shares* are below one per cent. They follow the power between the lines,
+# which drift and resonance cause, and separate counts as little as in paper A.

@@ -2,10 +2,11 @@
 Envelope spectrum of the mesh level
 ===================================
 
-The classical method for gears, tried in paper A (section 5.1): take the wavelet level that holds the mesh
-frequency, its Hilbert envelope, and look for harmonics of the shaft in the envelope's spectrum. It did not
-tell counts apart in measured torque. :class:`~cyclofeat.features.WaveletEnvelopeSpectrum` reads the envelope
-at the harmonics of shaft and mesh. **Surrogate** torque, six assemblies per count on the assumed rig R1.
+Paper A (section 5.1) tried the classical method for gears: take the wavelet level that contains the mesh
+frequency, compute its Hilbert envelope, and look for harmonics of the shaft in the envelope's spectrum. It
+did not separate counts in measured torque. :class:`~cyclofeat.features.WaveletEnvelopeSpectrum` gives the
+envelope's amplitude at the harmonics of shaft and mesh. **Surrogate** torque, six assemblies per count on
+the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -30,8 +31,8 @@ dots_by_count(right, y, features[:, 1], "first harmonic of the shaft", "amplitud
 plt.show()
 
 # %%
-# Level 7 (100 to 200 Hz) holds the mesh, but on this rig also the upper flank of the resonance, which wear
-# rings: the envelope of a worn disc swings once per turn and more, that of a healthy one hardly. From one
-# worn lobe on, the harmonics differ less between counts than between assemblies of one count: it detects wear
-# on this rig, and does not count it. Harmonic 8 is in every disc: the mesh beating with its own image, as the
-# transformer's notes explain.
+# Level 7 (100 to 200 Hz) contains the mesh, but on this rig also the upper flank of the resonance, which wear
+# excites: the envelope of a worn disc varies once per turn and more often, that of a healthy disc hardly at
+# all. From one worn lobe on, the harmonics differ less between counts than between assemblies of one count:
+# on this rig the method detects wear and does not count it. Every disc has harmonic 8, the beat of the mesh
+# with its own image, as the transformer's notes explain.

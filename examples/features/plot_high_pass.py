@@ -2,9 +2,9 @@
 High-pass filter
 ================
 
-Does it help to take slow drift out first? Paper A (section 2) tried high-pass filters at 0.5, 1, 10 and 50 Hz
-on measured torque and dropped them: low frequencies mattered more there than in simulation.
-:class:`~cyclofeat.features.HighPass` goes before any other transformer in a pipeline. **Surrogate** torque of
+Does removing slow drift help? Paper A (section 2) tried high-pass filters at 0.5, 1, 10 and 50 Hz on
+measured torque and rejected them: low frequencies mattered more there than in simulation.
+:class:`~cyclofeat.features.HighPass` precedes any other transformer in a pipeline. **Surrogate** torque of
 a healthy disc and one with three worn lobes, on the assumed rig R1.
 """
 
@@ -29,7 +29,7 @@ for ax in axes[-1]:
 plt.show()
 
 # %%
-# Nearly all of the healthy torque's variation is drift, which 10 Hz removes. What wear adds survives, because
-# on this rig it rings the resonance near 80 Hz; a cut-off of 50 Hz leaves the ringing and takes the lines of
-# lobe and shaft (8.9 and 8.3 Hz) away. Near both ends of a window the filter is less accurate, over about one
-# period of the cut-off: with 0.5 Hz that is all of a window of 1.8 s.
+# Nearly all of the healthy torque's variation is drift, which 10 Hz removes. The effect of wear remains,
+# because on this rig it excites the resonance near 80 Hz. A cut-off of 50 Hz preserves the ringing and
+# removes the lines of lobe and shaft (8.9 and 8.3 Hz). Near both ends of a window the filter is less
+# accurate, over about one period of the cut-off; with 0.5 Hz this is the whole window of 1.8 s.

@@ -2,10 +2,10 @@
 Statistics of wavelet levels
 ============================
 
-What paper B reads from its scalograms by eye (figs. 10-12: which levels grow, peak and fall quiet) in
-numbers: :class:`~cyclofeat.features.WaveletLevelStatistics` gives rms, share of the energy, kurtosis and
-extent of the lowest colour per level. Medians over six **surrogate** assemblies per count on the assumed rig
-R1.
+Paper B describes its scalograms by eye (figs. 10-12: levels that grow, peak or become quiet).
+:class:`~cyclofeat.features.WaveletLevelStatistics` quantifies this with rms, share of the energy, kurtosis
+and extent of the lowest colour per level. Medians over six **surrogate** assemblies per count on the
+assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ import numpy as np
 from _surrogates import SAMPLING_RATE, surrogate_windows
 
 from cyclofeat.features import WaveletLevelStatistics
-from cyclofeat.wavelets import level_band
+from cyclofeat.signal.wavelets import level_band
 
 X, y, _ = surrogate_windows(n_assemblies=6)
 n_levels = 10
@@ -37,7 +37,7 @@ axes[0].set_ylabel("level")
 plt.show()
 
 # %%
-# All levels but the first two gain with wear, level 9 (25 to 50 Hz) most; these two are the torque meter's
-# noise, with a kurtosis of 3 whatever the wear. At level 6 the coefficients are peaked, and the lowest colour
-# wide, from one worn lobe on: short bursts, long pauses. Paper B saw levels 1 to 4 fall quiet at seven worn
-# lobes; noise of 0.2 Nm covers that here. Only the rms has a gradual course, and it depends on the rig.
+# Wear increases all levels but the first two, level 9 (25 to 50 Hz) most. The first two are the torque
+# meter's noise, with a kurtosis of 3 at any wear. From one worn lobe on, level 6 has peaked coefficients and
+# a wide lowest colour: short bursts with long pauses. In paper B levels 1 to 4 became quiet at seven worn
+# lobes; noise of 0.2 Nm hides that here. Only the rms changes gradually, and it depends on the rig.

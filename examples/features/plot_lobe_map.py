@@ -2,10 +2,10 @@
 Lobe map
 ========
 
-The torque, freed of the rig's resonance and folded at the rate at which lobes pass the load, has a slot for
-each lobe. :class:`~cyclofeat.features.LobeMap` gives mean and rms of each slot and two numbers per lobe line.
-The papers have no such method. **Surrogate** torque: four assemblies per count on the assumed rig R1, each
-worn on neighbouring lobes from a random one on.
+:class:`~cyclofeat.features.LobeMap` removes the rig's resonance from the torque and folds it at the rate at
+which lobes pass the load, so that each lobe has a slot. It gives the mean and rms of each slot and two
+numbers per lobe line. The papers have no such method. **Surrogate** torque: four assemblies per count on
+the assumed rig R1, each worn on adjacent lobes from a random one on.
 """
 
 import matplotlib.pyplot as plt
@@ -46,7 +46,7 @@ right.legend(loc="lower left", ncols=3)
 plt.show()
 
 # %%
-# **Left:** a healthy disc has empty slots; a worn stretch shows at its ends, which move apart as it grows.
-# **Right:** n neighbouring worn lobes put zeros at multiples of 15/n, here dips: at 5 and, weakly, 10 for
-# three; at 3, 6, 9 and 12 (grey) for five. Line 15 is the mesh, which every disc has. No resonance and no
-# drift moves a zero: this is what counts lobes where spectra do not.
+# **Left:** a healthy disc has empty slots. A worn stretch appears at its ends, which move apart as it grows.
+# **Right:** n adjacent worn lobes put zeros at multiples of 15/n, visible as dips: at 5 and, weakly, 10 for
+# three; at 3, 6, 9 and 12 (grey) for five. Line 15 is the mesh, which every disc has. Neither resonance nor
+# drift moves a zero, so the zeros count lobes where spectra do not.

@@ -2,10 +2,10 @@
 Overlap of the scalogram's minima
 =================================
 
-Paper B (section 7) compares the dark cells of a scalogram, those of the lowest colour, with the dark cells of
-the worst disc's: in simulation their overlap grows with the count at levels 3 and 4, but for 3 and 4 worn
-lobes. In measured torque paper A (section 5.1) found no gradual relation.
-:class:`~cyclofeat.features.WaveletMinimaOverlap` aligns the windows in lobe phase first. **Surrogate**
+Paper B (section 7) compares the dark cells of a scalogram, those of the lowest colour, with the dark cells
+of the worst disc. In simulation their overlap at levels 3 and 4 grows with the count, except at 3 and 4
+worn lobes. In measured torque paper A (section 5.1) found no gradual relation.
+:class:`~cyclofeat.features.WaveletMinimaOverlap` first aligns the windows in lobe phase. **Surrogate**
 (simulated) torque of the papers' free output, rig R0, without and with the torque meter's noise of 0.2 Nm.
 """
 
@@ -14,13 +14,13 @@ import numpy as np
 from _surrogates import SAMPLING_RATE, surrogate_windows
 
 from cyclofeat.features import WaveletMinimaOverlap
-from cyclofeat.wavelets import minima_mask, scalogram
+from cyclofeat.signal.wavelets import minima_mask, scalogram
 
 clean, y, _ = surrogate_windows(n_assemblies=3, rig="R0", noise_nm=0.0)
 noisy, _, _ = surrogate_windows(n_assemblies=3, rig="R0")
 
 # %%
-# The scalogram of one window with seven worn lobes by MATLAB's recipe, mb32.3, and its minima: without noise,
+# The scalogram of one window with seven worn lobes by MATLAB's recipe, mb32.3, and its minima. Without noise,
 # the quiet stretches are wide.
 
 n_shown = int(0.3 * SAMPLING_RATE)
@@ -39,7 +39,7 @@ axes[0].set(ylabel="level", yticks=range(1, 9))
 plt.show()
 
 # %%
-# The overlap itself, class means over three assemblies.
+# The overlap, class means over three assemblies.
 
 fig, axes = plt.subplots(1, 2, figsize=(11, 3.8), layout="constrained", sharey=True)
 for ax, X, title in zip(axes, (clean, noisy), ("no noise", "0.2 Nm of noise"), strict=True):
@@ -53,7 +53,7 @@ axes[0].legend()
 plt.show()
 
 # %%
-# Without noise the overlap grows from the healthy disc on, and falls back at three and four worn lobes, where
-# paper B has its gaps, too; but five worn lobes have more than seven, and three assemblies per count are few.
-# Noise of 0.2 Nm, 1 % of the torque, fills the quiet stretches, and what was graded is gone: a reason why
-# measured torque need not show what the simulation did.
+# Without noise the overlap grows from the healthy disc on and falls back at three and four worn lobes, where
+# paper B also has gaps. But five worn lobes have more overlap than seven, and three assemblies per count are
+# few. Noise of 0.2 Nm, 1 % of the torque, fills the quiet stretches and removes the gradation. This may
+# explain why measured torque does not show what the simulation did.

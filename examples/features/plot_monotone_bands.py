@@ -3,9 +3,9 @@ Bands in which entropy falls
 ============================
 
 Paper A (fig. 19) shows, for its simulation with steel discs, the frequency bands in which Shannon entropy
-falls strictly with the number of worn lobes. Among thousands of bands some always do.
-:func:`~cyclofeat.scans.find_monotone_bands` therefore also says how often chance finds as many. **Surrogate**
-torque, six assemblies each with 1, 3, 5 and 7 worn lobes on the assumed rig R1.
+falls strictly with the number of worn lobes. Among thousands of bands, some always do.
+:func:`~cyclofeat.scans.find_monotone_bands` therefore also states how often chance finds as many.
+**Surrogate** torque, six assemblies each with 1, 3, 5 and 7 worn lobes on the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -17,12 +17,12 @@ from cyclofeat.scans import find_monotone_bands
 X, y, assemblies = surrogate_windows(n_assemblies=6)
 odd = y % 2 == 1
 X, y, assemblies = X[odd], y[odd], assemblies[odd]
-found = find_monotone_bands(X, y, sampling_rate=SAMPLING_RATE, groups=assemblies)
+found = find_monotone_bands(X, y, SpectralEntropy(SAMPLING_RATE), groups=assemblies)
 print(f"{len(found.bands)} of {found.n_tried} bands fall; p = {found.p_number:.3f}")
 
 # %%
-# Each band found is a dot, by its limits. Beside it the entropy in the widest of them, means and single
-# assemblies.
+# Each dot is a band found, placed by its limits. The right panel shows the entropy in the widest band, means
+# and single assemblies.
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
 left.plot(found.bands[:, 0], found.bands[:, 1], "s", color="black", markersize=3)
@@ -35,9 +35,9 @@ dots_by_count(right, y, entropy, f"widest: {low:g} to {high:g} Hz", "Shannon ent
 plt.show()
 
 # %%
-# Shuffled counts seldom give as many bands, so on this rig the order is more than chance: above the noise's
-# even floor, wear adds power at the lower end of these bands, which makes their spectra less even. The class
-# means fall; single assemblies of neighbouring counts overlap by more than the steps between the means, so a
-# band of falling entropy is a trend, and not yet a counter. Bands that begin above some 3 kHz hold hardly
-# anything but noise: chance is likely to have put them there. Four counts fall in order by chance far more
-# often than seven would, which p takes into account.
+# Shuffled counts seldom give as many bands, so on this rig the order is more than chance: wear adds power at
+# the lower end of these bands, above the flat noise floor, and their spectra become less flat. The class
+# means fall, but single assemblies of adjacent counts overlap by more than the steps between the means: a
+# band of falling entropy is a trend, not a counter. Bands that begin above about 3 kHz contain almost only
+# noise and are probably due to chance. Four counts fall in order by chance far more often than seven would; p
+# accounts for this.

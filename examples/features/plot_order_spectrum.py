@@ -2,11 +2,11 @@
 Order spectrum
 ==============
 
-A worn lobe passes the load at 16/15 of the input speed, run-out turns at the input speed itself: 8.9 and 8.3
-Hz, told apart by no fixed grid of frequencies and by no guess of the speed that is off by one per cent.
-:class:`~cyclofeat.features.OrderSpectrum` finds the speed of each window and reads the torque at the lines of
-the output turn, k/15 of the input speed. The papers have no such method. **Surrogate** torque of one assembly
-each on the assumed rig R1.
+A worn lobe passes the load at 16/15 of the input speed (8.9 Hz); run-out turns at the input speed (8.3 Hz).
+A fixed frequency grid, or an estimate of the speed that is wrong by one per cent, does not separate the
+two. :class:`~cyclofeat.features.OrderSpectrum` finds the speed of each window and gives the torque at the
+lines of the output turn, k/15 of the input speed. The papers have no such method. **Surrogate** torque of
+one assembly each on the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -14,7 +14,7 @@ import numpy as np
 from _surrogates import SAMPLING_RATE, surrogate_windows
 
 from cyclofeat.features import OrderSpectrum
-from cyclofeat.orders import estimate_input_speed
+from cyclofeat.signal.orders import estimate_input_speed
 
 X, y, _ = surrogate_windows(n_assemblies=1)
 transformer = OrderSpectrum(SAMPLING_RATE, n_lines=128, n_mesh_lines=0).fit(X)
@@ -43,7 +43,7 @@ plt.show()
 
 # %%
 # The first few lines are drift, and lines 120 and above lie on the rig's resonance. A worn lobe comes under
-# the load once in 15/16 of an input turn: its pulses have lines at the multiples of 16, and run-out has them
-# at the multiples of 15. *That* lobes are worn shows in how far the multiples of 16 stand out, *how many* in
-# their pattern: five neighbouring worn lobes weaken every third of them (48 and 96). The lobe map reads that
-# pattern with the resonance taken out.
+# the load once in 15/16 of an input turn, so its pulses have lines at the multiples of 16; run-out has lines
+# at the multiples of 15. How far the multiples of 16 stand out shows *that* lobes are worn; their pattern
+# shows *how many*: five adjacent worn lobes weaken every third of them (48 and 96). The lobe map reads that
+# pattern with the resonance removed.

@@ -3,9 +3,9 @@ Density and amplitude spectrum
 ==============================
 
 The two spectra of the papers, line by line: Welch's power spectral density as MATLAB's ``pwelch`` gives it
-(:class:`~cyclofeat.features.WelchPSD`, paper A section 5.3) and the amplitudes of a transform of 8192 points
-under a Hamming window (:class:`~cyclofeat.features.AmplitudeSpectrum`, paper B section 6). **Surrogate**
-torque: medians over four assemblies per count on the assumed rig R1.
+(:class:`~cyclofeat.features.WelchPSD`, paper A section 5.3), and the amplitudes of a transform of 8192
+points under a Hamming window (:class:`~cyclofeat.features.AmplitudeSpectrum`, paper B section 6).
+**Surrogate** torque: medians over four assemblies per count on the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -33,8 +33,8 @@ left.legend()
 plt.show()
 
 # %%
-# The rig's torsional resonance (the hump below 100 Hz) rises with wear, and so does what lies above it; the
-# mean torque is the peak at 0 Hz. The density's lines are 1.6 Hz apart; amplitudes with lines 3.1 Hz apart
-# cannot show single lobes either, whose lines are 0.6 Hz from those of the input shaft. Paper A saw no
-# gradual relation in such densities; paper B found the spectrum of the output torque with *removed* lobes
-# half as high between 200 and 800 Hz.
+# The rig's torsional resonance (the hump below 100 Hz) and the power above it rise with wear; the peak at 0
+# Hz is the mean torque. The lines of the density are 1.6 Hz apart. The lines of the amplitude spectrum are
+# 3.1 Hz apart and cannot resolve single lobes, whose lines are 0.6 Hz from those of the input shaft. Paper A
+# saw no gradual relation in such densities; in paper B the spectrum of the output torque with *removed* lobes
+# was half as high between 200 and 800 Hz.

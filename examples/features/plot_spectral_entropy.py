@@ -2,9 +2,10 @@
 Spectral entropy
 ================
 
-Paper A's one success: Shannon entropy of the measured torque's spectrum falls strictly from one worn lobe to
-seven (table 6), the normalized entropy with it. :class:`~cyclofeat.features.SpectralEntropy` gives both. Here
-they are of **surrogate** torque, six assemblies per count on the assumed rig R1.
+Shannon entropy is the one method that succeeded in paper A: the entropy of the measured torque's spectrum
+falls strictly from one worn lobe to seven (table 6), and so does the normalized entropy.
+:class:`~cyclofeat.features.SpectralEntropy` gives both, here for **surrogate** torque, six assemblies per
+count on the assumed rig R1.
 """
 
 import matplotlib.pyplot as plt
@@ -22,7 +23,7 @@ normalized = SpectralEntropy(sampling_rate=SAMPLING_RATE, normalize=True).fit_tr
 of_ripple = SpectralEntropy(sampling_rate=SAMPLING_RATE, preset="ripple").fit_transform(X)[:, 0]
 
 # %%
-# The normalized entropy is the same number over log2 of the number of lines: an axis of its own, no more.
+# The normalized entropy is the same number divided by log2 of the number of lines; only the axis differs.
 
 largest = np.log2(papers.frequencies_.size)
 print(f"largest difference: {np.abs(normalized - bits / largest).max():.1e}")
@@ -46,8 +47,8 @@ dots_by_count(right, y, of_ripple, "mean removed (preset 'ripple')", "Shannon en
 plt.show()
 
 # %%
-# **Left:** on this rig the entropy *grows* with the count, where the measured one falls: its direction is no
-# property of wear alone. **Middle:** MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all
-# others; the entropy then follows the share of ripple in the torque's mean square, which is in table 4
-# already. **Right:** without the mean, entropy tells most worn discs from healthy ones, and little more. Read
-# a trend of entropy with the count only beside the ripple, and within one rig.
+# **Left:** on this rig the entropy *grows* with the count, whereas the measured one falls: its direction is
+# not a property of wear alone. **Middle:** MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs
+# all others. The entropy then follows the share of ripple in the torque's mean square, which table 4 already
+# contains. **Right:** without the mean, entropy separates most worn discs from healthy ones, and little more.
+# Interpret a trend of entropy with the count only together with the ripple, and within one rig.

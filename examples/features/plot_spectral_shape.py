@@ -2,10 +2,10 @@
 Flatness, centroid and roll-off, and their course
 =================================================
 
-Does wear move the spectrum to higher frequencies? Paper A followed centroid and 95 % roll-off over the parts
-of a recording (section 5.4) and compared flatness (5.6); none of them told counts apart.
+Does wear move the spectrum to higher frequencies? Paper A followed centroid and 95 % roll-off over the
+parts of a recording (section 5.4) and compared flatness (5.6); none of them separated counts.
 :class:`~cyclofeat.features.SpectralCentroid`, :class:`~cyclofeat.features.SpectralRolloff` and
-:class:`~cyclofeat.features.SpectralFlatness` give one number per window, or with ``n_parts`` their course.
+:class:`~cyclofeat.features.SpectralFlatness` give one number per window, or one per part with ``n_parts``.
 **Surrogate** torque, six assemblies per count on the assumed rig R1.
 """
 
@@ -40,11 +40,11 @@ fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", 
 plt.show()
 
 # %%
-# **Top:** parts of 0.3 s. A healthy disc leaves little besides noise above the drift, and its courses wander;
-# seven worn lobes ring the rig's resonance, which holds centroid and roll-off near 90 Hz throughout, in one
-# assembly less than in the others. **Bottom:** over whole windows, counts overlap: a sign of *some* wear on
-# this rig, not a scale of counts, as in paper A's verdict. The mean is removed here (preset ``"ripple"``);
-# with the mean kept, as in the papers, all three describe the line at 0 Hz:
+# **Top:** parts of 0.3 s. A healthy disc has little besides noise above the drift, and its curves wander.
+# Seven worn lobes excite the rig's resonance, which holds centroid and roll-off near 90 Hz throughout, in one
+# assembly less than in the others. **Bottom:** over whole windows, counts overlap. As in paper A's verdict,
+# the features are a sign of *some* wear on this rig, not a scale of counts. The mean is removed here (preset
+# ``"ripple"``); with the mean kept, as in the papers, all three describe the line at 0 Hz:
 
 kept = SpectralCentroid(sampling_rate=SAMPLING_RATE).fit_transform(X)[:, 0]
 print(f"centroids with the mean kept: {kept.min():.1f} to {kept.max():.1f} Hz (paper A: 1.8 to 2.95)")

@@ -2,9 +2,10 @@
 All features in a pipeline
 ==========================
 
-:class:`~cyclofeat.features.TorqueFeatures` gives the features of all methods in one row per window, and goes
-into a pipeline like any other transformer. Which of them count worn lobes in assemblies that training never
-saw? **Surrogate** torque, six assemblies for each of eight counts on the assumed rig R1: chance is 1/8.
+:class:`~cyclofeat.features.TorqueFeatures` gives the features of all methods in one row per window and fits
+into a pipeline like any other transformer. Which of them count worn lobes in assemblies that were not in
+training? **Surrogate** torque, six assemblies for each of eight counts on the assumed rig R1: chance is
+1/8.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,7 @@ from _surrogates import SAMPLING_RATE, surrogate_windows
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.pipeline import make_pipeline
 
-from cyclofeat.counting import evaluate
+from cyclofeat.counting import Protocol, evaluate
 from cyclofeat.features import TorqueFeatures
 
 X, y, assemblies = surrogate_windows(n_assemblies=6)
@@ -29,14 +30,14 @@ families = {
 }
 
 # %%
-# References (healthy windows, worst windows) are learned in ``fit``: inside the pipeline, so from the
-# training assemblies of each fold alone. ``evaluate`` holds whole assemblies out.
+# ``fit`` learns the references (healthy windows, worst windows). Inside the pipeline it therefore learns them
+# from the training assemblies of each fold alone. ``evaluate`` holds whole assemblies out.
 
 results = {}
 for name, features in families.items():
     trees = ExtraTreesClassifier(n_estimators=100, random_state=0)
     counter = make_pipeline(TorqueFeatures(SAMPLING_RATE, features=features), trees)
-    results[name] = evaluate(counter, X, y, assemblies, n_splits=3)
+    results[name] = evaluate(counter, X, y, assemblies, protocol=Protocol(n_splits=3))
     print(f"{name:14} {results[name]}")
 
 # %%
@@ -52,7 +53,7 @@ ax.invert_yaxis()
 plt.show()
 
 # %%
-# Six assemblies per count are few, and the whiskers say so: on this rig, entropy and statistics cannot be
-# told from chance, and the other published methods count little better. The lobe map, which looks at each
-# lobe by itself, counts. More columns are not better: trees that are offered all 340 meet the useful ones
-# less often.
+# Six assemblies per count are few, as the whiskers show: on this rig, entropy and statistics cannot be
+# distinguished from chance, and the other published methods count little better. The lobe map, which treats
+# each lobe separately, counts. More columns are not better: trees that choose among all 340 meet the useful
+# ones less often.

@@ -2,8 +2,8 @@
 Statistics of the torque
 ========================
 
-Mean, standard deviation and range are what paper A's table 4 states of the measured torque, one recording per
-disc. :class:`~cyclofeat.features.TorqueStatistics` gives these and seven more. Here they are of **surrogate**
+Paper A's table 4 states mean, standard deviation and range of the measured torque, one recording per disc.
+:class:`~cyclofeat.features.TorqueStatistics` gives these and seven more. Here they are of **surrogate**
 (simulated) torque: six assemblies for each number of worn lobes, on the assumed rig R1.
 """
 
@@ -40,7 +40,7 @@ plt.show()
 
 # %%
 # With a brake behind the torque meter, standard deviation and range grow with the number of worn lobes on
-# average, but assemblies of one count differ by as much as several counts: slow drift of 3 Nm rms is in all
-# of them. The measured standard deviation does the opposite: it jumps from the healthy disc to one worn lobe
-# and tends to fall from there on. One recording per disc cannot tell whether that is wear or anything else in
-# which the discs differ. The mean says nothing about wear: it is the load.
+# average, but assemblies of one count differ by as much as several counts, because all of them have slow
+# drift of 3 Nm rms. The measured standard deviation behaves differently: it jumps from the healthy disc to
+# one worn lobe and tends to fall from there on. One recording per disc cannot show whether wear or another
+# difference between the discs causes this. The mean is the load and contains no information about wear.

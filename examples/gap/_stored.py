@@ -1,4 +1,4 @@
-"""Where simulations that take long are kept."""
+"""Folder of stored simulations that take long."""
 
 from pathlib import Path
 

@@ -2,11 +2,11 @@
 Missing effects in measured loops
 =================================
 
-Torque against deflection, measured on three printed cycloidal drives with their output held (28 loops, read
-back from the source's figures; torque from the motor's current). The model is the simulator's gearbox of
-the same geometry, without friction and clearance. What does it lack? :class:`~cyclofeat.gap.LoopGap` tries
-every set of up to three effects and judges by loops that were not fitted. Only the loops are measured;
-nothing here is a **surrogate** of them.
+Torque against deflection, measured on three printed cycloidal drives with their output held (28 loops,
+digitised from the source's figures; torque from the motor's current). The model is the simulator's gearbox
+of the same geometry, without friction and clearance. Which effects does it lack?
+:func:`~cyclofeat.gap.find_loop_gap` tries every set of up to three effects and judges it by loops that were
+not fitted. Only the loops are measured; nothing here is a **surrogate** of them.
 """
 
 from itertools import pairwise
@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from cyclofeat.datasets import load_jelmerv_cycloidal
-from cyclofeat.gap import LoopGap, LoopModel, LoopSmoother, loop_shape
+from cyclofeat.gap import LoopModel, LoopSmoother, find_loop_gap, loop_shape
 
 loops = {(loop.kind, loop.design, loop.state): loop for loop in load_jelmerv_cycloidal().loops}
 DESIGNS = ("baseline", "split_pinwheel", "conic_disk")
@@ -46,27 +46,26 @@ for name, (torque, deflection) in {
 # %%
 # What: every set of effects, judged by loops held out
 # ----------------------------------------------------
-# Six transfers: each drive's loop up to 4 Nm predicted from its loop up to 25 to 40 Nm, and back. The error
-# is the rms of the deflection's error over the rms of the deflection: 1 is what predicting none at all
-# gives.
+# Six transfers: each drive's loop up to 4 Nm is predicted from its loop up to 25 to 40 Nm, and vice versa.
+# The error is the rms of the deflection's error over the rms of the deflection; predicting zero gives 1.
 
 transfers = [
     (of(design, "initial", [fitted]), of(design, "initial", [held]))
     for design in DESIGNS
     for fitted, held in (KINDS, KINDS[::-1])
 ]
-gap = LoopGap(max_iter=25, n_points=80).fit(transfers)
+gap = find_loop_gap(transfers, model=LoopModel(max_iter=25, n_points=80))
 smoother = [-LoopSmoother().fit(fitted).score(held) for fitted, held in transfers]
-print("named:", " + ".join(gap.effects_) or "nothing")
-for name, p in gap.p_without_.items():
+print("named:", " + ".join(gap.effects) or "nothing")
+for name, p in gap.p_without.items():
     print(f"  without {name}: p = {p:.3f} (six transfers: never below 0.016)")
-print("as good, as far as six transfers tell:", [" + ".join(names) for names in gap.look_alikes_])
+print("as good, as far as six transfers tell:", [" + ".join(names) for names in gap.look_alikes])
 
 fig, ax = plt.subplots(figsize=(10, 5.5), layout="constrained")
-rows = [(" + ".join(subset.effects) or "nothing", subset.errors) for subset in gap.subsets_]
+rows = [(" + ".join(subset.effects) or "nothing", subset.errors) for subset in gap.subsets]
 rows = sorted([*rows, ("black box (Gaussian process)", smoother)], key=lambda row: -np.mean(row[1]))
 for place, (name, errors) in enumerate(rows):
-    own = name == " + ".join(gap.effects_)
+    own = name == " + ".join(gap.effects)
     colour = "C1" if own else "C2" if name.startswith("black box") else "C0"
     ax.plot(errors, [place] * len(errors), "o", color=colour, alpha=0.4, markersize=4)
     ax.plot(np.mean(errors), place, "|", color=colour, markersize=14, markeredgewidth=3)
@@ -82,16 +81,16 @@ plt.show()
 # %%
 # Show: states that had no part in naming
 # ---------------------------------------
-# Fitted to both loops of one state, predicting both of another: after run-in from before it, and one
-# preload from the one before. Parameters are those of the state fitted: that the drive wears in, or is
-# tightened, no model knows.
+# Each model is fitted to both loops of one state and predicts both of another: after run-in from before it,
+# and one preload from the preload before. The parameters are those of the fitted state: no model contains the
+# effect of run-in or of tightening.
 
 PRELOADS = {"conic_disk": (1, 2, 3, 4), "split_pinwheel": (2, 4, 6, 8)}
 steps = [(design, "initial", "after_runin") for design in DESIGNS]
 for design, turns in PRELOADS.items():
     steps += [(design, f"preload{a}", f"preload{b}") for a, b in pairwise(turns)]
-models = {"nothing": LoopModel(()), "named": LoopModel(gap.effects_)}
-if gap.effects_ != EFFECTS:
+models = {"nothing": LoopModel(()), "named": LoopModel(gap.effects)}
+if gap.effects != EFFECTS:
     models["with clearance too"] = LoopModel(EFFECTS)
 models["black box"] = LoopSmoother()
 errors = {name: [] for name in models}
@@ -105,7 +104,7 @@ for title, part in {"mean, run-in": slice(3), "mean, preloads": slice(3, None)}.
     print(f"{title:32}" + "".join(f"{np.mean(errors[name][part]):20.2f}" for name in models))
 
 # %%
-# The loops themselves: small ones from large ones, and a run-in drive from a new one.
+# The loops themselves: small loops from large ones, and a run-in drive from a new one.
 
 fig, axes = plt.subplots(2, 3, figsize=(12, 7), layout="constrained")
 for column, design in enumerate(DESIGNS):
@@ -129,22 +128,22 @@ fig.legend(*handles, loc="outside upper center", ncols=4)
 plt.show()
 
 # %%
-# How large: each drive as it was new, both loops fitted.
+# Parameters of each drive as new, both loops fitted.
 
 for design in DESIGNS:
-    for effects in dict.fromkeys((gap.effects_, EFFECTS)):
+    for effects in dict.fromkeys((gap.effects, EFFECTS)):
         model = LoopModel(effects).fit(of(design, "initial"))
         values = ", ".join(f"{name.partition('.')[2]} {value:.3g}" for name, value in model.theta_.items())
         print(f"{design:15} error {model.loss_:.3f}: {values}")
 
 # %%
-# What this does not prove. Torque is the motor's current times a constant, so "friction" holds the motor's
-# and what the controller adds. Three drives of one maker, one geometry. The input's angle is not known, and
-# play and stiffness depend on it. Torsional compliance is whatever gives way in proportion: housing,
-# shafts, discs, or the contacts of a plastic whose modulus is assumed. The loops do not close at zero
-# torque (creep), which no effect here explains. Play is in the drives (their makers state 50 um of
-# clearance), but these transfers do not need it once friction is spread: a loop in which friction lets go
-# by and by looks much the same.
+# What this does not prove. Torque is the motor's current times a constant, so "friction" includes the motor's
+# own and the action of its controller. The data cover three drives of one maker and one geometry. The input's
+# angle is unknown, and play and stiffness depend on it. Torsional compliance includes everything that yields
+# in proportion to torque: housing, shafts, discs, or the contacts of a plastic whose modulus is assumed. The
+# loops do not close at zero torque (creep), which no effect here explains. The drives have play (their makers
+# state 50 um of clearance), but these transfers do not need it once friction is spread: friction that yields
+# gradually gives nearly the same loop.
 #
-# The friction's spread and the way the sets are searched were chosen with these loops in view
+# The friction's spread and the search over the sets were chosen after seeing these loops
 # (``docs/notes/gap_measured_loops.md``): the p above are too small, and other drives would be the test.

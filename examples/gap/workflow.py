@@ -1,39 +1,42 @@
 """
-A missing brake, found, named and added
-=======================================
+Find, name and add a missing brake
+==================================
 
-The papers' model has a free output; a rig has a brake behind shaft and torque meter. Here such a rotor is
-hidden in **surrogate** torque, simulated and not measured, and the workflow is given that torque, the counts
-of worn lobes and the model without it. The command line does the same with a folder of files
-(``cyclofeat gap``) and the whole library; six effects and few simulations keep this script to some minutes.
-It writes the picture of the README, ``docs/figures/gap_workflow.png``.
+The papers' model has a free output; a rig has a brake behind shaft and torque meter. In this example, such
+a rotor is hidden in **surrogate** torque, simulated and not measured. The workflow receives that torque,
+the counts of worn lobes and the model without the rotor. The command line does the same with a folder of
+files (``cyclofeat gap``) and the whole library; this script uses six effects and few simulations so that it
+runs in some minutes. It writes the picture of the README, ``docs/figures/gap_workflow.png``.
 """
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from cyclofeat.gap import DiscrepancyWorkflow, NuisancePrior, make_bank
+from cyclofeat.gap import Comparison, GapSettings, Windows, find_gap
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
-from cyclofeat.simulators import BrakeRotor, CompositeSimulator
+from cyclofeat.simulators import BrakeRotor, Rig
 
-hidden = CompositeSimulator(effects=[BrakeRotor(inertia=0.02, stiffness=12_000.0, damping_ratio=0.03)])
-prior = NuisancePrior()
-fit = make_bank(hidden, prior, (0, 2, 4, 6), n=12, random_state=1)
-held_out = make_bank(hidden, prior, (0, 1, 3, 4, 6), n=10, random_state=2)
-workflow = DiscrepancyWorkflow(
-    25_600,
+hidden = Rig(effects=[BrakeRotor(inertia=0.02, stiffness=12_000.0, damping_ratio=0.03)])
+comparison = Comparison(sampling_rate=25_600, n_bank=80, cache="build/gap-example")
+truth = comparison.replace(rig=hidden)
+fit = truth.bank(12, (0, 2, 4, 6), random_state=1)
+held_out = truth.bank(10, (0, 1, 3, 4, 6), random_state=2)
+settings = GapSettings(
     library=["brake_rotor", "torque_meter_low_pass", "load_drift", "contact_damping_scale", "noise", "hum"],
-    n_bank=80,
     n_after=48,
     n_report=32,
     n_draws=12,
     n_null=48,
     n_sims=120,
     baselines=("nothing", "equaliser"),
-    cache="build/gap-example",
 )
-workflow.fit(fit.X, held_out.X, y_fit=fit.counts, y_hold=held_out.counts)
+result = find_gap(
+    comparison,
+    Windows(fit.X, fit.counts),
+    Windows(held_out.X, held_out.counts),
+    settings=settings,
+)
 
 # %%
 # Where they disagree, what is missing, and what it helps
@@ -42,14 +45,13 @@ workflow.fit(fit.X, held_out.X, y_fit=fit.counts, y_hold=held_out.counts)
 figure, (where, what, helps) = plt.subplots(
     3, 1, figsize=(10.0, 10.0), height_ratios=[1.4, 0.8, 1], layout="constrained"
 )
-GapDisplay.of_locator(workflow.locator_, label="surrogate").plot("spectrum", ax=where)
+GapDisplay.from_result(result, "spectrum", ax=where, label="surrogate")
 
-result = workflow.result_
-ranking = result["ranking"][::-1]
-what.barh([row["id"].replace("_", " ") for row in ranking], [row["probability"] for row in ranking])
+ranking = result.ranking[::-1]
+what.barh([row.effect.replace("_", " ") for row in ranking], [row.probability for row in ranking])
 what.set(xlim=(0, 1.02), xlabel="probability, given that the library holds what is missing")
 
-GapReductionDisplay.from_report(workflow.report_, ax=helps)
+GapReductionDisplay.from_result(result, ax=helps)
 titles = {
     where: "Where model and recordings disagree",
     what: "What is missing",
@@ -62,10 +64,9 @@ figure.savefig(Path(__file__).parents[2] / "docs" / "figures" / "gap_workflow.pn
 # %%
 # Its size
 # --------
-# Intervals are of 90 %. What the recordings do not tell is said to be so; here, how well the rotor is damped.
+# Intervals are of 90 %. Parameters that the recordings do not determine are marked; here, the rotor's
+# damping.
 
-for effect in result["effects"]:
-    for name, value in effect["theta"].items():
-        low, high = effect["interval"][name]
-        told = "" if effect["identifiable"][name] else "; not told by these recordings"
-        print(f"{effect['id']}.{name} = {value:.3g} ({low:.3g} to {high:.3g}{told})")
+for row in result.parameters:
+    doubt = "" if row.identifiable else "; poorly identified by these recordings"
+    print(f"{row.effect}.{row.name} = {row.value:.3g} ({row.low:.3g} to {row.high:.3g}{doubt}) {row.unit}")

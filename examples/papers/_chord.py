@@ -1,8 +1,8 @@
-"""A worn lobe whose chord ends by switching surfaces, as a warning: what the finding on the chord compares.
+"""Gearbox model whose worn lobe switches surfaces at the chord's end, for the finding on the chord.
 
-The gearbox in three angles (wheels about their centres of mass, output about the origin), midpoint rule,
-paper B's contact law; points of the plane are complex numbers. It exists to be wrong in one place, and is
-the simulator's equal elsewhere.
+It has three angles (wheels about their centres of mass, output about the origin), the midpoint rule and paper
+B's contact law; points of the plane are complex numbers. It is wrong in this one place on purpose and equals
+the simulator elsewhere.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from _papers import STEEL, Float
 from numba import njit
 
-from cyclofeat.simulators import LobeDefects, simulate
+from cyclofeat.simulators import LobeDefects, Solver, simulate
 from cyclofeat.simulators.contact import contact_constants
 
 SPEED, LOAD = STEEL.input_speed, STEEL.load_torque
@@ -39,7 +39,7 @@ def _force(depth, closing, radius):
 
 @njit
 def _pin_force(p, rate, t, worn):
-    """Force (complex, N, wheel's frame) of a pin at ``p``, its foot near parameter ``t``."""
+    """Return the force (complex, N, wheel's frame) of a pin at ``p`` whose foot is near parameter ``t``."""
     angle = math.atan2(p.imag, p.real) % (2 * math.pi)
     lobe = int(angle / PITCH)
     if lobe < worn and angle - lobe * PITCH < PITCH / 2:
@@ -51,7 +51,7 @@ def _pin_force(p, rate, t, worn):
         gap = (from_tip * normal.conjugate()).real - Q
         radius = R_TIP + (Q - R_TIP) * normal.imag / CHORD_NORMAL.imag
         normal *= turn
-    else:  # the healthy flank, from here on at once: this is the mistake
+    else:  # switch to the healthy flank at once: this is the intended mistake
         for _ in range(5):
             ring, wave = RING * np.exp(1j * t), E * np.exp(1j * Z * t)
             tangent, bend = 1j * (ring + Z * wave), -(ring + Z * Z * wave)
@@ -67,7 +67,7 @@ def _pin_force(p, rate, t, worn):
 
 @njit
 def _slope(time, y, worn):
-    """Derivative of wheels' and output's angles and speeds, and the output torque in Nm."""
+    """Return the derivative of the wheels' and output's angles and speeds, and the output torque in Nm."""
     phi = SPEED * time - math.pi
     found = np.zeros(7)
     found[:3] = y[3:6]
@@ -80,8 +80,7 @@ def _slope(time, y, worn):
             force = _pin_force(arm / turn, rate / turn, 2 * math.pi * j / Z - y[k], worn) * turn
             found[3 + k] += (arm.conjugate() * force).imag / J_WHEEL
         for j in range(8):
-            # Both lie on the same ray at rest: lobe 0 of wheel k points to pi k where the input stands at
-            # -pi.
+            # Both lie on the same ray at rest: lobe 0 of wheel k points to pi k at the input angle -pi.
             sleeve = R_IN * np.exp(1j * (y[2] + math.pi / 4 * j))
             hole = R_IN * turn * np.exp(1j * (math.pi / 4 * j + math.pi / 15 - math.pi * k))
             away = sleeve - cam - hole
@@ -98,7 +97,7 @@ def _slope(time, y, worn):
 def _torque(dt, n_steps, worn):
     y = np.zeros(6)
     y[1], y[2] = math.pi, math.pi / 15
-    y[:3] += np.array([1.7e-3, 1.7e-3, 4.1e-3])  # about the deflections under load
+    y[:3] += np.array([1.7e-3, 1.7e-3, 4.1e-3])  # approximate deflections under load
     y[3:] = -SPEED / 15
     torque = np.empty(n_steps)
     for step in range(n_steps):
@@ -109,22 +108,23 @@ def _torque(dt, n_steps, worn):
 
 
 def switched_torque(worn: int = 1, dt: float = 1e-5) -> Float:
-    """Output torque in Nm over one lobe period with the switched surface, at constant speed and load."""
+    """Output torque in Nm over one lobe period with the switched surface, speed and load constant."""
     n = round(LOBE_PERIOD_S / dt)
     return np.asarray(_torque(dt, round(SETTLING_S / dt) + n, worn)[-n:])
 
 
 def closed_torque(worn: int = 1, dt: float = 1e-5) -> Float:
-    """The same with the closed outline, by the simulator, at the same angles of the input."""
+    """Return the same for the closed outline, from the simulator, at the same angles of the input."""
     run = simulate(
         STEEL.replace(ramp_time=0.0), LobeDefects.worn(worn), duration=SETTLING_S + LOBE_PERIOD_S,
-        sampling_rate=1 / dt, decimation="pick", start_angle=-math.pi, start="relaxed", motion=False,
+        sampling_rate=1 / dt, solver=Solver(decimation="pick"),
+        start_angle=-math.pi, start="relaxed", motion=False,
     )  # fmt: skip
     return run.torque_out[-round(LOBE_PERIOD_S / dt) :]
 
 
 def pressed_in(degrees: Float) -> tuple[Float, Float]:
-    """How deep in m a sleeve led along the healthy flank is pressed into a worn one: closed, switched."""
+    """Penetration in m of a sleeve that moves along the healthy flank of a worn lobe: closed, switched."""
     path = STEEL.profile.trochoid(np.deg2rad(degrees))
     chord = np.maximum(Q - ((path - TIP) * CHORD_NORMAL.conjugate()).real, 0)
     return chord, np.where(degrees < 12, chord, 0.0)

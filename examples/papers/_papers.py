@@ -1,4 +1,4 @@
-"""What the examples on the papers share with each other, ``benchmarks/papers.py`` and ``tests/literature``.
+"""Shared code of the examples on the papers, ``benchmarks/papers.py`` and ``tests/literature``.
 
 Lobes and sleeves count from 0 in code: the papers' 14th sleeve is sleeve 13. Everything here is simulated;
 torque on an assumed rig is called surrogate.
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from cyclofeat.datasets import load_published_tables, make_rig_recordings
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, simulate
-from cyclofeat.spectral import magnitude_squared_coherence, shannon_entropy, welch_psd
-from cyclofeat.wavelets import minima_mask, morris_names
+from cyclofeat.signal import magnitude_squared_coherence, shannon_entropy, welch_psd
+from cyclofeat.signal.wavelets import minima_mask, morris_names
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
 
 Float = NDArray[np.float64]
 
@@ -33,13 +33,13 @@ ABS = CycloidalGearbox.abs()  # H = 0.2, an assumption: see A11
 SOFT_ABS = ABS.replace(stiffness_scale=0.1)
 HEALTHY = LobeDefects.healthy()
 ONE, BOTH = (0,), (0, 1)
-# The first wheel unturned, as eq. 1 draws it: the tip of its first lobe at the first sleeve. The papers do
-# not state this; the ringing of eight worn lobes at the start (B5) is the evidence for it.
+# The first wheel is unrotated, as eq. 1 draws it: the tip of its first lobe is at the first sleeve. The
+# papers do not state this; the ringing of eight worn lobes at the start (B5) is the evidence for it.
 START = -math.pi
 
 
 def shades(n: int) -> Float:
-    """Colours from dark to light, which a grey print keeps apart."""
+    """Colours from dark to light, which remain distinguishable in a grey print."""
     return np.asarray(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, n)))
 
 
@@ -53,10 +53,10 @@ def run(
     duration: float = 0.6,
     start: float = START,
 ) -> SimulationRun:
-    """A run as in the papers: from rest, ramps of 0.2 s, every 10th step kept, with all sleeve forces."""
+    """Simulate a run as in the papers: from rest, ramps of 0.2 s, every 10th step stored, sleeve forces."""
     return simulate(
-        gearbox, defects, duration=duration, sampling_rate=RATE, decimation="pick", forces=True,
-        start_angle=start,
+        gearbox, defects, duration=duration, sampling_rate=RATE, solver=Solver(decimation="pick"),
+        start_angle=start, forces=True,
     )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def change_at_maxima(count: int) -> float:
 
 
 def oscillation(torque: Float) -> Float:
-    """Part above 100 Hz, without delay."""
+    """Part of the torque above 100 Hz, without delay."""
     return np.asarray(sosfiltfilt(butter(4, 100, "highpass", fs=RATE, output="sos"), torque))
 
 
@@ -126,7 +126,7 @@ def minima_shared_with_seven(torque: Float, **options: object) -> tuple[NDArray[
 
 @cache
 def graded_wavelets() -> dict[str, bool]:
-    """Whether the overlap at levels 3 and 4 grows at every step from 1 to 6 worn lobes, by wavelet (B7)."""
+    """Test per wavelet if the overlap at levels 3 and 4 grows at every step from 1 to 6 worn lobes (B7)."""
     torque = torques(STEEL)[1:]
     found = {}
     for name in (*morris_names(), *pywt.wavelist(kind="discrete")):
@@ -144,7 +144,7 @@ def amplitude_lines(torque: Float) -> tuple[Float, Float]:
 
 
 def from_200_to_800_hz(torque: Float) -> float:
-    """Root of the summed squared amplitudes there, in Nm (B9)."""
+    """Root of the summed squared amplitudes from 200 to 800 Hz, in Nm (B9)."""
     frequencies, amplitudes = amplitude_lines(torque)
     return float(np.linalg.norm(amplitudes[(frequencies >= 200) & (frequencies <= 800)]))
 
@@ -160,12 +160,12 @@ def surrogate_set(seed: int, rig: str = "published") -> Float:
 
 
 def surrogate_sets(rig: str = "published", n_sets: int = 4) -> Float:
-    """So many sets, each of eight assemblies of its own: (n_sets, 8, 46080)."""
+    """Sets of eight **surrogate** records, each record of a separate assembly: (n_sets, 8, 46080)."""
     return np.array([surrogate_set(seed, rig) for seed in range(n_sets)])
 
 
 def binary_entropy(share: Float) -> Float:
-    """Entropy in bits of an alternative of probability ``share``."""
+    """Entropy in bits of two outcomes with the probabilities ``share`` and ``1 - share``."""
     return np.asarray(-share * np.log2(share) - (1 - share) * np.log2(1 - share))
 
 
@@ -204,7 +204,7 @@ def bands_of_falling_entropy(torque: Float, from_sample: int = 2000) -> tuple[Fl
 
 
 def n_bands(n_lines: int) -> int:
-    """Number of bands of five lines or more among so many lines."""
+    """Number of bands of five lines or more among ``n_lines`` lines."""
     return (n_lines - 4) * (n_lines - 3) // 2
 
 
@@ -233,5 +233,5 @@ def entropy_bits(torque: Float, rate: float = RIG_RATE) -> Float:
 
 
 def falls_strictly(values: Float) -> bool:
-    """Whether each value is below the one before."""
+    """Return True if each value is below the previous one."""
     return bool(np.all(np.diff(values) < 0))

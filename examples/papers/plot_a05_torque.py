@@ -4,8 +4,8 @@ Paper A, table 4, figs. 5 and 6: the measured torque
 
 Table 4 states minimum, maximum, mean and standard deviation of the torque measured with eight discs, one
 recording each; figs. 5 and 6 show the recordings, with a drifting mean. The recordings were not published.
-In their place stands **surrogate** torque of the assumed rig ``published``, whose drift was fitted to table
-4: that it meets the table's level is no finding (statements A1 and A12).
+This example replaces them by **surrogate** torque of the assumed rig ``published``, whose drift was fitted
+to table 4: agreement with the table's level is therefore not a finding (statements A1 and A12).
 """
 
 import matplotlib.pyplot as plt
@@ -53,6 +53,7 @@ axes[0].legend(fontsize="small")
 plt.show()
 
 # %%
-# The level is met, the course is not: the measured deviation jumps from the healthy disc to one worn lobe
-# and falls from there on, the surrogate's scatters from assembly to assembly. With one recording per disc
-# nobody can say whether the measured course is wear's or that of eight assemblies (see the finding on it).
+# The level agrees, the dependence on the count does not: the measured deviation jumps from the healthy disc
+# to one worn lobe and falls from there on, the surrogate's scatters from assembly to assembly. With one
+# recording per disc, the effect of wear cannot be separated from the differences between eight assemblies
+# (see the finding on it).

@@ -3,8 +3,8 @@ Paper A, figs. 7 and 8: simulated torque of ABS and steel discs
 ===============================================================
 
 Figs. 7 and 8 show the papers' simulations for none to three worn lobes, with ABS and with steel discs: more
-symmetric than the measured torque, and with lower peak-to-peak. Here is this simulator's **surrogate**
-torque, beside table 4 (statement A12).
+symmetric than the measured torque, and with lower peak-to-peak. This example shows the **surrogate** torque
+of this simulator beside table 4 (statement A12).
 """
 
 import matplotlib.pyplot as plt
@@ -28,7 +28,7 @@ for ax in axes[:, 0]:
 plt.show()
 
 # %%
-# Peak-to-peak, and how much further the torque swings up than down, settled; both wheels worn.
+# Peak-to-peak, and the ratio of upward to downward swing, settled; both wheels worn.
 
 table = load_published_tables().signal_statistics
 fig, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
@@ -48,6 +48,6 @@ left.legend()
 plt.show()
 
 # %%
-# Lower by a factor of six at least, as stated. ABS is more symmetric than the measurement at every count;
-# steel is as lopsided as the measurement from three worn lobes on, the other way round. What the free
-# output lacks is the brake: its drift, and a rotor behind the torque meter (see the finding on it).
+# The peak-to-peak is lower by a factor of six at least, as stated. ABS is more symmetric than the measurement
+# at every count; steel is as asymmetric as the measurement from three worn lobes on, in the other direction.
+# The free output lacks the brake: its drift, and a rotor behind the torque meter (see the finding on it).

@@ -2,10 +2,10 @@
 Paper A, section 5.1 and fig. 9: Morris wavelets on measured torque
 ===================================================================
 
-Section 5.1 takes the wavelet level that holds the mesh frequency, its Hilbert envelope and that one's
-spectrum: it does not tell counts apart. Fig. 9 marks the minima shared with seven defects, as paper B does
-in simulation: no gradual relation. Here are both for **surrogate** torque of the assumed rig ``published``,
-one set as in the paper and four sets in numbers (statements A3 and A4).
+Section 5.1 takes the wavelet level that contains the mesh frequency and computes the spectrum of its
+Hilbert envelope: it does not separate counts. Fig. 9 marks the minima shared with seven defects, as paper B
+does in simulation: no gradual relation. This example shows both for **surrogate** torque of the assumed rig
+``published``, one set as in the paper and four sets in numbers (statements A3 and A4).
 """
 
 import matplotlib.pyplot as plt
@@ -30,7 +30,7 @@ fig.suptitle("minima shared with seven worn lobes, first 0.6 s (fig. 9)")
 plt.show()
 
 # %%
-# The share of such cells, and the envelope of level 7 (100 to 200 Hz), which holds the mesh at 133.3 Hz.
+# The share of such cells, and the envelope of level 7 (100 to 200 Hz), which contains the mesh at 133.3 Hz.
 
 fig, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
 for records in sets:
@@ -50,7 +50,6 @@ right.set(xlabel="worn lobes", ylabel="Nm", title="its first harmonic, four sets
 plt.show()
 
 # %%
-# Noise and the brake's fluctuation fill the quiet stretches: less than 2 % of the cells are left of the 16
-# to 57 % that paper B's noiseless torque has, and no set shows a course. The envelope's first harmonic
-# differs by more from set to set than from count to count. That agrees with what paper A found, on torque
-# that is not its own.
+# Noise and the brake's fluctuation fill the quiet stretches: less than 2 % of the cells remain of the 16 to
+# 57 % that paper B's noiseless torque has, and no set shows a trend. The envelope's first harmonic differs
+# more between sets than between counts. This agrees with paper A's result, though on different torque.

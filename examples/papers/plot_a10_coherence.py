@@ -3,14 +3,14 @@ Paper A, figs. 10 and 11: coherence of measured torque
 ======================================================
 
 Figs. 10 and 11 show the coherence with the healthy disc's torque for one to seven defects: no gradual
-dependence. Here it is of **surrogate** torque of the assumed rig ``published`` (statement A5).
+dependence. This example shows it for **surrogate** torque of the assumed rig ``published`` (statement A5).
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from _papers import RIG_RATE, surrogate_sets
 
-from cyclofeat.spectral import magnitude_squared_coherence
+from cyclofeat.signal import magnitude_squared_coherence
 
 sets = surrogate_sets()
 fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
@@ -43,6 +43,6 @@ ax.legend()
 plt.show()
 
 # %%
-# Two assemblies fluctuate independently, so that their torque is as coherent as two unrelated noises are in
-# eight segments. A healthy disc against another healthy disc would look the same: coherence between
-# recordings cannot say anything about wear, unless both begin at the same angle and hardly drift.
+# Two assemblies fluctuate independently, so their torque is only as coherent as two unrelated noises in eight
+# segments. Two healthy discs would give the same picture. Coherence between recordings contains no
+# information about wear unless both begin at the same angle and hardly drift.

@@ -3,9 +3,10 @@ Paper A, figs. 12, 13 and 18, table 6: density, entropy and flatness
 ====================================================================
 
 Fig. 12 shows the power spectral density of the measured torque, fig. 13 its normalized entropy, fig. 18
-Shannon entropy and flatness, table 6 the entropies: highest for one worn lobe, falling strictly to seven,
-lowest for the healthy disc. Entropy is paper A's one success, flatness tells nothing. Here is **surrogate**
-torque of the assumed rig ``published`` beside the published numbers (statements A6 and A9).
+Shannon entropy and flatness. Table 6 states the entropies: highest for one worn lobe, falling strictly to
+seven, lowest for the healthy disc. Entropy is the one method that succeeded in paper A; flatness shows
+nothing. This example shows **surrogate** torque of the assumed rig ``published`` beside the published
+numbers (statements A6 and A9).
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,7 @@ import numpy as np
 from _papers import COUNTS, RIG_RATE, entropy_bits, shades, surrogate_sets
 
 from cyclofeat.datasets import load_published_tables
-from cyclofeat.spectral import spectral_flatness, welch_psd
+from cyclofeat.signal import spectral_flatness, welch_psd
 
 sets = surrogate_sets()
 frequencies, density = welch_psd(sets[0], RIG_RATE)
@@ -53,6 +54,6 @@ print(f"surrogate: assemblies of one count differ by {bits.std(axis=0, ddof=1).m
 
 # %%
 # The measured entropies fall in steps of down to 0.0007 bits. On the surrogate rig, whose deviations are
-# those of table 4, two assemblies with the *same* disc differ by a hundred times as much. The order of
-# eight recordings is no evidence that a ninth would find its place; and what the entropy measures is in
-# table 4 already (see the finding on it).
+# those of table 4, two assemblies with the *same* disc differ by a hundred times as much. The order of eight
+# recordings is no evidence that a ninth would fit in, and table 4 already contains what the entropy measures
+# (see the finding on it).

@@ -2,9 +2,9 @@
 Paper A, fig. 14 and table 5: centroid and roll-off
 ===================================================
 
-Fig. 14 follows centroid and 95 % roll-off of the measured torque over parts of the recordings, table 5
-gives one centroid for each disc: no gradual dependence. Here is **surrogate** torque of the assumed rig
-``published`` beside the table (statement A7).
+Fig. 14 follows centroid and 95 % roll-off of the measured torque over parts of the recordings; table 5
+gives one centroid for each disc: no gradual dependence. This example shows **surrogate** torque of the
+assumed rig ``published`` beside the table (statement A7).
 """
 
 import matplotlib.pyplot as plt
@@ -36,8 +36,7 @@ fig.suptitle("one set, parts of 0.2 s (fig. 14)")
 plt.show()
 
 # %%
-# Whole recordings beside table 5, whose unit is not stated (Hz is the likely one, with the mean torque left
-# in).
+# Whole recordings beside table 5, which does not state its unit (probably Hz, with the mean torque kept).
 
 published = load_published_tables().spectral_centroid["centroid"]
 whole = np.array([SpectralCentroid(RIG_RATE).fit_transform(records)[:, 0] for records in sets])
@@ -52,7 +51,7 @@ with_mean = SpectralRolloff(RIG_RATE).fit_transform(sets[0])[:, 0]
 print(f"95 % roll-off with the mean left in: {with_mean.min():.3f} to {with_mean.max():.3f} Hz")
 
 # %%
-# Neither has a course, in the table nor on the surrogate. With the mean left in, as MATLAB does, 95 % of
-# the power lies within a line or two of 0 Hz, and the centroid is, like the entropy, one more measure of
-# ripple over mean. The surrogate's centroids are more than twice the published: this rig's fluctuation
-# reaches to higher frequencies than the measured one, which its fit to table 4 could not see.
+# Neither the table nor the surrogate shows a trend. With the mean kept, as in MATLAB, 95 % of the power lies
+# within a line or two of 0 Hz, and the centroid, like the entropy, measures ripple over mean. The surrogate's
+# centroids are more than twice the published ones: this rig's fluctuation reaches higher frequencies than the
+# measured one, which the fit to table 4 could not show.

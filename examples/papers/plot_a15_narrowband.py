@@ -2,10 +2,10 @@
 Paper A, figs. 15 to 17: narrowband over total energy
 =====================================================
 
-Figs. 15 and 16 mark the multiples of f0 = 100 Hz in the measured density, fig. 17 shows the share of the
-energy there: no gradual dependence. Here it is of **surrogate** torque of the assumed rig ``published``
-(statement A8). 100 Hz is order 12 of the input shaft and twice the mains; the gearbox's own mesh is at
-133.3 Hz.
+Figs. 15 and 16 mark the multiples of f0 = 100 Hz in the measured density; fig. 17 shows the share of the
+energy there: no gradual dependence. This example shows it for **surrogate** torque of the assumed rig
+``published`` (statement A8). 100 Hz is order 12 of the input shaft and twice the mains; the gearbox's mesh
+is at 133.3 Hz.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ import numpy as np
 from _papers import COUNTS, RIG_RATE, surrogate_sets
 
 from cyclofeat.features import NarrowbandRatio
-from cyclofeat.spectral import welch_psd
+from cyclofeat.signal import welch_psd
 
 sets = surrogate_sets()
 frequencies, density = welch_psd(sets[0], RIG_RATE)
@@ -47,6 +47,5 @@ axes[0].legend()
 plt.show()
 
 # %%
-# A few per cent, and no course: as random as the paper found it. There is no reason why it should be
-# otherwise, as no line of a lobe (multiples of 8.889 Hz) nor of the mesh lies on a multiple of 100 Hz
-# before 400 Hz.
+# The share is a few per cent without a trend, as random as in the paper. This is expected: no line of a lobe
+# (multiples of 8.889 Hz) or of the mesh lies on a multiple of 100 Hz below 400 Hz.

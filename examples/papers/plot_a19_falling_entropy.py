@@ -3,8 +3,8 @@ Paper A, fig. 19: bands in which entropy falls
 ==============================================
 
 Fig. 19 shows, for the simulation with steel discs, the limits of the frequency bands in which Shannon
-entropy falls strictly with the count (1 to 7 worn lobes); with ABS discs there are none. Here is this
-simulator's **surrogate** torque, after the ramp (statement A10).
+entropy falls strictly with the count (1 to 7 worn lobes); with ABS discs there are none. This example shows
+the **surrogate** torque of this simulator, after the ramp (statement A10).
 """
 
 import matplotlib.pyplot as plt
@@ -32,9 +32,9 @@ for ax in axes[:, 0]:
 plt.show()
 
 # %%
-# Steel has such bands, as stated; ABS has none or as many, by the contact stiffness H that the paper does
-# not state. But that there *are* bands says little among 131,000 of them. The same seven records in random
-# order:
+# Steel has such bands, as stated. ABS has none or as many, depending on the contact stiffness H, which the
+# paper does not state. But the existence of bands is weak evidence among 131,000 of them. The same seven
+# records in random order:
 
 in_order = torques(STEEL_A, BOTH)[1:]
 rng = np.random.default_rng(0)
@@ -44,6 +44,6 @@ print(f"bands in 20 random orders: {sorted(by_chance)}")
 print(f"right order: {int(bands_of_falling_entropy(in_order)[1].sum())} fall, {rising} rise")
 
 # %%
-# The count is in the spectrum's shape: no random order comes near. But ten times as many bands *rise*, so
-# that the direction is no property of wear, and picking the bands that fall needs to know the answer.
-# :func:`~cyclofeat.scans.find_monotone_bands` does the search with assemblies held together and a p-value.
+# The spectrum's shape contains the count: no random order comes near. But ten times as many bands *rise*, so
+# the direction is not a property of wear, and selecting the bands that fall requires the answer.
+# :func:`~cyclofeat.scans.find_monotone_bands` does this search by assemblies and with a p-value.

@@ -2,9 +2,10 @@
 Paper A, fig. 20: spectra of ABS, steel and measurement
 =======================================================
 
-Fig. 20 compares spectra for one defect: ABS has raised amplitudes at 400 to 500 Hz, absent with steel and
-in the measurement, whose high frequencies are much lower than both. Here are this simulator's, and
-**surrogate** torque of the assumed rig ``published`` in the measurement's place (statement A11).
+Fig. 20 compares spectra for one defect: ABS has raised amplitudes at 400 to 500 Hz, which steel and the
+measurement lack; the measurement's high frequencies are much lower than those of both. This example shows
+the spectra of this simulator, with **surrogate** torque of the assumed rig ``published`` instead of the
+measurement (statement A11).
 """
 
 import matplotlib.pyplot as plt
@@ -33,7 +34,7 @@ axes[2].legend()
 plt.show()
 
 # %%
-# What lies in bands of 100 Hz, for one worn lobe on one wheel:
+# Amplitudes in bands of 100 Hz, for one worn lobe on one wheel:
 
 edges = np.arange(100, 1000, 100)
 fig, ax = plt.subplots(figsize=(9, 3.6), layout="constrained")
@@ -45,8 +46,8 @@ ax.legend()
 plt.show()
 
 # %%
-# With one wheel worn it is as stated: ABS has its highest band at 400 to 500 Hz, seven times steel's. It is
-# the contact resonance, and H = 0.2 was chosen for it: the statement fixes H rather than confirms the
-# model. With both wheels worn steel has as much there, in a hump up to 700 Hz. The measured spectrum is not
-# published as numbers; the surrogate's upper frequencies are those of its assumed drift and noise and prove
+# With one wheel worn the statement holds: ABS has its highest band at 400 to 500 Hz, seven times steel's. It
+# is the contact resonance, and H = 0.2 was chosen for it, so the statement fixes H and does not confirm the
+# model. With both wheels worn, steel has as much there, in a hump up to 700 Hz. The measured spectrum is not
+# published as numbers; the surrogate's upper frequencies come from its assumed drift and noise and prove
 # nothing.

@@ -2,11 +2,11 @@
 Paper A, table 7 and the high-pass filter: methods compared
 ===========================================================
 
-Table 7 says in words which method tells the number of defects in the measured torque: Shannon entropy, and
-none of the others. Section 2 says that high-pass filters made it worse and were dropped. Here are the
-methods' accuracies on **surrogate** torque of two assumed rigs, four assemblies of each count, one set of
-eight always held out (statements A2 to A9). A counter that folds the torque by lobes stands beside them.
-Chance is 0.125.
+Table 7 states in words which method shows the number of defects in the measured torque: Shannon entropy,
+and none of the others. Section 2 states that high-pass filters made it worse and were rejected. This
+example gives the methods' accuracies on **surrogate** torque of two assumed rigs, four assemblies of each
+count, one set of eight always held out (statements A2 to A9), beside a counter that folds the torque by
+lobes. Chance is 0.125.
 """
 
 import matplotlib.pyplot as plt
@@ -48,12 +48,12 @@ METHODS = {
 
 
 def accuracy(steps, sets):
-    """Share of right counts, one set held out at a time."""
+    """Share of correct counts with one set held out at a time."""
     n_sets, n_counts, _ = sets.shape
     y, groups = np.tile(np.arange(n_counts), n_sets), np.repeat(np.arange(n_sets), n_counts)
     X, counter = sets.reshape(n_sets * n_counts, -1), ExtraTreesClassifier(40, random_state=0)
     if isinstance(steps[-1], (CoherenceToReference, WaveletMinimaOverlap)):
-        counter = make_pipeline(*steps, counter)  # their references come from the training windows
+        counter = make_pipeline(*steps, counter)  # learns references from the training windows
     else:
         X = make_pipeline(*steps).fit_transform(X)
     return float(cross_val_score(counter, X, y, groups=groups, cv=LeaveOneGroupOut()).mean())
@@ -77,8 +77,8 @@ for name, *values in zip(METHODS, *found.values(), strict=True):
     print(f"{name:30} {values[0]:9.2f} {values[1]:5.2f}")
 
 # %%
-# With 32 assemblies, an accuracy is known to a tenth or so. On the rig that has table 4's statistics
-# nothing counts: its fluctuation, which is most of what the measured discs showed, covers what wear adds.
-# On R1, where a brake answers to wear and the drift is slow, some of the papers' methods see *some* wear,
-# and the lobe map counts although it was trained on three assemblies per count. Entropy is ahead of the
-# others on neither. ``benchmarks/counting.md`` has the same table with 320 assemblies.
+# With 32 assemblies, an accuracy is known to about a tenth. On the rig that has table 4's statistics no
+# method counts: its fluctuation, which is most of what the measured discs showed, hides the effect of wear.
+# On R1, where a brake responds to wear and the drift is slow, some of the papers' methods detect *some* wear,
+# and the lobe map counts although it was trained on three assemblies per count. Entropy leads on neither rig.
+# ``benchmarks/counting.md`` has the same table with 320 assemblies.

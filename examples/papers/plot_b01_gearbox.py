@@ -2,9 +2,9 @@
 Paper B, figs. 1, 2, 13 and 14: gearbox and defects
 ===================================================
 
-Fig. 1 shows the model healthy and with eight neighbouring worn lobes, fig. 2 its dimensions, figs. 13 and
-14 the designs with seven lobes removed from both wheels and from one. Here is what the simulator has in
-their place, whose torque is the **surrogate** in all examples that follow, at the start of a run.
+Fig. 1 shows the model healthy and with eight adjacent worn lobes, fig. 2 its dimensions, figs. 13 and 14
+the designs with seven lobes removed from both wheels and from one. This example shows the simulator's
+versions at the start of a run. Their torque is the **surrogate** in all following examples.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +17,7 @@ POINTS = 200  # per lobe
 
 
 def edge(defects, wheel):
-    """A wheel's outline in mm, in the housing; nothing where a lobe is removed."""
+    """Outline of a wheel in mm in the housing's frame, without the removed lobes."""
     own = wheel in defects.wheels
     points = STEEL.profile.outline(defects.worn_lobes if own else (), POINTS)
     for lobe in defects.removed_lobes if own else ():
@@ -53,7 +53,7 @@ fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", 
 plt.show()
 
 # %%
-# Dimensions (fig. 2). Those of the internal sleeves are not stated and assumed here:
+# Dimensions (fig. 2). The paper does not state those of the internal sleeves; they are assumed here:
 
 tip, pit = (abs(point) for point in STEEL.profile.chord())
 for name, value in (
@@ -68,7 +68,7 @@ for name, value in (
     print(f"{name:35} {1e3 * value:5.1f} mm")
 
 # %%
-# A worn lobe has a straight line from its tip to the pit behind it. It takes off 1.25 mm near the tip and
-# *adds* 0.35 mm near the pit: a sleeve is pressed outwards there, which makes the peaks of force of fig. 3.
-# One closed outline without a gap matters more than it seems to (see the finding on the chord). Lobes and
-# sleeves count from 1 in the papers and in these pictures.
+# A worn lobe has a straight line from its tip to the pit behind it. The line removes 1.25 mm near the tip and
+# *adds* 0.35 mm near the pit: it pushes a sleeve outwards there, which causes the peaks of force in fig. 3.
+# The outline must be closed without a gap (see the finding on the chord). Lobes and sleeves count from 1 in
+# the papers and in these pictures.

@@ -3,9 +3,9 @@ Paper B, figs. 3 and 4: forces on the sleeves
 =============================================
 
 Fig. 3 shows the force on the 14th external sleeve, fig. 4 that on the 1st internal sleeve, for one to eight
-neighbouring worn lobes: peaks of 400 to 700 N on the one, hardly any change of the other. Here are the same
-sleeves in this simulator, whose torque is the **surrogate** of the other examples; both wheels are worn
-alike (statements B1 to B3).
+adjacent worn lobes: peaks of 400 to 700 N on the former, hardly any change of the latter. This example
+shows the same sleeves in this simulator, whose torque is the **surrogate** of the other examples; both
+wheels are worn alike (statements B1 to B3).
 """
 
 import matplotlib.pyplot as plt
@@ -35,9 +35,9 @@ plt.show()
 # %%
 # The healthy force stays below 200 N, as stated, and a worn lobe's peak is 667 to 693 N where the paper has
 # 600 N. But one worn lobe gives *one* peak in 0.6 s, not two: a lobe meets the same sleeve again after a
-# whole output turn, and its partner on the other wheel half a turn (0.9 s) later. Peaks of less than 300 N
-# are chords that pass on the side that bears no load. Their number grows with the count as stated for 2, 3
-# and 7 worn lobes, and is lower for 4 to 6.
+# whole output turn, and the same lobe of the other wheel half a turn (0.9 s) later. Peaks of less than 300 N
+# are chords that pass on the unloaded side. Their number grows with the count as stated for 2, 3 and 7 worn
+# lobes, and is lower for 4 to 6.
 
 fig, axes = plt.subplots(4, 2, figsize=(11, 8.5), layout="constrained", sharex=True, sharey=True)
 healthy = sleeve_forces(HEALTHY, "internal")[:, 0]
@@ -57,6 +57,6 @@ fig.suptitle("1st internal sleeve (fig. 4)")
 plt.show()
 
 # %%
-# Hardly any change up to three worn lobes, and an oscillation at the maxima from five on: as stated, though
-# a third as large (15 to 18 N where the paper has up to 50 N). Eight worn lobes start with a jolt; its
-# reason is in the next example.
+# The force hardly changes up to three worn lobes and oscillates at the maxima from five on, as stated, but
+# with a third of the amplitude (15 to 18 N where the paper has up to 50 N). Eight worn lobes start with a
+# jolt, which the next example explains.

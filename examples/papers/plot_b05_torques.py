@@ -3,9 +3,9 @@ Paper B, figs. 5 to 7: torque at input and output
 =================================================
 
 Fig. 5 shows the input torque for one to eight worn lobes, fig. 6 the output torque, fig. 7 the latter from
-0.3 to 0.4 s: the vibration grows with the count, five and more are hard to tell apart, and eight oscillate
-wildly in the first 0.12 s, "after locking". Here is the **surrogate** torque of this simulator (statements
-B4 and B5).
+0.3 to 0.4 s: the vibration grows with the count, five and more are hard to distinguish, and eight oscillate
+strongly in the first 0.12 s, "after locking". This example shows the **surrogate** torque of this simulator
+(statements B4 and B5).
 """
 
 import matplotlib.pyplot as plt
@@ -49,8 +49,7 @@ ax.set_yticks(4 * np.arange(9), range(9))
 plt.show()
 
 # %%
-# What is graded, and what is not. Standard deviations over two lobe periods, and what oscillates above 100
-# Hz in the first 0.12 s:
+# Standard deviations over two lobe periods, and the oscillation above 100 Hz in the first 0.12 s:
 
 spread = {
     kind: [1e3 * settled(getattr(run(LobeDefects.worn(n)), kind)).std() for n in range(9)]
@@ -69,10 +68,10 @@ right.set(
 plt.show()
 
 # %%
-# The input torque's vibration grows at every step and hardly from five on, as stated. Eight worn lobes ring
-# at the start, as stated, but not because the gearbox locks: it turns, and from 0.13 s on it cannot be told
-# from seven. With the first lobe's tip at the first sleeve, the chord of the 8th lobe is pressed against a
-# sleeve at t = 0. Start the same machine elsewhere and it is one worn lobe that rings:
+# The input torque's vibration grows at every step, and hardly from five on, as stated. Eight worn lobes ring
+# at the start, as stated, but not because the gearbox locks: it turns, and from 0.13 s on it cannot be
+# distinguished from seven. With the first lobe's tip at the first sleeve, the chord of the 8th lobe is
+# pressed against a sleeve at t = 0. Started at another angle, the machine rings with one worn lobe:
 
 for angle, count in ((-np.pi, 1), (-np.pi, 8), (0.0, 1), (np.pi, 8)):
     force = run(LobeDefects.worn(count), start=angle).external_forces[0].max()

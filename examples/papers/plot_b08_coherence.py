@@ -3,8 +3,9 @@ Paper B, figs. 8 and 9: coherence with the healthy gearbox
 ==========================================================
 
 Figs. 8 and 9 show the coherence of input and output torque with the healthy gearbox's for one to eight worn
-lobes (MATLAB's ``mscohere``, 0 to 1500 Hz): a pattern of its own for each count, no gradual dependence.
-Here is the same of this simulator's **surrogate** torque, the ramp included as in the paper (statement B6).
+lobes (MATLAB's ``mscohere``, 0 to 1500 Hz): a different pattern for each count, no gradual dependence. This
+example shows the same for the **surrogate** torque of this simulator, including the ramp as in the paper
+(statement B6).
 """
 
 import matplotlib.pyplot as plt
@@ -24,8 +25,8 @@ for kind, title in (("torque_in", "input torque (fig. 8)"), ("torque_out", "outp
     plt.show()
 
 # %%
-# Line by line, the curves are as ragged as the paper's and differ for every count. Their means over bands
-# do not:
+# Line by line, the curves are as irregular as the paper's and differ for every count. Their means over bands
+# are regular:
 
 fig, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained", sharey=True)
 bands = ((0, 200), (200, 500), (500, 600), (600, 1500))
@@ -41,8 +42,8 @@ axes[1].legend(loc="lower left", ncols=2, fontsize="small")
 plt.show()
 
 # %%
-# The mean of the output's coherence falls with the count up to six worn lobes: a gradual dependence after
-# all, which the paper did not see line by line. Low values at 500 to 600 Hz, which the paper has for 2, 5
-# and 6 worn lobes and not for 3 and 4, are here those of every count from 2 on. All this is of one
-# noiseless machine with a free output; a coherence of machines that differ in pins and drift says much less
-# (see paper A, figs. 10 and 11).
+# The mean of the output's coherence falls with the count up to six worn lobes. This is a gradual dependence,
+# which the paper did not see line by line. The paper has low values at 500 to 600 Hz for 2, 5 and 6 worn
+# lobes but not for 3 and 4; here every count from 2 on has them. All this holds for one noiseless machine
+# with a free output; the coherence of machines that differ in pins and drift shows much less (see paper A,
+# figs. 10 and 11).

@@ -3,9 +3,9 @@ Paper B, figs. 10 to 12: scalograms with the wavelet mb32.3
 ===========================================================
 
 Figs. 10 and 11 show the absolute coefficients of twelve levels for one to eight worn lobes, fig. 12 for
-other patterns; 64 shades per level, the largest value darkest. Read from them: rings at levels 7 to 9 at
-the start, and levels 1 to 4 quiet for seven worn lobes. Here are the **surrogate** torque's, by MATLAB's
-documented recipe (statements B7 and B8).
+other patterns; each level has 64 shades, the largest value is the darkest. The paper reads from them rings
+at levels 7 to 9 at the start, and quiet levels 1 to 4 for seven worn lobes. This example shows the
+**surrogate** torque by MATLAB's documented recipe (statements B7 and B8).
 """
 
 import warnings
@@ -14,8 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from _papers import LOBE_PERIOD, STEEL, run, shades, torques
 
+from cyclofeat.signal.wavelets import dwt, level_statistics, scalogram
 from cyclofeat.simulators import LobeDefects
-from cyclofeat.wavelets import dwt, level_statistics, scalogram
 
 PATTERNS = ((0, 4), (0, 3, 6), (0, 2, 4, 6), (1, 3, 5, 7))
 
@@ -27,7 +27,7 @@ def names(lobes):
 def show(records, titles, heading):
     fig, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained", sharex=True, sharey=True)
     with warnings.catch_warnings():
-        # Levels 8 to 12 of 6000 samples hold more of the record's ends than of the record: as in the paper.
+        # Levels 8 to 12 of 6000 samples consist mostly of end effects, as in the paper.
         warnings.simplefilter("ignore", UserWarning)
         pictures = [scalogram(record, levels=12) for record in records]
     for ax, cells, title in zip(axes.flat, pictures, titles, strict=True):
@@ -49,17 +49,17 @@ of_pattern = np.array([run(LobeDefects.worn(lobes)).torque_out for lobes in PATT
 show(of_pattern, [f"lobes {names(lobes)} worn" for lobes in PATTERNS], "other patterns (fig. 12)")
 
 # %%
-# The dark start belongs to the ramp and, where the 8th lobe is worn, to a start with its chord pressed in
-# (see figs. 5 to 7); it fills levels 7 to 9 as the paper describes. After it each worn lobe draws its line,
-# once per 0.1125 s. Shades are relative to each row's largest value, so that a row looks quiet because of
-# one strong moment. In numbers, settled:
+# The dark start belongs to the ramp and, if the 8th lobe is worn, to a start with its chord pressed in (see
+# figs. 5 to 7); it fills levels 7 to 9 as the paper describes. After it each worn lobe draws a line once per
+# 0.1125 s. Shades are relative to each row's largest value, so one strong moment makes a row look quiet. In
+# numbers, settled:
 
 n = 2 * LOBE_PERIOD
 rms = level_statistics(dwt(of_count[:, -n:], levels=7), n)["rms"]
 fig, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
 for level, colour in enumerate(shades(7), 1):
     left.semilogy(1e3 * rms[:, level - 1], "o-", color=colour, label=f"level {level}")
-left.set(xlabel="worn lobes", ylabel="rms in mNm", title="neighbouring lobes")
+left.set(xlabel="worn lobes", ylabel="rms in mNm", title="adjacent lobes")
 left.legend(fontsize="small", ncols=2)
 time = np.arange(LOBE_PERIOD) / LOBE_PERIOD * 15
 for k in range(len(PATTERNS)):
@@ -70,6 +70,6 @@ right.set_yticks(3 * np.arange(4), [names(lobes) for lobes in PATTERNS])
 plt.show()
 
 # %%
-# No level falls quiet at seven worn lobes: all but the highest grow with the count and level off. In the
-# torque of the other patterns each worn lobe has its own slot of the lobe period, whatever the others do:
-# this, and not a scalogram's shade, is what counts lobes.
+# No level becomes quiet at seven worn lobes: all but the highest grow with the count and level off. In the
+# torque of the other patterns each worn lobe has its own slot of the lobe period, independent of the other
+# lobes. These slots, not a scalogram's shade, allow lobes to be counted.

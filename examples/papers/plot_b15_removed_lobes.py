@@ -4,8 +4,8 @@ Paper B, figs. 15 to 17: seven lobes removed from one wheel
 
 Fig. 15 shows forces and torques of the design with seven lobes removed from one wheel: it runs, with 30 %
 more force on the internal sleeves at every second input turn. Figs. 16 and 17 compare the spectra of the
-output torque: half as high from 200 to 800 Hz as with all lobes. Here is this simulator's **surrogate**
-torque (statement B9).
+output torque: half as high from 200 to 800 Hz as with all lobes. This example shows the **surrogate**
+torque of this simulator (statement B9).
 """
 
 import matplotlib.pyplot as plt
@@ -58,17 +58,18 @@ for name, value in power.items():
     print(f"{name}: {1e3 * value:.1f} mNm from 200 to 800 Hz, {value / power['all lobes']:.1f} times")
 
 # %%
-# The opposite of the paper: nearly three times as high. An exact profile leaves the healthy gearbox nothing
-# there but harmonics of the mesh, where the paper's vibrates by itself. Is that its profile, a list of
-# points? A polyline does make such noise, but not less of it with lobes removed:
+# The result is the opposite of the paper's: nearly three times as high. With an exact profile, the healthy
+# gearbox has only harmonics of the mesh there, whereas the paper's vibrates by itself. A possible reason is
+# that the paper's profile is a list of points. A polyline does make such noise, but not less of it with lobes
+# removed:
 
 for defects, name in ((HEALTHY, "all lobes"), (design, "7 removed, one wheel")):
     torque = run(defects, STEEL.replace(profile_points=1000), duration=1.2).torque_out
     print(f"polyline of 1000 corners, {name}: {1e3 * from_200_to_800_hz(torque):.0f} mNm")
 
 # %%
-# Seven lobes removed from *both* wheels lock the paper's machine. Here the output slips where no lobe
-# bears, and the next lobe catches it; with friction it does wedge (see the tests of friction):
+# Seven lobes removed from *both* wheels lock the paper's machine. Here the output slips where no lobe bears
+# the load, and the next lobe stops it; with friction it does lock (see the tests of friction):
 
 torque = run(LobeDefects.removed(7, wheels=BOTH), duration=1.2).torque_out[3000:]
 print(f"7 removed, both wheels: {torque.min():.1f} to {torque.max():.1f} Nm, mean {torque.mean():.1f} Nm")

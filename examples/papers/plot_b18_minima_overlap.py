@@ -3,9 +3,9 @@ Paper B, fig. 18: overlap of the scalograms' minima
 ===================================================
 
 Fig. 18 marks the cells of the lowest colour that the scalogram of one to six worn lobes shares with that of
-seven: at levels 3 and 4 their area grows with the count, but for gaps at three and four. Of 130 wavelets
-only mb32.3 was found to do so. Here is the **surrogate** torque of this simulator, and the same with all of
-PyWavelets' discrete wavelets and the Morris family (statements B7 and B10).
+seven: at levels 3 and 4 their area grows with the count, with gaps at three and four. Of 130 wavelets only
+mb32.3 was found to do so. This example shows the **surrogate** torque of this simulator, with mb32.3 and
+with all of PyWavelets' discrete wavelets and the Morris family (statements B7 and B10).
 """
 
 import matplotlib.pyplot as plt
@@ -25,9 +25,9 @@ for ax in axes[:, 0]:
 plt.show()
 
 # %%
-# The area grows at levels 3 and 4 at every step, without the paper's gaps. But look where: mostly in the
-# first 0.2 s, while drive and load still rise. Colours are relative to a row's largest value. The more
-# lobes are worn, the larger that value, until the ringing of the start falls below 1/64 of it.
+# The area grows at levels 3 and 4 at every step, without the paper's gaps, but mostly in the first 0.2 s,
+# while drive and load still rise. Colours are relative to a row's largest value. The more lobes are worn, the
+# larger that value, until the ringing of the start falls below 1/64 of it.
 
 wavelets = graded_wavelets()
 ramp = slice(0, 2000)
@@ -57,7 +57,7 @@ print(f"{len(graded)} of {len(wavelets)} wavelets rise at every step at levels 3
 print(*graded)
 
 # %%
-# mb32.3 has the steepest course of all, and it is not alone: the quiet stretches are in the torque and not
-# in that wavelet. All this needs a noiseless torque and records that begin at the same angle of the input,
-# ramp included; the feature :class:`~cyclofeat.features.WaveletMinimaOverlap` and paper A's fig. 9 show
-# what is left otherwise.
+# mb32.3 has the steepest trend of all wavelets, but others rise, too: the quiet stretches are a property
+# of the torque, not of that wavelet. All this requires noiseless torque and records that begin at the same
+# angle of the input, ramp included; the feature :class:`~cyclofeat.features.WaveletMinimaOverlap` and paper
+# A's fig. 9 show what remains otherwise.

@@ -2,10 +2,10 @@
 Finding: table 6 restates table 4
 =================================
 
-Paper A's entropies (table 6) are its success. They can be computed from the means and deviations of its
-table 4: MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all others, so that the entropy
-says how much ripple there is over the mean. All numbers here are published ones; one picture of
-**surrogate** torque shows why.
+Paper A's entropies (table 6) are its success. They follow from the means and deviations of its table 4:
+MATLAB's ``pwelch`` keeps the mean, whose line at 0 Hz outweighs all others, so the entropy measures the
+ripple relative to the mean. All numbers here are published ones; one picture of **surrogate** torque shows
+the reason.
 """
 
 import matplotlib.pyplot as plt
@@ -34,8 +34,8 @@ right.set(xlabel="a = std² / (mean² + std²) in %", title="measured; number of
 plt.show()
 
 # %%
-# Why. The same record with its fluctuation scaled: whatever makes it larger, the entropy follows, and one
-# with the mean removed stays where it is.
+# The same record with its fluctuation scaled: the entropy follows every increase, while the entropy with the
+# mean removed stays constant.
 
 record = surrogate_set(0)[3]
 factors = np.linspace(0.3, 2, 12)
@@ -55,5 +55,5 @@ ax.legend()
 plt.show()
 
 # %%
-# Whatever makes the torque fluctuate (wear, a brake that grabs, warmer oil) moves this entropy, and so does
-# the brake's set-point. Two constants are fitted to eight numbers, and the other six follow.
+# Everything that makes the torque fluctuate (wear, a brake that grabs, warmer oil) changes this entropy, and
+# so does the brake's set-point. Two constants are fitted to eight numbers, and the other six follow.

@@ -2,10 +2,11 @@
 Finding: one recording per disc gives no accuracy
 =================================================
 
-Paper A has eight discs and one recording of each: disc and recording are the same thing. Cut into windows,
-such data seem to allow a cross-validation. Here the eight discs are **all healthy**: **surrogate** torque
-of eight assemblies on the assumed rig R1, given the labels 0 to 7. There is nothing to count, and windows
-of the same recordings on both sides of the folds count it nevertheless.
+Paper A has eight discs and one recording of each: the effect of the disc cannot be separated from that of
+the recording. Cut into windows, such data seem to allow a cross-validation. Here the eight discs are **all
+healthy**: **surrogate** torque of eight assemblies on the assumed rig R1 has the labels 0 to 7. There is
+nothing to count, and yet a classifier predicts the labels if windows of the same recording are on both
+sides of the folds.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +19,7 @@ from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import WelchPSD
 
 N_WINDOWS = 6  # of 0.45 s in each recording
-recordings = make_rig_recordings(16, [0], rig="R1", duration_s=0.45 * N_WINDOWS, random_state=3)
+recordings = make_rig_recordings(16, [0], rig="R1", duration=0.45 * N_WINDOWS, random_state=3)
 X = np.concatenate([recording.torque.reshape(N_WINDOWS, -1) for recording in recordings])
 number = np.repeat(np.arange(16), N_WINDOWS)
 label = number % 8
@@ -29,7 +30,7 @@ one_each = number < 8
 shuffled = cross_val_predict(
     trees, densities[one_each], label[one_each], cv=KFold(4, shuffle=True, random_state=0)
 )
-# Two assemblies per label: one learns, the other is asked.
+# Two assemblies per label: one for training, one for testing.
 held_out = cross_val_predict(trees, densities, label, groups=number // 8, cv=LeaveOneGroupOut())
 
 fig, axes = plt.subplots(1, 2, figsize=(10, 4.9), layout="constrained", sharey=True)
@@ -47,7 +48,7 @@ axes[0].set(ylabel="label of the (healthy) disc", yticks=range(8))
 plt.show()
 
 # %%
-# Each assembly has pins and contacts of its own, and a spectrum that is good enough to see wear sees them,
-# too. With one recording per disc the only honest folds leave a class without training data. It takes
-# several assemblies of every count, and folds by assembly, as everywhere in this toolkit
-# (:func:`~cyclofeat.counting.evaluate` insists on groups).
+# Each assembly has its own pins and contacts, and a spectrum that is good enough to show wear shows them,
+# too. With one recording per disc the only valid folds leave a class without training data. An evaluation
+# needs several assemblies of every count, and folds by assembly, as everywhere in this toolkit
+# (:func:`~cyclofeat.counting.evaluate` requires groups).

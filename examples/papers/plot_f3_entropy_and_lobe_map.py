@@ -2,10 +2,10 @@
 Finding: entropy follows the drift, the lobe map the lobes
 ==========================================================
 
-A brake that fluctuates slowly moves Shannon entropy by more than wear does. The same torque, folded at the
-rate at which lobes pass the load, has a slot for each lobe, and drift falls beside its lines. **Surrogate**
-torque of the papers' free output (rig R0, both wheels worn, noise of 0.05 Nm); drift of growing size is
-laid over it afterwards, slower than 1.5 Hz and as one of the sensor would be.
+A brake that fluctuates slowly changes Shannon entropy by more than wear does. The same torque, folded at
+the rate at which lobes pass the load, has a slot for each lobe, and drift lies beside its lines.
+**Surrogate** torque of the papers' free output (rig R0, both wheels worn, noise of 0.05 Nm); drift of
+growing size, slower than 1.5 Hz, is added afterwards, as a drift of the sensor would be.
 """
 
 import matplotlib.pyplot as plt
@@ -17,10 +17,11 @@ from sklearn.model_selection import GroupKFold, cross_val_score
 
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.features import LobeMap, SpectralEntropy
+from cyclofeat.simulators import Noise
 
 COUNTS = (0, 1, 3, 5, 7)
 N_ASSEMBLIES = 8
-rig = rig_preset("R0").replace(load_drift_nm=0.0, noise_nm=0.05)
+rig = rig_preset("R0").without("load_drift").with_effects(Noise(0.05))
 recordings = make_rig_recordings(N_ASSEMBLIES, COUNTS, rig=rig, wheels=BOTH, random_state=5)
 X = np.array([recording.torque for recording in recordings])
 y = np.array([recording.defect_count for recording in recordings])
@@ -59,7 +60,7 @@ for ax, size in ((middle, 0.0), (right, 1.0)):
 plt.show()
 
 # %%
-# Without drift the entropy grows with the count (it is a strange measure of ripple, but one). With 1 Nm it
-# tells nothing, and taking the mean out brings little back, because the drift is not the mean. The lobe map
-# hardly minds. (A drift of the *load* moves the mesh's amplitude besides; at one speed the two are next to
-# impossible to tell apart. ``benchmarks/counting.md`` has the load's, with more assemblies.)
+# Without drift the entropy grows with the count and measures the ripple. With 1 Nm of drift it shows nothing,
+# and removing the mean restores little, because the drift is not the mean. The lobe map hardly changes. (A
+# drift of the *load* also changes the mesh's amplitude; at one speed the two drifts are almost impossible to
+# distinguish. ``benchmarks/counting.md`` has the load's, with more assemblies.)

@@ -3,8 +3,8 @@ Finding: the papers' contact law makes energy
 =============================================
 
 Paper B's contact stiffness follows the local curvature of the flank (eq. 14). While a contact moves along
-the flank under load its stored energy then changes without any work being done: the law is not
-conservative. Here is where the energy of two input turns goes, healthy gearbox, by
+the flank under load, its stored energy changes without any work being done: the law is not conservative.
+This example computes the energy balance of two input turns of the healthy gearbox with
 :func:`~cyclofeat.simulators.energy_audit`; the torque is a **surrogate** for the papers' simulation.
 """
 
@@ -32,20 +32,19 @@ left.axhline(22 / 15, color="black", lw=0.8, ls=":", label="22 Nm / 15 = 1.4667 
 left.set(xlabel="time in s", ylabel="input torque in Nm", ylim=(1.44, 1.5))
 left.legend(fontsize="small", loc="upper right")
 
-# The energy that a contact stores at one force, along the loaded flank: it is not constant, and nothing
-# does the work.
+# Along the loaded flank the energy that a contact stores at one force varies, although no work is done.
 t = np.linspace(0, 12, 200)
 radius = STEEL.profile.effective_radius(np.deg2rad(t))
 right.plot(t, 1e3 * radius)
 right.axhline(1e3 * STEEL.pin_radius, color="C1", ls="--")
-right.set(xlabel="place on the loaded flank in degrees (0 tip, 12 pit)", ylabel="mm", yscale="log")
+right.set(xlabel="position on the loaded flank in degrees (0 tip, 12 pit)", ylabel="mm", yscale="log")
 right.set_yticks([4, 6, 10, 20, 40], ["4", "6", "10", "20", "40"])
 right.minorticks_off()
 right.set_title("effective radius of the contact (conservative: dashed)")
 plt.show()
 
 # %%
-# With the papers' law the drive needs 0.9 % less than the load's power: a gearbox better than perfect. With
-# one effective radius for all contacts the account closes to rounding, and the input torque is what it has
-# to be, plus what the damping takes. For counting lobes it hardly matters; for losses, efficiencies or
-# anything found in a few per cent of torque it does.
+# With the papers' law the drive needs 0.9 % less than the load's power: the efficiency exceeds one. With one
+# effective radius for all contacts the balance closes to rounding, and the input torque equals the load's
+# share plus the loss of the damping. The error hardly matters for counting lobes; it matters for losses,
+# efficiencies and every effect of a few per cent of torque.

@@ -3,16 +3,16 @@ Finding: a lobe's order is 16/15, not 1
 =======================================
 
 Paper A looks for defects at harmonics of the input shaft and of the mesh. But a lobe does not pass the load
-once per input turn: the wheel turns back by a lobe meanwhile, so that it takes 15/16 of a turn, 8.889 Hz at
-500 RPM and not 8.333 Hz. The latter is what a coupling or a motor out of true makes. **Surrogate** torque
-with both, and no noise.
+once per input turn: the wheel turns back by a lobe meanwhile, so the lobe passes once in 15/16 of a turn,
+at 8.889 Hz at 500 RPM and not at 8.333 Hz. A misaligned coupling or motor causes the latter. **Surrogate**
+torque with both, and no noise.
 """
 
 import matplotlib.pyplot as plt
 import numpy as np
 from _papers import BOTH, RATE, STEEL
 
-from cyclofeat.simulators import LobeDefects, simulate
+from cyclofeat.simulators import Courses, LobeDefects, simulate
 
 INPUT, LOBE = 500 / 60, 500 / 60 * 16 / 15
 
@@ -22,16 +22,20 @@ def once_per_turn(time):
     return 2e-3 * sum(np.sin(2 * np.pi * k * INPUT * time) for k in range(1, 6))
 
 
-# Three neighbouring lobes worn; the ramp and some settling are cut off.
+# Three adjacent lobes are worn; the ramp and some settling are removed.
 made = simulate(
-    STEEL, LobeDefects.worn(3, wheels=BOTH), duration=4.0, sampling_rate=RATE, load_fluctuation=once_per_turn
+    STEEL,
+    LobeDefects.worn(3, wheels=BOTH),
+    duration=4.0,
+    sampling_rate=RATE,
+    courses=Courses(load_fluctuation=once_per_turn),
 )
 angle, torque = (values[-round(3.6 * RATE) :] for values in (made.input_angle, made.torque_out))
 torque = torque - torque.mean()
 
 
 def amplitudes(part):
-    """Finely interpolated, under a Hann window."""
+    """Finely interpolated amplitude spectrum under a Hann window."""
     window = np.hanning(part.size)
     lines = 2 * np.abs(np.fft.rfft(part * window, 20 * torque.size)) / window.sum()
     return np.fft.rfftfreq(20 * torque.size, 1 / RATE), lines
@@ -53,7 +57,7 @@ axes[1].legend(title="record")
 plt.show()
 
 # %%
-# Folding says it without lines. The same record cut into stretches of one input turn, and of 15/16 of it:
+# Folding shows it without lines. The same record cut into stretches of one input turn, and of 15/16 of it:
 
 fig, axes = plt.subplots(1, 2, figsize=(12, 4), layout="constrained", sharey=True)
 turns = (angle - angle[0]) / (2 * np.pi)
@@ -68,9 +72,9 @@ axes[0].set_ylabel("torque about its mean in Nm")
 plt.show()
 
 # %%
-# The papers' 0.6 s cannot tell the two at the first line: they are 0.56 Hz apart and a line is 3 Hz wide.
-# It takes a whole output turn (1.8 s), after which pins and lobes have met in all combinations, and better
-# two. 50 Hz mains is input order 6 exactly, the papers' f0 = 100 Hz is order 12: neither is a line of a
-# lobe. The lobe lines are a comb from 8.889 Hz on, whose first is small; the wear is in all of them, which
-# is what :class:`~cyclofeat.features.LobeMap` reads. Run-out of a *wheel* turns with the lobes, at 16/15,
-# too: one smooth wave over all of them, where wear is a short event at one.
+# The papers' 0.6 s cannot separate the two at the first line: they are 0.56 Hz apart and a line is 3 Hz wide.
+# This requires a whole output turn (1.8 s), after which pins and lobes have met in all combinations, or
+# better two. 50 Hz mains is exactly input order 6, and the papers' f0 = 100 Hz is order 12: neither is a line
+# of a lobe. The lobe lines are a comb from 8.889 Hz on, whose first line is small; wear changes all of them,
+# and :class:`~cyclofeat.features.LobeMap` uses them all. Run-out of a *wheel* turns with the lobes, at 16/15,
+# too: it is one smooth wave over all lobes, whereas wear is a short event at one.

@@ -3,9 +3,9 @@ Finding: the papers' model has no brake
 =======================================
 
 In the papers' simulation the output shaft is free and the load a constant torque. On their rig a brake
-motor's rotor sits behind a torque meter. What the meter shows is then the twist of a spring between two
-inertias, with a resonance that wear rings. Table 4 beside the **surrogate** torque of the free output and
-of some assumed brakes: without drift and noise.
+motor's rotor follows the torque meter. The meter then measures the twist of a spring between two inertias,
+with a resonance that wear excites. This example shows table 4 beside the **surrogate** torque of the free
+output and of some assumed brakes, without drift and noise.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,7 @@ from cyclofeat.datasets import load_published_tables
 from cyclofeat.simulators import LobeDefects, simulate
 
 measured = load_published_tables().signal_statistics["std_nm"]
-# What wear adds to the healthy disc's deviation, in quadrature.
+# Contribution of wear to the healthy disc's deviation, in quadrature.
 added = np.sqrt(np.maximum(measured**2 - measured[0] ** 2, 0))
 BRAKES = {
     "free output (the papers' model)": None,
@@ -28,7 +28,7 @@ BRAKES = {
 
 
 def deviation(count, brake):
-    """Standard deviation over one output turn of what reaches the meter, in Nm."""
+    """Standard deviation of the meter's torque over one output turn, in Nm."""
     gearbox = STEEL if brake is None else STEEL.with_brake(*brake, damping_ratio=0.05)
     run = simulate(gearbox, LobeDefects.worn(count), duration=2.8, sampling_rate=2_560, motion=False)
     return run.torque_out[-round(1.8 * 2_560) :].std()
@@ -46,8 +46,8 @@ ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize="small")
 plt.show()
 
 # %%
-# The free output rises with the count and stays below 0.3 Nm; wear added 4.0 Nm to the measured torque at
-# one worn lobe and 1.9 Nm at seven. Behind a rotor the same wear makes tenths to several newton metres, and
-# it need not rise: it depends on which lobe lines the resonance meets. That a brake explains table 4 is a
-# hypothesis all the same, as eight numbers cannot confirm it, and what the gap workflow names from them
-# first is slow fluctuation (:doc:`/howto/gap`).
+# The deviation of the free output rises with the count and stays below 0.3 Nm; wear added 4.0 Nm to the
+# measured torque at one worn lobe and 1.9 Nm at seven. Behind a rotor the same wear causes tenths to several
+# newton metres, and the deviation need not rise with the count: it depends on the lobe lines that the
+# resonance meets. A brake remains a hypothesis for table 4, because eight numbers cannot confirm it; the gap
+# workflow names slow fluctuation first (:doc:`/howto/gap`).

@@ -8,12 +8,23 @@ module        responsibility
 ``_workers``  runs on the cores of one machine (joblib) or of many (dask.distributed)
 ``_store``    files that appear whole or not at all; shards, their rows, the manifest
 ``_load``     a finished campaign, memory-mapped
+``_campaign`` workers simulate, this process writes
 ============  ==================================================================================
 """
 
+from cyclofeat.simulators.campaign._campaign import run_campaign
 from cyclofeat.simulators.campaign._design import Campaign, RunPlan
 from cyclofeat.simulators.campaign._load import CampaignData, Shards, load_campaign
 from cyclofeat.simulators.campaign._run import made_with
 from cyclofeat.simulators.campaign._workers import WorkerLost
 
-__all__ = ["Campaign", "CampaignData", "RunPlan", "Shards", "WorkerLost", "load_campaign", "made_with"]
+__all__ = [
+    "Campaign",
+    "CampaignData",
+    "RunPlan",
+    "Shards",
+    "WorkerLost",
+    "load_campaign",
+    "made_with",
+    "run_campaign",
+]

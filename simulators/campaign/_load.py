@@ -18,19 +18,17 @@ from cyclofeat.simulators.campaign._store import (
     MANIFEST,
     PARAMETERS,
     digest,
-    digests_name,
     parquet,
     read_design,
     read_manifest,
-    shard_name,
+    shard_file,
 )
 
 
 class Shards:
-    """Rows of several ``.npy`` files of float32 as one array of two dimensions, read on demand.
+    """Rows of several ``.npy`` files of float32 as one two-dimensional array, read on demand.
 
-    ``len``, ``shape``, ``dtype`` and indexing as of an array: a row is memory-mapped, anything else that is
-    taken out is a copy in memory. ``numpy.asarray`` takes all of it.
+    A single row is memory-mapped; other selections and ``numpy.asarray`` copy.
 
     Parameters
     ----------
@@ -95,26 +93,24 @@ class Shards:
             raise ValueError("Shards lie in several files: an array of them is always a copy")
         return np.asarray(self[:], dtype=dtype)
 
-    def _shard(self, shard: int) -> NDArray[np.float32]:
-        found: NDArray[np.float32] = np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
-        return found
+    def _shard(self, shard: int) -> Any:
+        return np.load(self.paths[shard], mmap_mode="r", allow_pickle=False)
 
-    def _row(self, index: int) -> NDArray[np.float32]:
+    def _row(self, index: int) -> Any:
         if not -len(self) <= index < len(self):
             raise IndexError(f"row {index} is out of bounds for {len(self)} rows")
         index %= len(self)
         shard = int(np.searchsorted(self._ends, index, side="right"))
-        found: NDArray[np.float32] = self._shard(shard)[index - self._begin(shard)]
-        return found
+        return self._shard(shard)[index - self._begin(shard)]
 
     def _rows(self, taken: NDArray[np.intp], samples: Any) -> NDArray[np.float32]:
         width = np.empty((0, self.shape[1]), dtype=self.dtype)[:, samples].shape[1:]
-        found = np.empty((len(taken), *width), dtype=self.dtype)
+        copy = np.empty((len(taken), *width), dtype=self.dtype)
         shards = np.searchsorted(self._ends, taken, side="right")
         for shard in np.unique(shards).tolist():
-            here = shards == shard
-            found[here] = self._shard(shard)[:, samples][taken[here] - self._begin(shard)]
-        return found
+            inside = shards == shard
+            copy[inside] = self._shard(shard)[:, samples][taken[inside] - self._begin(shard)]
+        return copy
 
     def _begin(self, shard: int) -> int:
         return int(self._ends[shard - 1]) if shard else 0
@@ -122,7 +118,7 @@ class Shards:
 
 @dataclass(frozen=True)
 class CampaignData:
-    """A finished campaign. Torque in it is a surrogate for measured torque.
+    """A finished campaign; its torque is a surrogate for measured torque.
 
     Attributes
     ----------
@@ -135,9 +131,9 @@ class CampaignData:
     ok : ndarray of bool, shape (n_runs,)
         Runs that reached their end: ``X[ok], y[ok], groups[ok]`` hold no NaN.
     parameters : pandas.DataFrame, or dict from str to ndarray where there is no pandas
-        One row per run: labels (``worn_lobes``, ``wheels``, ``depth``), ``status`` and ``reason``, what is
-        true of the assembly (``true_speed_rpm``, ``true_load_nm``, ...), the values explored
-        (``design.<name>``) and those of the rig's effects (``effects.<effect>.<parameter>``).
+        One row per run: labels (``worn_lobes``, ``wheels``, ``depth``), ``status`` and ``reason``, true
+        values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's effects
+        (``effects.<effect>.<parameter>``).
     sampling_rate : float
         In Hz.
     campaign : Campaign
@@ -164,8 +160,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     path : path
         Folder of the campaign.
     verify : bool
-        Whether to compare every file with its SHA-256 in the manifest. If not, only existence and size of
-        the files are checked.
+        Compare every file with its SHA-256 in the manifest, not only its size.
 
     Returns
     -------
@@ -183,32 +178,33 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     Examples
     --------
     >>> import tempfile
+    >>> from cyclofeat.simulators import Campaign, run_campaign
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = Campaign(rig="R0", defect_counts=(0, 2), repeats=1, duration_s=0.1).run(folder)
+    ...     _ = run_campaign(Campaign(rig="R0", defect_counts=(0, 2), repeats=1, duration=0.1), folder)
     ...     data = load_campaign(folder, verify=True)
     ...     data.y.tolist(), data.groups.tolist()
     ([0, 2], ['campaign-0-0000000', 'campaign-0-0000001'])
     """
     folder = Path(path)
     if not (folder / DESIGN).is_file():
-        raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN}); Campaign.run makes one")
+        raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN}); run_campaign makes one")
     _, tables = parquet()
-    content = read_design(folder)
     try:
-        campaign = Campaign.from_dict(content)
+        campaign = Campaign.from_dict(read_design(folder))
     except (TypeError, ValueError) as error:
         raise ValueError(f"{folder / DESIGN}: {error}") from None
     if not (folder / MANIFEST).is_file():
-        there = sum((folder / digests_name(shard)).is_file() for shard in range(campaign.n_shards))
+        names = [shard_file(shard, "sha256") for shard in range(campaign.n_shards)]
+        finished = sum((folder / name).is_file() for name in names)
         raise ValueError(
-            f"{folder}: the campaign is not finished, {there} of {campaign.n_shards} shards are there: run "
-            "it again to go on"
+            f"{folder}: the campaign is not finished, {finished} of {campaign.n_shards} shards are there: "
+            "run it again to go on"
         )
     manifest = read_manifest(folder)
     _check_files(folder, manifest, verify)
     table = tables.read_table(folder / PARAMETERS)
     columns = {name: table.column(name).to_numpy() for name in ("defect_count", "assembly", "status")}
-    paths = [folder / shard_name(shard) for shard in range(campaign.n_shards)]
+    paths = [folder / shard_file(shard, "npy") for shard in range(campaign.n_shards)]
     sizes = [campaign.shard_size(shard) for shard in range(campaign.n_shards)]
     shards = Shards(paths, sizes, campaign.n_samples)
     return CampaignData(
@@ -224,7 +220,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
 
 
 def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
-    """Every file is there in its size, and, asked for, to the last bit."""
+    """Raise an error unless all files have the sizes, with ``verify`` the digests, of the manifest."""
     wrong = []
     for name, stated in manifest["files"].items():
         file = folder / name

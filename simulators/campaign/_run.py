@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import importlib.metadata
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.versions import code_sha256, package_versions
+from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
-from cyclofeat.simulators.campaign._parameters import effect_labels, with_values
-from cyclofeat.simulators.composite import _DEFECTS, CompositeSimulator
-from cyclofeat.simulators.effects._library import child, in_chain_order
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.rig import settling_time
+from cyclofeat.simulators.effects._library import stream
+from cyclofeat.simulators.gearbox import LobeDefects
+from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
 
 # Columns of every campaign, in this order, with their kinds; those of its design and effects follow.
@@ -42,60 +41,36 @@ _COLUMNS = {
     "contact_damping": NUMBER,
     "clearance_m": NUMBER,
 }
-# Status of a run. "invalid": its parameters contradict each other.
-OK, DIVERGED, LOCKED, INVALID = "ok", "diverged", "locked", "invalid"
+OK = "ok"  # other values of "status": "diverged", "locked", "invalid" (parameters contradict each other)
 
 
 class RunResult(NamedTuple):
-    """What comes back from a worker: torque of shape (n_samples,), or None for a failed run, and the row."""
+    """Result of a worker: torque of shape (n_samples,), or None for a failed run, and the table's row."""
 
     torque: NDArray[np.float32] | None
     row: dict[str, Any]
 
 
 def columns(campaign: Campaign) -> dict[str, str]:
-    """Columns of a campaign's table and their kinds."""
-    design = {f"design.{name}": NUMBER for name in campaign.parameters}
+    """Return the columns of a campaign's table and their kinds."""
     effects = {
         f"effects.{label}.{name}": NUMBER
-        for label, effect in effect_labels(campaign.the_rig).items()
+        for label, effect in campaign.the_rig.labelled_effects().items()
         for name in effect.parameters
     }
-    return {**_COLUMNS, **design, **effects}
+    return {**_COLUMNS, **effects}
 
 
 @functools.lru_cache(maxsize=1)
 def made_with() -> dict[str, str]:
-    """Versions of all that decides about the bytes of a result.
-
-    ``simulators_sha256`` covers the simulators' own sources: between two releases they may differ while the
-    version does not.
-    """
+    """Return the versions and the digest of the sources on which the bytes of a result depend."""
     room = Path(__file__).parents[1]
-    code = hashlib.sha256()
-    for path in sorted(room.rglob("*.py")):
-        code.update(path.relative_to(room).as_posix().encode() + b"\0" + path.read_bytes())
-    packages = ("cyclofeat", "numpy", "scipy", "numba")
-    versions = {name: importlib.metadata.version(name) for name in packages}
-    return {**versions, "simulators_sha256": code.hexdigest()}
+    packages = package_versions("cyclofeat", "numpy", "scipy", "numba")
+    return packages | {"simulators_sha256": code_sha256(room, sorted(room.rglob("*.py")))}
 
 
 def simulate_run(campaign: Campaign, plan: RunPlan, expected: dict[str, str] | None = None) -> RunResult:
-    """Simulate one run.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plan : RunPlan
-        One of ``campaign.plans()``.
-    expected : dict from str to str, optional
-        Versions that must be the same here (:func:`made_with`).
-
-    Raises
-    ------
-    ValueError
-        If this worker has other versions.
-    """
+    """Simulate one run; raise WrongVersion unless this worker has the ``expected`` versions."""
     if expected is not None and expected != made_with():
         other = next(name for name in expected if expected[name] != made_with().get(name))
         raise WrongVersion(
@@ -103,7 +78,7 @@ def simulate_run(campaign: Campaign, plan: RunPlan, expected: dict[str, str] | N
         )
     defects = _defects(campaign, plan)
     row: dict[str, Any] = {name: math.nan for name, kind in columns(campaign).items() if kind == NUMBER}
-    row |= {f"design.{name}": value for name, value in plan.values.items() if name != DEPTH}
+    row |= {f"effects.{name}": value for name, value in plan.values.items() if name != DEPTH}
     row |= {
         "run": plan.run,
         "assembly": campaign.assembly_of(plan.run),
@@ -114,35 +89,28 @@ def simulate_run(campaign: Campaign, plan: RunPlan, expected: dict[str, str] | N
         "status": OK,
         "reason": "",
     }
-    torque = None
     try:
-        torque = _simulated(campaign, plan, defects, row)
+        return RunResult(_simulated(campaign, plan, defects, row), row)
     except SimulationFailed as error:
-        row |= {"status": LOCKED if isinstance(error, GearboxLocked) else DIVERGED, "reason": str(error)}
+        row |= {"status": "locked" if isinstance(error, GearboxLocked) else "diverged", "reason": str(error)}
     except ValueError as error:
         # A combination of values that cannot be is as much a result as a run that diverges.
-        row |= {"status": INVALID, "reason": str(error)}
-    return RunResult(torque, row)
+        row |= {"status": "invalid", "reason": str(error)}
+    return RunResult(None, row)
 
 
 class WrongVersion(RuntimeError):
-    """A worker has other versions than the process that writes."""
+    """Error of a worker that has other versions than the process that writes."""
 
 
 def check_middle(campaign: Campaign) -> None:
-    """Raise ValueError where not even the middle of the design can be simulated: nothing else could be."""
-    middle = {name: 0.5 * (ends[0] + ends[1]) for name, ends in campaign.explored.items() if name != DEPTH}
-    simulator = CompositeSimulator(with_values(campaign.the_rig, middle))
-    duration = max(2 / campaign.sampling_rate, min(campaign.duration_s, 0.01))
+    """Raise ValueError if not even the medians of the design can be simulated."""
+    duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        simulator.simulate(
-            duration=duration,
-            sampling_rate=campaign.sampling_rate,
-            seed=0,
-            settled=False,
-            torque_in=False,
+        _rig_of(campaign, campaign.medians()).simulate(
+            duration=duration, sampling_rate=campaign.sampling_rate, settled=False, torque_in=False,
             motion=False,
-        )
+        )  # fmt: skip
     except SimulationFailed:
         pass  # a result, and perhaps only here
     except ValueError as error:
@@ -151,57 +119,42 @@ def check_middle(campaign: Campaign) -> None:
         ) from None
 
 
+def _rig_of(campaign: Campaign, values: Mapping[str, float]) -> Rig:
+    """The rig with its explored parameters set."""
+    return campaign.the_rig.with_parameters({name: v for name, v in values.items() if name != DEPTH})
+
+
 def _simulated(
     campaign: Campaign, plan: RunPlan, defects: LobeDefects, row: dict[str, Any]
 ) -> NDArray[np.float32]:
-    """Torque of the run; what is known of the assembly goes into the row as soon as it is known."""
+    """Simulate the torque of the run; enter the true values of its assembly into the row first."""
     seed = campaign.seed_of(plan.run)
-    rig = with_values(campaign.the_rig, {k: v for k, v in plan.values.items() if k != DEPTH})
-    simulator = CompositeSimulator(rig)
-    gearbox, effects = simulator.assemble(seed)
-    row |= _assembly(gearbox, campaign.sampling_rate)
-    # Effects come back in the order of the chain.
-    names = {id(effect): label for label, effect in effect_labels(rig).items()}
-    for given, drawn in zip(in_chain_order(rig.effects), effects, strict=True):
-        row |= {
-            f"effects.{names[id(given)]}.{name}": float(getattr(drawn, name)) for name in drawn.parameters
-        }
-    run = simulator.simulate(
+    rig = _rig_of(campaign, plan.values)
+    machine = rig.draw(seed)
+    gearbox = machine.gearbox
+    settling = settling_time(gearbox)
+    if math.isfinite(settling):
+        settling = math.ceil(settling * campaign.sampling_rate) / campaign.sampling_rate
+    row |= {"settling_s": settling, **machine.true_values()}
+    for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
+        row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
+    run = rig.simulate(
         defects, duration=campaign.n_samples / campaign.sampling_rate,
-        sampling_rate=campaign.sampling_rate, seed=seed, torque_in=False, motion=False,
+        sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
     )  # fmt: skip
     # As an angle of the input, within one turn of the output.
     row["start_angle_rad"] = float(run.input_angle[0] % (2 * np.pi * gearbox.n_lobes))
     return run.torque_out.astype(np.float32)
 
 
-def _assembly(gearbox: CycloidalGearbox, sampling_rate: float) -> dict[str, float]:
-    settling = settling_time(gearbox)
-    return {
-        "settling_s": math.ceil(settling * sampling_rate) / sampling_rate
-        if math.isfinite(settling)
-        else settling,
-        # rad/s and back leaves a residue in the last digits
-        "true_speed_rpm": round(float(gearbox.input_speed) * 60 / (2 * math.pi), 6),
-        "true_load_nm": float(gearbox.load_torque),
-        "brake_inertia_kg_m2": float(gearbox.brake_inertia),
-        "meter_stiffness_nm_per_rad": float(gearbox.meter_stiffness),
-        "meter_damping_nms_per_rad": float(gearbox.meter_damping),
-        "stiffness_scale": float(gearbox.stiffness_scale),
-        "contact_damping": float(gearbox.contact_damping),
-        "clearance_m": float(gearbox.clearance),
-    }
-
-
 def _defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:
-    """Worn lobes of the run, randomly placed as in the toolkit's other surrogate recordings."""
-    random = np.random.default_rng(child(campaign.seed_of(plan.run), _DEFECTS))
+    """Draw the worn lobes of the run."""
     depth = plan.values.get(DEPTH, campaign.depth)
     assert isinstance(depth, float)
     return LobeDefects.drawn(
         plan.defect_count,
         campaign.the_rig.gearbox.n_lobes,
-        random,
+        stream(campaign.seed_of(plan.run), DEFECTS),
         consecutive=campaign.lobes == "consecutive",
         wheels=None if isinstance(campaign.wheels, str) else campaign.wheels,
         depth=depth,

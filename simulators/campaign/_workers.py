@@ -1,4 +1,4 @@
-"""Runs on the cores of one machine, or on a Dask cluster; the results in order."""
+"""Runs of a campaign on the cores of one machine or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -10,42 +10,27 @@ from typing import Any
 
 import joblib
 
-from cyclofeat.simulators._parallel import stopped_quietly
+from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.simulators.campaign._design import Campaign, RunPlan
 from cyclofeat.simulators.campaign._run import RunResult, WrongVersion, made_with, simulate_run
 
 # Runs under way or waiting at the workers, per thread of theirs: enough that none waits for another.
 _AHEAD = 4
-_CONNECT_S = 10.0
+CONNECT_S = 10.0
 # How long a cluster may be without any worker before it counts as lost.
-_NO_WORKER_S = 60.0
-_LOOK_S = 5.0
+NO_WORKER_S = 60.0
+LOOK_S = 5.0
 _KEPT = "all finished shards are kept: run the same campaign again to go on"
 
 
 class WorkerLost(ConnectionError):
-    """Workers, or the scheduler, died or cannot be reached; what was finished is on disk."""
+    """Error of workers or a scheduler that died or cannot be reached; finished shards are on disk."""
 
 
 def results(
     campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: Any = None
 ) -> Generator[RunResult, None, None]:
-    """Results of runs in the order of their plans; only a few more are under way than are taken.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plans : iterable of RunPlan
-    n_jobs : int
-        Number of processes; -1 for all processors.
-    scheduler : str or distributed.Client, optional
-        Dask scheduler whose workers are used instead.
-
-    Raises
-    ------
-    WorkerLost
-        If workers or the scheduler are lost.
-    """
+    """Yield results of runs in the order of their plans; only a few more are simulated than are taken."""
     if scheduler is None:
         return _on_this_machine(campaign, plans, n_jobs)
     return _on_cluster(campaign, plans, scheduler)
@@ -83,7 +68,7 @@ def _on_cluster(
     if not isinstance(scheduler, str):
         raise TypeError(f"scheduler must be an address like 'tcp://host:8786' or a Client, got {scheduler!r}")
     try:
-        client: Any = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+        client: Any = Client(scheduler, timeout=CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise WorkerLost(
             f"no Dask scheduler answers at {scheduler!r} ({' '.join(str(error).split())}): give the address "
@@ -106,7 +91,7 @@ def _from_client(
         ahead = _AHEAD * _n_threads(client)
         while True:
             while len(waiting) < ahead and (plan := next(queue, None)) is not None:
-                # Not pure: else a result of an earlier campaign could be taken for this one's.
+                # Not pure: a result of an earlier campaign must not be taken for this one's.
                 waiting.append(client.submit(simulate_run, campaign, plan, expected, pure=False))
             if not waiting:
                 return
@@ -124,21 +109,20 @@ def _from_client(
 
 
 def _result(client: Any, future: Any) -> RunResult:
-    """Result of one run; a run whose worker died is repeated by the scheduler on another."""
+    """Wait for the result of one run; the scheduler repeats a run whose worker died on another."""
     while True:
         try:
-            found: RunResult = future.result(timeout=_LOOK_S)
-            return found
+            result: RunResult = future.result(timeout=LOOK_S)
+            return result
         except TimeoutError:
             _n_threads(client)
 
 
-def _n_threads(client: Any, patience_s: float | None = None) -> int:
-    """Threads of all workers; waits some time for the first of them."""
-    patience_s = _NO_WORKER_S if patience_s is None else patience_s
+def _n_threads(client: Any) -> int:
+    """Count the threads of all workers; wait some time for the first of them."""
     if not client.nthreads():
         try:
-            client.wait_for_workers(1, timeout=patience_s)
+            client.wait_for_workers(1, timeout=NO_WORKER_S)
         except TimeoutError:
-            raise WorkerLost(f"the cluster has had no worker for {patience_s:g} s; {_KEPT}") from None
+            raise WorkerLost(f"the cluster has had no worker for {NO_WORKER_S:g} s; {_KEPT}") from None
     return sum(client.nthreads().values()) or 1

@@ -1,8 +1,9 @@
-"""What a real rig does and the plain simulation does not: physical and measurement effects.
+"""Physical and measurement effects of real rigs.
 
 =============================  =======================================================================
-effect                         what it is
+effect                         deviation
 =============================  =======================================================================
+``GearboxParameter``           one field of the nominal gearbox (*)
 ``PinErrors``                  position errors of the pins
 ``LobePitchErrors``            pitch errors of the lobes
 ``RunOut``, ``CamRunOut``      run-out of the wheels, and of the cams (1x)
@@ -11,7 +12,8 @@ effect                         what it is
 ``ContactDampingScale``        damping of all contacts by a factor
 ``ContactDampingForm``         contact damping weighted with the elastic force
 ``LoadDrift``                  slow fluctuation of the brake's torque
-``ProportionalDrift``          the same in proportion to the torque (a variant: not in `effect_library`)
+``ProportionalDrift``          the same in proportion to the torque (*)
+``LoadScale``, ``SpeedScale``  set-points of load and speed by a factor (*)
 ``SpeedWander``                fluctuation of the input speed
 ``SleeveFriction``             friction of the sleeves on wheels and axles
 ``BearingFriction``            friction of the output shaft's bearings
@@ -24,21 +26,22 @@ effect                         what it is
 ``Quantisation``               steps and range of the converter
 =============================  =======================================================================
 
+(*) Rigs and files can name it; :func:`effect_library` does not propose it.
+
 The chain has one order, whatever the order in which effects are given: :class:`Place`. Priors and default
-values are *assumptions*. :class:`cyclofeat.simulators.CompositeSimulator` applies effects to gearbox or rig.
+values are *assumptions*. :class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
+:func:`register_effect` and :func:`load_effects` add effects of users.
 """
 
-from cyclofeat.simulators.effects._base import (
-    Effect,
-    EffectParameter,
-    LogUniform,
-    Normal,
-    Place,
-    TorqueContext,
-    Uniform,
-)
+from cyclofeat.simulators.effects._base import Effect, Place, TorqueContext
 from cyclofeat.simulators.effects._converter import ClockError, Quantisation
-from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander
+from cyclofeat.simulators.effects._drive import (
+    LoadDrift,
+    LoadScale,
+    ProportionalDrift,
+    SpeedScale,
+    SpeedWander,
+)
 from cyclofeat.simulators.effects._gearbox import (
     BearingFriction,
     BrakeRotor,
@@ -47,13 +50,16 @@ from cyclofeat.simulators.effects._gearbox import (
     ContactDampingForm,
     ContactDampingScale,
     ContactStiffnessScale,
+    GearboxParameter,
     LobePitchErrors,
     PinErrors,
     RunOut,
     SleeveFriction,
 )
-from cyclofeat.simulators.effects._library import effect_library
+from cyclofeat.simulators.effects._library import effect_library, register_effect, unregister_effect
+from cyclofeat.simulators.effects._loading import load_effects
 from cyclofeat.simulators.effects._meter import Gain, Hum, Noise, Offset, SensorDrift, TorqueMeterLowPass
+from cyclofeat.simulators.effects._numbers import EffectParameter
 
 __all__ = [
     "BearingFriction",
@@ -67,12 +73,12 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "Gain",
+    "GearboxParameter",
     "Hum",
     "LoadDrift",
+    "LoadScale",
     "LobePitchErrors",
-    "LogUniform",
     "Noise",
-    "Normal",
     "Offset",
     "PinErrors",
     "Place",
@@ -81,9 +87,12 @@ __all__ = [
     "RunOut",
     "SensorDrift",
     "SleeveFriction",
+    "SpeedScale",
     "SpeedWander",
     "TorqueContext",
     "TorqueMeterLowPass",
-    "Uniform",
     "effect_library",
+    "load_effects",
+    "register_effect",
+    "unregister_effect",
 ]

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy.stats import loguniform, norm
 
-from cyclofeat.simulators.effects._base import (
-    Effect,
-    EffectParameter,
-    Float,
-    LogUniform,
-    Normal,
-    Place,
-    TorqueContext,
-    check_whole,
-)
+from cyclofeat._base.checks import whole
+from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
+from cyclofeat.simulators.effects._numbers import EffectParameter
 
 # Samples on either side of an instant that its value is taken from, and the window's shape (Kaiser): the
 # error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
@@ -50,12 +44,9 @@ class ClockError(Effect):
     of shaft and lobes, but not hum.
     """
 
-    effect_id: ClassVar[str] = "clock_error"
-    place: ClassVar[Place] = Place.ADC_CLOCK
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "relative": EffectParameter("1", -0.05, 0.05, 0.0, Normal(0.0, 1e-3)),
-    }
-    separated_by: ClassVar[str] = "a tachometer on its own clock"
+    place = Place.ADC_CLOCK
+    parameters: ClassVar = {"relative": EffectParameter("1", -0.05, 0.05, 0.0, norm(0.0, 1e-3))}
+    separated_by = "a tachometer on its own clock"
 
     def __init__(self, relative: Any = 2e-4) -> None:
         self.relative = relative
@@ -72,16 +63,12 @@ class ClockError(Effect):
         return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         if self.relative == 0:
             return torque
         instants = self._instants(torque.size)
-        # Beyond the ends there are no samples: what is left of the weights still adds up to one.
+        # Weights of samples beyond the ends are left out, and the others scaled to a sum of one.
         padded = np.pad(torque, _HALF_WIDTH)
         inside = np.pad(np.ones(torque.size), _HALF_WIDTH)
         near_end = (instants < _HALF_WIDTH) | (instants > torque.size - 1 - _HALF_WIDTH)
@@ -130,8 +117,9 @@ def _neighbours(padded: Float, nearest: NDArray[np.int_]) -> Float:
 class Quantisation(Effect):
     """Codes of the converter: torque in whole steps (LSB), clipped at the ends of its range.
 
-    T becomes q c with the code c = T/q rounded to the nearest whole number (half to even), limited to
-    -N <= c <= N - 1 with N = floor(full scale / q).
+    T becomes q c with the code c = T/q rounded to the nearest whole number (half to even), limited to -N <= c
+    <= N - 1 with N = floor(full scale / q). Separating measurement: the comb of the histogram, which noise
+    does not have.
 
     Parameters
     ----------
@@ -141,23 +129,18 @@ class Quantisation(Effect):
         Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
         clips. Set by hand: neither fitted nor drawn from a prior.
 
-    Notes
-    -----
-    Separating measurement: the comb of the histogram, which noise does not have.
-
     Examples
     --------
     >>> Quantisation.from_bits(12, full_scale_nm=51.2).lsb_nm
     0.025
     """
 
-    effect_id: ClassVar[str] = "quantisation"
-    place: ClassVar[Place] = Place.ADC_CODES
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(2e-3, 1.0), log=True),
-        "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True, fitted=False),
+    place = Place.ADC_CODES
+    parameters: ClassVar = {
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(2e-3, 1.0), log=True),
+        "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True),
     }
-    separated_by: ClassVar[str] = "the comb of the histogram"
+    separated_by = "the comb of the histogram"
 
     def __init__(self, lsb_nm: Any = 0.05, full_scale_nm: Any = math.inf) -> None:
         self.lsb_nm = lsb_nm
@@ -166,14 +149,14 @@ class Quantisation(Effect):
     @classmethod
     def from_bits(cls, bits: int, full_scale_nm: float) -> Quantisation:
         """The converter of ``bits`` bits over the range from -full_scale_nm to full_scale_nm (Nm)."""
-        check_whole("bits", bits, 1, 32)
+        bits = whole("bits", bits, 1, 32)
         checked = cls(0.0, full_scale_nm).check()
-        if checked.has_ranges or math.isinf(full_scale_nm):
+        if checked.has_spread or math.isinf(full_scale_nm):
             raise ValueError(f"full_scale_nm must be one finite number of Nm, got {full_scale_nm!r}")
-        return cls(full_scale_nm / 2 ** (int(bits) - 1), full_scale_nm)
+        return cls(full_scale_nm / 2 ** (bits - 1), full_scale_nm)
 
     def check_settings(self) -> None:
-        if self.has_ranges or self.lsb_nm <= self.full_scale_nm:
+        if self.has_spread or self.lsb_nm <= self.full_scale_nm:
             return
         raise ValueError(
             f"full_scale_nm of {self.effect_id} must be at least lsb_nm = {self.lsb_nm:g} Nm, "
@@ -181,11 +164,7 @@ class Quantisation(Effect):
         )
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         step, full = float(self.lsb_nm), float(self.full_scale_nm)
         if step == 0:

@@ -1,39 +1,22 @@
-"""Effects on load and speed: what drives and brakes the gearbox is not constant."""
+"""Effects on load and speed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.random import Generator
+from scipy.stats import loguniform, norm
 
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.effects import _noise
-from cyclofeat.simulators.effects._base import (
-    Effect,
-    EffectParameter,
-    Float,
-    Fluctuation,
-    LogUniform,
-    Place,
-    check_phase,
-    check_whole,
-)
+from cyclofeat.simulators.effects._base import Effect, Float, Fluctuation, Place, check_phase
+from cyclofeat.simulators.effects._noise import Drift, check_order
+from cyclofeat.simulators.effects._numbers import EffectParameter
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 
-def _low_passed(
-    rms: float, cutoff_hz: float, order: int, duration: float, random: np.random.Generator, oversampling: int
-) -> Fluctuation | None:
-    """Low-passed white noise as a function of time; None where it is nothing."""
-    (stream,) = _noise.streams(random, 1)
-    if rms == 0:
-        return None
-    end = duration + _noise.MARGIN
-    return _noise.sum_of([_noise.low_passed_noise(stream, rms, cutoff_hz, order, end, oversampling)], end)
-
-
-class LoadDrift(Effect):
+class LoadDrift(Drift):
     """Slow fluctuation of the brake's torque, to which the whole drive answers.
 
     White noise through a Butterworth low-pass, stationary from the start: a one-sided density
@@ -54,28 +37,16 @@ class LoadDrift(Effect):
     mesh frequency, which a load modulates and a zero drift does not; or a record with the brake off.
     """
 
-    effect_id: ClassVar[str] = "load_drift"
-    place: ClassVar[Place] = Place.LOAD_AND_SPEED
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.1, 6.0), log=True),
-        "cutoff_hz": EffectParameter(
-            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 20.0), log=True
-        ),
-    }
-    separated_by: ClassVar[str] = "the envelope of the mesh frequency"
-
-    def __init__(self, rms_nm: Any = 3.0, cutoff_hz: Any = 1.5, order: int = 2) -> None:
-        self.rms_nm = rms_nm
-        self.cutoff_hz = cutoff_hz
-        self.order = order
-
-    def check_settings(self) -> None:
-        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
-
     def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        return _low_passed(self.rms_nm, self.cutoff_hz, self.order, duration, random, _noise.FINE)
+        if self.rms_nm == 0:
+            return None
+        end = duration + _noise.MARGIN
+        knots = _noise.low_passed_noise(
+            _noise.seed_from(random), self.rms_nm, self.cutoff_hz, self.order, end
+        )
+        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), *knots))
 
 
 class ProportionalDrift(Effect):
@@ -98,25 +69,23 @@ class ProportionalDrift(Effect):
 
     Notes
     -----
-    Another law of what :class:`cyclofeat.simulators.LoadDrift` is: files can name it, but a search for
-    missing effects does not propose it beside that one. Separating measurement: another set-point of the
+    Rigs and files can name it; a search for missing effects proposes only
+    :class:`cyclofeat.simulators.LoadDrift`. Separating measurement: another set-point of the
     brake, with which this drift grows and an additive one does not; or the skewness of a long record.
 
     Examples
     --------
-    >>> from cyclofeat.simulators import CompositeSimulator
-    >>> run = CompositeSimulator(effects=[ProportionalDrift(0.2)]).simulate(duration=0.2, seed=1)
+    >>> from cyclofeat.simulators import Rig
+    >>> run = Rig(effects=[ProportionalDrift(0.2)]).simulate(duration=0.2, random_state=1)
     >>> bool(run.torque_out.max() - 22 > 22 - run.torque_out.min())
     True
     """
 
-    effect_id: ClassVar[str] = "proportional_drift"
-    place: ClassVar[Place] = Place.LOAD_AND_SPEED
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "relative": EffectParameter("1", 0.0, 1.0, 0.0, LogUniform(0.005, 0.3), log=True),
-        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, LogUniform(0.2, 400.0), log=True),
+    parameters: ClassVar = {
+        "relative": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.3), log=True),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 400.0), log=True),
     }
-    separated_by: ClassVar[str] = "another set-point of the brake"
+    separated_by = "another set-point of the brake"
 
     def __init__(self, relative: Any = 0.15, cutoff_hz: Any = 50.0, order: int = 2) -> None:
         self.relative = relative
@@ -124,24 +93,84 @@ class ProportionalDrift(Effect):
         self.order = order
 
     def check_settings(self) -> None:
-        LoadDrift(order=self.order).check_settings()
+        check_order(self, self.order)
 
     def load_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        # The same process as the additive drift's; its unit is then no newton metre but the logarithm's. With
-        # cutoffs of tens of hertz the lines lie where the coarser steps hold it.
-        logarithm = _low_passed(
-            self.relative, self.cutoff_hz, self.order, duration, random, _noise.OVERSAMPLING
-        )
-        if logarithm is None:
+        if self.relative == 0:
             return None
+        end = duration + _noise.MARGIN
+        # The lines of cutoffs of tens of hertz lie where the coarser steps hold the density.
+        times, logarithm = _noise.low_passed_noise(
+            _noise.seed_from(random), self.relative, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
+        )
         load, shift = gearbox.load_torque, 0.5 * float(self.relative) ** 2
 
         def fluctuation(time: Float) -> Float:
-            return np.asarray(load * np.expm1(logarithm(time) - shift))
+            return np.asarray(
+                load * np.expm1(on_lines(_noise.checked_time(time, end), times, logarithm) - shift)
+            )
 
         return fluctuation
+
+
+class LoadScale(Effect):
+    """Load of the brake by a factor: its set-point is off, or differs between assemblies.
+
+    The mean load T becomes ``factor`` T.
+
+    Parameters
+    ----------
+    factor : float or (low, high), default 1.02
+        A pure number; 1 is neutral.
+
+    Notes
+    -----
+    Rigs and files can name it; a search for missing effects in recordings does not propose it, as the gain of
+    the torque meter looks the same. Separating measurement: a dead-weight calibration, and the brake's own
+    reading.
+    """
+
+    place = Place.LOAD_AND_SPEED
+    parameters: ClassVar = {
+        # 0.5 Nm on the papers' 22 Nm.
+        "factor": EffectParameter("1", 0.0, 1e3, 1.0, norm(1.0, 0.5 / 22)),
+    }
+    separated_by = "a dead-weight calibration, and the brake's own reading"
+
+    def __init__(self, factor: Any = 1.02) -> None:
+        self.factor = factor
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
+        return gearbox.replace(load_torque=gearbox.load_torque * self.factor)
+
+
+class SpeedScale(Effect):
+    """Speed of the input by a factor: its set-point is off, or differs between assemblies.
+
+    The mean speed w_0 becomes ``factor`` w_0.
+
+    Parameters
+    ----------
+    factor : float or (low, high), default 1.01
+        A pure number; 1 is neutral.
+
+    Notes
+    -----
+    Rigs and files can name it; a search for missing effects does not propose it, as recordings are compared
+    at their own speed. Separating measurement: a tachometer.
+    """
+
+    place = Place.LOAD_AND_SPEED
+    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01))}
+    separated_by = "a tachometer"
+
+    def __init__(self, factor: Any = 1.01) -> None:
+        self.factor = factor
+
+    def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
+        return gearbox.replace(input_speed=gearbox.input_speed * self.factor)
 
 
 class SpeedWander(Effect):
@@ -149,7 +178,9 @@ class SpeedWander(Effect):
 
     w(t) = w_0 (1 + u(t) + ``ripple`` sin(``ripple_order`` phi(t) + ``phase``)), u as the drift of
     :class:`LoadDrift` with rms ``rms``; phi is the angle that the mean speed and the wander turn the input
-    shaft from the start (the ripple's own share, below ripple/ripple_order rad, is left out).
+    shaft from the start (without the share of the ripple, below ripple/ripple_order rad). Separating
+    measurement: a tachometer on its own clock; the clock of the converter moves all frequencies by one
+    constant factor.
 
     Parameters
     ----------
@@ -165,24 +196,15 @@ class SpeedWander(Effect):
         Waves of the ripple per input turn.
     phase : float, optional
         In rad, at the start. Default: random.
-
-    Notes
-    -----
-    Separating measurement: a tachometer on its own clock; the clock of the converter moves all
-    frequencies by one constant factor.
     """
 
-    effect_id: ClassVar[str] = "speed_wander"
-    place: ClassVar[Place] = Place.LOAD_AND_SPEED
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "rms": EffectParameter("1", 0.0, 0.2, 0.0, LogUniform(5e-4, 0.02), log=True),
-        "cutoff_hz": EffectParameter(
-            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 10.0), log=True
-        ),
-        "ripple": EffectParameter("1", 0.0, 0.5, 0.0, fitted=False),
-        "ripple_order": EffectParameter("1", 1e-3, 1e3, None, fitted=False),
+    parameters: ClassVar = {
+        "rms": EffectParameter("1", 0.0, 0.2, 0.0, loguniform(5e-4, 0.02), log=True),
+        "cutoff_hz": EffectParameter("Hz", 1e-3, 1e3, None, loguniform(0.2, 10.0), log=True),
+        "ripple": EffectParameter("1", 0.0, 0.5, 0.0),
+        "ripple_order": EffectParameter("1", 1e-3, 1e3, None),
     }
-    separated_by: ClassVar[str] = "a tachometer on its own clock"
+    separated_by = "a tachometer on its own clock"
 
     def __init__(
         self,
@@ -201,13 +223,13 @@ class SpeedWander(Effect):
         self.phase = phase
 
     def check_settings(self) -> None:
-        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+        check_order(self, self.order)
         check_phase(f"phase of {self.effect_id}", self.phase)
 
     def speed_fluctuation(
-        self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
-        (stream,) = _noise.streams(random, 1)
+        seed = _noise.seed_from(random)
         phase = 2 * np.pi * random.random()  # drawn in any case: a given one changes nothing else
         if self.phase is not None:
             phase = float(self.phase)
@@ -216,7 +238,9 @@ class SpeedWander(Effect):
         end = duration + _noise.MARGIN
         times, wander = np.array([0.0, 2 * end]), np.zeros(2)
         if self.rms > 0:
-            times, wander = _noise.low_passed_noise(stream, self.rms, self.cutoff_hz, self.order, end)
+            times, wander = _noise.low_passed_noise(
+                seed, self.rms, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
+            )
         speed, ramp = gearbox.input_speed, gearbox.ramp_time
         # Fluctuations rise over the ramp like the speed itself, and so does the angle that they turn.
         reached = wander * np.clip(times / ramp, 0, 1) if ramp else wander

@@ -1,58 +1,52 @@
-"""The effects by name: what files, error messages and rankers choose from."""
+"""The effects by name, those of users included."""
 
 from __future__ import annotations
 
-import difflib
 import inspect
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from types import MappingProxyType
-from typing import Any
+from types import MappingProxyType, ModuleType
+from typing import Any, TypeVar
 
 import numpy as np
-from sklearn.base import clone
 
-from cyclofeat.simulators._checks import short
-from cyclofeat.simulators.effects._base import Effect
-from cyclofeat.simulators.effects._converter import ClockError, Quantisation
-from cyclofeat.simulators.effects._drive import LoadDrift, ProportionalDrift, SpeedWander
-from cyclofeat.simulators.effects._gearbox import (
-    BearingFriction,
-    BrakeRotor,
-    CamRunOut,
-    Clearance,
-    ContactDampingForm,
-    ContactDampingScale,
-    ContactStiffnessScale,
-    LobePitchErrors,
-    PinErrors,
-    RunOut,
-    SleeveFriction,
-)
-from cyclofeat.simulators.effects._meter import Gain, Hum, Noise, Offset, SensorDrift, TorqueMeterLowPass
+from cyclofeat._base.checks import short
+from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter
+from cyclofeat.simulators.effects._base import Effect, Place
+from cyclofeat.simulators.effects._numbers import EffectParameter, from_plain, meant
 
-_CLASSES: tuple[type[Effect], ...] = (
-    PinErrors, LobePitchErrors, RunOut, CamRunOut, Clearance,
-    ContactStiffnessScale, ContactDampingScale, ContactDampingForm,
-    LoadDrift, SpeedWander,
-    SleeveFriction, BearingFriction,
-    BrakeRotor, TorqueMeterLowPass,
-    SensorDrift, Gain, Offset, Noise, Hum,
-    ClockError, Quantisation,
-)  # fmt: skip
-_LIBRARY: Mapping[str, type[Effect]] = MappingProxyType({kind.effect_id: kind for kind in _CLASSES})
-# Other laws of effects that are there: files can name them, but nothing is proposed twice.
-_VARIANTS: tuple[type[Effect], ...] = (ProportionalDrift,)
-_BY_NAME: Mapping[str, type[Effect]] = {**_LIBRARY, **{kind.effect_id: kind for kind in _VARIANTS}}
+Kind = TypeVar("Kind", bound=type[Effect])
 
-# The hooks' own streams of random numbers below that of their effect.
+
+def effects_in(module: ModuleType) -> list[type[Effect]]:
+    """Return the public effects that a module defines."""
+    return [
+        kind
+        for name, kind in vars(module).items()
+        if inspect.isclass(kind)
+        and issubclass(kind, Effect)
+        and kind.__module__ == module.__name__
+        and not name.startswith("_")
+    ]
+
+
+_KNOWN: dict[str, type[Effect]] = {
+    kind.effect_id: kind for module in (_gearbox, _drive, _meter, _converter) for kind in effects_in(module)
+}
+_BUILT_IN = frozenset(_KNOWN)
+# Each is another law of an effect that a search proposes, or looks like one in recordings.
+_NOT_PROPOSED = {"gearbox_parameter", "proportional_drift", "load_scale", "speed_scale"}
+_HOOKS = ("change_gearbox", "load_fluctuation", "speed_fluctuation", "change_torque", "resample")
+
+# Streams of random numbers of the hooks, below that of their effect.
 RANGES, GEARBOX, LOAD, SPEED, TORQUE = range(5)
 
 
 def effect_library() -> Mapping[str, type[Effect]]:
-    """All effects of the toolkit by name, in the order of the chain.
+    """Return the effects that a search for missing effects proposes, by name, in the order of the chain.
 
-    ``effect_library()[name].summary()`` says in one line what each of them is.
+    Registered effects with a fitted parameter are part of it (:func:`register_effect`).
 
     Returns
     -------
@@ -66,11 +60,140 @@ def effect_library() -> Mapping[str, type[Effect]]:
     pin_errors: Position errors of the pins: every external sleeve sits a little off its place.
     lobe_pitch_errors: Pitch errors of the lobes: each sits a little off its place along the pitch circle.
     """
-    return _LIBRARY
+    proposed = [
+        kind
+        for name, kind in _KNOWN.items()
+        if name not in _NOT_PROPOSED and any(parameter.fitted for parameter in kind.parameters.values())
+    ]
+    return MappingProxyType({kind.effect_id: kind for kind in sorted(proposed, key=lambda one: one.place)})
+
+
+def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
+    """Make an effect known to files, commands, campaigns and the gap's library.
+
+    Use it as a decorator, or call it with the class. A class that is defined again in the same place (a
+    notebook's cell run again) replaces the earlier one.
+
+    Parameters
+    ----------
+    kind : Effect subclass
+        Has a default for every argument of its constructor.
+    replace : bool, default False
+        Replace another registered effect of that name; effects of the toolkit are never replaced.
+
+    Returns
+    -------
+    Effect subclass
+        The same class.
+
+    Raises
+    ------
+    TypeError
+        If ``kind`` is no subclass of :class:`Effect`, or its constructor needs arguments.
+    ValueError
+        If its name, place, hooks, parameters or constructor are not those of an effect, or the name is taken.
+
+    See Also
+    --------
+    load_effects : Registers the effects of a Python file.
+
+    Examples
+    --------
+    >>> from scipy.stats import loguniform
+    >>> @register_effect
+    ... class Cube(Effect):
+    ...     "Cubic error of the torque meter."
+    ...
+    ...     parameters = {"share": EffectParameter("1", 0.0, 1.0, neutral=0.0, prior=loguniform(1e-4, 0.1))}
+    ...
+    ...     def change_torque(self, torque, sampling_rate, random, context=None):
+    ...         return torque + self.share * torque**3 / 22**2
+    >>> effect_library()["cube"]()
+    Cube()
+    >>> unregister_effect("cube")
+    """
+    if not (inspect.isclass(kind) and issubclass(kind, Effect)) or kind is Effect:
+        raise TypeError(f"register_effect needs a subclass of Effect, got {short(kind)}")
+    _check_kind(kind)
+    name = kind.effect_id
+    taken = _KNOWN.get(name)
+    if taken is not None and taken is not kind:
+        same_place = (taken.__module__, taken.__qualname__) == (kind.__module__, kind.__qualname__)
+        if name in _BUILT_IN or not (same_place or replace):
+            raise ValueError(
+                f"effect_id of {kind.__name__} must be a name of its own, got {name!r}, which is that of "
+                f"{taken.__module__}.{taken.__qualname__}"
+            )
+    _KNOWN[name] = kind
+    return kind
+
+
+def is_known(kind: type[Effect]) -> bool:
+    """Return True if the class is the known effect of its name."""
+    return _KNOWN.get(kind.effect_id) is kind
+
+
+def unregister_effect(effect_id: str) -> None:
+    """Remove a registered effect from those known.
+
+    Parameters
+    ----------
+    effect_id : str
+
+    Raises
+    ------
+    ValueError
+        If no effect of that name was registered; effects of the toolkit stay.
+    """
+    if effect_id in _BUILT_IN or effect_id not in _KNOWN:
+        registered = [name for name in _KNOWN if name not in _BUILT_IN]
+        raise ValueError(f"effect_id must be one of the effects registered, {registered}, got {effect_id!r}")
+    del _KNOWN[effect_id]
+
+
+def _check_kind(kind: type[Effect]) -> None:
+    """Raise TypeError or ValueError unless a class is a usable effect."""
+    name = kind.__name__
+    if not isinstance(kind.effect_id, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", kind.effect_id):
+        raise ValueError(f"effect_id of {name} must be a name in snake_case, got {kind.effect_id!r}")
+    if not any(kind.overrides(hook) for hook in _HOOKS):
+        raise ValueError(f"{name} must override one of {', '.join(_HOOKS)}: else it does nothing")
+    place = getattr(kind, "place", None)
+    if not isinstance(place, Place):
+        raise ValueError(
+            f"place of {name} must be stated, one of {', '.join(f'Place.{one.name}' for one in Place)}, "
+            f"got {place!r}"
+        )
+    if not isinstance(kind.parameters, Mapping):
+        raise ValueError(f"parameters of {name} must be a mapping from names to EffectParameter")
+    arguments = inspect.signature(kind).parameters
+    for key, parameter in kind.parameters.items():
+        if not isinstance(parameter, EffectParameter):
+            raise ValueError(
+                f"parameters of {name} must be a mapping from names to EffectParameter, got "
+                f"{short(parameter)} for {key!r}"
+            )
+        if not parameter.low < parameter.high:
+            raise ValueError(
+                f"{key} of {name} must have bounds low < high, got {parameter.low!r} and {parameter.high!r}"
+            )
+        if key not in arguments:
+            raise ValueError(f"{name}.__init__ must take the parameter {key!r}, got {', '.join(arguments)}")
+        if parameter.prior is not None:
+            parameter.check(f"prior of {key} of {name}", parameter.prior)
+    for key, argument in arguments.items():
+        if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
+            raise ValueError(f"{name}.__init__ must name its arguments, got *{key}")
+        if argument.default is argument.empty:
+            raise TypeError(f"{name}.__init__ must have a default for {key!r}: {name}() must be possible")
+    made = kind().check()
+    missing = [key for key in arguments if not hasattr(made, key)]
+    if missing:
+        raise ValueError(f"{name}.__init__ must store {', '.join(missing)} under the same name")
 
 
 def checked_effects(effects: Any) -> tuple[Effect, ...]:
-    """Checked copies of the effects, in the order given: who changes his own later changes nothing here."""
+    """Return checked copies of the effects, in the order given."""
     if isinstance(effects, Effect) or not isinstance(effects, Iterable):
         raise TypeError(f"effects must be a sequence of effects, got {effects!r}")
     given = tuple(effects)
@@ -80,16 +203,11 @@ def checked_effects(effects: Any) -> tuple[Effect, ...]:
                 f"effects must hold effects like Hum(amplitude_nm=0.2), got {effect!r}: "
                 "effect_library() has them all"
             )
-    return tuple(clone(effect).check() for effect in given)
-
-
-def in_chain_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
-    """Sorted by place; those of one place stay in the order given."""
-    return tuple(sorted(effects, key=lambda effect: effect.place))
+    return tuple(effect.with_parameters() for effect in given)
 
 
 def stream_keys(effects: Iterable[Effect]) -> list[tuple[int, ...]]:
-    """Key of each effect's random numbers: its name, and how many of that name went before it.
+    """Return the key of each effect's random numbers: its name, and the number of the same name before it.
 
     Nothing else goes in, so that one more effect leaves the numbers of all others as they are.
     """
@@ -102,64 +220,47 @@ def stream_keys(effects: Iterable[Effect]) -> list[tuple[int, ...]]:
     return keys
 
 
-def child(seed: np.random.SeedSequence, *key: int) -> np.random.SeedSequence:
-    """The seed's child of that key; unlike ``spawn`` it leaves the seed as it is."""
-    return np.random.SeedSequence(
+def stream(seed: np.random.SeedSequence, *key: int) -> np.random.Generator:
+    """Return random numbers of the seed's child of that key; unlike ``spawn``, leave the seed as it is."""
+    child = np.random.SeedSequence(
         entropy=seed.entropy, spawn_key=(*seed.spawn_key, *key), pool_size=seed.pool_size
     )
+    return np.random.default_rng(child)
 
 
 def effects_from_list(content: Any) -> tuple[Effect, ...]:
-    """Effects from a list of objects, as :meth:`Effect.to_dict` writes them.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If something is no effect. The message names its place in the list, key and value.
-    """
+    """Return effects from a list of objects, as :meth:`Effect.to_dict` writes them."""
     if not isinstance(content, list):
         raise TypeError(f'effects must be a list of objects like {{"effect": "hum"}}, got {short(content)}')
-    found = []
+    effects = []
     for index, item in enumerate(content):
-        where = f"effects[{index}]"
         try:
-            found.append(_effect_from(item))
+            effects.append(_effect_from(item))
         except (TypeError, ValueError) as error:
-            raise type(error)(f"{where}: {error}") from None
-    return tuple(found)
+            raise type(error)(f"effects[{index}]: {error}") from None
+    return tuple(effects)
 
 
 def _effect_from(content: Any) -> Effect:
     if not isinstance(content, dict) or not isinstance(content.get("effect"), str):
         raise TypeError(f'must be an object like {{"effect": "hum", ...}}, got {short(content)}')
     name = content["effect"]
-    kind = _BY_NAME.get(name)
+    kind = _KNOWN.get(name)
     if kind is None:
-        near = _nearest(name, _BY_NAME)
-        right = f"did you mean {near!r} ({_one_line(near)})?" if near else f"known are {', '.join(_BY_NAME)}"
-        raise ValueError(f"unknown effect {short(name)}: {right}")
-    known = inspect.signature(kind.__init__).parameters
-    settings = [key for key in known if key != "self"]
+        raise ValueError(f"unknown effect {short(name)}: {meant(name, _KNOWN)}")
+    settings = list(inspect.signature(kind).parameters)
     values = {}
     for key, value in content.items():
         if key == "effect":
             continue
         if key not in settings:
-            near = _nearest(key, settings)
-            right = f"did you mean {near!r}?" if near else f"known are {', '.join(settings)}"
-            raise ValueError(f"unknown key {key!r} of {name} with value {short(value)}: {right}")
+            raise ValueError(
+                f"unknown key {key!r} of {name} with value {short(value)}: {meant(key, settings)}"
+            )
         parameter = kind.parameters.get(key)
-        if value is None and parameter is not None and np.isinf(parameter.high):
-            value = np.inf
-        values[key] = tuple(value) if isinstance(value, list) else value
+        try:
+            value = from_plain(value)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{key} of {name}: {error}") from None
+        values[key] = np.inf if value is None and parameter and np.isinf(parameter.high) else value
     return kind(**values).check()
-
-
-def _nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name nearest to a misspelt one, if there is one."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return near[0] if near else None
-
-
-def _one_line(name: str) -> str:
-    return _BY_NAME[name].summary().partition(":")[0]

@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.random import Generator
 from scipy.fft import next_fast_len
 from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
+from scipy.stats import loguniform, norm
 
+from cyclofeat._base.checks import is_number
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.effects import _noise
-from cyclofeat.simulators.effects._base import (
-    Effect,
-    EffectParameter,
-    Float,
-    LogUniform,
-    Normal,
-    Place,
-    TorqueContext,
-    check_phase,
-    check_whole,
-    is_number,
-)
+from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext, check_phase
+from cyclofeat.simulators.effects._noise import Drift, check_order
+from cyclofeat.simulators.effects._numbers import EffectParameter
 
 # Coloured noise is white below this frequency, in Hz: its rms stays finite and free of the duration.
 LOWEST_COLOURED = 1.0
@@ -33,10 +26,11 @@ class TorqueMeterLowPass(Effect):
     """Low-pass in the torque meter: a Butterworth filter, causal as a real meter is.
 
     |H(f)|^2 = 1 / (1 + (f/f_c)^(2n)), by the bilinear transform, exact at 0 and f_c; near the Nyquist
-    frequency it falls faster than the analogue filter. A record of a running machine is continued before
-    its first sample by its mirror image, so that the mean begins without a transient (of a ripple A at f
-    above f_c, less than A f_c/f is left for some 1/f_c); a machine that starts from rest is taken to have
-    kept its first value before.
+    frequency it falls faster than the analogue filter. A record of a running machine is continued before its
+    first sample by its mirror image, so that the mean begins without a transient (of a ripple A at f above
+    f_c, less than A f_c/f is left for some 1/f_c); a machine that starts from rest had, by assumption, its
+    first value before. Separating measurement: a tap test with the filter switched off, or a step of speed:
+    the filter's edge stays where it is and does not ring.
 
     Parameters
     ----------
@@ -44,34 +38,24 @@ class TorqueMeterLowPass(Effect):
         f_c (-3 dB) in Hz, from 0.1 to below the Nyquist frequency; infinity (``null`` in files) is neutral.
     order : int, default 2
         n, from 1 to 8.
-
-    Notes
-    -----
-    Separating measurement: a tap test with the filter switched off, or a step of speed: the filter's edge
-    stays where it is and does not ring.
     """
 
-    effect_id: ClassVar[str] = "torque_meter_low_pass"
-    place: ClassVar[Place] = Place.SHAFT_AND_METER
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
+    place = Place.SHAFT_AND_METER
+    parameters: ClassVar = {
         # Lower, rounding in the filter's coefficients would show: it grows with (sampling rate / cutoff)^2.
-        "cutoff_hz": EffectParameter("Hz", 0.1, math.inf, math.inf, LogUniform(30.0, 3000.0), log=True),
+        "cutoff_hz": EffectParameter("Hz", 0.1, math.inf, math.inf, loguniform(30.0, 3000.0), log=True),
     }
-    separated_by: ClassVar[str] = "a tap test with the filter switched off, or a step of speed"
+    separated_by = "a tap test with the filter switched off, or a step of speed"
 
     def __init__(self, cutoff_hz: Any = 300.0, order: int = 2) -> None:
         self.cutoff_hz = cutoff_hz
         self.order = order
 
     def check_settings(self) -> None:
-        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
+        check_order(self, self.order)
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         if math.isinf(self.cutoff_hz) or torque.size == 0:
             return torque
@@ -92,12 +76,13 @@ class TorqueMeterLowPass(Effect):
         return np.asarray(sosfilt(sos, torque, zi=state)[0])
 
 
-class SensorDrift(Effect):
+class SensorDrift(Drift):
     """Drift of the torque meter's zero: added to the torque, not to the load.
 
-    The process of :class:`LoadDrift`: white noise through a Butterworth low-pass, stationary from the
-    first sample, with a one-sided density S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)),
-    B = f_c (pi/2n) / sin(pi/2n).
+    The process of :class:`LoadDrift`: white noise through a Butterworth low-pass, stationary from the first
+    sample, with a one-sided density S(f) = ``rms``^2 / B / (1 + (f/f_c)^(2n)), B = f_c (pi/2n) / sin(pi/2n).
+    Separating measurement: the envelope of the mesh frequency, which a drift of the load modulates and this
+    one does not; or a record with the brake off.
 
     Parameters
     ----------
@@ -107,115 +92,63 @@ class SensorDrift(Effect):
         f_c (-3 dB) in Hz, up to 1000.
     order : int, default 2
         n, from 1 to 8.
-
-    Notes
-    -----
-    Separating measurement: the envelope of the mesh frequency, which a drift of the load modulates and
-    this one does not; or a record with the brake off.
     """
 
-    effect_id: ClassVar[str] = "sensor_drift"
-    place: ClassVar[Place] = Place.SENSOR
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.1, 6.0), log=True),
-        "cutoff_hz": EffectParameter(
-            "Hz", 1e-3, _noise.HIGHEST_CUTOFF, None, LogUniform(0.2, 20.0), log=True
-        ),
-    }
-    separated_by: ClassVar[str] = "the envelope of the mesh frequency"
-
-    def __init__(self, rms_nm: Any = 3.0, cutoff_hz: Any = 1.5, order: int = 2) -> None:
-        self.rms_nm = rms_nm
-        self.cutoff_hz = cutoff_hz
-        self.order = order
-
-    def check_settings(self) -> None:
-        check_whole(f"order of {self.effect_id}", self.order, 1, _noise.HIGHEST_ORDER)
-
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        (stream,) = _noise.streams(random, 1)
         if self.rms_nm == 0:
             return torque
-        time = np.arange(torque.size) / sampling_rate
         end = torque.size / sampling_rate
-        drift = _noise.low_passed_noise(stream, self.rms_nm, self.cutoff_hz, self.order, end, _noise.FINE)
-        return np.asarray(torque + on_lines(time, *drift))
+        seed = _noise.seed_from(random)
+        drift = _noise.low_passed_noise(seed, self.rms_nm, self.cutoff_hz, self.order, end)
+        return np.asarray(torque + on_lines(np.arange(torque.size) / sampling_rate, *drift))
 
 
 class Gain(Effect):
     """Gain of the torque meter: its calibration is off by a factor.
 
-    T becomes ``factor`` T.
+    T becomes ``factor`` T. Separating measurement: calibration with dead weights; at one speed and direction
+    it looks like an offset or another brake set-point.
 
     Parameters
     ----------
     factor : float or (low, high), default 1.02
         A pure number; 1 is neutral.
-
-    Notes
-    -----
-    Separating measurement: calibration with dead weights; at one speed and direction it looks like an
-    offset or another brake set-point.
     """
 
-    effect_id: ClassVar[str] = "gain"
-    place: ClassVar[Place] = Place.SENSOR
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, LogUniform(0.9, 1.1), log=True),
-    }
-    separated_by: ClassVar[str] = "calibration with dead weights"
+    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.9, 1.1), log=True)}
+    separated_by = "calibration with dead weights"
 
     def __init__(self, factor: Any = 1.02) -> None:
         self.factor = factor
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
-        return torque if self.factor == 1 else np.asarray(self.factor * torque)
+        return np.asarray(self.factor * torque)
 
 
 class Offset(Effect):
     """Offset of the torque meter: its zero is off by a constant.
 
-    T becomes T + ``offset``.
+    T becomes T + ``offset``. Separating measurement: the meter's reading without load, and both directions of
+    rotation; at one speed and direction it looks like friction, a gain or another brake set-point.
 
     Parameters
     ----------
     offset_nm : float or (low, high), default 0.5
         In Nm; 0 is neutral.
-
-    Notes
-    -----
-    Separating measurement: the meter's reading without load, and both directions of rotation; at one
-    speed and direction it looks like friction, a gain or another brake set-point.
     """
 
-    effect_id: ClassVar[str] = "offset"
-    place: ClassVar[Place] = Place.SENSOR
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, Normal(0.0, 0.5)),
-    }
-    separated_by: ClassVar[str] = "the meter's reading without load, and both directions of rotation"
+    parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5))}
+    separated_by = "the meter's reading without load, and both directions of rotation"
 
     def __init__(self, offset_nm: Any = 0.5) -> None:
         self.offset_nm = offset_nm
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         return torque if self.offset_nm == 0 else np.asarray(torque + self.offset_nm)
 
@@ -239,31 +172,24 @@ class Noise(Effect):
     with the machine at rest.
     """
 
-    effect_id: ClassVar[str] = "noise"
-    place: ClassVar[Place] = Place.SENSOR
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.01, 2.0), log=True),
-        "exponent": EffectParameter("1", 0.0, 3.0, None, fitted=False),
+    parameters: ClassVar = {
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True),
+        "exponent": EffectParameter("1", 0.0, 3.0, None),
     }
-    separated_by: ClassVar[str] = "a record with the machine at rest"
+    separated_by = "a record with the machine at rest"
 
     def __init__(self, rms_nm: Any = 0.2, exponent: Any = 0.0) -> None:
         self.rms_nm = rms_nm
         self.exponent = exponent
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         if self.rms_nm == 0:
             return torque
         if self.exponent == 0:
             return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
-        # The response of the filter at multiples of a quarter of the lowest frequency: long enough for the
-        # corner there.
+        # Lines at multiples of a quarter of the lowest frequency resolve the corner of the density.
         length = next_fast_len(math.ceil(4 * sampling_rate / LOWEST_COLOURED), real=True)
         lines = np.fft.rfftfreq(length, 1 / sampling_rate)
         density = np.maximum(lines, LOWEST_COLOURED) ** -float(self.exponent)
@@ -295,13 +221,11 @@ class Hum(Effect):
     or at another speed, where hum stays at its frequency.
     """
 
-    effect_id: ClassVar[str] = "hum"
-    place: ClassVar[Place] = Place.SENSOR
-    parameters: ClassVar[Mapping[str, EffectParameter]] = {
-        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, LogUniform(0.01, 2.0), log=True),
-        "frequency_hz": EffectParameter("Hz", 1.0, 1e3, None, fitted=False),
+    parameters: ClassVar = {
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True),
+        "frequency_hz": EffectParameter("Hz", 1.0, 1e3, None),
     }
-    separated_by: ClassVar[str] = "a record with the motor off, or at another speed"
+    separated_by = "a record with the motor off, or at another speed"
 
     def __init__(
         self,
@@ -329,11 +253,7 @@ class Hum(Effect):
             )
 
     def change_torque(
-        self,
-        torque: Float,
-        sampling_rate: float,
-        random: np.random.Generator,
-        context: TorqueContext | None = None,
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
     ) -> Float:
         highest = len(self.harmonics) * self.frequency_hz
         phases = 2 * np.pi * random.random(len(self.harmonics))

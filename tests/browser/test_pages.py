@@ -12,15 +12,14 @@ import pytest
 from devtools import Browser, find_chromium
 from sklearn.naive_bayes import GaussianNB
 from small_model import recording, small_model, unlike_training
-from test_report import CONTENT
-from test_report_gap_html import findings, locators  # noqa: F401, fixtures
+from test_report_gap_html import OPTIONS, locators  # noqa: F401, fixtures
+from test_report_gap_html import result as gap_result  # noqa: F401, fixture
 
 from cyclofeat.counting import evaluate
 from cyclofeat.report import (
     CountedRecording,
     write_animation,
     write_count_report,
-    write_demo_report,
     write_evaluation_report,
     write_gap_report,
 )
@@ -33,11 +32,10 @@ pytestmark = [
 
 HOSTILE = "<script>document.title = 'taken'</script>.npz"
 SAYS = {
-    "count": ["3 worn lobes", "On what grounds", "Strength of the lobe lines", "What the words mean"],
+    "count": ["3 worn lobes", "Evidence", "Strength of the lobe lines", "What the words mean"],
     "several": ["1 of 4", "Could not be counted", "refused", HOSTILE, "not counted"],
     "evaluation": ["Accuracy", "Confusion", "Calibration", "How the folds were made"],
     "gap": ["The answer", "Model and recordings disagree", "Mains hum in the torque signal"],
-    "demo": ["The answer", "Methods on the same folds", "SURROGATE"],
     "animation": ["The gearbox turning", "2 worn lobes: 1, 5", "Cam points at lobe", "Simulated:"],
 }
 
@@ -56,7 +54,7 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory, findings, run):  # noqa: F811
+def pages(tmp_path_factory, gap_result, run):  # noqa: F811
     folder = tmp_path_factory.mktemp("pages")
     model = small_model()
     counted = [
@@ -72,14 +70,13 @@ def pages(tmp_path_factory, findings, run):  # noqa: F811
     X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (120, 1))
     results = {"bayes": evaluate(GaussianNB(), X, y, groups)}
     return {
-        "count": write_count_report(folder / "count.html", model, counted[:1]),
+        "count": write_count_report(model, counted[:1], folder / "count.html"),
         "several": write_count_report(
-            folder / "several.html", model, counted, failures={"bad.csv": "empty"}, most_sections=2
+            model, counted, folder / "several.html", failures={"bad.csv": "empty"}, most_sections=2
         ),
-        "evaluation": write_evaluation_report(folder / "evaluation.html", results, y, groups),
-        "gap": write_gap_report(folder / "gap.html", findings),
-        "demo": write_demo_report(folder / "demo.html", **CONTENT),
-        "animation": write_animation(folder / "animation.html", run, start_s=0.25, frames=61),
+        "evaluation": write_evaluation_report(results, folder / "evaluation.html"),
+        "gap": write_gap_report(gap_result, folder / "gap.html", **OPTIONS),
+        "animation": write_animation(run, folder / "animation.html", part=(0.25, None), frames=61),
     }
 
 

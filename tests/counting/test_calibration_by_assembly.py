@@ -13,9 +13,16 @@ from sklearn.naive_bayes import GaussianNB
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cyclofeat.counting import GroupCalibratedCounter, evaluate, predict_recordings
-from cyclofeat.counting._combine import combine_proba, learn_dependence
-from cyclofeat.counting._folds import grouped_folds, pool_weights
+from cyclofeat.counting import (
+    GroupCalibratedCounter,
+    Protocol,
+    combine_proba,
+    evaluate,
+    grouped_folds,
+    learn_dependence,
+    pool_weights,
+    predict_recordings,
+)
 
 
 def assemblies(n=120, windows=3, seed=0, n_classes=4, shared=0.5, own=0.3, n_features=8):
@@ -50,8 +57,9 @@ def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
     X, y, groups = assemblies(n=240, windows=2, n_classes=8, shared=0.1, n_features=12)
     trees = ExtraTreesClassifier(20, random_state=0)
-    plain = evaluate(trees, X, y, groups, n_bootstrap=50)
-    ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, n_bootstrap=50)
+    protocol = Protocol(n_bootstrap=50)
+    plain = evaluate(trees, X, y, groups, protocol=protocol)
+    ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, protocol=protocol)
     assert plain.calibration_error > 0.1
     assert ours.calibration_error < 0.6 * plain.calibration_error
     assert abs(ours.accuracy - plain.accuracy) < 0.03

@@ -7,9 +7,13 @@ from scipy.spatial.distance import mahalanobis
 from sklearn.covariance import LedoitWolf
 from sklearn.naive_bayes import GaussianNB
 
-from cyclofeat.counting import ConformalCounter, TrainingDomain, make_lobe_counter
-from cyclofeat.counting._conformal import conformal_threshold
-from cyclofeat.counting._folds import grouped_folds
+from cyclofeat.counting import (
+    ConformalCounter,
+    TrainingDomain,
+    conformal_threshold,
+    grouped_folds,
+    make_lobe_counter,
+)
 from cyclofeat.datasets import make_rig_recordings
 
 

@@ -7,8 +7,8 @@ from sklearn.base import clone
 from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes HalvingGridSearchCV importable
 from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
 
-from cyclofeat.counting import GroupCalibratedCounter, LobeCounter, make_lobe_counter
-from cyclofeat.counting._pipelines import KINDS, CountingTrees
+from cyclofeat.counting import KINDS, GroupCalibratedCounter, LobeCounter, make_lobe_counter
+from cyclofeat.counting.trees import CountingTrees
 
 SAMPLING_RATE = 25_600
 
@@ -30,7 +30,7 @@ def test_trees_asked_together_answer_as_one_by_one():
         X, y, sample_weight=random.uniform(size=300)
     )
     new = random.normal(size=(50, 6)).round(1)
-    assert trees.side_by_side_ is not None
+    assert trees.table_ is not None
     together = trees.predict_proba(new)
     assert_allclose(together, np.mean([tree.predict_proba(new) for tree in trees.estimators_], axis=0))
     # the many go the other way, and say the same
@@ -45,7 +45,7 @@ PARAMETERS = {
     "features": {"trees__max_features": 0.5, "features__preset": "ripple"},
     "ladder": {"ladder__column": -1, "entropy__preset": "ripple"},
     "ordinal": {"ordinal__alpha": 30.0, "lobe_map__n_lines": 30},
-    "lobes": {"n_hidden": 16, "points_per_lobe": 2},
+    "lobes": {"n_hidden": 16, "points_per_lobe": 2, "n_splits": 3},
 }
 
 
@@ -82,11 +82,8 @@ def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
     assert search.score(X[~train], y[~train]) >= 6 / 8
 
 
-def test_calibrated_pipelines_and_the_one_that_is_so_already():
-    counter = make_lobe_counter(SAMPLING_RATE, calibrated=True, n_trees=7)
-    assert type(counter) is GroupCalibratedCounter
-    assert counter.get_params()["counter__trees__n_estimators"] == 7
-    assert type(make_lobe_counter(SAMPLING_RATE, kind="lobes", calibrated=True)) is LobeCounter
+def test_unknown_kinds_are_refused():
+    assert type(make_lobe_counter(SAMPLING_RATE, kind="lobes")) is LobeCounter
     with pytest.raises(ValueError, match=r"kind must be one of \('lobe_map'.*got 'forest'"):
         make_lobe_counter(SAMPLING_RATE, kind="forest")
 
@@ -95,7 +92,7 @@ def test_calibration_raises_the_probability_of_right_counts(data):
     """Shares of trees are far below the accuracy: with folds by assembly probabilities come up to it."""
     X, y, groups, train = data
     plain = make_lobe_counter(SAMPLING_RATE, n_trees=60).fit(X[train], y[train])
-    calibrated = make_lobe_counter(SAMPLING_RATE, n_trees=60, calibrated=True)
+    calibrated = GroupCalibratedCounter(make_lobe_counter(SAMPLING_RATE, n_trees=60))
     calibrated.fit(X[train], y[train], groups=groups[train])
     right = plain.predict(X[~train]) == y[~train]
     before = plain.predict_proba(X[~train]).max(axis=1).mean()

@@ -12,8 +12,15 @@ from sklearn.dummy import DummyClassifier
 from sklearn.metrics import f1_score
 from sklearn.naive_bayes import GaussianNB
 
-from cyclofeat.counting import ConformalCounter, evaluate, learning_curve, noise_sweep
-from cyclofeat.counting._scores import (
+from cyclofeat.counting import (
+    ConformalCounter,
+    Protocol,
+    evaluate,
+    learning_curve,
+    noise_sweep,
+    train_and_test,
+)
+from cyclofeat.counting.scores import (
     at_the_ends,
     calibration_sums,
     expected_calibration_error,
@@ -69,34 +76,35 @@ def _forget():
 
 
 GROUPS = np.repeat(np.arange(24), 2)
+THREE, FOUR = (Protocol(n_splits=n) for n in (3, 4))
 COUNTS = GROUPS % 3
 
 
 def test_folds_fitted_in_processes_give_the_same_scores():
     X = COUNTS[:, np.newaxis] + np.random.default_rng(1).normal(0, 0.6, (COUNTS.size, 3))
     told = []
-    alone = evaluate(GaussianNB(), X, COUNTS, GROUPS, n_splits=3)
+    alone = evaluate(GaussianNB(), X, COUNTS, GROUPS, protocol=THREE)
     together = evaluate(
         Elsewhere(os.getpid()),
         X,
         COUNTS,
         GROUPS,
-        n_splits=3,
-        n_jobs=2,
-        progress=lambda *done: told.append(done),
+        protocol=Protocol(n_splits=3, n_jobs=2, progress=lambda *done: told.append(done)),
     )
     assert together.to_dict() == alone.to_dict()
     assert 0 < alone.accuracy < 1
     assert told == [(1, 3), (2, 3), (3, 3)]
     with pytest.raises(AssertionError):
-        evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, n_splits=3)
+        evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=THREE)
 
 
 # Protocols
 
 
 def test_one_assembly_is_left_out_at_a_time_and_groups_are_handed_over():
-    result = evaluate(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol="leave-one-assembly-out")
+    result = evaluate(
+        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=Protocol("leave-one-assembly-out")
+    )
     assert len(Recorder.calls) == 24
     for k, (seen, asked, groups) in enumerate(Recorder.calls):
         assert asked == {2 * k, 2 * k + 1}
@@ -110,9 +118,8 @@ def test_a_condition_is_left_out_together_with_its_assemblies():
     """Assembly 0 ran under both loads: when 18 Nm is tested, its windows at 22 Nm do not train."""
     load = np.where(GROUPS < 12, 18, 22)
     load[1] = 22
-    result = evaluate(
-        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol="leave-one-condition-out", conditions=load
-    )
+    protocol = Protocol("leave-one-condition-out", conditions=load)
+    result = evaluate(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=protocol)
     (seen_18, asked_18, _), (seen_22, asked_22, _) = Recorder.calls
     assert asked_18 == set(np.flatnonzero(load == 18))
     assert asked_22 == set(np.flatnonzero(load == 22))
@@ -122,10 +129,8 @@ def test_a_condition_is_left_out_together_with_its_assemblies():
 
 
 def test_trained_here_tested_there():
-    other = evaluate(
-        Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS,
-        training=(held(COUNTS % 2, GROUPS) + np.array([0, 0, 100]), COUNTS, GROUPS + 100),
-    )  # fmt: skip
+    training = (held(COUNTS % 2, GROUPS) + np.array([0, 0, 100]), COUNTS, GROUPS + 100)
+    other = train_and_test(Recorder(), training, (held(COUNTS, GROUPS), COUNTS, GROUPS))
     ((seen, asked, groups),) = Recorder.calls
     assert seen == set(range(100, 148))
     assert asked == set(range(48))
@@ -135,10 +140,8 @@ def test_trained_here_tested_there():
 
 def test_training_elsewhere_may_know_counts_that_the_test_lacks():
     test = COUNTS < 2
-    result = evaluate(
-        Recorder(), held(COUNTS, GROUPS)[test], COUNTS[test], GROUPS[test],
-        training=(held(COUNTS, GROUPS), COUNTS, GROUPS + 100),
-    )  # fmt: skip
+    training = (held(COUNTS, GROUPS), COUNTS, GROUPS + 100)
+    result = train_and_test(Recorder(), training, (held(COUNTS, GROUPS)[test], COUNTS[test], GROUPS[test]))
     assert_array_equal(result.classes, [0, 1, 2])
     assert result.probabilities.shape == (32, 3)
     assert result.accuracy == 1
@@ -148,25 +151,36 @@ def test_training_elsewhere_may_know_counts_that_the_test_lacks():
     ("changes", "message"),
     [
         ({"groups": None}, "groups must name the assembly.*recognises the recording"),
-        ({"protocol": "shuffled"}, r"protocol must be one of \('stratified'.*got 'shuffled'"),
-        ({"protocol": "leave-one-condition-out"}, "conditions must name the condition of every window"),
-        ({"protocol": "leave-one-condition-out", "conditions": np.ones(48)}, "at least two conditions"),
+        ({"hold_out": "shuffled"}, "hold_out must be .*'stratified'.*got 'shuffled'"),
+        ({"hold_out": "leave-one-condition-out"}, "conditions must name the condition of every window"),
+        ({"hold_out": "leave-one-condition-out", "conditions": np.ones(48)}, "at least two conditions"),
         (
-            {"protocol": "leave-one-condition-out", "conditions": COUNTS},
+            {"hold_out": "leave-one-condition-out", "conditions": COUNTS},
             "condition 0 holds count 0, which no assembly of another condition has",
         ),
         ({"conditions": [1, 2]}, "conditions must hold one value per window"),
-        ({"training": (held(COUNTS, GROUPS), COUNTS, GROUPS)}, "must not share assemblies, but both hold 0"),
-        ({"training": (held(COUNTS, GROUPS), COUNTS)}, r"training must be a tuple \(X, y, groups\).*of 2"),
-        ({"training": (held(COUNTS, GROUPS), COUNTS, None)}, "groups must name the assembly"),
-        ({"worn": np.ones((48, 4))}, "worn and passage must be given together"),
-        ({"worn": np.ones(48), "passage": np.ones(48)}, r"worn must have shape \(n_windows, n_lobes\)"),
+        ({"lobes": np.ones((48, 4))}, r"lobes must be a tuple \(worn, passage\)"),
+        ({"lobes": (np.ones(48), np.ones(48))}, r"worn must have shape \(n_windows, n_lobes\)"),
     ],
 )
 def test_bad_input(changes, message):
     arguments = {"X": held(COUNTS, GROUPS), "y": COUNTS, "groups": GROUPS, **changes}
+    protocol = {name: arguments.pop(name) for name in ("hold_out", "conditions") if name in arguments}
     with pytest.raises(ValueError, match=message):
-        evaluate(Recorder(), **arguments)
+        evaluate(Recorder(), **arguments, protocol=Protocol(**protocol))
+
+
+@pytest.mark.parametrize(
+    ("training", "message"),
+    [
+        ((held(COUNTS, GROUPS), COUNTS, GROUPS), "must not share assemblies, but both hold 0"),
+        ((held(COUNTS, GROUPS), COUNTS), r"training must be a tuple \(X, y, groups\)"),
+        ((held(COUNTS, GROUPS), COUNTS, None), "groups must name the assembly"),
+    ],
+)
+def test_bad_training_windows(training, message):
+    with pytest.raises(ValueError, match=message):
+        train_and_test(Recorder(), training, (held(COUNTS, GROUPS), COUNTS, GROUPS))
 
 
 # Scores
@@ -180,7 +194,7 @@ def test_scores_by_hand():
     passage = np.where(np.arange(48) % 2, 0, 1)  # every second window places one lobe too many
     result = evaluate(
         Recorder(), held(answers, GROUPS), COUNTS, GROUPS,
-        worn=np.arange(4) < COUNTS[:, np.newaxis], passage=passage,
+        lobes=(np.arange(4) < COUNTS[:, np.newaxis], passage),
     )  # fmt: skip
     assert result.accuracy == pytest.approx(22 / 24)
     assert result.mean_absolute_error == pytest.approx(2 / 24)
@@ -249,7 +263,7 @@ def test_intervals_are_of_assemblies_not_of_windows():
     groups = np.repeat(np.arange(24), 12)
     y = groups % 3
     answers = np.where(groups < 12, y, (y + 1) % 3)
-    result = evaluate(Recorder(), held(answers, groups), y, groups, n_bootstrap=4000)
+    result = evaluate(Recorder(), held(answers, groups), y, groups, protocol=Protocol(n_bootstrap=4000))
     expected = binom.ppf([0.025, 0.975], 24, 0.5) / 24
     assert_allclose(result.accuracy_interval, expected, atol=0.021)
 
@@ -267,34 +281,38 @@ def clouds(n=48, spread=0.8, n_features=30):
 
 def test_more_training_assemblies_count_better_on_the_same_held_out_ones():
     X, y, groups = clouds()
-    curve = learning_curve(GaussianNB(), X, y, groups, n_assemblies=(2, 18), n_splits=4)
+    curve = learning_curve(GaussianNB(), X, y, groups, n_assemblies=(2, 18), protocol=FOUR)
     assert list(curve) == [2, 18]
     assert curve[18].accuracy > curve[2].accuracy
-    everything = learning_curve(GaussianNB(), X, y, groups, n_assemblies=[18], n_splits=4)[18]
-    assert_array_equal(everything.predictions, evaluate(GaussianNB(), X, y, groups, n_splits=4).predictions)
+    everything = learning_curve(GaussianNB(), X, y, groups, n_assemblies=[18], protocol=FOUR)[18]
+    assert_array_equal(
+        everything.predictions,
+        evaluate(GaussianNB(), X, y, groups, protocol=FOUR).predictions,
+    )
 
 
 def test_the_curve_trains_on_as_many_assemblies_as_it_says():
-    learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=(1, 3), n_splits=4)
+    learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=(1, 3), protocol=FOUR)
     sizes = [len(groups) for _, _, groups in Recorder.calls]
     assert sizes == [3] * 4 + [9] * 4
     for (small, _, _), (large, _, _) in zip(Recorder.calls[:4], Recorder.calls[4:], strict=True):
         assert small < large
     with pytest.raises(ValueError, match="asks for 99 training assemblies per class, but class 0 has 6"):
-        learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=[99], n_splits=4)
+        learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=[99], protocol=FOUR)
 
 
 def test_noise_costs_accuracy_most_where_training_did_not_hear_it():
     X, y, groups = clouds(n=120, spread=0.3)
-    sweep = noise_sweep(GaussianNB(), X, y, groups, noise_nm=(0.0, 1.5), n_splits=3)
+    sweep = noise_sweep(GaussianNB(), X, y, groups, noise_nm=(0.0, 1.5), protocol=THREE)
     assert sweep[0.0].accuracy > sweep[1.5].accuracy > 0.5
-    assert_array_equal(sweep[0.0].predictions, evaluate(GaussianNB(), X, y, groups, n_splits=3).predictions)
-    fixed = noise_sweep(GaussianNB(), X, y, groups, noise_nm=[1.5], training_noise_nm=0.0, n_splits=3)
+    assert_array_equal(
+        sweep[0.0].predictions,
+        evaluate(GaussianNB(), X, y, groups, protocol=THREE).predictions,
+    )
+    fixed = noise_sweep(GaussianNB(), X, y, groups, noise_nm=[(1.5, 0.0)], protocol=THREE)
     assert fixed[1.5].calibration_error > sweep[1.5].calibration_error
     with pytest.raises(ValueError, match="noise_nm must hold finite numbers from 0 on, got -1"):
         noise_sweep(GaussianNB(), X, y, groups, noise_nm=[-1])
-    with pytest.raises(ValueError, match="training_noise_nm must be a number or 'same', got 'none'"):
-        noise_sweep(GaussianNB(), X, y, groups, training_noise_nm="none")
 
 
 def test_counters_without_probabilities_have_no_calibration_error():

@@ -7,12 +7,11 @@ import pytest
 from scipy.stats import betabinom
 
 from cyclofeat.cli import main
-from cyclofeat.counting import _plan
-from cyclofeat.counting._plan import Trial, detection_table, plan_recording
+from cyclofeat.counting import Trial, detection_table, plan_recording
 
 
 @pytest.fixture
-def made_up(monkeypatch):
+def made_up():
     """A table small enough to answer by hand: 20 assemblies per trial."""
     right = {  # (depth, noise, turns): told right
         (1.0, 0.5, 1): 20, (1.0, 0.5, 2): 20,
@@ -20,8 +19,7 @@ def made_up(monkeypatch):
         (0.3, 0.5, 1): 14, (0.3, 0.5, 2): 18,
         (0.3, 2.0, 1): 10, (0.3, 2.0, 2): 12,
     }  # fmt: skip
-    table = tuple(Trial("R1", *key, worn, 20, n) for key, n in right.items() for worn in (0, 1))
-    monkeypatch.setattr(_plan, "detection_table", lambda: table)
+    return [Trial("R1", *key, worn, 20, n) for key, n in right.items() for worn in (0, 1)]
 
 
 @pytest.mark.parametrize(
@@ -36,27 +34,28 @@ def made_up(monkeypatch):
     ],
 )
 def test_answers_are_those_of_the_table_by_hand(made_up, question, turns):
-    plan = plan_recording(1, **({"confidence": 0.95} | question), input_speed_hz=10.0)
+    plan = plan_recording(1, **({"confidence": 0.95} | question), input_speed_hz=10.0, trials=made_up)
     assert plan.turns == turns
     assert plan.seconds == (None if turns is None else pytest.approx(1.5 * turns))
     assert (plan.probability >= plan.confidence) == (turns is not None)
 
 
 def test_what_helps_where_no_recording_is_long_enough(made_up):
-    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.8)
+    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.8, trials=made_up)
     assert (plan.turns, plan.largest_noise_nm) == (None, 0.5)  # 19/22 there
-    assert plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.9).largest_noise_nm is None
+    plan = plan_recording(0, noise_nm=2.0, depth=0.3, confidence=0.9, trials=made_up)
+    assert plan.largest_noise_nm is None
 
 
-def test_the_longest_recording_is_named_by_its_length(made_up, capsys):
-    question = ["plan", "--worn", "0", "--noise", "2", "--depth", "0.3", "--confidence", "0.8"]
+def test_the_longest_recording_is_named_by_its_length(capsys):
+    question = ["plan", "--worn", "4", "--noise", "8", "--depth", "0.1", "--confidence", "0.9"]
     assert main([*question, "--speed", "250"]) == 0
     first, second, *_ = capsys.readouterr().out.splitlines()
-    assert first.endswith("the table's longest recording, 2 output turns (7.2 s), is not enough for 0.8")
-    assert second == "  it is enough at 0.5 Nm noise or less"
+    assert first.endswith("the table's longest recording, 4 output turns (14.4 s), is not enough for 0.9")
+    assert second == "  it is enough at 1 Nm noise or less"
     assert main([*question, "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)
-    assert (plan["longest_turns"], plan["longest_seconds"]) == (2, 3.6)
+    assert (plan["longest_turns"], plan["longest_seconds"]) == (4, 7.2)
 
 
 @pytest.mark.parametrize(("right", "n"), [(0, 5), (7, 20), (20, 20)])
@@ -129,7 +128,7 @@ def test_bad_questions_get_one_line(capsys, arguments, message):
 
 
 def test_what_is_no_number_is_named():
-    with pytest.raises(TypeError, match="worn must be a whole number of lobes, got 2.5"):
+    with pytest.raises(TypeError, match="worn must be a whole number, got 2.5"):
         plan_recording(2.5, noise_nm=1.0)
     with pytest.raises(TypeError, match="noise_nm must be a number, got '1'"):
         plan_recording(2, noise_nm="1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.counting._speed import other_speed
+from cyclofeat.counting import other_speed
 
 RATE, SPEED, TOLERANCE = 25_600.0, 500 / 60, 0.015
 SECONDS = 1.8

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.datasets import describe
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 RATE = 25_600.0
 N = 102_400  # 4 s

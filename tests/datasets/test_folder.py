@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.datasets import read_folder, write_recording
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 TORQUE = 22 + np.random.default_rng(1).normal(size=50)
 
@@ -81,7 +81,7 @@ def test_recordings_that_cannot_be_read_are_named_by_line_too(folder):
         read_folder(manifest(folder, text))
     for words in (
         "line 2: a.csv: no sampling rate",
-        "line 3: b.csv: line 3, column 'torque'",
+        "line 3: b.csv: column 'torque' must be finite, got nan at line 3",
         "line 4: c.csv: spe",
     ):
         assert words in str(caught.value)

@@ -209,16 +209,14 @@ def interleaved(path, columns):
     )
 
 
-def test_interleaved_tdms_is_read_in_parts(tmp_path, monkeypatch):
-    from cyclofeat.datasets.readers import _tdms
-
-    interleaved(tmp_path / "rig.tdms", [("torque", TORQUE), ("angle", np.rad2deg(ANGLE))])
-    for block in (2**26, 1_000):
-        monkeypatch.setattr(_tdms, "_BLOCK", block)
-        recording = read_recording(tmp_path / "rig.tdms", angle_unit="deg")
-        np.testing.assert_array_equal(recording.torque, TORQUE)
-        np.testing.assert_allclose(recording.angle, ANGLE, rtol=1e-14)
-        assert recording.sampling_rate == RATE
+@pytest.mark.parametrize("n_samples", [500, 700_000])  # one part, and two parts of 8 MiB
+def test_interleaved_tdms_is_read_in_parts(tmp_path, n_samples):
+    torque, angle = np.resize(TORQUE, n_samples), 0.002 * np.arange(1, n_samples + 1)
+    interleaved(tmp_path / "rig.tdms", [("torque", torque), ("angle", np.rad2deg(angle))])
+    recording = read_recording(tmp_path / "rig.tdms", angle_unit="deg")
+    np.testing.assert_array_equal(recording.torque, torque)
+    np.testing.assert_allclose(recording.angle, angle, rtol=1e-14)
+    assert recording.sampling_rate == RATE
 
 
 # -- MATLAB

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pytest
 
-from cyclofeat.datasets import _published, load_published_tables
+from cyclofeat.datasets import load_published_tables
 
 
 @pytest.fixture
 def tables():
     return load_published_tables()
-
-
-def test_examples_of_the_docstrings_run():
-    result = doctest.testmod(_published)
-    assert result.attempted > 0
-    assert result.failed == 0
 
 
 def test_every_table_has_one_row_per_disc(tables):

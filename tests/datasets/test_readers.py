@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-import importlib
 import json
 import pickle
 
@@ -14,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cyclofeat.datasets import describe_recording, one_line, read_folder, read_recording, write_recording
-from cyclofeat.recording import Recording
+from cyclofeat.recordings import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=60)
 RATE = 25_600.0
@@ -61,13 +59,6 @@ def write(path, text):
 
 def rows(values, *, head="", separator="\n"):
     return head + separator.join(str(value) for value in values) + "\n"
-
-
-@pytest.mark.parametrize("module", ["_read", "_folder", "_describe"])
-def test_examples_of_the_docstrings_run(module):
-    result = doctest.testmod(importlib.import_module(f"cyclofeat.datasets.readers.{module}"))
-    assert result.attempted > 0
-    assert result.failed == 0
 
 
 # -- round trips
@@ -156,7 +147,7 @@ def test_writing_replaces(tmp_path):
     [
         ("record.txt", ValueError, "record.txt: unknown kind of file '.txt'; .csv and .npz"),
         ("record", ValueError, "unknown kind of file ''"),
-        ("nowhere/record.csv", FileNotFoundError, "no such folder.*nowhere"),
+        ("nowhere/record.csv", FileNotFoundError, "folder .*nowhere does not exist"),
         ("folder.csv", ValueError, "folder.csv is a directory"),
     ],
 )
@@ -170,7 +161,7 @@ def test_what_cannot_be_written(tmp_path):
     for value in (object(), (1, 2), np.nan, {1: 2}):
         with pytest.raises(TypeError, match=r"meta must hold only text"):
             write_recording(tmp_path / "record.csv", Recording([1, 2], RATE, meta={"key": value}))
-    with pytest.raises(TypeError, match=r"recording must be a Recording, got ndarray"):
+    with pytest.raises(TypeError, match=r"recording must be of type Recording, got array"):
         write_recording(tmp_path / "record.csv", np.zeros(3))
     with pytest.raises(TypeError, match=r"path must be a file name, got 3"):
         write_recording(3, Recording([1, 2], RATE))
@@ -370,7 +361,7 @@ BAD_CSV = {
     "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", {}, ["line 3", "2 columns", "got 3 columns"]),
     "an empty line": ("torque\n1\n\n2\n", {}, ["line 3", "1 columns", "an empty line"]),
     "decimal commas": ("torque\n22,5\n22,6\n", {}, ["line 2", "decimal commas?", "delimiter=';'"]),
-    "one sample": ("torque\n1\n", {}, ["one sample", "at least 2"]),
+    "one sample": ("torque\n1\n", {}, ["at least 2 samples", "got 1"]),
     "names only": ("torque,a\n", {}, ["column names, but no row of data"]),
     "comments only": ("# a\n# b\n", {}, ["no row of data"]),
     "blank": ("\n \n", {}, ["no row of data"]),
@@ -450,8 +441,8 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         ({"channel": True}, TypeError, "channel must be a column's name or index"),
         ({"channel": 1.0}, TypeError, "channel must be a column's name or index"),
         ({"angle_channel": True}, TypeError, "angle_channel must be a column's name or index"),
-        ({"colour": "red"}, TypeError, "unknown label 'colour'; known are angle_of"),
-        ({"torque": [1]}, TypeError, "unknown label 'torque'"),
+        ({"colour": "red"}, TypeError, "unknown option or label 'colour'; known are angle_channel"),
+        ({"torque": [1]}, TypeError, "unknown option or label 'torque'"),
         ({"assembly": 1.5}, TypeError, "rig.csv: assembly must be text"),
     ],
 )
@@ -520,7 +511,7 @@ def test_each_bad_npz_gives_its_one_clear_line(tmp_path, case):
 
 def test_an_npz_channel_is_a_name(tmp_path):
     np.savez(tmp_path / "rig.npz", torque=[1, 2], sampling_rate=3)
-    with pytest.raises(TypeError, match=r"channel must be the name of an array, got 0; arrays are 'torque'"):
+    with pytest.raises(TypeError, match=r"channel must be an array's name, got 0; arrays are 'torque'"):
         read_recording(tmp_path / "rig.npz", channel=0)
 
 
@@ -538,7 +529,7 @@ def test_pickles_are_never_loaded(tmp_path, key):
     with pytest.raises(ValueError, match=r"rig.npz holds pickled objects, which are never loaded"):
         read_recording(tmp_path / "rig.npz")
     (tmp_path / "bare.npz").write_bytes(pickle.dumps(Trap()))
-    with pytest.raises(ValueError, match=r"bare.npz is damaged or not an NPZ archive"):
+    with pytest.raises(ValueError, match=r"bare.npz is damaged, it cannot be read as NPZ"):
         read_recording(tmp_path / "bare.npz")
 
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from short_records import N_SAMPLES, RATE, Recorder
+from short_records import GEARBOX, SPEED, Recorder, short
 
-from cyclofeat.gap import Bank, NuisancePrior, _fit_model, make_bank
-from cyclofeat.simulators import CompositeSimulator, CycloidalGearbox, Effect, Rig
+from cyclofeat.gap import Bank
+from cyclofeat.gap.simulations import Population, as_rig
+from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
 
 @pytest.fixture(scope="session")
@@ -33,10 +34,10 @@ def recorded(simulations: Path) -> Recorder:
         seed: int = 101,
         base: CycloidalGearbox | Rig | None = None,
     ) -> Bank:
-        return make_bank(
-            CompositeSimulator(base, effects), NuisancePrior(), counts, n=n, n_samples=N_SAMPLES,
-            sampling_rate=RATE, random_state=seed, cache=simulations,
-        )  # fmt: skip
+        rig = as_rig(base or GEARBOX).with_added(*effects)
+        # The nominal speed of the comparisons, whatever that of the rig.
+        comparison = short(rig=rig, input_speed_hz=SPEED, cache=simulations)
+        return comparison.bank(n, counts, random_state=seed)
 
     return record
 
@@ -44,24 +45,16 @@ def recorded(simulations: Path) -> Recorder:
 @pytest.fixture(autouse=True, scope="session")
 def _machines_once():
     """Fits of effects on the torque ask for the same runs of the machine, from the same seeds: made once."""
-    real, made = _fit_model.machine, {}
+    real, made = Population.run_machine, {}
 
-    def machine(simulator, nuisance, count, n_samples, rate, seed, **options):
-        rig = simulator.to_rig().to_text()
-        key = (
-            rig,
-            repr(nuisance),
-            count,
-            n_samples,
-            rate,
-            str(seed.entropy),
-            seed.spawn_key,
-            *options.items(),
-        )
+    def run_machine(self, count, random_state, assembly=None, spare=0.0):
+        if assembly is not None:
+            return real(self, count, random_state, assembly, spare)
+        key = (self.text, count, str(random_state.entropy), random_state.spawn_key, spare)
         if key not in made:
-            made[key] = real(simulator, nuisance, count, n_samples, rate, seed, **options)
+            made[key] = real(self, count, random_state, spare=spare)
         return made[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_fit_model, "machine", machine)
+        patch.setattr(Population, "run_machine", run_machine)
         yield

@@ -1,13 +1,25 @@
-"""Size of the recordings of the gap workflow's tests."""
+"""Conditions of the gap workflow's tests: short to simulate, short to summarise."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import Any
 
-from cyclofeat.gap import Bank
+from cyclofeat.gap import Bank, Comparison
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Noise, Rig
 
-# One turn of the output at a quarter of the usual rate: as long to simulate, four times quicker to summarise.
-RATE, N_SAMPLES = 6400.0, 11_520
+# One turn of the output at twice the usual speed takes half the time to simulate.
+SPEED = 1000 / 60
+RATE, N_SAMPLES, DURATION = 6400.0, 5760, 0.9
+GEARBOX = CycloidalGearbox.steel(input_speed=2 * math.pi * SPEED)
+# A meter damped so well that it settles soon.
+BASE = Rig(GEARBOX, [BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
 
 # What the fixture ``recorded`` is.
 Recorder = Callable[..., Bank]
+
+
+def short(**options: Any) -> Comparison:
+    """A comparison under these conditions, by default with the gearbox alone."""
+    return Comparison(**{"sampling_rate": RATE, "duration": DURATION, "rig": Rig(GEARBOX)} | options)

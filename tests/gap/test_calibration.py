@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap._calibration import Calibration
+from cyclofeat.gap.size import Calibration
 
 WIDTHS = np.array([10.0, 10.0])
 LEVELS = np.array([[0.0, 1.0], [5.0, -3.0]])

@@ -16,28 +16,27 @@ from typing import Any
 
 import numpy as np
 import pytest
-from short_records import RATE, Recorder
 
 import cyclofeat.gap
 from cyclofeat.cli import main
 from cyclofeat.datasets import make_rig_recording, read_recording
-from cyclofeat.gap import Bank, DiscrepancyWorkflow, NuisancePrior, _fitter, make_bank
-from cyclofeat.simulators import CompositeSimulator, Hum, LobeDefects, Rig
+from cyclofeat.gap import MAY_DIFFER, Bank, Comparison, GapSettings, Windows
+from cyclofeat.simulators import Hum, LobeDefects, Rig
 
 SMALL = {
-    "n_bank": 40, "n_after": 24, "n_report": 16, "n_null": 24, "n_sims": 48, "n_interval": 24,
+    "n_after": 24, "n_report": 16, "n_null": 24, "n_sims": 48, "n_interval": 24,
     "n_permutations": 499, "baselines": ("nothing",), "with_placebo": False,
 }  # fmt: skip
 OPTIONS = ("--effects", "hum,offset", "--draws", "8", "--jobs", "1")
 COUNTS, HOLD_COUNTS = (0, 3), (0, 3, 5)
+RATE = 6400.0
 
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command with few simulations: their numbers are no options of it."""
-    small = functools.partial(DiscrepancyWorkflow, **SMALL)
-    monkeypatch.setattr(cyclofeat.gap, "DiscrepancyWorkflow", small)
-    monkeypatch.setattr(_fitter, "_BANK", SMALL["n_bank"])
+    monkeypatch.setattr(cyclofeat.gap, "GapSettings", functools.partial(GapSettings, **SMALL))
+    monkeypatch.setattr(cyclofeat.gap, "Comparison", functools.partial(Comparison, n_bank=40))
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:
@@ -76,8 +75,9 @@ def write_folder(
 
 
 @pytest.fixture(scope="module")
-def banks(recorded: Recorder) -> tuple[Bank, Bank]:
-    return recorded([Hum(0.4)], COUNTS, seed=101), recorded([Hum(0.4)], HOLD_COUNTS, seed=102)
+def banks(simulations: Path) -> tuple[Bank, Bank]:
+    hum = Comparison(sampling_rate=RATE, rig=Rig(effects=[Hum(0.4)]), cache=simulations)
+    return hum.bank(6, COUNTS, random_state=101), hum.bank(6, HOLD_COUNTS, random_state=102)
 
 
 @pytest.fixture(scope="module")
@@ -107,14 +107,15 @@ def test_folders_in_names_a_report_and_a_model_out(
     assert result["format"] == "cyclofeat gap 1"
     assert result["verdict"] == "disagree"
     assert result["effects"][0]["id"] == "hum"
-    assert result["effects"][0]["theta"]["amplitude_nm"] == pytest.approx(0.4, rel=0.1)
+    amplitude = result["effects"][0]["theta"]["amplitude_nm"]
+    assert amplitude == pytest.approx(0.4, rel=0.1)
     assert result["grr"]["all"] > 0.5
     lines = err.splitlines()
     assert all(line.startswith("cyclofeat gap: ") for line in lines)
     assert lines[0] == "cyclofeat gap: comparing measurement and model"
     assert lines[-1] == "cyclofeat gap: judging on recordings held out"
     assert "hum" in report.read_text(encoding="utf-8").lower()
-    _model_is_taken_elsewhere(model, result["effects"][0]["theta"]["amplitude_nm"], tmp_path, capsys)
+    _model_is_taken_elsewhere(model, amplitude, tmp_path, capsys)
     _same_for_people(folders, simulations, capsys)
 
 
@@ -130,9 +131,9 @@ def _model_is_taken_elsewhere(
     assert "surrogate" in capsys.readouterr().out
     one = read_recording(folder / "one.npz")
     assert one.meta["effects"] == [Hum(amplitude).to_dict()]
-    made = make_rig_recording(rig, LobeDefects.healthy(), duration_s=0.1, random_state=0)
+    made = make_rig_recording(rig, LobeDefects.healthy(), duration=0.1, random_state=0)
     assert made.meta["effects"] == one.meta["effects"]
-    assert CompositeSimulator.from_json(model).effects == (Hum(amplitude),)
+    assert Rig.from_json(model).effects == (Hum(amplitude),)
 
 
 def _same_for_people(
@@ -152,7 +153,7 @@ def _same_for_people(
 def test_a_model_that_has_the_effect_lacks_nothing(
     folders: tuple[Path, Path], simulations: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    CompositeSimulator(effects=[Hum(0.4)]).to_json(tmp_path / "right.json")
+    Rig(effects=[Hum(0.4)]).to_json(tmp_path / "right.json")
     code, out, err = run(
         capsys, folders[0], "--simulator", tmp_path / "right.json", "--cache", simulations, "--json",
         "--save-simulator", tmp_path / "same.json", *OPTIONS,
@@ -161,7 +162,7 @@ def test_a_model_that_has_the_effect_lacks_nothing(
     result = json.loads(out)
     assert result["verdict"] == "unresolved"
     assert result["effects"] == []
-    assert CompositeSimulator.from_json(tmp_path / "same.json").effects == (Hum(0.4),)
+    assert Rig.from_json(tmp_path / "same.json").effects == (Hum(0.4),)
 
 
 # What it reads
@@ -178,11 +179,14 @@ class _Given(Exception):
 def given(monkeypatch: pytest.MonkeyPatch) -> Callable[..., dict[str, Any]]:
     """What a call hands over, without any simulation."""
 
-    def fit(self: Any, X_fit: Any, X_hold: Any, **data: Any) -> None:
-        of_model = {"rate": self.sampling_rate, "nuisance": self.nuisance}
-        raise _Given({**of_model, "X_fit": X_fit, "X_hold": X_hold, **data})
+    def find(comparison: Comparison, fit: Windows, hold: Windows | None, **_: Any) -> None:
+        measured = {"fit": fit, "hold": hold or Windows(None)}
+        values = {
+            f"{name}_{end}": value for end, one in measured.items() for name, value in vars(one).items()
+        }
+        raise _Given({"rate": comparison.sampling_rate, "population": comparison.population, **values})
 
-    monkeypatch.setattr(cyclofeat.gap.DiscrepancyWorkflow.func, "fit", fit)
+    monkeypatch.setattr(cyclofeat.gap, "find_gap", find)
 
     def call(*arguments: Any) -> dict[str, Any]:
         with pytest.raises(_Given) as found:
@@ -231,10 +235,11 @@ def test_an_assembly_is_held_out_as_a_whole(given: Any, tmp_path: Path) -> None:
 def test_a_rig_s_own_spread_is_what_may_differ(given: Any, tmp_path: Path) -> None:
     folder = write_folder(tmp_path / "m", NOISE[:2, :11_520], [0, 3])
     gearbox, rig = tmp_path / "gearbox.json", tmp_path / "rig.json"
-    CompositeSimulator(effects=[Hum(0.1)]).to_json(gearbox)
+    Rig(effects=[Hum(0.1)]).to_json(gearbox)
     Rig.r1().to_json(rig)
-    assert given(folder, "--simulator", gearbox)["nuisance"] is None
-    assert given(folder, "--simulator", rig)["nuisance"] == NuisancePrior(tolerances=Rig.r1().tolerances)
+    (without, own) = (given(folder, "--simulator", file) for file in (gearbox, rig))
+    assert without["population"].rig == Rig(effects=[Hum(0.1), *MAY_DIFFER])
+    assert own["population"].rig == Rig.r1()
 
 
 def test_an_angle_is_used_where_all_have_it(given: Any, tmp_path: Path) -> None:
@@ -324,9 +329,8 @@ SCRIPT = """
 import functools, sys
 import cyclofeat.gap
 from cyclofeat.cli import main
-from cyclofeat.gap import _fitter
-cyclofeat.gap.DiscrepancyWorkflow = functools.partial(cyclofeat.gap.DiscrepancyWorkflow, **{small!r})
-_fitter._BANK = 40
+cyclofeat.gap.GapSettings = functools.partial(cyclofeat.gap.GapSettings, **{small!r})
+cyclofeat.gap.Comparison = functools.partial(cyclofeat.gap.Comparison, n_bank=40)
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -360,14 +364,11 @@ def test_a_killed_run_goes_on_and_ends_the_same(
                 break
         process.stderr.close()
         assert process.wait() == -signal.SIGKILL
-    assert list(broken.glob("bank-*.npz"))
+    assert (broken / "bank").is_dir()
     assert result(broken) == expected
 
 
 def test_recordings_are_the_bank_s(banks: tuple[Bank, Bank]) -> None:
     """The folder's recordings are what the simulator with hum gives, of other seeds than the comparison's."""
-    again = make_bank(
-        CompositeSimulator(effects=[Hum(0.4)]), NuisancePrior(), COUNTS, n=1, n_samples=11_520,
-        sampling_rate=RATE, random_state=101,
-    )  # fmt: skip
+    again = Comparison(sampling_rate=RATE, rig=Rig(effects=[Hum(0.4)])).bank(1, COUNTS, random_state=101)
     assert np.array_equal(again.X[0], banks[0].X[0])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
+import dataclasses
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,22 +12,24 @@ from scipy import signal, stats
 
 from cyclofeat.gap import (
     Bank,
+    Comparison,
     DownstreamGain,
-    GapReport,
-    NuisancePrior,
-    _downstream,
+    GapSettings,
+    Measured,
+    Proof,
+    Windows,
     downstream_gain,
-    make_bank,
+    prove,
 )
-from cyclofeat.gap import _baselines as baselines
-from cyclofeat.gap import _distance as distance
-from cyclofeat.gap._comparison import Simulation, compare
-from cyclofeat.gap._distance import Part
-from cyclofeat.gap._downstream import _share
-from cyclofeat.simulators import CompositeSimulator, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
+from cyclofeat.gap.proof import Part, Sample, Scale, _downstream, score_alternatives
+from cyclofeat.gap.proof import _alternatives as alternatives
+from cyclofeat.gap.proof import _distance as distance
+from cyclofeat.gap.proof._downstream import _share
+from cyclofeat.simulators import BrakeRotor, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
 
 FS, N = 6400.0, 11_520
-BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
+# At the usual speed: the averaged spectra of the equaliser take long records.
+BASE = Rig(effects=[BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
 ONE = [Part("orders", "lobe lines", "dB"), Part("orders", "lobe lines", "dB")]
 TWO = [*ONE, Part("orders", "shaft lines", "dB"), Part("features", "features", "1")]
 
@@ -46,9 +48,8 @@ def test_distance_by_hand() -> None:
     measured = np.array([[2.0, 1.0], [2.0, 1.0], [5.0, 9.0], [5.0, 9.0]])
     simulated = np.array([[-1.0, 1.0], [1.0, 1.0], [5.0, 4.0], [5.0, 6.0]])
     counts = np.array([0, 0, 2, 2])
-    found = distance.distances(
-        measured, counts, simulated, counts, np.array([1.0, 2.0]), distance.cell_weights(ONE)
-    )
+    scale = Scale(np.array([1.0, 2.0]), distance.cell_weights(ONE))
+    found = distance.distances(Sample(measured, counts), Sample(simulated, counts), scale)
     assert found == pytest.approx(np.sqrt((4 / 2 + 4 / 2) / 2))
 
 
@@ -57,9 +58,8 @@ def test_distance_over_many_counts_is_that_of_the_straight_line() -> None:
     rng = np.random.default_rng(0)
     counts = np.repeat([0, 1, 3, 7], [1, 2, 1, 3])
     measured = rng.normal(size=(7, 1)) + counts[:, None]
-    found = distance.distances(
-        measured, counts, np.zeros((4, 1)), np.array([0, 1, 3, 7]), np.ones(1), np.ones((1, 1))
-    )
+    simulated = Sample(np.zeros((4, 1)), np.array([0, 1, 3, 7]))
+    found = distance.distances(Sample(measured, counts), simulated, Scale(np.ones(1), np.ones((1, 1))))
     line = np.polyval(np.polyfit(counts, measured[:, 0], 1), counts)
     assert found[0, 0] == pytest.approx(np.sqrt(np.mean(line**2)))
 
@@ -82,25 +82,26 @@ def test_deviations_of_replicates_and_of_lone_recordings() -> None:
     measured = np.array([[4.0], [6.0], [10.0], [13.0]])
     counts = np.array([0, 0, 1, 2])
     simulated, of = np.array([[9.0], [9.0], [10.0], [10.0]]), np.array([1, 1, 2, 2])
-    found, n_free = distance.deviations(measured, counts, simulated, of)
-    assert n_free == 2
+    found = distance.deviations(Sample(measured, counts), Sample(simulated, of))
+    assert found.n_free == 2
     lone = 1 / np.sqrt(1 + 1 / 2)  # less the error of a mean of two simulations
-    assert found[:, 0] == pytest.approx([-1, 1, -lone, lone])
+    assert found.values[:, 0] == pytest.approx([-1, 1, -lone, lone])
 
 
 def test_spread_is_steadied_by_the_bank() -> None:
     measured, counts = np.array([[0.0], [2.0], [5.0], [7.0]]), np.array([0, 0, 1, 1])
     simulated, of = np.array([[0.0], [4.0], [0.0], [4.0]]), np.array([0, 0, 1, 1])
-    found = distance.replicate_spread(measured, counts, simulated, of, [Part("features", "features", "1")])
+    parts = [Part("features", "features", "1")]
+    found = distance.replicate_spread(Sample(measured, counts), Sample(simulated, of), parts)
     # Two degrees of freedom with variance 2, and the bank's 8 as by four.
     assert found == pytest.approx([np.sqrt((2 * 2 + 4 * 8) / 6)])
 
 
 def test_cells_without_spread_play_no_part() -> None:
-    same = np.full((4, 2), 3.0)
-    spread = distance.replicate_spread(same, np.zeros(4), same, np.zeros(4), ONE)
+    same, other = (Sample(np.full((4, 2), value), np.zeros(4)) for value in (3.0, 4.0))
+    spread = distance.replicate_spread(same, same, ONE)
     assert np.all(np.isinf(spread))
-    assert distance.distances(same + 1, np.zeros(4), same, np.zeros(4), spread, np.ones((1, 2))) == 0
+    assert distance.distances(other, same, Scale(spread, np.ones((1, 2)))) == 0
 
 
 @pytest.mark.parametrize("counts", [[0, 0, 0, 4, 4, 4], [0, 0, 2, 2, 5, 5, 7, 7], list(range(8)), [0] * 6])
@@ -113,16 +114,14 @@ def test_floor_is_the_distance_without_a_gap(counts: list[int]) -> None:
     found = []
     for _ in range(40):
         measured, simulated = (
-            0.7 * rng.normal(size=(n, 30)) + 0.7 * rng.normal(size=(n, 1)) for n in (len(counts), 48)
+            Sample(0.7 * rng.normal(size=(len(of), 30)) + 0.7 * rng.normal(size=(len(of), 1)), of)
+            for of in (of_measured, of_bank)
         )
-        spread = distance.replicate_spread(measured, of_measured, simulated, of_bank, parts)
-        own, n_free = distance.deviations(measured, of_measured, simulated, of_bank)
-        error = distance.bank_error(of_measured, simulated, of_bank, spread, weights)
-        n_trends = len(distance.trends(of_measured))
-        floor = distance.floors(
-            own, of_measured, spread, weights, len(counts), n_trends, error, n_free, 10, rng
-        )
-        reached = distance.distances(measured, of_measured, simulated, of_bank, spread, weights)
+        scale = Scale(distance.replicate_spread(measured, simulated, parts), weights)
+        replicates = distance.deviations(measured, simulated)
+        error = distance.bank_error(of_measured, simulated, scale)
+        floor = distance.floors(replicates, scale, of_measured, error, 10, rng)
+        reached = distance.distances(measured, simulated, scale)
         found.append((floor[0], reached[0, 0]))
     floors, reached = np.mean(found, axis=0)
     assert floors == pytest.approx(reached, rel=0.12)
@@ -154,7 +153,7 @@ def test_strata_pool_lone_recordings_apart_by_condition() -> None:
 
 def case(
     gap: float, left: float, *, seed: int = 0, counts: list[int] | None = None
-) -> tuple[np.ndarray, np.ndarray, dict[str, Simulation], list[Part]]:
+) -> tuple[Sample, dict[str, Sample], list[Part]]:
     """Made-up summaries whose gap is closed but for a share that is left."""
     rng = np.random.default_rng(seed)
     of = np.array(counts if counts is not None else [0, 0, 0, 3, 3, 3, 6, 6, 6])
@@ -164,14 +163,14 @@ def case(
     simulated = rng.normal(size=(48, 40)) + of_bank[:, None]
     measured = rng.normal(size=(len(of), 40)) + of[:, None] + gap * pattern
     alternatives = {
-        "nothing": Simulation(simulated, of_bank),
-        "after": Simulation(simulated + gap * (1 - left) * pattern, of_bank),
+        "nothing": Sample(simulated, of_bank),
+        "after": Sample(simulated + gap * (1 - left) * pattern, of_bank),
     }
-    return measured, of, alternatives, parts
+    return Sample(measured, of), alternatives, parts
 
 
 def ratio(*args: object, condition: str = "all", alternative: str = "after") -> float:
-    rows = compare(*args).comparison  # type: ignore[arg-type]
+    rows = score_alternatives(*args).rows  # type: ignore[arg-type]
     return next(row.grr for row in rows if (row.alternative, row.condition) == (alternative, condition))
 
 
@@ -184,7 +183,7 @@ def test_ratio_of_what_is_left(left: float, expected: float) -> None:
 def test_no_gap_has_no_ratio_and_says_so() -> None:
     undefined = 0
     for seed in range(12):
-        rows = compare(*case(0.0, 0.0, seed=seed), n_draws=100).comparison
+        rows = score_alternatives(*case(0.0, 0.0, seed=seed), n_draws=100).rows
         undefined += np.isnan(rows[0].grr)
         if np.isnan(rows[0].grr):
             assert "does not stand out" in rows[0].undefined
@@ -197,40 +196,42 @@ def test_no_gap_has_no_ratio_and_says_so() -> None:
     [([0, 1, 2, 3], True), ([0, 0, 3, 3], True), ([0, 3, 6], False), ([0], False), ([2, 2], False)],
 )
 def test_few_recordings(counts: list[int], defined: bool) -> None:
-    found = compare(*case(6.0, 0.0, counts=counts)).comparison[0]
+    found = score_alternatives(*case(6.0, 0.0, counts=counts)).rows[0]
     assert np.isnan(found.grr) != defined
     assert ("at least 4 are needed" in found.undefined) != defined
 
 
 def test_order_units_and_names_of_counts_change_nothing() -> None:
-    measured, of, alternatives, parts = case(4.0, 0.3)
-    plain = ratio(measured, of, alternatives, parts)
+    sample, alternatives, parts = case(4.0, 0.3)
+    measured, of = sample.values, sample.counts
+    plain = ratio(sample, alternatives, parts)
     rng = np.random.default_rng(4)
     scale, shift = rng.uniform(0.1, 10, 40).repeat(1), rng.normal(size=40)
     # One scale per part and unit: cells are compared by their own spreads.
     scale[:20], scale[20:] = scale[0], scale[20]
-    rescaled = {k: Simulation(a.values * scale + shift, a.counts) for k, a in alternatives.items()}
-    assert ratio(measured * scale + shift, of, rescaled, parts) == pytest.approx(plain)
+    rescaled = {k: Sample(a.values * scale + shift, a.counts) for k, a in alternatives.items()}
+    assert ratio(Sample(measured * scale + shift, of), rescaled, parts) == pytest.approx(plain)
     within = np.r_[2, 0, 1, 5, 4, 3, 6, 8, 7]
-    assert ratio(measured[within], of[within], alternatives, parts) == pytest.approx(plain, abs=0.01)
-    stretched = {k: Simulation(a.values, 2 * a.counts + 1) for k, a in alternatives.items()}
-    assert ratio(measured, 2 * of + 1, stretched, parts) == pytest.approx(plain)
+    assert ratio(Sample(measured[within], of[within]), alternatives, parts) == pytest.approx(plain, abs=0.01)
+    stretched = {k: Sample(a.values, 2 * a.counts + 1) for k, a in alternatives.items()}
+    assert ratio(Sample(measured, 2 * of + 1), stretched, parts) == pytest.approx(plain)
 
 
 def test_conditions_are_those_of_the_fit() -> None:
     """A correction that holds for counts seen in fitting only."""
-    measured, of, alternatives, parts = case(5.0, 0.0)
+    measured, alternatives, parts = case(5.0, 0.0)
     after = alternatives["after"]
     wrong = after.values.copy()
     wrong[after.counts == 6] = alternatives["nothing"].values[after.counts == 6]
-    alternatives = alternatives | {"box": Simulation(wrong, after.counts)}
-    found = compare(measured, of, alternatives, parts, of != 6)
-    by = {(row.alternative, row.condition): row.grr for row in found.comparison}
+    alternatives = alternatives | {"box": Sample(wrong, after.counts)}
+    found = score_alternatives(measured, alternatives, parts, measured.counts != 6)
+    by = {(row.alternative, row.condition): row.grr for row in found.rows}
     assert by["box", "seen"] == pytest.approx(1.0, abs=0.1)
     assert by["box", "unseen"] == pytest.approx(0.0, abs=0.1)
     assert by["after", "unseen"] == pytest.approx(1.0, abs=0.1)
-    assert found.beats["box"]["unseen"] == 1.0
-    assert found.beats["box"]["seen"] == 0.5  # the same records: every draw is a tie
+    beaten = {(row.alternative, row.condition): row.beaten for row in found.rows}
+    assert beaten["box", "unseen"] == 1.0
+    assert beaten["box", "seen"] == 0.5  # the same records: every draw is a tie
     assert {row.condition for row in found.distances} == {"all", "seen", "unseen"}
 
 
@@ -238,7 +239,7 @@ def test_interval_holds_the_ratio_and_errors_fall_with_recordings() -> None:
     widths = []
     for n in (3, 12):
         counts = np.repeat([0, 3, 6], n).tolist()
-        row = compare(*case(3.0, 0.4, counts=counts)).comparison[1]
+        row = score_alternatives(*case(3.0, 0.4, counts=counts)).rows[1]
         assert row.low <= row.grr <= row.high
         widths.append(row.high - row.low)
     assert widths[1] < widths[0]
@@ -253,27 +254,27 @@ def test_equaliser_recovers_a_filter_and_noise() -> None:
     X = 22 + 0.3 * rng.normal(size=(6, N))
     b, a = signal.butter(2, 800, fs=FS)
     filtered = 22.5 + signal.lfilter(b, a, X - 22, axis=1)
-    box = _learned(baselines.Equaliser, filtered, X)
+    box = _learned(alternatives.Equaliser, filtered, X)
     changed = np.array([box._changed(x, 0, np.random.default_rng(0)) for x in X])
     assert changed.mean() == pytest.approx(22.5, abs=0.01)
-    frequencies, wanted = baselines.averaged_psd(filtered, FS)
-    _, got = baselines.averaged_psd(changed, FS)
+    frequencies, wanted = alternatives.averaged_psd(filtered, FS)
+    _, got = alternatives.averaged_psd(changed, FS)
     band = (frequencies > 20) & (frequencies < 1500)
     difference = 10 * np.log10(got.mean(axis=0)[band] / wanted.mean(axis=0)[band])
     assert abs(np.mean(difference)) < 0.2
     assert np.std(difference) < 1.0
     loud = 22 + 3.0 * rng.normal(size=(6, N))  # ten times the amplitude: gain stops at 2, noise does the rest
-    box = _learned(baselines.Equaliser, loud, X)
+    box = _learned(alternatives.Equaliser, loud, X)
     changed = np.array([box._changed(x, 0, np.random.default_rng(k)) for k, x in enumerate(X)])
     assert changed.std() == pytest.approx(3.0, rel=0.05)
     assert np.corrcoef(changed[0], X[0])[0, 1] < 0.5
 
 
-def _learned(kind: type, measured: np.ndarray, simulated: np.ndarray) -> baselines._Filtered:
-    box = kind(None)
+def _learned(kind: type, measured: np.ndarray, simulated: np.ndarray) -> alternatives._Filtered:
+    box = kind(12)
     box.sampling_rate_, box.by_count_ = FS, True
-    frequencies, of_measured = baselines.averaged_psd(measured, FS)
-    _, of_simulated = baselines.averaged_psd(simulated, FS)
+    frequencies, of_measured = alternatives.averaged_psd(measured, FS)
+    _, of_simulated = alternatives.averaged_psd(simulated, FS)
     box._learn(
         frequencies,
         np.array([0]),
@@ -288,10 +289,10 @@ def test_gaussian_process_extrapolates_over_the_count() -> None:
     """Gain in dB and offset that are linear in the count: learnt from four counts, asked at another."""
     rng = np.random.default_rng(6)
     counts = np.array([0, 1, 2, 4])
-    frequencies, of_simulated = baselines.averaged_psd(0.3 * rng.normal(size=(8, N)), FS)
+    frequencies, of_simulated = alternatives.averaged_psd(0.3 * rng.normal(size=(8, N)), FS)
     simulated = np.tile(of_simulated.mean(axis=0), (4, 1))
     measured = simulated * 10 ** (2.0 * counts / 10)[:, None]
-    box = baselines.GaussianProcessGap(None)
+    box = alternatives.GaussianProcessGap(12)
     box.sampling_rate_, box.by_count_ = FS, True
     box._learn(frequencies, counts, measured, simulated, 0.1 * counts)
     x = 22 + 0.3 * rng.normal(size=N)
@@ -301,32 +302,20 @@ def test_gaussian_process_extrapolates_over_the_count() -> None:
 
 
 def test_retuned_fits_stiffness_and_damping_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the fitter is asked for, and that its simulator is the alternative."""
-    asked: dict[str, object] = {}
+    """What is fitted to which recordings, and that its rig is the alternative."""
+    asked: list[object] = []
 
-    class Fitter:
-        def __init__(self, effect: list[Effect], sampling_rate: float, simulator: object, *rest: object,
-                     **options: object) -> None:  # fmt: skip
-            asked.update(effects=[e.effect_id for e in effect], sampling_rate=sampling_rate)
-            self.simulator_ = CompositeSimulator(simulator, effect)
+    def fit_effects(comparison: Comparison, measured: Measured, effects: list[Effect], **_: object) -> object:
+        asked.extend([comparison, measured, [effect.effect_id for effect in effects]])
+        return SimpleNamespace(rig=comparison.rig.with_added(*effects))
 
-        def fit(self, X: np.ndarray, y: np.ndarray, groups: np.ndarray, angle: object) -> Fitter:
-            asked.update(y=y.tolist(), groups=groups.tolist())
-            return self
-
-    module = ModuleType("cyclofeat.gap._fitter")
-    module.EffectFitter = Fitter  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "cyclofeat.gap._fitter", module)
-    data = baselines.FitData(np.zeros((3, N)), np.array([0, 0, 1]), np.array([2, 5]))
-    banks = baselines.Banks(NuisancePrior(), FS, 500 / 60, 10)
-    found = baselines.Retuned(BASE).fit(data, banks, 0)
-    assert asked == {
-        "effects": ["contact_stiffness_scale", "contact_damping_scale"],
-        "sampling_rate": FS,
-        "y": [2, 2, 5],
-        "groups": [0, 0, 1],
-    }
-    assert [e.effect_id for e in found.simulator.effects] == asked["effects"]
+    monkeypatch.setattr(alternatives, "fit_effects", fit_effects)
+    comparison = Comparison(sampling_rate=FS, rig=BASE)
+    measured = comparison.measured(np.full((3, N), 22.0), y=[2, 2, 5], groups=[0, 0, 1])
+    retuned = alternatives.Retuned(10).fit(comparison, measured)
+    names = ["contact_stiffness_scale", "contact_damping_scale"]
+    assert asked == [comparison, measured, names]
+    assert {effect.effect_id for effect in retuned.rig.effects} > set(names)
 
 
 # The report as a whole
@@ -338,15 +327,27 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def bank_of(effects: list[Effect], counts: list[int], n: int, seed: int, cache: Path) -> Bank:
-    return make_bank(
-        CompositeSimulator(BASE, effects), NuisancePrior(), counts, n=n, n_samples=N, sampling_rate=FS,
-        random_state=seed, cache=cache,
-    )  # fmt: skip
+    comparison = Comparison(sampling_rate=FS, rig=BASE.with_added(*effects), cache=cache)
+    return comparison.bank(n, counts, random_state=seed)
 
 
-def report(after: CompositeSimulator, cache: Path, **options: object) -> GapReport:
-    options = {"baselines": ("nothing",), "n_bank": 12, "cache": cache} | options
-    return GapReport(BASE, after, FS, **options)  # type: ignore[arg-type]
+def proof_of(
+    after: Rig,
+    fit: Windows,
+    hold: Windows,
+    cache: Path | None = None,
+    *,
+    others: dict | None = None,
+    counts: tuple[int, ...] = tuple(range(8)),
+    **settings: object,
+) -> Proof:
+    settings = {"baselines": ("nothing",), "n_report": 12} | settings
+    comparison = Comparison(sampling_rate=FS, rig=BASE, defect_counts=counts, cache=cache)
+    return prove(comparison, after, fit, hold, settings=GapSettings(**settings), others=others)
+
+
+def of(bank: Bank) -> Windows:
+    return Windows(bank.X, bank.counts)
 
 
 TRUE = [Noise(0.3)]
@@ -363,134 +364,124 @@ def hold(cache: Path) -> Bank:
 
 
 @pytest.fixture(scope="module")
-def scored(fit: Bank, hold: Bank, cache: Path) -> GapReport:
-    found = report(
-        CompositeSimulator(BASE, TRUE),
-        cache,
-        baselines=("equaliser", "gaussian_process"),
-        placebo=CompositeSimulator(BASE, [Hum(0.3)]),
-        oracle=CompositeSimulator(BASE, TRUE),
-    )
-    found.fit(fit.X, y=fit.counts)
-    found.score(hold.X, y=hold.counts)
-    return found
+def scored(fit: Bank, hold: Bank, cache: Path) -> Proof:
+    truth = BASE.with_added(*TRUE)
+    return proof_of(
+        truth, of(fit), of(hold), cache, baselines=("equaliser", "gaussian_process"),
+        others={"placebo": BASE.with_added(Hum(0.3)), "oracle": truth},
+    )  # fmt: skip
 
 
-def test_the_true_effect_closes_the_gap(scored: GapReport) -> None:
-    assert scored.undefined_ == ""
-    assert scored.grr_ == pytest.approx(1.0, abs=0.1)
-    assert scored.grr_ci_[0] <= scored.grr_ <= scored.grr_ci_[1]
-    by = {(row.alternative, row.condition): row.grr for row in scored.comparison_}
+def test_the_true_effect_closes_the_gap(scored: Proof) -> None:
+    ours = scored.result
+    assert ours.undefined == ""
+    assert ours.grr == pytest.approx(1.0, abs=0.1)
+    assert ours.low <= ours.grr <= ours.high
+    by = {(row.alternative, row.condition): row for row in scored.rows}
     for condition in ("all", "seen", "unseen"):
-        assert by["nothing", condition] == 0.0
-        assert by["after", condition] == by["oracle", condition]
-        assert by["placebo", condition] < 0.3
-        assert scored.beats_["nothing"][condition] == scored.beats_["placebo"][condition] == 1.0
-        assert scored.beats_["oracle"][condition] == 0.5
-    assert by["equaliser", "seen"] > 0.6  # a black box closes it where it has learnt
-    assert by["after", "all"] > by["equaliser", "all"]
+        assert by["nothing", condition].grr == 0.0
+        assert by["after", condition].grr == by["oracle", condition].grr
+        assert by["placebo", condition].grr < 0.3
+        assert by["nothing", condition].beaten == by["placebo", condition].beaten == 1.0
+        assert by["oracle", condition].beaten == 0.5
+        assert np.isnan(by["after", condition].beaten)
+    assert by["equaliser", "seen"].grr > 0.6  # a black box closes it on the conditions of its fit
+    assert by["after", "all"].grr > by["equaliser", "all"].grr
 
 
-def test_distances_are_complete_and_add_up(scored: GapReport) -> None:
+def test_distances_are_complete_and_add_up(scored: Proof) -> None:
     names = {"after", "nothing", "equaliser", "gaussian_process", "placebo", "oracle", "floor"}
-    keys = [(row.alternative, row.condition, row.family) for row in scored.distances_]
+    keys = [(row.alternative, row.condition, row.family) for row in scored.distances]
     families = (*distance.FAMILIES, "overall")
     assert sorted(keys) == sorted(
         (name, condition, family) for name in names for condition in ("all", "seen", "unseen")
         for family in families
     )  # fmt: skip
-    by = dict(zip(keys, (row.distance for row in scored.distances_), strict=True))
+    by = dict(zip(keys, (row.distance for row in scored.distances), strict=True))
     overall = {name: by[name, "all", "overall"] for name in names}
     assert overall["after"] == pytest.approx(np.mean([by["after", "all", f] for f in distance.FAMILIES]))
     expected = 1 - (overall["after"] - overall["floor"]) / (overall["nothing"] - overall["floor"])
-    assert scored.grr_ == pytest.approx(expected)
+    assert scored.result.grr == pytest.approx(expected)
 
 
 def test_same_simulator_wrong_simulator_and_order(fit: Bank, hold: Bank, cache: Path) -> None:
-    same = report(CompositeSimulator(BASE), cache).fit(fit.X, y=fit.counts)
-    assert same.score(hold.X, y=hold.counts) == 0.0
-    worse = report(CompositeSimulator(BASE, [Offset(2.0)]), cache).fit(fit.X, y=fit.counts)
-    expected = worse.score(hold.X, y=hold.counts)
+    same = proof_of(BASE, of(fit), of(hold), cache)
+    assert same.result.grr == 0.0
+    wrong = BASE.with_added(Offset(2.0))
+    expected = proof_of(wrong, of(fit), of(hold), cache).result.grr
     assert expected < -0.1
     # Recordings in another order and under other names, each of two windows.
     order = np.random.default_rng(7).permutation(len(hold.X)).repeat(2)
     names = np.array([f"record {9 - k}" for k in order])
-    found = worse.score(hold.X[order], y=hold.counts[order], groups=names)
-    assert found == pytest.approx(expected, abs=0.05)
+    shuffled = Windows(hold.X[order], hold.counts[order], names)
+    assert proof_of(wrong, of(fit), shuffled, cache).result.grr == pytest.approx(expected, abs=0.05)
 
 
 def test_no_gap_is_said(fit: Bank, cache: Path) -> None:
     null = bank_of([], [0, 4], 8, 107, cache)
-    found = report(CompositeSimulator(BASE, [Hum(0.05)]), cache).fit(null.X[:2], y=null.counts[:2])
-    assert np.isnan(found.score(null.X, y=null.counts))
-    assert "does not stand out" in found.undefined_
-    assert np.isnan(found.grr_ci_).all()
+    few = Windows(null.X[:2], null.counts[:2])
+    row = proof_of(BASE.with_added(Hum(0.05)), few, of(null), cache).result
+    assert np.isnan([row.grr, row.low, row.high]).all()
+    assert "does not stand out" in row.undefined
 
 
 @pytest.mark.bench
 def test_counts_may_be_unknown(fit: Bank, hold: Bank, cache: Path) -> None:
-    found = report(
-        CompositeSimulator(BASE, TRUE), cache, nuisance=NuisancePrior(defect_counts=(0, 4, 7)),
-        baselines=("gaussian_process",),
+    proof = proof_of(
+        BASE.with_added(*TRUE), Windows(fit.X), Windows(hold.X), cache,
+        counts=(0, 4, 7), baselines=("gaussian_process",),
     )  # fmt: skip
-    assert found.fit(fit.X).score(hold.X) == pytest.approx(1.0, abs=0.15)
-    assert {row.condition for row in found.comparison_} == {"all"}
+    assert proof.result.grr == pytest.approx(1.0, abs=0.15)
+    assert {row.condition for row in proof.rows} == {"all"}
 
 
 @pytest.mark.bench
 def test_equaliser_closes_a_low_pass_where_it_has_learnt(cache: Path) -> None:
     effect = [TorqueMeterLowPass(30.0)]
     fit, hold = (bank_of(effect, [0, 4], n, seed, cache) for n, seed in ((6, 104), (8, 105)))
-    found = report(CompositeSimulator(BASE, effect), cache, baselines=("equaliser",))
-    found.fit(fit.X, y=fit.counts).score(hold.X, y=hold.counts)
-    by = {(row.alternative, row.condition): row.grr for row in found.comparison_}
+    proof = proof_of(BASE.with_added(*effect), of(fit), of(hold), cache, baselines=("equaliser",))
+    by = {(row.alternative, row.condition): row.grr for row in proof.rows}
     assert by["after", "seen"] > 0.8
     assert by["equaliser", "seen"] > 0.3
 
 
-def test_held_out_recordings_are_not_seen_in_fitting() -> None:
-    """There is no way to hand them over."""
-    import inspect
-
-    assert list(inspect.signature(GapReport.fit).parameters) == ["self", "X", "y", "groups", "angle"]
-
-
-def test_bad_input(scored: GapReport, hold: Bank) -> None:
-    with pytest.raises(ValueError, match="baselines must be of nothing, retuned, .* got 'gp'"):
-        report(CompositeSimulator(BASE), None, baselines=("gp",)).fit(hold.X)  # type: ignore[arg-type]
-    with pytest.raises(
-        ValueError, match="y must be given to both fit and score or to neither, got it in fit"
-    ):
-        scored.score(hold.X)
-    with pytest.raises(ValueError, match="at least one output turn"):
-        scored.score(hold.X[:, :4000], y=hold.counts)
-    with pytest.raises(ValueError, match="y must hold one count per window"):
-        scored.score(hold.X, y=[1])
+@pytest.mark.parametrize(
+    ("changes", "settings", "message"),
+    [
+        ({}, {"baselines": ("gp",)}, "baselines must be of nothing, retuned, .* got 'gp'"),
+        ({"y": None}, {}, "y must be given for both measured and held_out .*, got it for measured"),
+        ({"X": np.zeros((9, 4000))}, {}, "at least one output turn"),
+        ({"y": [1]}, {}, "y must hold one count per window"),
+    ],
+)
+def test_bad_input(changes: dict, settings: dict, message: str, fit: Bank, hold: Bank, cache: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        proof_of(BASE, of(fit), dataclasses.replace(of(hold), **changes), cache, **settings)
 
 
 # Downstream
 
-TRUTH = CompositeSimulator(BASE, TRUE)
+TRUTH = BASE.with_added(*TRUE)
+
+
+def counted(cache: Path) -> tuple[Comparison, Measured]:
+    """The model without effects, and recordings of that with them."""
+    comparison = Comparison(sampling_rate=FS, rig=BASE, defect_counts=(0, 7), cache=cache)
+    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
+    return comparison, comparison.measured(hold.X, y=hold.counts)
 
 
 def test_downstream_gain(cache: Path) -> None:
-    prior = NuisancePrior(defect_counts=(0, 7))
-    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
-    truth = CompositeSimulator(BASE, TRUE)
-    found = downstream_gain(
-        BASE, truth, hold.X, hold.counts, FS, oracle=truth, nuisance=prior, n_per_class=6, n_trees=50,
-        cache=cache,
-    )  # fmt: skip
-    assert isinstance(found, DownstreamGain)
-    assert found.n_recordings == 6
-    assert found.accuracy["after"] == found.accuracy["oracle"]
-    low, high = found.interval["after"]
-    assert low < found.accuracy["after"] <= high + 1e-12
-    gain = found.accuracy["oracle"] - found.accuracy["before"]
-    assert found.share == 1.0 if gain > 0 else np.isnan(found.share)
-    plain = downstream_gain(
-        BASE, truth, hold.X, hold.counts, FS, nuisance=prior, n_per_class=6, n_trees=50, cache=cache
-    )
+    small = {"n_per_class": 6, "n_trees": 50}
+    gain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], oracle=TRUTH, **small)
+    assert isinstance(gain, DownstreamGain)
+    assert gain.n_recordings == 6
+    assert gain.accuracy["after"] == gain.accuracy["oracle"]
+    low, high = gain.interval["after"]
+    assert low < gain.accuracy["after"] <= high + 1e-12
+    larger = gain.accuracy["oracle"] > gain.accuracy["before"]
+    assert gain.share == 1.0 if larger else np.isnan(gain.share)
+    plain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], **small)
     assert np.isnan(plain.share)
     assert set(plain.accuracy) == {"before", "after"}
 
@@ -508,14 +499,13 @@ def test_a_counter_is_trained_once_for_each_simulator(cache: Path, monkeypatch: 
             return np.tile([0.4, 0.6], (len(X), 1))
 
     monkeypatch.setattr(_downstream, "make_lobe_counter", lambda *_, **__: Counter())
-    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
-    options = {"nuisance": NuisancePrior(defect_counts=(0, 7)), "n_per_class": 6, "cache": cache}
+    comparison, hold = counted(cache)
     for after, oracle, n in ((BASE, None, 1), (TRUTH, TRUTH, 2), (TRUTH, BASE, 2)):
         made.clear()
-        found = downstream_gain(BASE, after, hold.X, hold.counts, FS, oracle=oracle, **options)
+        gain = downstream_gain(comparison, after, hold, oracle=oracle, n_per_class=6)
         assert len(made) == n
-        assert set(found.accuracy) == {"before", "after"} | ({"oracle"} if oracle else set())
-        assert set(found.accuracy.values()) == {0.5}
+        assert set(gain.accuracy) == {"before", "after"} | ({"oracle"} if oracle else set())
+        assert set(gain.accuracy.values()) == {0.5}
 
 
 def test_share_of_the_oracles_gain() -> None:

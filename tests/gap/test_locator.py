@@ -2,51 +2,44 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
-from sklearn.base import clone
+from short_records import BASE, N_SAMPLES, RATE, short
 
-from cyclofeat.gap import Bank, GapLocator, NuisancePrior, make_bank, summarise
-from cyclofeat.gap._permutation import (
-    SPREADS,
-    TOGETHER,
-    Permuted,
-    family_p,
-    holm,
-    statistics_by_family,
-)
-from cyclofeat.gap._summaries import FAMILIES, Cell
+from cyclofeat.gap import Bank, Comparison, Conditions, LocatedGap, locate, summarise
+from cyclofeat.gap.summaries import FAMILIES, Cell
+from cyclofeat.gap.where import SPREADS, TOGETHER, Permuted, family_p, holm, statistics_by_family
 from cyclofeat.simulators import (
-    AssemblyTolerances,
-    CompositeSimulator,
     Effect,
     Hum,
     LoadDrift,
     Offset,
-    Rig,
     TorqueMeterLowPass,
 )
 
 FS, SPEED = 25_600, 500 / 60
-# Recordings at a quarter of the rate: as long to simulate, four times quicker to summarise.
-SHORT = {"n_samples": 11_520, "sampling_rate": 6400.0}
-BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
 COUNTS = [0, 3, 6]
 
 
-def measured(effects: list[Effect], n: int, seed: int, cache: Path) -> Bank:
+def recordings(effects: list[Effect], n: int, seed: int, cache: Path) -> Bank:
     """Recordings of the same rig with effects in it, from other seeds."""
-    truth = CompositeSimulator(BASE, effects)
-    return make_bank(truth, NuisancePrior(), COUNTS, n=n, random_state=seed, cache=cache, **SHORT)
+    rig = BASE.with_added(*effects)
+    return short(rig=rig, cache=cache).bank(n, COUNTS, random_state=seed)
 
 
 @pytest.fixture
-def locator(simulations: Path) -> GapLocator:
-    return GapLocator(SHORT["sampling_rate"], BASE, n_bank=40, n_permutations=499, cache=simulations)
+def comparison(simulations: Path) -> Comparison:
+    return short(rig=BASE, n_bank=40, cache=simulations)
+
+
+def compared(comparison: Comparison, bank: Bank, **options: Any) -> LocatedGap:
+    return locate(comparison, comparison.measured(bank.X, y=bank.counts, **options), n_permutations=499)
 
 
 # Statistics
@@ -150,7 +143,7 @@ def test_step_down_is_monotone_and_no_smaller_than_single_tests() -> None:
     assert adjusted.min() >= 1 / 1000  # never 0
 
 
-def testholm() -> None:
+def test_holm() -> None:
     assert holm({"a": 0.01, "b": 0.04, "c": 0.03}) == pytest.approx({"a": 0.03, "c": 0.06, "b": 0.06})
 
 
@@ -186,35 +179,37 @@ def tone(hz: float, amplitude: float, n_windows: int = 2) -> np.ndarray:
     ],
 )
 def test_a_tone_shows_in_its_own_cell_most(hz: float, name: str) -> None:
-    (plain, cells), (with_tone, _) = (summarise(tone(hz, size), FS, SPEED) for size in (0.0, 0.3))
+    (plain, cells), (with_tone, _) = (summarise(tone(hz, size), Conditions(FS, SPEED)) for size in (0.0, 0.3))
     levels = [k for k, cell in enumerate(cells) if cell.unit == "dB" and cell.family != "averages"]
     change = (with_tone - plain).mean(axis=0)
     assert cells[levels[int(np.argmax(change[levels]))]].name == name
 
 
 def test_levels_are_those_of_the_tone() -> None:
-    values, cells = summarise(tone(1000.0, 0.3), FS, SPEED)
+    values, cells = summarise(tone(1000.0, 0.3), Conditions(FS, SPEED))
     band = next(k for k, cell in enumerate(cells) if cell.name == "third octave at 1e+03 Hz")
     assert values[:, band] == pytest.approx(10 * math.log10(0.3**2 / 2), abs=0.3)
 
 
 def test_cells_are_unique_and_complete() -> None:
-    values, cells = summarise(tone(100.0, 0.1, 3), FS, SPEED)
+    values, cells = summarise(tone(100.0, 0.1, 3), Conditions(FS, SPEED))
     assert values.shape == (3, len(cells))
     assert np.all(np.isfinite(values))
     assert len({(cell.family, cell.name) for cell in cells}) == len(cells)
-    constant, _ = summarise(np.full((1, 46_080), 22.0), FS, SPEED)
+    constant, _ = summarise(np.full((1, 46_080), 22.0), Conditions(FS, SPEED))
     assert np.all(np.isfinite(constant))
 
 
 def test_order_of_windows_changes_nothing() -> None:
     X = tone(60.0, 0.2, 4)
-    assert summarise(X[::-1], FS, SPEED)[0] == pytest.approx(summarise(X, FS, SPEED)[0][::-1], rel=1e-9)
+    assert summarise(X[::-1], Conditions(FS, SPEED))[0] == pytest.approx(
+        summarise(X, Conditions(FS, SPEED))[0][::-1], rel=1e-9
+    )
 
 
 def test_too_short_windows_are_refused() -> None:
     with pytest.raises(ValueError, match=r"at least one output turn \(1.8 s\), got 0.6 s"):
-        summarise(tone(100.0, 0.1)[:, :15_360], FS, SPEED)
+        summarise(tone(100.0, 0.1)[:, :15_360], Conditions(FS, SPEED))
 
 
 # Bank
@@ -222,39 +217,65 @@ def test_too_short_windows_are_refused() -> None:
 
 @pytest.mark.slow
 def test_a_bank_is_the_same_from_the_cache_and_for_every_worker(tmp_path: Path) -> None:
-    one = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=3, cache=tmp_path)
-    again = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=3, cache=tmp_path)
-    two = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=3, n_jobs=2)
-    assert len(list(tmp_path.iterdir())) == 1
-    for bank in (again, two):
-        assert np.array_equal(bank.X, one.X)
+    one = short(rig=BASE, random_state=3, cache=tmp_path)
+    first = one.bank(4, [1, 2])
+    for same in (one.replace(cache=tmp_path), one.replace(n_jobs=2, cache=None)):
+        bank = same.bank(4, [1, 2])
+        assert np.array_equal(bank.X, first.X)
         assert bank.counts.tolist() == [1, 2, 1, 2]
-        assert np.array_equal(bank.input_angle, one.input_angle)
-    other = make_bank(BASE, NuisancePrior(), [1, 2], n=4, n_samples=4000, random_state=4, cache=tmp_path)
-    assert not np.array_equal(other.X, one.X)
-    changed = NuisancePrior(tolerances=AssemblyTolerances(load=0.0))
-    make_bank(BASE, changed, [1, 2], n=4, n_samples=4000, random_state=3, cache=tmp_path)
-    assert len(list(tmp_path.iterdir())) == 3
+        assert np.array_equal(bank.speeds, first.speeds)
+    assert len(kept(tmp_path)) == 1
+    other = one.bank(4, [1, 2], random_state=4)
+    assert not np.array_equal(other.X, first.X)
+    one.replace(may_differ=one.may_differ[:1]).bank(4, [1, 2])
+    assert len(kept(tmp_path)) == 3
+
+
+def kept(folder: Path) -> list[Path]:
+    return list(folder.rglob("output.pkl"))
+
+
+def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
+    values = [Comparison(sampling_rate=RATE, cache=tmp_path).remember(lambda: [1.5], "x") for _ in range(2)]
+    (file,) = kept(tmp_path)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:3])
+    made = []
+    again = Comparison(sampling_rate=RATE, cache=tmp_path).remember(lambda: made.append(1) or [1.5], "x")
+    assert values == [[1.5], [1.5]]
+    assert (made, again) == ([1], [1.5])
+    assert file.read_bytes() == whole
 
 
 # The stage as a whole
 
 
-def test_no_effect_is_not_flagged(locator: GapLocator, simulations: Path) -> None:
-    bank = measured([], 6, 101, simulations)
-    locator.fit(bank.X, y=bank.counts)
-    assert locator.verdict_ == "unresolved"
-    assert min(locator.p_global_.values()) > 0.01
-    assert all(row.low <= row.effect <= row.high for row in locator.table_)
-    assert all(row.detectable > 0 for row in locator.table_ if row.spread > 0)
-    rate = locator.calibrate_null(40)
-    assert stats.binomtest(round(rate * 40), 40, 0.05, alternative="greater").pvalue > 1e-3
+def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> None:
+    located = compared(comparison, recordings([], 6, 101, simulations))
+    assert located.verdict == "unresolved"
+    assert min(located.p_global.values()) > 0.01
+    assert all(row.low <= row.effect <= row.high for row in located.table)
+    assert all(row.detectable > 0 for row in located.table if row.spread > 0)
+
+
+def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
+    comparison: Comparison, simulations: Path
+) -> None:
+    located = compared(comparison, recordings([], 6, 101, simulations))
+    values = located.centred(located.simulated, located.bank.counts)
+    random = np.random.default_rng(1)
+    alarms = 0
+    for _ in range(40):
+        order = random.permutation(len(values))
+        p = family_p(values[order[:6]], values[order[6:]], located.cells, 499, random)
+        alarms += min(p.values()) <= 0.05
+    assert stats.binomtest(alarms, 40, 0.05, alternative="greater").pvalue > 1e-3
 
 
 @pytest.mark.parametrize(
     ("effect", "family", "name"),
     [
-        (Hum(0.2), "shaft lines", "input order 6"),
+        (Hum(0.2), "shaft lines", "input order 3"),
         (LoadDrift(0.5), "slow part", "level below 4 Hz"),
         (TorqueMeterLowPass(150.0), "spectrum", "third octave"),
         (Offset(1.0), "amplitudes", "mean"),
@@ -262,97 +283,102 @@ def test_no_effect_is_not_flagged(locator: GapLocator, simulations: Path) -> Non
     ids=["hum", "drift", "low-pass", "offset"],
 )
 def test_an_effect_is_found_where_it_is(
-    locator: GapLocator, simulations: Path, effect: Effect, family: str, name: str
+    comparison: Comparison, simulations: Path, effect: Effect, family: str, name: str
 ) -> None:
-    bank = measured([effect], 6, 102, simulations)
-    locator.fit(bank.X, y=bank.counts)
-    assert locator.verdict_ == "disagree"
-    assert locator.family_p_[family] <= 0.05
-    flagged = [row.cell.name for row in locator.table_ if row.p <= 0.05 and row.cell.family == family]
-    assert any(found.startswith(name) for found in flagged)
+    located = compared(comparison, recordings([effect], 6, 102, simulations))
+    assert located.verdict == "disagree"
+    assert located.family_p[family] <= 0.05
+    flagged = [row.cell.name for row in located.table if row.p <= 0.05 and row.cell.family == family]
+    assert any(cell.startswith(name) for cell in flagged)
 
 
-def test_windows_of_one_recording_are_no_replicates(locator: GapLocator, simulations: Path) -> None:
+def test_windows_of_one_recording_are_no_replicates(comparison: Comparison, simulations: Path) -> None:
     """The same data cut into recordings of two windows each: fewer units, so wider intervals."""
-    bank = measured([], 6, 101, simulations)
-    alone = locator.fit(bank.X, y=bank.counts)
-    wide_alone = np.median([row.high - row.low for row in alone.table_])
-    doubled = clone(locator).fit(
-        np.repeat(bank.X, 2, axis=0), y=np.repeat(bank.counts, 2), groups=np.repeat(range(6), 2)
+    bank = recordings([], 6, 101, simulations)
+    twice = dataclasses.replace(bank, X=np.repeat(bank.X, 2, axis=0), counts=np.repeat(bank.counts, 2))
+    alone, doubled = (
+        np.median([row.high - row.low for row in located.table])
+        for located in (
+            compared(comparison, bank),
+            compared(comparison, twice, groups=np.repeat(range(6), 2)),
+        )
     )
-    assert np.median([row.high - row.low for row in doubled.table_]) == pytest.approx(wide_alone, rel=1e-6)
+    assert doubled == pytest.approx(alone, rel=1e-6)
 
 
-def test_together_is_one_row_and_paid_for(locator: GapLocator, simulations: Path) -> None:
-    bank = measured([Hum(0.2)], 6, 102, simulations)
-    locator.fit(bank.X, y=bank.counts)
-    n_cells = len(locator.cells_)
-    assert [row.of for row in locator.table_] == ["mean"] * n_cells + ["spread"] * n_cells + ["mean"]
-    assert locator.table_[-1].cell is TOGETHER
-    assert set(locator.family_p_) == {*FAMILIES, SPREADS, TOGETHER.family}
-    for family, p in locator.family_p_.items():
-        own = [
+def test_together_is_one_row_and_paid_for(comparison: Comparison, simulations: Path) -> None:
+    located = compared(comparison, recordings([Hum(0.2)], 6, 102, simulations))
+    n_cells = len(located.cells)
+    assert [row.of for row in located.table] == ["mean"] * n_cells + ["spread"] * n_cells + ["mean"]
+    assert located.table[-1].cell is TOGETHER
+    assert set(located.family_p) == {*FAMILIES, SPREADS, TOGETHER.family}
+    for family, p in located.family_p.items():
+        of_family = [
             row.p
-            for row in locator.table_
+            for row in located.table
             if (row.cell.family == family and row.of == "mean") or (family == SPREADS and row.of == "spread")
         ]
-        assert min(own) == pytest.approx(p)
+        assert min(of_family) == pytest.approx(p)
 
 
-def test_a_tachometer_adds_its_cells(locator: GapLocator, simulations: Path) -> None:
+def test_a_tachometer_adds_its_cells(comparison: Comparison, simulations: Path) -> None:
     """By its own clock: a converter whose clock is off shows against it, an error of the speed does not."""
     name = "mesh lines against the tachometer"
-    bank = measured([], 6, 101, simulations)
-    time = np.arange(SHORT["n_samples"]) / SHORT["sampling_rate"]
-    angle = 2 * np.pi * (bank.speeds * SHORT["sampling_rate"])[:, None] * time
+    bank = recordings([], 6, 101, simulations)
+    angle = 2 * np.pi * bank.speeds[:, None] * np.arange(bank.X.shape[1]) / RATE
     for factor, flagged in ((1.0, False), (1.01, True)):
-        locator.fit(bank.X, y=bank.counts, angle=factor * angle)
-        row = next(row for row in locator.table_ if row.cell.name == name)
+        located = compared(comparison.replace(tachometer=True), bank, angle=factor * angle)
+        row = next(row for row in located.table if row.cell.name == name)
         assert (row.p <= 0.05) == flagged
         assert row.effect == pytest.approx(100 * (1 / factor - 1), abs=0.1)
-    assert all(name != row.cell.name for row in clone(locator).fit(bank.X, y=bank.counts).table_)
+    assert all(name != row.cell.name for row in compared(comparison, bank).table)
 
 
-def test_same_seed_same_table(locator: GapLocator, simulations: Path) -> None:
-    bank = measured([Hum(0.2)], 6, 102, simulations)
-    tables = [locator.fit(bank.X, y=bank.counts).table_ for _ in range(2)]
-    assert tables[0] == tables[1]
+def test_same_seed_same_table(comparison: Comparison, simulations: Path) -> None:
+    bank = recordings([Hum(0.2)], 6, 102, simulations)
+    assert compared(comparison, bank).table == compared(comparison, bank).table
 
 
 @pytest.mark.parametrize(
     ("X", "options", "message"),
     [
-        (np.full((1, 11_520), 22.0), {}, "at least 2 recordings"),
-        (np.full((3, 3840), 22.0), {}, "at least one output turn"),
-        (np.full((3, 11_520), 22.0), {"groups": [0, 1]}, "groups must hold one recording per window"),
-        (np.full((3, 11_520), np.nan), {}, "X contains NaN"),
-        (np.full((2, 11_520), 22.0), {"y": [0, 16]}, "y must hold counts from 0 to the 15 lobes, got 16"),
-        (np.full((2, 11_520), 22.0), {"y": [0, 1], "groups": [7, 7]}, "two counts in 7"),
-        (np.full((2, 11_520), 22.0), {"angle": np.zeros((2, 11_520))}, "angle must grow"),
-        (np.full((2, 11_520), 22.0), {"angle": np.zeros((2, 9))}, "angle must have the shape of X"),
+        (np.full((3, 1920), 22.0), {}, "at least one output turn"),
+        (
+            np.full((3, 2 * N_SAMPLES), 22.0),
+            {},
+            r"windows of 0.9 s like the comparison \(duration\), got 1.8 s",
+        ),
+        (np.full((3, N_SAMPLES), 22.0), {"groups": [0, 1]}, "groups must hold one recording per window"),
+        (np.full((3, N_SAMPLES), np.nan), {}, "X contains NaN"),
+        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 16]}, "y must hold counts from 0 to the 15 lobes, got 16"),
+        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 1], "groups": [7, 7]}, "two counts in 7"),
+        (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, N_SAMPLES))}, "angle must grow"),
+        (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, 9))}, "angle must have the shape of X"),
     ],
 )
-def test_bad_input(locator: GapLocator, X: np.ndarray, options: dict, message: str) -> None:
+def test_bad_recordings(comparison: Comparison, X: np.ndarray, options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        locator.fit(X, **options)
+        comparison.replace(tachometer="angle" in options).measured(X, **options)
 
 
-def test_bad_trials_of_false_alarms(locator: GapLocator) -> None:
-    locator.measured_, locator._compared = np.zeros((6, 1)), (np.zeros((6, 1)), np.zeros((7, 1)))
-    locator.table_ = []
-    for n_trials in (0, -3, 2.5, True, "many"):
-        with pytest.raises(ValueError, match="n_trials must be a whole number from 1, got"):
-            locator.calibrate_null(n_trials)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="n_bank must be at least 8 to take 6 recordings out .*, got 7"):
-        locator.calibrate_null(1)
+def test_bad_arguments(comparison: Comparison) -> None:
+    X = np.full((2, N_SAMPLES), 22.0)
+    with pytest.raises(ValueError, match="at least 2 recordings"):
+        locate(comparison, comparison.measured(X[:1]))
+    with pytest.raises(ValueError, match="n_permutations must be at least 219 for alpha=0.05"):
+        locate(comparison, comparison.measured(X), n_permutations=100)
+    with pytest.raises(ValueError, match="angle must be given if and only if tachometer is True"):
+        comparison.measured(X, angle=X)
 
 
-def test_bad_prior() -> None:
+def test_bad_comparisons() -> None:
     for counts in ((), (0, 2.5), (0, -1), (0, np.nan), ("0", "3"), 3):
         with pytest.raises(ValueError, match="defect_counts must hold whole numbers from 0, got"):
-            NuisancePrior(defect_counts=counts)  # type: ignore[arg-type]
-    assert NuisancePrior(defect_counts=np.array([0.0, 3.0])).defect_counts == (0, 3)
+            Comparison(sampling_rate=RATE, defect_counts=counts)  # type: ignore[arg-type]
+    assert Comparison(sampling_rate=RATE, defect_counts=np.array([0.0, 3.0])).defect_counts == (0, 3)
     with pytest.raises(ValueError, match=r"wheels must hold at least one of \(0,\), \(1,\) and \(0, 1\)"):
-        NuisancePrior(wheels=())
+        Comparison(sampling_rate=RATE, wheels=())
     with pytest.raises(ValueError, match=r"wheels must be \(0,\), \(1,\) or \(0, 1\)"):
-        NuisancePrior(wheels=((2,),))
+        Comparison(sampling_rate=RATE, wheels=((2,),))
+    with pytest.raises(ValueError, match="sampling_rate must be positive"):
+        Comparison(sampling_rate=0.0)

@@ -7,8 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cyclofeat.gap._loop_parts import contact_deflection, elastic_torque, loop_shape, relative_error
-from cyclofeat.gap._loops import LOOP_EFFECTS, LoopGap, LoopModel, LoopSmoother
+from cyclofeat.gap.loops import (
+    LOOP_EFFECTS,
+    LoopModel,
+    LoopSmoother,
+    contact_deflection,
+    elastic_torque,
+    find_loop_gap,
+    loop_shape,
+    relative_error,
+)
 from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 DRIVE = CycloidalGearbox.printed_14_pin()
@@ -109,28 +117,29 @@ def test_the_right_effects_are_named_and_the_rest_is_left_out():
         }  # fmt: skip
         small, large = (loop_of(theta, peak, 0.02, seed) for peak in (5.0, 25.0))
         made += [([small], [large]), ([large], [small])]
-    gap = LoopGap(library=("clearance", "friction", "torsional_compliance"), max_iter=25, n_points=80)
-    gap.fit(made)
-    assert gap.effects_ == ("friction", "torsional_compliance")
-    assert all(p <= 0.05 for p in gap.p_without_.values())
+    model = LoopModel(max_iter=25, n_points=80)
+    gap = find_loop_gap(made, model=model, library=("clearance", "friction", "torsional_compliance"))
+    assert gap.effects == ("friction", "torsional_compliance")
+    assert all(p <= 0.05 for p in gap.p_without.values())
 
 
 def test_no_effect_is_named_where_the_model_is_right():
     plain = [loop_of({"clearance.clearance": 0.0}, peak, 0.02, seed) for seed, peak in enumerate((5, 15, 25))]
     transfers = [([a], [b]) for a in plain for b in plain if a is not b]
-    gap = LoopGap(library=("clearance", "torsional_compliance"), max_iter=10, n_points=80).fit(transfers)
-    assert gap.effects_ == ()
+    model = LoopModel(max_iter=10, n_points=80)
+    gap = find_loop_gap(transfers, model=model, library=("clearance", "torsional_compliance"))
+    assert gap.effects == ()
 
 
 def test_too_few_transfers_are_warned_of():
     loop = loop_of({"torsional_compliance.stiffness": 300.0}, 5.0)
-    options = {"library": ("torsional_compliance",), "max_iter": 1, "n_points": 20}
-    few, enough = (LoopGap(**options).fit([([loop], [loop])] * n) for n in (4, 5))
-    (warning,) = few.warnings_
+    options = {"library": ("torsional_compliance",), "model": LoopModel(max_iter=1, n_points=20)}
+    few, enough = (find_loop_gap([([loop], [loop])] * n, **options) for n in (4, 5))
+    (warning,) = few.warnings
     assert warning.startswith("4 transfers: no effect can be named, as p over them is never below 0.062")
-    assert few.effects_ == ()
-    assert enough.warnings_ == []
-    assert enough.effects_ == ("torsional_compliance",)
+    assert few.effects == ()
+    assert enough.warnings == ()
+    assert enough.effects == ("torsional_compliance",)
 
 
 def test_the_smoother_goes_through_what_it_saw():
@@ -152,11 +161,14 @@ def test_shape_of_a_parallelogram():
     ("call", "message"),
     [
         (lambda: LoopModel(("rust",)).fit([]), "effects must name different effects of clearance"),
-        (lambda: LoopGap(library=("rust",)).fit([([], [])] * 2), "library must name different effects of cl"),
-        (lambda: LoopGap(library=()).fit([([], [])] * 2), "library must name different .*, got none"),
+        (
+            lambda: find_loop_gap([([], [])] * 2, library=("rust",)),
+            "library must name different effects of cl",
+        ),
+        (lambda: find_loop_gap([([], [])] * 2, library=()), "library must name different .*, got none"),
         (lambda: LoopModel().fit([]), "at least one loop"),
         (lambda: LoopModel().fit([SimpleNamespace(torque=[1.0] * 9, deflection=[0.0] * 9)]), "through zero"),
-        (lambda: LoopGap().fit([]), "2 to 20 pairs"),
+        (lambda: find_loop_gap([]), "2 to 20 pairs"),
         (lambda: contact_deflection(DRIVE, [500.0], 0.0), "must not exceed 115 Nm"),
         (lambda: contact_deflection(DRIVE, [1.0], 1.0), "clearance must lie between"),
         (lambda: loop_shape([0.0, np.nan] * 5, [0.0] * 10), "finite"),

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import ast
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import uniform
+from short_records import BASE, RATE, short
 
 import cyclofeat.gap
-from cyclofeat.gap import EffectFitter, EffectRanker, GapLocator, NuisancePrior, _null, make_bank
-from cyclofeat.gap._nuisance import SpeedAndLoad, alikeness, widening
-from cyclofeat.gap._summaries import Cell
-from cyclofeat.simulators import AssemblyTolerances, CompositeSimulator, CycloidalGearbox, Hum, Offset, Rig
+from cyclofeat.gap import Comparison, LocatedGap, locate
+from cyclofeat.gap.comparison import SIMULATED_BY
+from cyclofeat.gap.summaries import Cell
+from cyclofeat.gap.where import SpeedAndLoad, intraclass_correlation, widening
+from cyclofeat.simulators import Clearance, CycloidalGearbox, Offset, PinErrors, Rig
 
 CELLS = [
     Cell("speed", "input speed by the mesh lines", "%"),
@@ -21,8 +25,6 @@ CELLS = [
 ]
 SMALLEST = np.array([0.02, 0.01, 0.1])
 SLOPES = np.array([5.0, -3.0])
-SHORT = {"n_samples": 11_520, "sampling_rate": 6400.0}
-BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
 COUNTS = [0, 3, 6]
 
 
@@ -76,21 +78,21 @@ def _slope(bank: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
-def test_alikeness_is_the_share_of_variance(share: float) -> None:
+def test_the_intraclass_correlation_is_the_share_of_variance(share: float) -> None:
     rng = np.random.default_rng(1)
     of = np.repeat(np.arange(4000), 4)
     values = np.sqrt(share) * rng.normal(size=(4000, 2))[of] + np.sqrt(1 - share) * rng.normal(
         size=(16_000, 2)
     )
-    assert alikeness(values, of) == pytest.approx(share, abs=0.02)
+    assert intraclass_correlation(values, of) == pytest.approx(share, abs=0.02)
 
 
-def test_alikeness_of_unequal_assemblies() -> None:
+def test_the_intraclass_correlation_of_unequal_assemblies() -> None:
     """One of three recordings failed now and then: the estimate is still the share."""
     rng = np.random.default_rng(2)
     of = np.repeat(np.arange(5000), rng.integers(1, 5, 5000))
     values = rng.normal(size=(5000, 1))[of] + rng.normal(size=(len(of), 1))
-    assert alikeness(values, of) == pytest.approx(0.5, abs=0.03)
+    assert intraclass_correlation(values, of) == pytest.approx(0.5, abs=0.03)
 
 
 def test_widening_is_that_of_the_mean_of_correlated_recordings() -> None:
@@ -102,90 +104,92 @@ def test_widening_is_that_of_the_mean_of_correlated_recordings() -> None:
 
 
 def _session(cache: Path, seed: int, **of_rig: object) -> np.ndarray:
-    """Six recordings at one end of what the prior allows."""
-    tolerances = AssemblyTolerances(
-        pin_position=5e-6, runout=0.0, stiffness=0.0, damping=0.0, load=0.0, speed=0.0, clearance=(0.0, 0.0)
-    )
+    """Six recordings at one end of what may differ."""
     rig = BASE.replace(gearbox=BASE.gearbox.replace(**of_rig))
-    bank = make_bank(rig, NuisancePrior(tolerances), COUNTS, n=6, random_state=seed, cache=cache, **SHORT)
-    return bank.X
+    comparison = short(rig=rig, may_differ=(PinErrors(5e-6),), cache=cache)
+    return comparison.bank(6, COUNTS, random_state=seed).X
+
+
+@pytest.fixture
+def comparison(simulations: Path) -> Comparison:
+    return short(rig=BASE, n_bank=40, cache=simulations)
+
+
+def compared(comparison: Comparison, X: np.ndarray, **options: Any) -> LocatedGap:
+    return locate(comparison, comparison.measured(X, y=COUNTS * 2), n_permutations=499, **options)
 
 
 @pytest.mark.slow
-def test_a_session_at_the_end_of_the_prior_agrees(simulations: Path) -> None:
+def test_a_session_at_the_end_of_the_prior_agrees(comparison: Comparison, simulations: Path) -> None:
     """Lines through 200 recordings reach to the ends of the prior, through 40 they do not."""
     box = BASE.gearbox
     X = _session(simulations, 32, input_speed=box.input_speed * 0.9971, load_torque=box.load_torque * 1.0048)
-    locator = GapLocator(SHORT["sampling_rate"], BASE, n_permutations=499, cache=simulations)
-    assert locator.fit(X, y=COUNTS * 2).verdict_ != "disagree"
+    assert compared(comparison.replace(n_bank=200), X).verdict != "disagree"
 
 
-def test_a_session_beyond_it_does_not(simulations: Path) -> None:
+def test_a_session_beyond_it_does_not(comparison: Comparison, simulations: Path) -> None:
     X = _session(simulations, 31, load_torque=BASE.gearbox.load_torque * 0.985)
-    locator = GapLocator(SHORT["sampling_rate"], BASE, n_bank=40, n_permutations=499, cache=simulations)
-    assert locator.fit(X, y=COUNTS * 2).family_p_["amplitudes"] <= 0.05
+    assert compared(comparison, X).family_p["amplitudes"] <= 0.05
 
 
 @pytest.mark.slow
-def test_one_assembly_widens_and_is_learned_once(simulations: Path) -> None:
-    bank = make_bank(
-        BASE, NuisancePrior(), COUNTS, n=6, n_assemblies=1, random_state=32, cache=simulations, **SHORT
-    )
+def test_one_assembly_widens_and_is_learned_once(comparison: Comparison) -> None:
+    bank = comparison.bank(6, COUNTS, n_assemblies=1, random_state=32)
     assert bank.assemblies.tolist() == [0] * 6
-    options = {"n_bank": 40, "n_permutations": 499, "cache": simulations}
-    many = GapLocator(SHORT["sampling_rate"], BASE, **options).fit(bank.X, y=bank.counts)
-    one = GapLocator(SHORT["sampling_rate"], BASE, one_assembly=True, **options).fit(bank.X, y=bank.counts)
-    assert not many.alike_.any()
-    assert np.median(one.alike_) > 0.05
-    assert one.alike_.max() < 1
+    of_one = comparison.replace(one_assembly=True)
+    many, one = compared(comparison, bank.X), compared(of_one, bank.X)
+    assert not many.shared_variance.any()
+    assert np.median(one.shared_variance) > 0.05
+    assert one.shared_variance.max() < 1
     errors = [
-        np.array([row.detectable for row in sorted(found.table_, key=lambda r: (r.of, str(r.cell)))])
-        for found in (many, one)
+        np.array([row.detectable for row in sorted(located.table, key=lambda r: (r.of, str(r.cell)))])
+        for located in (many, one)
     ]
     assert np.all(errors[1] >= errors[0] - 1e-12)
-    again = GapLocator(SHORT["sampling_rate"], BASE, one_assembly=True, alike=one.alike_, **options)
-    assert again.fit(bank.X, y=bank.counts).family_p_ == one.family_p_
+    again = compared(of_one, bank.X, shared_variance=one.shared_variance)
+    assert again.family_p == one.family_p
 
 
-def test_alike_of_another_number_of_cells_is_refused(simulations: Path) -> None:
-    X = _session(simulations, 31)
-    locator = GapLocator(
-        SHORT["sampling_rate"], BASE, n_bank=40, one_assembly=True, alike=[0.1], cache=simulations
-    )
-    with pytest.raises(ValueError, match=r"alike must hold a share per cell: shape \(\d+,\), got \(1,\)"):
-        locator.fit(X, y=COUNTS * 2)
+def test_shared_variance_of_another_number_of_cells_is_refused(
+    comparison: Comparison, simulations: Path
+) -> None:
+    X, of_one = _session(simulations, 31), comparison.replace(one_assembly=True)
+    with pytest.raises(ValueError, match=r"shared_variance must hold .*: shape \(\d+,\), got \(1,\)"):
+        compared(of_one, X, shared_variance=[0.1])
 
 
-def test_an_offset_within_what_the_load_may_do_is_not_a_disagreement(simulations: Path) -> None:
-    truth = CompositeSimulator(BASE, [Offset(0.05)])
-    bank = make_bank(truth, NuisancePrior(), COUNTS, n=6, random_state=33, cache=simulations, **SHORT)
-    locator = GapLocator(SHORT["sampling_rate"], BASE, n_bank=40, n_permutations=499, cache=simulations)
-    assert locator.fit(bank.X, y=bank.counts).family_p_["amplitudes"] > 0.05
+def test_an_offset_within_what_the_load_may_do_is_not_a_disagreement(comparison: Comparison) -> None:
+    truth = comparison.replace(rig=BASE.with_added(Offset(0.05)))
+    X = truth.bank(6, COUNTS, random_state=33).X
+    assert compared(comparison, X).family_p["amplitudes"] > 0.05
 
 
-# The model as the prior takes it
+# The model with what may differ
 
 
-def test_a_gearbox_keeps_its_own_clearance() -> None:
-    own = CycloidalGearbox.steel(clearance=5e-5)
-    wide = NuisancePrior(AssemblyTolerances(clearance=(0.0, 2e-5)))
-    for prior, expected in ((NuisancePrior(), (5e-5, 5e-5)), (wide, (5e-5, 7e-5))):
-        assert prior.simulator(own).to_rig().tolerances.clearance == pytest.approx(expected)
-    # a rig's is a spread between assemblies, which the prior replaces
-    assert NuisancePrior().simulator(Rig.r1()).to_rig().tolerances.clearance == (0.0, 0.0)
+def test_what_may_differ_is_added_where_a_model_does_not_state_it() -> None:
+    own = Comparison(sampling_rate=RATE, rig=Rig(CycloidalGearbox.steel(clearance=5e-5)))
+    wide = own.replace(may_differ=(Clearance(uniform(0.0, 2e-5)),)).population.rig
+    clearances = [wide.draw(seed).gearbox.clearance for seed in range(40)]
+    assert 5e-5 < min(clearances) < 5.3e-5 < 6.7e-5 < max(clearances) < 7e-5
+    assert own.population.rig.draw(0).gearbox.clearance == 5e-5
+    stated = own.replace(rig=Rig(effects=[PinErrors(20e-6)])).population.rig
+    assert [effect.effect_id for effect in stated.effects] == ["pin_errors", "load_scale", "speed_scale"]
+    assert stated.effects[0] == PinErrors(20e-6)
+
+
+def test_a_correction_comes_on_top_of_what_may_differ() -> None:
+    comparison = short(rig=BASE)
+    assert comparison.rig_with([Offset(1.0)]) == BASE.with_added(Offset(1.0))
+    of_pins = comparison.rig_with([PinErrors(20e-6)])
+    assert of_pins == BASE.with_added(PinErrors(5e-6), PinErrors(20e-6))
 
 
 def test_a_model_of_another_speed_is_refused() -> None:
-    prior = NuisancePrior()
-    assert prior.n_lobes(None, 500 / 60) == prior.n_lobes(None, 510 / 60) == 15
-    X = np.random.default_rng(0).normal(22, 1, (4, 11_520))
-    for call in (
-        lambda: GapLocator(6400.0, input_speed_hz=1000 / 60).fit(X),
-        lambda: EffectFitter(Hum(0.1), 6400.0, input_speed_hz=1000 / 60).fit(X),
-        lambda: EffectRanker(6400.0, input_speed_hz=1000 / 60).fit(),
-    ):
-        with pytest.raises(ValueError, match=r"must be the model's speed, 8.333 Hz \(500 RPM\), got 16.67"):
-            call()
+    for speed in (500 / 60, 510 / 60):
+        assert Comparison(sampling_rate=RATE, input_speed_hz=speed).n_lobes == 15
+    with pytest.raises(ValueError, match=r"must be the model's speed, 8.333 Hz \(500 RPM\), got 16.67"):
+        Comparison(sampling_rate=RATE, input_speed_hz=1000 / 60)
 
 
 # Kept banks
@@ -205,5 +209,6 @@ def test_banks_are_named_by_all_the_code_that_summarises_them() -> None:
                         imported(f"{other}.py", seen)
         return seen
 
-    needed = imported("gap/_summaries.py", set()) | imported("gap/_recordings.py", set())
-    assert needed == {*_null._SUMMARISED_WITH, "gap/_summaries.py", "gap/_recordings.py"}
+    start = ("summaries/_summarise", "summaries/_windows", "simulations/_population")
+    needed = set().union(*(imported(f"gap/{name}.py", set()) for name in start))
+    assert {str(Path(name).parent) for name in needed} <= {*SIMULATED_BY, "_base"}

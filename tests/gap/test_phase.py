@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.gap import _locator, _phase
-from cyclofeat.gap._locator import GapLocator
-from cyclofeat.gap._phase import phase_maps
-from cyclofeat.orders import estimate_input_speed
+from cyclofeat.gap import Comparison, locate
+from cyclofeat.gap.summaries import Conditions, _phase, phase_maps
+from cyclofeat.gap.where import _locate
+from cyclofeat.signal.orders import estimate_input_speed
 
 RATE, SPEED, N_LOBES = 6400.0, 500 / 60, 15
 N = 11_520
+CONDITIONS = Conditions(RATE, SPEED, N_LOBES)
 
 
 def torque(speeds: np.ndarray, order: float, rate: float = RATE, n: int = N) -> np.ndarray:
@@ -29,14 +30,14 @@ def amplitude(wave: np.ndarray) -> float:
 def test_a_speed_within_the_tolerance_of_summaries_does_not_smear(factor: float) -> None:
     measured = torque(np.full(3, SPEED * factor), N_LOBES + 1)
     simulated = torque(np.full(4, SPEED), N_LOBES + 1)
-    found = phase_maps(measured, simulated, RATE, SPEED, N_LOBES, 0.05)
+    found = phase_maps(measured, simulated, CONDITIONS, 0.05)
     for name in ("input", "lobe"):
         assert amplitude(found[name].measured) == pytest.approx(1.0, abs=0.1), name
 
 
 def test_near_the_nominal_speed_the_search_takes_its_finer_steps() -> None:
     X = torque(SPEED * np.array([0.9871, 1.0003, 1.0147]), N_LOBES + 1)
-    found = _phase._fine_speeds(X, RATE, SPEED, N_LOBES)
+    found = _phase._fine_speeds(X, CONDITIONS)
     assert np.array_equal(found, estimate_input_speed(X, RATE, SPEED, 0.015, comb="mesh"))
 
 
@@ -44,25 +45,27 @@ def test_a_tachometer_says_the_speed() -> None:
     """Of a ripple without mesh lines, which could tell it."""
     speeds = SPEED * np.array([0.96, 1.04, 1.01])
     measured, simulated = torque(speeds, 5), torque(speeds, 5)
-    found = phase_maps(measured, simulated, RATE, SPEED, N_LOBES, 0.05, (speeds, speeds))
+    found = phase_maps(measured, simulated, CONDITIONS, 0.05, (speeds, speeds))
     assert amplitude(found["input"].measured) == pytest.approx(1.0, abs=0.05)
     assert amplitude(found["input"].simulated) == pytest.approx(1.0, abs=0.05)
-    without = phase_maps(measured, simulated, RATE, SPEED, N_LOBES, 0.05)
+    without = phase_maps(measured, simulated, CONDITIONS, 0.05)
     assert amplitude(without["input"].measured) < 0.5
 
 
-def test_a_locator_hands_the_tachometer_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_located_gap_hands_the_tachometer_on(monkeypatch: pytest.MonkeyPatch) -> None:
     given = []
-    monkeypatch.setattr(_locator, "phase_maps", lambda *arguments: given.append(arguments[-1]) or {})
+    monkeypatch.setattr(_locate, "phase_maps", lambda *arguments: given.append(arguments[-1]) or {})
     speeds = SPEED * np.array([0.99, 1.0, 1.01])
     X = 22 + torque(speeds, N_LOBES + 1)
     angle = 2 * np.pi * speeds[:, None] * np.arange(N) / RATE
-    locator = GapLocator(RATE, n_bank=10, n_permutations=219)
-    assert locator.fit(X, angle=angle).phase_ == {}
-    assert locator.fit(X).phase_ == {}
+    plain = Comparison(sampling_rate=RATE, n_bank=10)
+    comparison = plain.replace(tachometer=True)
+    located = locate(comparison, comparison.measured(X, angle=angle), n_permutations=219)
+    assert located.phase == {}
+    assert locate(plain, plain.measured(X), n_permutations=219).phase == {}
     (of_measured, of_bank), nothing = given
     assert of_measured == pytest.approx(speeds)
-    assert of_bank == pytest.approx(locator.bank_.speeds * RATE)
+    assert of_bank == pytest.approx(located.bank.speeds)
     assert nothing is None
 
 
@@ -70,6 +73,6 @@ def test_few_samples_per_turn_leave_no_bin_empty() -> None:
     """96 samples per turn, each at the same phase every turn."""
     rate = 96 * SPEED
     X = torque(np.full(3, SPEED), 1, rate, 1440)
-    found = phase_maps(X, X, rate, SPEED, N_LOBES, 0.05, (np.full(3, SPEED),) * 2)
+    found = phase_maps(X, X, Conditions(rate, SPEED), 0.05, (np.full(3, SPEED),) * 2)
     assert np.isfinite(found["input"].measured).all()
     assert amplitude(found["input"].measured) == pytest.approx(1.0, abs=0.1)

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
-from short_records import N_SAMPLES, RATE, Recorder
+from short_records import BASE, GEARBOX, RATE, SPEED, Recorder, short
 from sklearn.model_selection import StratifiedKFold
 
-from cyclofeat.gap import EffectRanker, EffectTable, GapLocator, NuisancePrior, _table, summarise
-from cyclofeat.gap._learned import _SETS_PER_DRAW, Typical, _sets, _temperature, _ties, sharpened
-from cyclofeat.gap._ranker import _together
-from cyclofeat.gap._table import _used, make_table
+from cyclofeat.gap import (
+    Bank,
+    Comparison,
+    Conditions,
+    EffectRanker,
+    EffectTable,
+    LocatedGap,
+    learn_effects,
+    locate,
+    summarise,
+)
+from cyclofeat.gap.simulations import Population
+from cyclofeat.gap.what import Typical, _ranker, make_table, sharpened
+from cyclofeat.gap.what._learned import _SETS_PER_DRAW, _sets, _temperature, _ties
+from cyclofeat.gap.what._ranker import _names, _together
+from cyclofeat.gap.what._table import _used
 from cyclofeat.simulators import (
-    CycloidalGearbox,
     Effect,
     Gain,
     Hum,
@@ -24,10 +36,17 @@ from cyclofeat.simulators import (
     TorqueMeterLowPass,
 )
 
-FS = RATE
-BASE = Rig.r1().replace(load_drift_nm=0.0, noise_nm=0.05)
-PRIOR = NuisancePrior(defect_counts=(0, 3))
-SMALL = {"nuisance": PRIOR, "n_draws": 10, "n_simulations": 2, "n_null": 16, "n_recordings": 6, "n_trees": 60}
+SMALL = {"n_draws": 10, "n_simulations": 2, "n_null": 16}
+
+
+@pytest.fixture(scope="module")
+def comparison(simulations: Path) -> Comparison:
+    return short(rig=BASE, defect_counts=(0, 3), n_bank=40, cache=simulations)
+
+
+def compared(comparison: Comparison, bank: Bank) -> LocatedGap:
+    return locate(comparison, comparison.measured(bank.X, y=bank.counts), n_permutations=499)
+
 
 # Parts
 
@@ -80,15 +99,16 @@ def test_typical_cases_are_rarely_refused_and_strange_ones_are() -> None:
     assert np.mean(typical.conformal_p(strange).max(axis=1) <= 0.05) > 0.9
 
 
-def test_unknown_effects_are_refused() -> None:
+def test_a_library_of_unknown_effects_is_refused(comparison: Comparison) -> None:
     with pytest.raises(ValueError, match="library must name different effects of pin_errors"):
-        EffectRanker(FS, library=["magic"]).fit()
+        learn_effects(comparison, library=["magic"])
+    with pytest.raises(ValueError, match="library must name different effects"):
+        learn_effects(comparison, library=["hum", "hum"])
 
 
-def test_a_rig_with_a_brake_has_no_second_one() -> None:
-    names = [EffectRanker(FS, base)._names(NuisancePrior().simulator(base)) for base in (BASE, Rig.r0())]
-    assert "brake_rotor" not in names[0]
-    assert "brake_rotor" in names[1]
+def test_a_rig_with_a_brake_has_no_second_one(comparison: Comparison) -> None:
+    assert "brake_rotor" not in _names(comparison.rig, None)
+    assert "brake_rotor" in _names(Rig.r0(), None)
 
 
 # The table
@@ -110,16 +130,14 @@ def test_recordings_without_effect_are_used_alike(n_classes: int, n_recordings: 
 
 
 @pytest.fixture(scope="module")
-def table(simulations: Path) -> EffectTable:
-    return make_table(
-        None, PRIOR, ["offset", "gain", "quantisation"], n_draws=5, n_recordings=2, n_null=16,
-        n_samples=N_SAMPLES, sampling_rate=RATE, input_speed_hz=500 / 60, cache=simulations,
-    )  # fmt: skip
+def table(comparison: Comparison) -> EffectTable:
+    plain = comparison.replace(rig=Rig(GEARBOX))
+    return make_table(plain, ["offset", "gain", "quantisation"], n_draws=5, n_recordings=2, n_null=16)
 
 
 def test_the_table_is_paired(table: EffectTable, recorded: Recorder) -> None:
     """With and without an effect it is the same recording: an offset moves its mean and nothing else."""
-    _, cells = summarise(recorded([], (0, 3), n=1).X, RATE, 500 / 60)
+    _, cells = summarise(recorded([], (0, 3), n=1).X, Conditions(RATE, SPEED))
     names = [cell.name for cell in cells]
     mean, level = names.index("mean"), names.index("third octave at 501 Hz")
     offsets, gains = (table.vectors[name][:, 0] for name in ("offset", "gain"))
@@ -148,141 +166,130 @@ def test_sets_are_the_change_and_what_recordings_differ_by() -> None:
 
 
 def test_simulations_that_fail_are_counted_and_not_learned(
-    simulations: Path, monkeypatch: pytest.MonkeyPatch
+    comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = _table.machine
+    real, anew = Population.run_machine, comparison.replace(cache=None)
 
-    def machine(simulator, *arguments, **options):
-        if simulator.effects:
+    def run_machine(self, *arguments, **options):
+        if {"clearance", "hum"} & {effect.effect_id for effect in self.rig.effects}:
             raise SimulationFailed("it diverges")
-        return real(simulator, *arguments, **options)
+        return real(self, *arguments, **options)
 
-    monkeypatch.setattr(_table, "machine", machine)
-    arguments = {"n_null": 16, "n_samples": N_SAMPLES, "sampling_rate": RATE, "input_speed_hz": 500 / 60}
-    made = make_table(BASE, PRIOR, ["offset", "clearance"], n_draws=5, n_recordings=2, **arguments)
-    assert made.n_failed == 10
-    assert np.all(np.isnan(made.values["clearance"]))
-    assert np.all(np.isfinite(made.values["offset"]))
-    monkeypatch.setattr(_table, "machine", lambda *_, **__: machine(Failing()))
+    monkeypatch.setattr(Population, "run_machine", run_machine)
+    size = {"n_draws": 5, "n_recordings": 2, "n_null": 16}
+    table = make_table(anew, ["offset", "clearance"], **size)
+    assert table.n_failed == 10
+    assert np.all(np.isnan(table.values["clearance"]))
+    assert np.all(np.isfinite(table.values["offset"]))
+    hum = anew.replace(rig=BASE.with_added(Hum(0.1)))
     with pytest.raises(SimulationFailed, match="without any effect"):
-        make_table(BASE, PRIOR, ["offset"], n_draws=5, n_recordings=2, **arguments)
-
-
-class Failing:
-    effects = (Hum(0.1),)
+        make_table(hum, ["offset"], **size)
 
 
 # The stage as a whole
 
 
 @pytest.fixture(scope="module")
-def ranker(simulations: Path) -> EffectRanker:
-    library = ["hum", "offset", "gain", "torque_meter_low_pass"]
-    return EffectRanker(RATE, BASE, library=library, cache=simulations, **SMALL).fit()
+def ranker(comparison: Comparison) -> EffectRanker:
+    return learn_effects(comparison, library=["hum", "offset", "gain", "torque_meter_low_pass"], **SMALL)
 
 
 @pytest.fixture(scope="module")
-def locators(recorded: Recorder, simulations: Path) -> dict[str, GapLocator]:
+def located(comparison: Comparison, recorded: Recorder) -> dict[str, LocatedGap]:
     """What the first stage says of recordings with an effect hidden in them."""
     hidden: list[Effect] = [Hum(0.4), TorqueMeterLowPass(120.0), Offset(1.0), Gain(1.04)]
-    found = {}
-    for effect in hidden:
-        bank = recorded([effect], (0, 3), n=6, seed=9, base=BASE)
-        locator = GapLocator(RATE, BASE, PRIOR, n_bank=40, n_permutations=499, cache=simulations)
-        found[effect.effect_id] = locator.fit(bank.X, y=bank.counts)
-    return found
+    return {
+        effect.effect_id: compared(comparison, recorded([effect], (0, 3), n=6, seed=9, base=BASE))
+        for effect in hidden
+    }
 
 
-def test_hidden_effects_are_named(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
-    for name, locator in locators.items():
+def test_hidden_effects_are_named(ranker: EffectRanker, located: dict[str, LocatedGap]) -> None:
+    for name, gap in located.items():
         # One load and one direction: both move the mean.
-        alike = {"offset", "gain"} if name in ("offset", "gain") else {name}
-        assert locator.verdict_ == "disagree", name
-        ranking = ranker.rank(locator)
-        assert ranking[0].effect_id in alike, name
-        assert sum(ranker.proba_.values()) == pytest.approx(1.0)
-        assert [row.probability for row in ranking] == sorted(ranker.proba_.values(), reverse=True)
-        assert ranker.next_measurement_ == ranking[0].next_measurement != ""
+        ties = {"offset", "gain"} if name in ("offset", "gain") else {name}
+        assert gap.verdict == "disagree", name
+        rows = ranker.rank(gap).rows
+        assert rows[0].effect_id in ties, name
+        shares = [row.probability for row in rows]
+        assert sum(shares) == pytest.approx(1.0)
+        assert shares == sorted(shares, reverse=True)
+        assert rows[0].next_measurement != ""
 
 
 def test_look_alikes_are_those_of_the_confusion(
-    ranker: EffectRanker, locators: dict[str, GapLocator], monkeypatch: pytest.MonkeyPatch
+    ranker: EffectRanker, located: dict[str, LocatedGap], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert ranker.tie_groups_ == _ties(ranker.confusion_, ranker.classes_)
-    learned = ranker._learn(len(locators["hum"].measured_))
+    learned = ranker.learned(6)
+    assert learned.tie_groups == _ties(learned.confusion, list(ranker.names))
     monkeypatch.setattr(learned, "tie_groups", [("offset", "gain")])
-    alike = {row.effect_id: row.look_alikes for row in ranker.rank(locators["hum"])}
-    assert alike == {"hum": (), "torque_meter_low_pass": (), "offset": ("gain",), "gain": ("offset",)}
+    ties = {row.effect_id: row.look_alikes for row in ranker.rank(located["hum"]).rows}
+    assert ties == {"hum": (), "torque_meter_low_pass": (), "offset": ("gain",), "gain": ("offset",)}
 
 
-def test_what_is_left_out_is_not_named(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
-    names = [row.effect_id for row in ranker.rank(locators["hum"], without=["hum"])]
-    assert sorted(names) == ["gain", "offset", "torque_meter_low_pass"]
-    assert sum(row.probability for row in ranker.ranking_) == pytest.approx(1.0)
+def test_what_is_left_out_is_not_named(ranker: EffectRanker, located: dict[str, LocatedGap]) -> None:
+    rows = ranker.rank(located["hum"], without=["hum"]).rows
+    assert sorted(row.effect_id for row in rows) == ["gain", "offset", "torque_meter_low_pass"]
+    assert sum(row.probability for row in rows) == pytest.approx(1.0)
     with pytest.raises(ValueError, match="without must leave an effect"):
-        ranker.rank(locators["hum"], without=ranker.classes_)
+        ranker.rank(located["hum"], without=ranker.names)
 
 
-def test_a_search_starts_near_the_truth(ranker: EffectRanker, locators: dict[str, GapLocator]) -> None:
+def test_a_search_starts_near_the_truth(ranker: EffectRanker, located: dict[str, LocatedGap]) -> None:
     """Of ten draws between 0.01 and 2 Nm the nearest to 0.4 lie within a factor of three or so."""
-    nearest = ranker.nearest("hum", locators["hum"], 2)
-    drawn = np.exp(ranker.table_.vectors["hum"][:, 0])
+    nearest = ranker.nearest("hum", located["hum"], 2)
+    drawn = np.exp(ranker.table.vectors["hum"][:, 0])
     best = np.sort(np.abs(np.log(drawn / 0.4)))[:3]
     assert all(abs(np.log(effect.amplitude_nm / 0.4)) <= best[-1] + 1e-9 for effect in nearest)
 
 
 def test_two_effects_are_found_as_a_pair(
-    ranker: EffectRanker, locators: dict[str, GapLocator], recorded: Recorder, simulations: Path
+    ranker: EffectRanker, located: dict[str, LocatedGap], recorded: Recorder
 ) -> None:
     bank = recorded([TorqueMeterLowPass(120.0), Hum(0.4)], (0, 3), n=6, seed=10, base=BASE)
-    locator = GapLocator(RATE, BASE, PRIOR, n_bank=40, n_permutations=499, cache=simulations)
-    pairs = ranker.nearest_pairs(locator.fit(bank.X, y=bank.counts))
+    pairs = ranker.nearest_pairs(compared(ranker.comparison, bank))
     assert len(pairs) == 6
     assert pairs[0].names == ("hum", "torque_meter_low_pass")
     assert sum(pair.probability for pair in pairs) == pytest.approx(1)
     assert pairs[0].probability > 0.5
     # Nothing to choose from where one effect explains all.
-    alone = ranker.nearest_pairs(locators["hum"])
+    alone = ranker.nearest_pairs(located["hum"])
     assert all("hum" in pair.names for pair in alone[:2])
 
 
-def test_a_table_from_the_cache_is_learned_alike(
-    ranker: EffectRanker, locators: dict[str, GapLocator], monkeypatch: pytest.MonkeyPatch
+def test_a_table_from_the_cache_is_learned_again_to_the_same(
+    ranker: EffectRanker, located: dict[str, LocatedGap], simulations: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_table, "machine", None)  # nothing is simulated
-    again = EffectRanker(**ranker.get_params()).fit()
-    assert np.array_equal(again.confusion_, ranker.confusion_)
-    assert again.rank(locators["offset"]) == ranker.rank(locators["offset"])
-    assert again.conformal_p_ == ranker.conformal_p_
+    monkeypatch.setattr(Population, "run_machine", None)  # nothing is simulated
+    again = learn_effects(ranker.comparison.replace(cache=simulations), library=ranker.names, **SMALL)
+    assert np.array_equal(again.learned(6).confusion, ranker.learned(6).confusion)
+    assert again.rank(located["offset"]) == ranker.rank(located["offset"])
 
 
 def test_what_is_never_found_still_has_a_name(ranker: EffectRanker) -> None:
     """At least the strongest sets of an effect are learned."""
-    assert set(ranker.detectable_) == set(ranker.classes_)
-    assert all(0 <= share <= 1 for share in ranker.detectable_.values())
-    assert np.allclose(ranker.confusion_.sum(axis=1), 1)
+    learned = ranker.learned(6)
+    assert set(learned.detectable) == set(ranker.names)
+    assert all(0 <= share <= 1 for share in learned.detectable.values())
+    assert np.allclose(learned.confusion.sum(axis=1), 1)
 
 
 def test_summaries_of_another_rate_are_refused(ranker: EffectRanker, recorded: Recorder) -> None:
     bank = recorded([], (0, 3), n=4, seed=10, base=BASE)
-    other = GapLocator(RATE / 2, BASE, PRIOR, n_bank=10, n_permutations=219)
-    other.fit(bank.X[:, ::2], y=bank.counts)
-    with pytest.raises(ValueError, match="same sampling_rate"):
-        ranker.rank(other)
+    other = ranker.comparison.replace(sampling_rate=RATE / 2, n_bank=10)
+    halved = dataclasses.replace(bank, X=bank.X[:, ::2])
+    with pytest.raises(ValueError, match="located must be of the ranker's .*sampling_rate=6400.0"):
+        ranker.rank(compared(other, halved))
 
 
-def test_what_a_model_or_a_rate_cannot_have_is_left_out(tmp_path: Path) -> None:
+def test_what_a_model_or_a_rate_cannot_have_is_left_out(comparison: Comparison) -> None:
     """The conservative law has no damping whose form could change."""
-    base = CycloidalGearbox.steel(contact_law="conservative")
-    options = {"n_draws": 5, "n_null": 16, "n_simulations": 2, "n_trees": 10, "cache": tmp_path}
+    conservative = comparison.replace(rig=Rig(GEARBOX.replace(contact_law="conservative")))
+    options = {"n_draws": 5, "n_null": 16, "n_simulations": 2}
     with pytest.raises(ValueError, match="that this model and rate can have, got contact_damping_form"):
-        EffectRanker(FS, base, library=["offset", "contact_damping_form"], **options).fit()
-    ranker = EffectRanker(FS, base, **options)
-    ranker._names = lambda _: ["offset", "contact_damping_form", "noise"]
-    assert ranker.fit().classes_ == ["offset", "noise"]
-    assert ranker.left_out_ == ("contact_damping_form",)
-
-
-def test_an_effect_named_twice_is_refused() -> None:
-    with pytest.raises(ValueError, match="library must name different effects"):
-        EffectRanker(FS, library=["hum", "hum"]).fit()
+        learn_effects(conservative, library=["offset", "contact_damping_form"], **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_ranker, "_names", lambda *_: ["offset", "contact_damping_form", "noise"])
+        ranker = learn_effects(conservative, **options)
+    assert ranker.names == ("offset", "noise")
+    assert ranker.unavailable == ("contact_damping_form",)

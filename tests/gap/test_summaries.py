@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.gap import GapLocator, summarise
-from cyclofeat.gap._summaries import SPEED_TOLERANCE, left_out
-from cyclofeat.orders import estimate_input_speed
+from cyclofeat.gap import Comparison, Conditions, locate, summarise
+from cyclofeat.gap.summaries import SPEED_TOLERANCE, left_out
+from cyclofeat.signal.orders import estimate_input_speed
 
 SPEED = 500 / 60
 
@@ -23,7 +23,7 @@ def windows(
 @pytest.mark.parametrize("rate", [320.0, 600.0, 800.0, 863.0])
 @pytest.mark.parametrize("turns", [0.995, 1.0, 2.3])
 def test_lines_beyond_half_of_the_rate_are_left_out(rate: float, turns: float) -> None:
-    values, cells = summarise(windows(rate, turns=turns), rate, SPEED)
+    values, cells = summarise(windows(rate, turns=turns), Conditions(rate, SPEED))
     assert values.shape == (3, len(cells))
     assert np.isfinite(values).all()
     # At 3 % above the nominal speed the last line and its floor still lie below half of the rate.
@@ -38,11 +38,12 @@ def test_lines_beyond_half_of_the_rate_are_left_out(rate: float, turns: float) -
 def test_the_cells_do_not_depend_on_the_recording_s_speed() -> None:
     for rate in (800.0, 880.0, 895.0):
         slow, fast = (
-            summarise(windows(rate, speed=SPEED * factor), rate, SPEED) for factor in (0.971, 1.029)
+            summarise(windows(rate, speed=SPEED * factor), Conditions(rate, SPEED))
+            for factor in (0.971, 1.029)
         )
         assert slow[1] == fast[1]
         tachometer = np.full(3, 1.1 * SPEED)
-        values, cells = summarise(windows(rate), rate, SPEED, speeds=tachometer)
+        values, cells = summarise(windows(rate), Conditions(rate, SPEED), tachometer)
         assert [cell for cell in cells if cell.family != "speed"] == slow[1][1:]
         assert np.isfinite(values).all()
 
@@ -52,7 +53,7 @@ def test_the_cells_do_not_depend_on_the_recording_s_speed() -> None:
     [(3, "lobe lines 1 to 48"), (5, "lobe lines 2 to 3, 7 to 8"), (8, "lobe lines 4, 12, 20")],
 )
 def test_lines_of_few_lobes_without_a_floor_are_left_out(n_lobes: int, named: str) -> None:
-    values, cells = summarise(windows(6400.0, n_lobes), 6400.0, SPEED, n_lobes)
+    values, cells = summarise(windows(6400.0, n_lobes), Conditions(6400.0, SPEED, n_lobes))
     assert np.isfinite(values).all()
     assert any(text.startswith(named) for text in left_out(cells, 6400.0, n_lobes))
     of_lines, of_floors = ([c for c in cells if c.family == family] for family in ("lobe lines", "floor"))
@@ -61,22 +62,23 @@ def test_lines_of_few_lobes_without_a_floor_are_left_out(n_lobes: int, named: st
 
 def test_bands_between_two_bins_are_left_out() -> None:
     """A gearbox of two lobes turns its output four times a second."""
-    values, cells = summarise(windows(6400.0, 2), 6400.0, SPEED, 2)
+    values, cells = summarise(windows(6400.0, 2), Conditions(6400.0, SPEED, 2))
     assert np.isfinite(values).all()
     assert any(text.startswith("third octaves at 10") for text in left_out(cells, 6400.0, 2))
 
 
 def test_usual_rates_leave_nothing_out() -> None:
     for rate in (2000.0, 6400.0, 25_600.0):
-        _, cells = summarise(windows(rate), rate, SPEED)
+        _, cells = summarise(windows(rate), Conditions(rate, SPEED))
         assert left_out(cells, rate, 15) == []
         assert sum(cell.family == "lobe lines" for cell in cells) == 48
 
 
-def test_a_locator_says_what_it_leaves_out() -> None:
-    locator = GapLocator(600.0, n_bank=10, n_permutations=219).fit(windows(600.0))
-    assert locator.left_out_[0].startswith("lobe lines 3")
-    assert len(locator.cells_) == locator.measured_.shape[1] == locator.simulated_.shape[1]
+def test_a_located_gap_names_what_is_not_compared() -> None:
+    comparison = Comparison(sampling_rate=600.0, n_bank=10)
+    located = locate(comparison, comparison.measured(windows(600.0)), n_permutations=219)
+    assert located.not_compared[0].startswith("lobe lines 3")
+    assert len(located.cells) == located.measured.values.shape[1] == located.simulated.shape[1]
 
 
 @pytest.mark.parametrize("percent", [-3.0, 0.3, 3.0])
@@ -84,7 +86,7 @@ def test_a_speed_at_the_end_of_the_range_is_believed(percent: float) -> None:
     phase = 2 * np.pi * SPEED * (1 + percent / 100) * np.arange(46_080) / 25_600
     noise = np.random.default_rng(0).normal(size=phase.size)
     torque = 22 + noise + 0.1 * np.cos(16 * phase) + 0.1 * np.cos(32 * phase + 1)
-    values, _ = summarise(torque[np.newaxis], 25_600.0, SPEED)
+    values, _ = summarise(torque[np.newaxis], Conditions(25_600.0, SPEED))
     assert values[0, 0] == pytest.approx(percent, abs=0.05)
 
 
@@ -96,4 +98,4 @@ def test_the_flank_of_a_lobe_line_is_no_speed() -> None:
     torque = (22 + noise + mesh + 2 * np.cos(29 * 16 / 15 * phase))[np.newaxis]
     flank = estimate_input_speed(torque, 25_600.0, SPEED, SPEED_TOLERANCE, comb="mesh")
     assert flank[0] < 0.9702 * SPEED
-    assert summarise(torque, 25_600.0, SPEED)[0][0, 0] == pytest.approx(0.15, abs=0.1)
+    assert summarise(torque, Conditions(25_600.0, SPEED))[0][0, 0] == pytest.approx(0.15, abs=0.1)

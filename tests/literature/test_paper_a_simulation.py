@@ -24,8 +24,8 @@ from _papers import (
 from _papers import STEEL_A as STEEL
 
 from cyclofeat.datasets import load_published_tables
+from cyclofeat.signal import welch_psd
 from cyclofeat.simulators import CycloidalGearbox
-from cyclofeat.spectral import welch_psd
 
 SEVEN = range(1, 8)
 

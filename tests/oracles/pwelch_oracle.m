@@ -1,4 +1,4 @@
-% GNU Octave's answers for cyclofeat.spectral. Run in this folder:
+% GNU Octave's answers for cyclofeat.signal. Run in this folder:
 %   octave-cli pwelch_oracle.m [folder for the two output files, default: here]
 % Needs the package "signal". The committed outputs are those of Octave 7.3.0 with signal 1.4.3.
 % (A script of the name pwelch.m would hide the function.)

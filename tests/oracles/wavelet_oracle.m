@@ -1,4 +1,4 @@
-% GNU Octave's answers for cyclofeat.wavelets. Run in this folder:
+% GNU Octave's answers for cyclofeat.signal.wavelets. Run in this folder:
 %   octave-cli wavelet_oracle.m [folder for the two output files, default: here]
 % Octave has no wavelet toolbox, and no package is needed: the recipe of MATLAB's example "Continuous and
 % Discrete Wavelet Analysis" ("Discrete Wavelet Transform, Absolute Coefficients") is written out here from the

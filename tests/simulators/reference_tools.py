@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, _kernels
+from cyclofeat.simulators import (
+    Courses,
+    CycloidalGearbox,
+    LobeDefects,
+    SimulationRun,
+    Solver,
+    simulate,
+)
+from cyclofeat.simulators import _kernels as kernels  # tests of the kernels take them from here
 from cyclofeat.simulators.gearbox import RPM
 from cyclofeat.simulators.reference import ReferenceGearbox
-from cyclofeat.simulators.simulation import kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, rest_state
 
 SPEED = 500 * RPM
 PIT = math.pi / 15
@@ -23,6 +32,17 @@ class State(NamedTuple):
     angles: np.ndarray
     rates: np.ndarray
     load: float
+
+
+def simulate_with(
+    gearbox: CycloidalGearbox | None = None, defects: LobeDefects | None = None, **options: Any
+) -> SimulationRun:
+    """``simulate``, with the fields of Courses and Solver among its options."""
+    grouped = {
+        name: kind(**{f.name: options.pop(f.name) for f in dataclasses.fields(kind) if f.name in options})
+        for name, kind in (("courses", Courses), ("solver", Solver))
+    }
+    return simulate(gearbox, defects, **grouped, **options)
 
 
 def random_state(gearbox: ReferenceGearbox, rng: np.random.Generator, spread: float = 2e-3) -> State:
@@ -84,7 +104,7 @@ def reference_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> ReferenceGe
 
 def kernel_state(reference: ReferenceGearbox, state: State) -> np.ndarray:
     """The kernel's state: deviations from the rest position, and their rates."""
-    result = np.zeros(_kernels.N_STATE)
+    result = np.zeros(kernels.N_STATE)
     result[:3] = state.angles - reference.rest_angles(state.phi)
     result[4:7] = state.rates + state.omega / reference.n_lobes
     return result
@@ -98,8 +118,8 @@ class Kernel:
 
     def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, remember: bool = False) -> None:
         self.gearbox = gearbox
-        n_spins = rest_state(gearbox).size - _kernels.N_STATE
-        self.memory = _kernels.new_memory(n_spins) if remember else None
+        n_spins = rest_state(gearbox).size - kernels.N_STATE
+        self.memory = kernels.new_memory(n_spins) if remember else None
         self.constants = tuple(kernel_input(gearbox, defects))
 
     def __call__(
@@ -109,17 +129,17 @@ class Kernel:
         z = self.gearbox.n_lobes
         start = rest_state(self.gearbox)
         start[: state.size] = state
-        rates, torques = np.zeros(start.size), np.zeros(_kernels.N_RESULT)
+        rates, torques = np.zeros(start.size), np.zeros(kernels.N_RESULT)
         external = np.zeros((2, self.gearbox.n_pins, 3))
         internal = np.zeros((2, self.gearbox.n_internal_sleeves, 3))
-        memory = _kernels.new_memory(start.size - _kernels.N_STATE) if self.memory is None else self.memory
-        _kernels.derivatives(
+        memory = kernels.new_memory(start.size - kernels.N_STATE) if self.memory is None else self.memory
+        kernels.derivatives(
             phi, math.cos(phi), math.sin(phi), math.cos(phi / z), -math.sin(phi / z), omega, alpha, load,
             start, *self.constants, memory, rates, torques,
         )  # fmt: skip
         wheel, joint = self.constants[:2]
         mounts, sleeves = self.constants[7], self.constants[10]
-        _kernels.gather(wheel, joint, mounts, sleeves, memory, phi, start, external, internal)
+        kernels.gather(wheel, joint, mounts, sleeves, memory, phi, start, external, internal)
         return {
             "theta_acceleration": rates[4:6] - alpha / z,
             "psi_acceleration": rates[6] - alpha / z,

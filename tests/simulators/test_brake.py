@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from reference_tools import Kernel
+from reference_tools import Kernel, simulate_with
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, simulate
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun
 
 STEEL = CycloidalGearbox.steel()
 
 
 def run(gearbox: CycloidalGearbox, defects: LobeDefects | None = None, **options) -> SimulationRun:
-    return simulate(gearbox, defects, sampling_rate=10_000, decimation="pick", **options)
+    return simulate_with(gearbox, defects, sampling_rate=10_000, decimation="pick", **options)
 
 
 def test_torque_out_is_the_meters() -> None:

@@ -18,10 +18,11 @@ pytestmark = pytest.mark.nojit
 # 1 ms under half of the load, two worn lobes and an edge of a removed one among the contacts.
 SCRIPT = """
 import json
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 gearbox = CycloidalGearbox.steel(ramp_time=2e-3, pin_radial_errors=[2e-5] * 16).with_brake(0.02, 1e4, 0.02)
 defects = LobeDefects(worn_lobes=(0, 7), removed_lobes=(3,), depth=0.5)
-run = simulate(gearbox, defects, duration=1e-3, sampling_rate=100_000, decimation="pick", forces=True)
+pick = Solver(decimation="pick")
+run = simulate(gearbox, defects, duration=1e-3, sampling_rate=100_000, solver=pick, forces=True)
 print(json.dumps({
     name: getattr(run, name).tolist()
     for name in ("torque_out", "torque_in", "output_angle", "external_forces", "internal_forces")

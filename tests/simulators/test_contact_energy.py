@@ -36,13 +36,22 @@ def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, t: np.ndarray, push: 
 @pytest.mark.parametrize("radial_error", [0.0, 3e-5, -3e-5])
 @pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
 def test_force_over_a_worn_lobe_has_no_jump(push: float, radial_error: float, depth: float) -> None:
-    """In steps of 0.002 degrees; where the change is largest it shrinks with the steps, a jump would not."""
+    """In steps of 0.002 degrees; where the change is largest it shrinks with the steps, a jump would not.
+
+    Where a step of 0.02 degrees changes less than a small one may, nothing is hidden in it.
+    """
     gearbox, defects = with_radial_error(STEEL, radial_error), LobeDefects.worn(1, wheels=(0,), depth=depth)
-    t = np.deg2rad(np.arange(-1.0, 25.0, 0.002) + 1e-5)
-    force = sweep(gearbox, defects, t, push)
-    assert force[:, 0].max() > 500 * depth
+    coarse = np.deg2rad(np.arange(-1.0, 25.0, 0.02) + 1e-5)
+    force = sweep(gearbox, defects, coarse, push)
+    largest = force[:, 0].max()
+    assert largest > 500 * depth
     changes = np.abs(np.diff(force, axis=0))
-    assert changes.max() < 0.003 * force[:, 0].max()
+    steep = (changes > 0.003 * largest).any(axis=1) | (changes == changes.max(axis=0)).any(axis=1)
+    between = [np.linspace(coarse[k], coarse[k + 1], 11)[1:-1] for k in np.flatnonzero(steep)]
+    t = np.sort(np.concatenate([coarse, *between]))
+    changes = np.abs(np.diff(sweep(gearbox, defects, t, push), axis=0))
+    assert changes.max() < 0.003 * largest
+    changes[np.diff(t) > np.deg2rad(0.003)] = 0
     for column in (0, 1):
         worst = int(np.argmax(changes[:, column]))
         fine = sweep(gearbox, defects, np.linspace(t[worst], t[worst + 1], 11), push)
@@ -91,7 +100,7 @@ def test_no_energy_is_thrown_away_over_a_worn_lobe(radial_error: float, depth: f
     kernel = Kernel(gearbox, LobeDefects.worn(1, wheels=(0,), depth=depth))
     loaded, swing = np.array([1.7e-3, 1.7e-3, 4.1e-3]), np.array([1e-3, 1e-3, 2e-3])
     for start, by in ((loaded, swing), (-loaded / 2, swing / 2)):
-        work, flow = closed_path(kernel, 10_000, start, by)
+        work, flow = closed_path(kernel, 5_000, start, by)
         assert flow > 0.01
         assert abs(work) < 2e-5
 
@@ -99,7 +108,7 @@ def test_no_energy_is_thrown_away_over_a_worn_lobe(radial_error: float, depth: f
 def test_the_papers_law_is_not_conservative() -> None:
     """Its stiffness follows the curvature of the place: a closed path makes or takes energy."""
     kernel = Kernel(STEEL.replace(contact_damping=0.0), LobeDefects.healthy())
-    work, flow = closed_path(kernel, 10_000, np.array([1.7e-3, 1.7e-3, 4.1e-3]), np.array([1e-3, 1e-3, 2e-3]))
+    work, flow = closed_path(kernel, 5_000, np.array([1.7e-3, 1.7e-3, 4.1e-3]), np.array([1e-3, 1e-3, 2e-3]))
     assert abs(work) > 0.002 * flow
 
 
@@ -118,7 +127,7 @@ def switched_force(gearbox: CycloidalGearbox, t: float) -> complex:
 
 def test_switching_surfaces_at_the_pit_would_lose_energy() -> None:
     """A passage begins and ends without contact: the closed outline gives back all that it took."""
-    t = np.deg2rad(np.linspace(-1, 25, 26_001))
+    t = np.deg2rad(np.linspace(-1, 25, 13_001))
     path = CONSERVATIVE.profile.trochoid(t)  # of the sleeve in the wheel's frame, at the rest position
 
     naive = np.array([switched_force(CONSERVATIVE, parameter) for parameter in t])

@@ -9,9 +9,10 @@ from typing import Any
 import naive
 import numpy as np
 import pytest
-from reference_tools import SPEED, Kernel
+from reference_tools import SPEED, Kernel, simulate_with
 
 from cyclofeat.simulators import (
+    Courses,
     CycloidalGearbox,
     LobeDefects,
     SimulationRun,
@@ -19,12 +20,8 @@ from cyclofeat.simulators import (
 )
 from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.courses import drive_and_load
-from cyclofeat.simulators.simulation import (
-    _external_points,
-    _relaxed,
-    kernel_input,
-    rest_state,
-)
+from cyclofeat.simulators.simulation import Integration, external_points, relaxed
+from cyclofeat.simulators.tables import kernel_input, rest_state
 
 STEEL = CycloidalGearbox.steel()
 HEALTHY = LobeDefects.healthy()
@@ -36,7 +33,7 @@ DISPLACED = STEEL.replace(
 
 
 def raw(gearbox: CycloidalGearbox = STEEL, defects: LobeDefects = HEALTHY, **options: Any) -> SimulationRun:
-    return simulate(
+    return simulate_with(
         gearbox, defects, **{"duration": 0.3, "sampling_rate": RATE, "decimation": "pick"} | options
     )
 
@@ -137,8 +134,8 @@ def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> 
         time.size,
         5e-6,
         RATE,
-        start_angle=0.25,
-        speed_fluctuation=lambda t: a * np.sin(w * t),  # type: ignore[arg-type]
+        0.25,
+        Courses(speed_fluctuation=lambda t: a * np.sin(w * t)),
     )
     if ramp == 0:
         expected = 0.25 + SPEED * time + a / w * (1 - np.cos(w * time))
@@ -223,7 +220,7 @@ def test_contact_points_lie_on_sleeves_and_wheels() -> None:
     phi, deflection = 1.1, np.array([1.7e-3, 1.6e-3, 4.1e-3])
     got = kernel(np.append(deflection, np.zeros(5)), phi)
     forces = np.concatenate([got["external_force"][..., None], got["external_vector"]], axis=2)
-    places = _external_points(gearbox, forces)
+    places = external_points(gearbox, forces)
     pins = np.exp(2j * np.pi * np.arange(16) / 16)
     centres = pins * (
         64e-3 + np.array(gearbox.pin_radial_errors) + 1j * np.array(gearbox.pin_tangential_errors)
@@ -270,7 +267,9 @@ def test_recorded_points_belong_to_the_recorded_forces() -> None:
 def relaxed_state(
     gearbox: CycloidalGearbox, defects: LobeDefects, load: float, phi: float = 0.0
 ) -> np.ndarray:
-    return _relaxed(gearbox, kernel_input(gearbox, defects), phi, load, 1e-5, rest_state(gearbox))
+    start = np.array([[phi], [0.0], [0.0], [load]])
+    integration = Integration(gearbox, kernel_input(gearbox, defects), start, 1e-5)
+    return relaxed(integration, rest_state(gearbox))
 
 
 @pytest.mark.parametrize("load", [0.0, 22.0])

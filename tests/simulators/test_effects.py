@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import doctest
-import importlib
 import itertools
 import math
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -26,14 +23,12 @@ from cyclofeat.simulators.effects import (
     ContactDampingScale,
     ContactStiffnessScale,
     Effect,
-    EffectParameter,
     Gain,
     Hum,
     LoadDrift,
+    LoadScale,
     LobePitchErrors,
-    LogUniform,
     Noise,
-    Normal,
     Offset,
     PinErrors,
     Place,
@@ -42,16 +37,16 @@ from cyclofeat.simulators.effects import (
     RunOut,
     SensorDrift,
     SleeveFriction,
+    SpeedScale,
     SpeedWander,
     TorqueContext,
     TorqueMeterLowPass,
-    Uniform,
     effect_library,
 )
 
 FS = 25_600.0
 STEEL = CycloidalGearbox.steel()
-EVERY = [kind() for kind in (*effect_library().values(), ProportionalDrift)]
+EVERY = [kind() for kind in (*effect_library().values(), ProportionalDrift, LoadScale, SpeedScale)]
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.effect_id)
 
 
@@ -77,12 +72,6 @@ def phasor(values, frequency, sampling_rate=FS):
 # What all of them state
 
 
-@pytest.mark.parametrize("module", ["_base", "_converter", "_drive", "_gearbox", "_library", "_meter"])
-def test_examples_of_the_docstrings_run(module):
-    found = importlib.import_module(f"cyclofeat.simulators.effects.{module}")
-    assert doctest.testmod(found).failed == 0
-
-
 def test_the_library_is_in_chain_order_and_cannot_be_changed():
     places = [kind.place for kind in effect_library().values()]
     assert places == sorted(places)
@@ -94,8 +83,8 @@ def test_the_library_is_in_chain_order_and_cannot_be_changed():
 
 def test_the_chain_is_the_one_that_is_stated():
     assert [place.name for place in sorted(Place)] == [
-        "GEOMETRY", "CONTACT", "LOAD_AND_SPEED", "JOINTS", "SHAFT_AND_METER", "SENSOR", "ADC_CLOCK",
-        "ADC_CODES",
+        "NOMINAL", "GEOMETRY", "CONTACT", "LOAD_AND_SPEED", "JOINTS", "SHAFT_AND_METER", "SENSOR",
+        "ADC_CLOCK", "ADC_CODES",
     ]  # fmt: skip
 
 
@@ -119,10 +108,10 @@ def test_defaults_and_priors_lie_within_the_bounds(effect):
         if parameter.neutral is not None:
             assert parameter.low <= parameter.neutral <= parameter.high
         if parameter.prior is not None:
-            assert parameter.low < parameter.prior.quantile(0.001) < parameter.prior.quantile(0.999)
-            assert parameter.prior.quantile(0.999) < parameter.high
+            assert parameter.low < parameter.prior.ppf(0.001) < parameter.prior.ppf(0.999)
+            assert parameter.prior.ppf(0.999) < parameter.high
         if parameter.log and parameter.prior is not None:
-            assert isinstance(parameter.prior, LogUniform)
+            assert parameter.prior.dist.name == "loguniform"
 
 
 @every_effect
@@ -256,29 +245,12 @@ def test_bounds_come_back_exactly_and_beyond_them_nothing_is_clipped():
         Offset().from_vector([math.nan])
 
 
-@pytest.mark.parametrize(
-    ("prior", "oracle"),
-    [
-        (Uniform(-1.0, 3.0), stats.uniform(-1, 4)),
-        (LogUniform(0.2, 30.0), stats.loguniform(0.2, 30)),
-        (Normal(1.0, 0.5), stats.norm(1, 0.5)),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_priors_are_those_of_scipy(prior, oracle):
-    for share in (0.001, 0.2, 0.5, 0.97):
-        assert prior.quantile(share) == pytest.approx(oracle.ppf(share), rel=1e-9)
-    for value in (0.3, 1.0, 2.9, 50.0):
-        assert prior.log_density(value) == pytest.approx(oracle.logpdf(value), rel=1e-9)
-    assert math.isfinite(prior.quantile(0.0))
-
-
 def test_draws_follow_the_prior():
     random = np.random.default_rng(8)
     drawn = [BrakeRotor().draw_parameters(random) for _ in range(400)]
     for name, parameter in BrakeRotor.parameters.items():
         values = np.array([getattr(one, name) for one in drawn])
-        found = stats.kstest(values, stats.loguniform(parameter.prior.low, parameter.prior.high).cdf)
+        found = stats.kstest(values, parameter.prior.cdf)
         assert found.pvalue > 1e-3
     offsets = [Offset().draw_parameters(random).offset_nm for _ in range(400)]
     assert stats.kstest(offsets, stats.norm(0, 0.5).cdf).pvalue > 1e-3
@@ -295,8 +267,8 @@ def test_ranges_are_drawn_log_uniformly_or_uniformly():
     offsets = [other.offset_nm for _, other in drawn]
     assert stats.kstest(cutoffs, stats.loguniform(100, 1600).cdf).pvalue > 1e-3
     assert stats.kstest(offsets, stats.uniform(-0.5, 2).cdf).pvalue > 1e-3
-    assert both[0].has_ranges
-    assert not drawn[0][0].has_ranges
+    assert both[0].has_spread
+    assert not drawn[0][0].has_spread
     assert TorqueMeterLowPass((250, 250)).for_assembly(random).cutoff_hz == 250.0
     assert PinErrors((0, 0)).for_assembly(random).rms == 0
 
@@ -314,14 +286,14 @@ def test_a_range_changes_nothing_else_of_an_assembly():
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
-        (Hum(amplitude_nm="0.2"), r"amplitude_nm of hum must be a number of Nm, or a range .* got '0.2'"),
+        (Hum(amplitude_nm="0.2"), r"amplitude_nm of hum must be a number of Nm, a range .* got '0.2'"),
         (Hum(amplitude_nm=True), "amplitude_nm of hum must be a number of Nm.* got True"),
         (Hum(amplitude_nm=None), "amplitude_nm of hum must be a number of Nm.* got None"),
         (Hum(amplitude_nm=-0.1), "amplitude_nm of hum must lie between 0 and 1000 Nm, got -0.1"),
         (Hum(amplitude_nm=math.nan), "amplitude_nm of hum must lie between .* got nan"),
         (Hum(amplitude_nm=(0.3, 0.1)), r"with low <= high, got \(0.3, 0.1\)"),
         (Hum(amplitude_nm=(0, 0.1)), "as a range, must begin above 0"),
-        (Hum(amplitude_nm=(0.1, 0.2, 0.3)), r"a range \(low, high\), got \(0.1, 0.2, 0.3\)"),
+        (Hum(amplitude_nm=(0.1, 0.2, 0.3)), r"\(low, high\) or a distribution, got \(0.1, 0.2, 0.3\)"),
         (Hum(amplitude_nm=(0.1, "b")), "must be a number of Nm"),
         (Hum(harmonics=()), "harmonics of hum must be one or more"),
         (Hum(harmonics=(1, math.inf)), "harmonics of hum must be one or more finite"),
@@ -330,11 +302,11 @@ def test_a_range_changes_nothing_else_of_an_assembly():
         (Gain(0), "factor of gain must lie between 0.001 and 1000, got 0"),
         (TorqueMeterLowPass((100, math.inf)), "torque_meter_low_pass, as a range, must begin .* end finite"),
         (TorqueMeterLowPass(order=2.0), "order of torque_meter_low_pass must be a whole number, got 2.0"),
-        (LoadDrift(order=0), "order of load_drift must lie between 1 and 8, got 0"),
+        (LoadDrift(order=0), "order of load_drift must be at least 1, got 0"),
         (SpeedWander(phase=math.nan), "phase of speed_wander must be"),
         (BrakeRotor(damping_ratio=1.0), "damping_ratio of brake_rotor must lie between 0 and 0.99, got 1.0"),
         (ClockError(0.1), "relative of clock_error must lie between -0.05 and 0.05, got 0.1"),
-        (ContactDampingForm("hertz"), "form of contact_damping_form must be one of .* got 'hertz'"),
+        (ContactDampingForm("hertz"), "form of contact_damping_form must be 'paper' or .* got 'hertz'"),
         (Quantisation(1.0, 0.5), "full_scale_nm of quantisation must be at least lsb_nm = 1 Nm, got 0.5"),
     ],
     ids=str,
@@ -352,13 +324,9 @@ def test_what_cannot_be_at_this_sampling_rate_is_refused():
         torque_of(Hum(harmonics=(1, 0.5)), torque, sampling_rate=150.0)
 
 
-def test_the_base_class_and_nameless_subclasses_are_abstract():
-    class Nameless(Effect):
-        parameters: ClassVar = {"x": EffectParameter("1", 0, 1, 0, None, fitted=False)}
-
-    for kind in (Effect, Nameless):
-        with pytest.raises(TypeError, match=f"{kind.__name__} is abstract"):
-            kind()
+def test_the_base_class_is_abstract():
+    with pytest.raises(TypeError, match="Effect is abstract"):
+        Effect()
 
 
 # Geometry and contact

@@ -6,11 +6,13 @@ import re
 
 import numpy as np
 import pytest
+from reference_tools import simulate_with
 
 from cyclofeat.simulators import (
-    AssemblyTolerances,
     CycloidalGearbox,
     LobeDefects,
+    PinErrors,
+    Rig,
     SimulationDiverged,
     SimulationRun,
     simulate,
@@ -23,7 +25,7 @@ SETTLED = slice(40_000, 40_000 + LOBE_PERIOD)
 
 
 def raw(defects: LobeDefects, gearbox: CycloidalGearbox = STEEL, **options) -> SimulationRun:
-    return simulate(gearbox, defects, sampling_rate=STEP_RATE, decimation="pick", **options)
+    return simulate_with(gearbox, defects, sampling_rate=STEP_RATE, decimation="pick", **options)
 
 
 def test_equal_lobes_of_both_wheels_act_at_the_same_moment() -> None:
@@ -64,8 +66,8 @@ def test_disturbance_is_a_comb_at_16_15_of_the_input_speed() -> None:
 
 
 def test_unequal_pins_repeat_after_fifteen_input_turns_only() -> None:
-    tolerances = AssemblyTolerances(runout=0, stiffness=0, damping=0, load=0, speed=0, clearance=(0.0, 0.0))
-    torque = raw(LobeDefects.worn(1), tolerances.draw(STEEL, 3), duration=0.4 + 1.8 + 0.2).torque_out
+    gearbox = Rig(STEEL, [PinErrors(10e-6)]).draw(3).gearbox
+    torque = raw(LobeDefects.worn(1), gearbox, duration=0.4 + 1.8 + 0.2).torque_out
     piece, turns = torque[40_000:60_000], 180_000
     assert torque[40_000 + turns : 60_000 + turns] == pytest.approx(piece, abs=1e-7)
     assert np.abs(torque[40_000 + LOBE_PERIOD : 60_000 + LOBE_PERIOD] - piece).max() > 0.1
@@ -131,9 +133,11 @@ def test_worn_lobes_of_even_numbers_of_lobes(n_pins: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_slips_far_without_lobes(seed: int) -> None:
     """Seven lobes of both wheels removed: pins leave the profile's neighbourhood, and steps do not matter."""
-    gearbox = AssemblyTolerances(pin_position=5e-6).draw(STEEL, seed)
+    gearbox = Rig(STEEL, [PinErrors(5e-6)]).draw(seed).gearbox
     runs = [
-        simulate(gearbox, LobeDefects.removed(7), duration=0.35, dt=dt, sampling_rate=5000, decimation="pick")
+        simulate_with(
+            gearbox, LobeDefects.removed(7), duration=0.35, dt=dt, sampling_rate=5000, decimation="pick"
+        )
         for dt in (1e-5, 5e-6)
     ]
     coarse, fine = (run.output_angle + run.input_angle / 15 for run in runs)
@@ -160,7 +164,7 @@ def test_divergence_says_when_where_and_what_helps() -> None:
     ):
         assert part in str(error)
     # The remedies do help.
-    run = simulate(stiff, LobeDefects.worn(1), duration=0.4, dt=2.5e-6)
+    run = simulate_with(stiff, LobeDefects.worn(1), duration=0.4, dt=2.5e-6)
     assert run.torque_out[run.time > 0.25].mean() == pytest.approx(22, abs=0.5)
     run = simulate(STEEL.replace(stiffness_scale=0.25), LobeDefects.worn(1), duration=0.4)
     assert run.torque_out[run.time > 0.25].mean() == pytest.approx(22, abs=0.5)
@@ -170,7 +174,7 @@ def test_divergence_beyond_numbers_is_found() -> None:
     """Angles that are not numbers must not end up as an index."""
     for defects in (LobeDefects.healthy(), LobeDefects.worn(7), LobeDefects.removed(7)):
         with pytest.raises(SimulationDiverged, match="inf N"):
-            simulate(
+            simulate_with(
                 STEEL.replace(wheel_inertia=1e-300),
                 defects,
                 duration=0.05,

@@ -10,18 +10,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference_tools import SPEED, Kernel, State, kernel_state, random_lobes, reference_of
+from reference_tools import (
+    SPEED,
+    Kernel,
+    State,
+    kernel_state,
+    kernels,
+    random_lobes,
+    reference_of,
+    simulate_with,
+)
 
 from cyclofeat.simulators import (
     CycloidalGearbox,
     GearboxLocked,
     LobeDefects,
     SimulationRun,
-    _kernels,
     simulate,
 )
 from cyclofeat.simulators._chatter import friction_rates
-from cyclofeat.simulators.reference_friction import RubbingGearbox
+from cyclofeat.simulators.reference import RubbingGearbox
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")
@@ -90,9 +98,9 @@ class Spinning(Kernel):
     def rates(self, state: np.ndarray, at: State) -> tuple[np.ndarray, dict[str, Any]]:
         rates = np.zeros(state.size)
         torques = np.zeros(2)
-        memory = _kernels.new_memory(N_SLEEVES)
+        memory = kernels.new_memory(N_SLEEVES)
         z = self.gearbox.n_lobes
-        _kernels.derivatives(
+        kernels.derivatives(
             at.phi, np.cos(at.phi), np.sin(at.phi), np.cos(at.phi / z), -np.sin(at.phi / z), at.omega,
             at.alpha, at.load, state, *self.constants, memory, rates, torques,
         )  # fmt: skip
@@ -113,7 +121,7 @@ def test_kernel_agrees_with_rubbing_bodies() -> None:
     for _ in range(100):
         gearbox, defects, state, spins = drawn(rng)
         oracle = oracle_of(gearbox, defects)
-        expected = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        expected = oracle.rubbing_accelerations(*state[:4], np.append(state.rates, spins), state.load)
         rates, got = Spinning(gearbox, defects).rates(full_state(oracle, state, spins), state)
         force = max(got["external_force"].max(), got["internal_force"].max(), 1.0)
         torque = force * gearbox.pin_circle_radius
@@ -135,7 +143,7 @@ def test_bodies_without_friction_are_the_papers() -> None:
         state, spins = random_operation(rng)
         oracle = oracle_of(STEEL, LobeDefects.worn(3))
         plain = oracle.accelerations(*state)
-        rubbed = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        rubbed = oracle.rubbing_accelerations(*state[:4], np.append(state.rates, spins), state.load)
         assert rubbed.theta_acceleration == pytest.approx(plain.theta_acceleration, rel=1e-9, abs=1e-6)
         assert rubbed.output_torque == pytest.approx(plain.output_torque, rel=1e-9, abs=1e-8)
         assert rubbed.input_torque == pytest.approx(plain.input_torque, rel=1e-9, abs=1e-9)
@@ -181,7 +189,7 @@ def test_power_balances_and_friction_always_dissipates() -> None:
         others = [got["input_torque"] * state.omega, state.load * state.rates[2]]
         others.append(normal_power(gearbox, state, got))
         friction = kinetic - sum(others)
-        expected = oracle.rubbing_accelerations(*state[:5], spins, state.load)
+        expected = oracle.rubbing_accelerations(*state[:4], np.append(state.rates, spins), state.load)
         powers = np.array([expected.sleeve_power, expected.journal_power, expected.bearing_power])
         assert np.all(powers < 0)
         size = max(map(abs, [kinetic, *others, *powers]))
@@ -196,7 +204,9 @@ def test_friction_points_against_the_slip_at_every_contact() -> None:
     rubbing_contacts = 0
     for _ in range(20):
         gearbox, defects, state, spins = drawn(rng)
-        found = oracle_of(gearbox, defects).rubbing_accelerations(*state[:5], spins, state.load)
+        found = oracle_of(gearbox, defects).rubbing_accelerations(
+            *state[:4], np.append(state.rates, spins), state.load
+        )
         for slip, force in zip(found.slip, found.friction, strict=True):
             assert np.all(slip * force >= 0)
             rubbing_contacts += np.count_nonzero(slip * force)
@@ -208,7 +218,9 @@ def test_friction_points_against_the_slip_at_every_contact() -> None:
 
 @functools.cache
 def run(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, duration: float = 0.5) -> SimulationRun:
-    return simulate(gearbox, defects, duration=duration, sampling_rate=1e5, decimation="pick", forces=True)
+    return simulate_with(
+        gearbox, defects, duration=duration, sampling_rate=1e5, decimation="pick", forces=True
+    )
 
 
 def mean_of_turns(values: np.ndarray, n_turns: int = 2) -> float:
@@ -250,7 +262,9 @@ def test_free_sleeves_roll_and_braked_ones_slide() -> None:
     free = STEEL.replace(sleeve_friction=0.1)
     oracle = oracle_of(free, HEALTHY)
     spins, got = rolled(free, at)
-    still, rolling = (oracle.rubbing_accelerations(*at[:5], s, 22.0) for s in (np.zeros(N_SLEEVES), spins))
+    still, rolling = (
+        oracle.rubbing_accelerations(*at[:4], np.append(at[4], s), 22.0) for s in (np.zeros(N_SLEEVES), spins)
+    )
     found = 0
     for kind, before, after, spin in zip(
         ("external_force", "internal_force"), still.slip, rolling.slip, np.split(spins, [16]), strict=True
@@ -273,7 +287,7 @@ def sliding_power(gearbox: CycloidalGearbox) -> float:
     Virtual work: forces of the frictionless gearbox times sliding speeds, from the record alone.
     """
     frictionless = gearbox.replace(sleeve_friction=0.0)
-    record = simulate(
+    record = simulate_with(
         frictionless, duration=0.5, sampling_rate=5e3, decimation="pick", forces=True, points=True
     )
     assert record.output_angle is not None
@@ -320,7 +334,7 @@ def test_bearings_oppose_the_rotation(direction: int) -> None:
 
     def turn(gearbox: CycloidalGearbox, **change: Any) -> SimulationRun:
         speed = lambda t: direction * SPEED * np.clip(t / 0.2, 0, 1)  # noqa: E731
-        return simulate(gearbox, speed=speed, **loads | change)
+        return simulate_with(gearbox, speed=speed, **loads | change)
 
     plain = turn(STEEL)
     base = mean_of_turns(plain.torque_in)
@@ -340,7 +354,7 @@ def test_bearings_oppose_the_rotation(direction: int) -> None:
 def test_brake_sees_no_friction_of_the_output_bearing() -> None:
     """It lies between gearbox and meter, so the meter shows the load."""
     braked = STEEL.with_brake(0.02, 1e4, 0.05).replace(output_bearing_torque=1.5)
-    found = simulate(braked, duration=0.8, sampling_rate=1e5, decimation="pick")
+    found = simulate_with(braked, duration=0.8, sampling_rate=1e5, decimation="pick")
     assert mean_of_turns(found.torque_out, 4) == pytest.approx(22, abs=0.1)
 
 
@@ -357,7 +371,7 @@ def test_stable_for_seven_worn_lobes_at_the_default_transition_speed(friction: d
     """Half the step gives the same: the friction does not chatter."""
     gearbox = STEEL.replace(**friction)
     coarse, fine = (
-        simulate(
+        simulate_with(
             gearbox,
             LobeDefects.worn(7),
             duration=0.45,
@@ -413,7 +427,7 @@ def chattering(friction: float, dt: float, integrator: str) -> np.ndarray:
     """Torque of seven worn lobes, settled; the friction at which they chatter differs between integrators."""
     gearbox = STEEL.replace(sleeve_friction=friction)
     options: dict[str, Any] = {"duration": 0.45, "sampling_rate": 1e4, "decimation": "pick"}
-    found = simulate(gearbox, LobeDefects.worn(7), dt=dt, integrator=integrator, **options)
+    found = simulate_with(gearbox, LobeDefects.worn(7), dt=dt, integrator=integrator, **options)
     return found.torque_out[3000:]
 
 
@@ -438,14 +452,14 @@ def test_a_bearing_that_turns_does_not_chatter() -> None:
     with pytest.warns(RuntimeWarning, match="friction chatters"):
         simulate(steep, duration=0.02)
     constant = np.full(600, STEEL.input_speed)
-    simulate(steep, duration=0.02, speed=constant, load=np.full(600, 22.0), start="relaxed")
+    simulate_with(steep, duration=0.02, speed=constant, load=np.full(600, 22.0), start="relaxed")
 
 
 # Wedging ----------------------------------------------------------------------------------------------------
 
 
 def with_removed_lobes(lobes: int | tuple[int, ...], **friction: float) -> SimulationRun:
-    return simulate(
+    return simulate_with(
         STEEL.replace(**friction),
         LobeDefects.removed(lobes),
         duration=0.35,
@@ -462,7 +476,7 @@ def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: flo
     """Sleeve 15 stays on the tip of the first lobe that is left instead of sliding down its flank."""
     rubbing = STEEL.replace(sleeve_friction=0.2, journal_friction=0.2)
     with pytest.raises(GearboxLocked) as caught:
-        simulate(rubbing, LobeDefects.removed(7), duration=0.35, dt=dt, start_angle=-np.pi)
+        simulate_with(rubbing, LobeDefects.removed(7), duration=0.35, dt=dt, start_angle=-np.pi)
     assert caught.value.time == pytest.approx(0.178, abs=0.005)
     assert caught.value.contact in (
         "the contact of wheel 0 with external sleeve 7 (counted from 0)",

@@ -46,7 +46,7 @@ def test_force_on_a_worn_lobe_is_continuous(push: float, radial_error: float, de
     """A jump would not shrink with the steps."""
     errors = np.outer(np.arange(16) == 0, [radial_error, 0.0])
     gearbox = ReferenceGearbox(worn_lobes=((0,), ()), depth=depth, pin_errors=errors)
-    t = np.deg2rad(np.arange(-0.5, 24.5, 0.05) + 1e-4)
+    t = np.deg2rad(np.arange(-0.5, 24.5, 0.1) + 1e-4)
     coarse, vectors = forces_on_sleeve_0(gearbox, t, push)
     assert coarse.max() > 380 * depth  # the chord stands a third of a millimetre proud near the pit
     steepest = np.argmax(np.abs(np.diff(vectors)))

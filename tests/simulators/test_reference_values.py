@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 
 def settled_run(defects: LobeDefects) -> dict[str, np.ndarray]:
@@ -17,7 +17,7 @@ def settled_run(defects: LobeDefects) -> dict[str, np.ndarray]:
         defects,
         duration=0.6,
         sampling_rate=100_000,
-        decimation="pick",
+        solver=Solver(decimation="pick"),
         forces=True,
     )
     settled = slice(30_000, None)
@@ -66,7 +66,9 @@ def test_one_effective_radius_closes_the_energy_balance_of_the_mean() -> None:
     means = {}
     for law in ("paper", "conservative"):
         gearbox = CycloidalGearbox.steel(contact_law=law)
-        run = simulate(gearbox, duration=0.3 + 0.1125 * 2, sampling_rate=100_000, decimation="pick")
+        run = simulate(
+            gearbox, duration=0.3 + 0.1125 * 2, sampling_rate=100_000, solver=Solver(decimation="pick")
+        )
         means[law] = run.torque_in[30_000:].mean()
     assert means["conservative"] == pytest.approx(1.4675, rel=5e-4)
     assert 22 / 15 < means["conservative"] < 1.002 * 22 / 15

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference_tools import simulate_with
 
 from cyclofeat.simulators import (
-    AssemblyTolerances,
     CycloidalGearbox,
     LobeDefects,
     Rig,
@@ -21,7 +21,7 @@ STEEL = CycloidalGearbox.steel()
 
 def raw(defects: LobeDefects | None = None, gearbox: CycloidalGearbox = STEEL, **options) -> SimulationRun:
     """Every step of the integration."""
-    return simulate(gearbox, defects, sampling_rate=100_000, decimation="pick", **options)
+    return simulate_with(gearbox, defects, sampling_rate=100_000, decimation="pick", **options)
 
 
 def same(a: SimulationRun, b: SimulationRun) -> bool:
@@ -38,7 +38,9 @@ def test_integration_is_of_second_order(integrator: str, steps: tuple[float, ...
     quick = STEEL.replace(ramp_time=0.004)
 
     def end(dt: float, rule: str = "midpoint") -> np.ndarray:
-        run = simulate(quick, duration=0.02, dt=dt, sampling_rate=5000, decimation="pick", integrator=rule)
+        run = simulate_with(
+            quick, duration=0.02, dt=dt, sampling_rate=5000, decimation="pick", integrator=rule
+        )
         return np.stack([1e3 * run.output_angle, run.torque_out, run.torque_in])
 
     exact = end(6.25e-7)
@@ -54,7 +56,7 @@ def test_both_integrators_make_the_same_machine() -> None:
     gearbox = STEEL.with_brake(0.02, 1e4, 0.02)
     for machine, defects in ((STEEL, LobeDefects.worn(7)), (gearbox, LobeDefects.worn(3))):
         papers, other = (
-            simulate(machine, defects, duration=0.6, integrator=rule).torque_out[7680:]
+            simulate_with(machine, defects, duration=0.6, integrator=rule).torque_out[7680:]
             for rule in ("midpoint", "adams_bashforth")
         )
         assert other.mean() == pytest.approx(papers.mean(), rel=2e-4)
@@ -65,7 +67,7 @@ def test_both_integrators_make_the_same_machine() -> None:
 def test_picked_samples_are_those_of_the_integration(sampling_rate: int) -> None:
     every = 100_000 // sampling_rate
     full = raw(LobeDefects.worn(2), duration=0.25, forces=True)
-    picked = simulate(
+    picked = simulate_with(
         STEEL, LobeDefects.worn(2), duration=0.25, sampling_rate=sampling_rate, decimation="pick", forces=True
     )
     assert picked.torque_out.size == 0.25 * sampling_rate
@@ -108,7 +110,7 @@ def test_load_beyond_nyquist_is_suppressed() -> None:
     """700 Hz at 1 kHz would appear at 300 Hz; picking lets it through, as the papers' every 10th may."""
 
     def at_300_hz(decimation: str) -> float:
-        run = simulate(
+        run = simulate_with(
             duration=0.8,
             sampling_rate=1000,
             decimation=decimation,
@@ -172,22 +174,13 @@ def test_load_fluctuation_is_a_number_or_a_function() -> None:
 
 
 def test_runs_are_the_same_bit_for_bit() -> None:
-    def run() -> SimulationRun:
-        return simulate(STEEL, LobeDefects.worn(3), duration=0.25, seed=5, tolerances=AssemblyTolerances())
+    def run(worn: int = 3) -> SimulationRun:
+        return simulate(STEEL.replace(wheel_runouts=(1e-5j, 0j)), LobeDefects.worn(worn), duration=0.25)
 
     first = run()
     simulate(STEEL, LobeDefects.removed(2), duration=0.05, start_angle=1.0)  # leaves nothing behind
-    simulate(STEEL, LobeDefects.worn(7), duration=0.05, seed=6, tolerances=AssemblyTolerances())
+    assert not same(first, run(7))
     assert same(first, run())
-    other = simulate(STEEL, LobeDefects.worn(3), duration=0.25, seed=6, tolerances=AssemblyTolerances())
-    assert not same(first, other)
-    assert first.seed == 5
-    assert first.gearbox == AssemblyTolerances().draw(STEEL, 5)
-    # Without tolerances there is nothing random.
-    assert same(
-        simulate(STEEL, LobeDefects.worn(3), duration=0.05, seed=1),
-        simulate(STEEL, LobeDefects.worn(3), duration=0.05),
-    )
 
 
 @pytest.mark.parametrize(
@@ -199,20 +192,17 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"dt": -1e-5}, "dt must be positive and finite, got -1e-05"),
         ({"sampling_rate": float("inf")}, "sampling_rate must be positive and finite, got inf"),
         ({"sampling_rate": 2e5}, "sampling_rate must not exceed 1/dt = 100000 Hz, got 200000 Hz"),
-        ({"start_angle": float("nan")}, r"start_angle must be finite \(rad\), got nan"),
+        ({"start_angle": float("nan")}, "start_angle must be finite, got nan"),
         ({"decimation": "mean"}, "decimation must be 'antialias' or 'pick', got 'mean'"),
         ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz .* got 25600 Hz"),
-        ({"tolerances": AssemblyTolerances()}, "seed must be given with tolerances"),
         ({"load_fluctuation": lambda t: np.zeros(3)}, r"load_fluctuation must be .* it gave shape \(3,\)"),
         (
             {"load_fluctuation": np.zeros(100)},
             "load_fluctuation as an array must .* at least 256 at 25600 Hz",
         ),
         ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
-        (
-            {"integrator": "euler"},
-            r"integrator must be one of \('midpoint', 'adams_bashforth'\), got 'euler'",
-        ),
+        ({"integrator": "euler"}, "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
+        ({"integrator": ["euler"]}, r"integrator must be 'midpoint' .* got \['euler'\]"),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
         ({"load_fluctuation": float("inf")}, "load_fluctuation must be finite"),
         ({"defects": LobeDefects.worn((15,))}, "defects name lobe 15, but the wheel has lobes 0 to 14"),
@@ -220,7 +210,7 @@ def test_runs_are_the_same_bit_for_bit() -> None:
 )
 def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        simulate(**{"duration": 0.01, **options})
+        simulate_with(**{"duration": 0.01, **options})
 
 
 @pytest.mark.parametrize(
@@ -231,16 +221,13 @@ def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str
         ({"duration": "1"}, "duration must be a number, got '1'"),
         ({"dt": None}, "dt must be a number, got None"),
         ({"start_angle": [0.0]}, r"start_angle must be a number, got \[0.0\]"),
-        ({"tolerances": 1, "seed": 1}, "tolerances must be of type AssemblyTolerances, got 1"),
         ({"load": "heavy"}, "load must be a number, an array or a function of time, .* got 'heavy'"),
         ({"speed": lambda t: "fast"}, "speed must be a number, .* return numbers, got 'fast'"),
     ],
 )
 def test_arguments_of_another_type_are_refused(options: dict, message: str) -> None:
     with pytest.raises(TypeError, match=message):
-        simulate(**{"duration": 0.01, **options})
-    with pytest.raises(ValueError, match=r"integrator must be one of .* got \['euler'\]"):
-        simulate(integrator=["euler"], duration=0.01)  # type: ignore[arg-type]
+        simulate_with(**{"duration": 0.01, **options})
 
 
 @pytest.mark.parametrize(("up", "down"), [(32, 125), (1, 4), (8, 25)])
@@ -248,10 +235,10 @@ def test_resampling_leaves_a_constant_torque_constant(up: int, down: int) -> Non
     """Without equal gains of the filter's phases 22 Nm carry a comb of 0.4 mNm at multiples of 800 Hz."""
     from scipy.signal import resample_poly
 
-    from cyclofeat.simulators.simulation import _anti_alias_filter
+    from cyclofeat.simulators.simulation import anti_alias_filter
 
     constant = np.full(400 * max(up, down), 22.0)
-    found = resample_poly(constant, up, down, window=_anti_alias_filter(up, down))
+    found = resample_poly(constant, up, down, window=anti_alias_filter(up, down))
     inside = found[40:-40]  # away from the ends
     assert np.ptp(inside) < 1e-11
     if up > 1:

@@ -1,0 +1,1 @@
+"""Helpers for all packages: argument checks, file writes, versions, progress, private scikit-learn parts."""

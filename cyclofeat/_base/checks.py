@@ -1,0 +1,137 @@
+"""Checks of arguments: each names the argument, what it must be and the value.
+
+They raise TypeError for a wrong type and ValueError for a value out of range. Truth values are not numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from cyclofeat._base.arguments import ArgumentError
+
+
+def short(value: Any) -> str:
+    """Return ``repr(value)`` in one line of at most 60 characters, for error messages."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def is_whole(value: Any) -> bool:
+    """Return True for an int or a NumPy integer."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def is_number(value: Any) -> bool:
+    """Return True for an int, a float or a NumPy number, NaN and infinity included."""
+    return is_whole(value) or isinstance(value, (float, np.floating))
+
+
+def check_number(name: str, value: Any, what: str = "a number") -> None:
+    """Raise TypeError unless ``value`` is ``what``, and ValueError if it is too large for a float."""
+    if not is_number(value):
+        raise TypeError(f"{name} must be {what}, got {short(value)}")
+    try:
+        float(value)
+    except OverflowError:
+        raise ValueError(f"{name} must be finite, got {short(value)}") from None
+
+
+def number(name: str, value: Any, what: str = "a number") -> float:
+    """Return a finite number as a float."""
+    check_number(name, value, what)
+    return _checked(math.isfinite(value), name, value, "finite")
+
+
+def positive(name: str, value: Any, what: str = "a number") -> float:
+    """Return a finite number above 0 as a float."""
+    check_number(name, value, what)
+    return _checked(math.isfinite(value) and value > 0, name, value, "positive and finite")
+
+
+def not_negative(name: str, value: Any, what: str = "a number") -> float:
+    """Return a finite number of at least 0 as a float."""
+    check_number(name, value, what)
+    return _checked(math.isfinite(value) and value >= 0, name, value, "finite and not negative")
+
+
+def _checked(right: bool, name: str, value: Any, what: str) -> float:
+    if not right:
+        raise ArgumentError("{argument} must be {what}, got {value!r}", argument=name, what=what, value=value)
+    return float(value)
+
+
+def whole(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
+    """Return a whole number from ``least`` to ``most`` (no limit where None) as an int."""
+    if not is_whole(value):
+        raise TypeError(f"{name} must be a whole number, got {short(value)}")
+    if least is not None and value < least:
+        raise ArgumentError(
+            "{argument} must be at least {least}, got {value!r}", argument=name, least=least, value=value
+        )
+    if most is not None and value > most:
+        raise ValueError(f"{name} must be at most {most}, got {value!r}")
+    return int(value)
+
+
+def n_jobs(value: Any) -> int:
+    """Return a number of workers as joblib takes it: any whole number except 0."""
+    if not is_whole(value) or value == 0:
+        raise ValueError(f"n_jobs must be a whole number of workers, or -1 for all, got {short(value)}")
+    return int(value)
+
+
+def pair(name: str, value: Any) -> tuple[float, float]:
+    """Return two finite numbers as floats."""
+    what = "a pair of numbers (low, high)"
+    if not isinstance(value, (tuple, list, np.ndarray)):
+        raise TypeError(f"{name} must be {what}, got {short(value)}")
+    if len(value) != 2:
+        raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
+    return number(name, value[0], what), number(name, value[1], what)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return True or False, also from a NumPy truth value."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be True or False, got {short(value)}")
+    return bool(value)
+
+
+def one_of(name: str, value: Any, options: Iterable[str]) -> str:
+    """Return ``value`` if it is one of the options."""
+    known = tuple(options)
+    if not isinstance(value, str) or value not in known:
+        text = " or ".join(map(repr, known)) if len(known) < 3 else f"one of {', '.join(map(repr, known))}"
+        raise ValueError(f"{name} must be {text}, got {short(value)}")
+    return value
+
+
+def members(values: Any) -> tuple[Any, ...] | None:
+    """Return the members of an iterable, or None if ``values`` is not iterable."""
+    try:
+        return tuple(values)
+    except TypeError:
+        return None
+
+
+def check_type(name: str, value: Any, kind: type) -> None:
+    """Raise TypeError unless ``value`` is an instance of ``kind``."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be of type {kind.__name__}, got {short(value)}")
+
+
+def generator(random_state: Any, name: str = "random_state") -> np.random.Generator:
+    """Return the generator of a whole number or SeedSequence; a Generator is returned as it is."""
+    if isinstance(random_state, (np.random.SeedSequence, np.random.Generator)):
+        return np.random.default_rng(random_state)
+    if not is_whole(random_state):
+        raise TypeError(
+            f"{name} must be a whole number, a SeedSequence or a Generator, got {short(random_state)}"
+        )
+    if random_state < 0:
+        raise ValueError(f"{name} must not be negative, got {random_state!r}")
+    return np.random.default_rng(int(random_state))

@@ -1,0 +1,48 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+
+def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bool = False) -> Path:
+    """Write to a file beside ``path``, rename it, and return ``path``: nobody ever sees half a file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to write or to replace.
+    write : callable
+        Takes the open binary file and writes to it.
+    durable : bool
+        Send the file to the disk before it gets its name, and its name after that: the old file or the whole
+        new one survives a power cut. A process killed meanwhile leaves ``.<name>.<digits>.part``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist.
+    """
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"folder {path.parent} does not exist: make it first")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    try:
+        with part.open("xb") as file:
+            write(file)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    if durable and os.name == "posix":
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    return path

@@ -1,0 +1,92 @@
+"""The ``cyclofeat`` command.
+
+==================  =====================================================================
+module              job
+==================  =====================================================================
+``_table``          all commands: name, one line of text, module
+``_printing``       printing of results, for people or as JSON, and the exit code
+``_reading``        options of commands that read recordings, and their work file by file
+``_rigs``           options of commands that simulate
+``_models``         options of commands that count with a stored model
+``folder_watch``    files that arrive in a folder
+each other module   one command
+==================  =====================================================================
+
+The module of a command has three parts:
+
+- ``add_arguments(parser)``;
+- ``run(arguments)``, which returns the result, or generates one result after the other;
+- ``printed(arguments, result)``, which returns a result's ``Printed``: its text, its JSON, and its error.
+
+A module is imported when its command is called, and imports what computes when it runs: ``--help`` answers
+at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Collection, Sequence
+
+from cyclofeat import __version__
+from cyclofeat.cli._printing import print_results, warn
+from cyclofeat.cli._table import COMMANDS
+
+__all__ = ["main", "make_parser"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; default ``sys.argv[1:]``.
+
+    Returns
+    -------
+    int
+        0 on success; 2 for bad input, with one line on standard error that says what is wrong; 130 after
+        Ctrl-C.
+    """
+    words = sys.argv[1:] if argv is None else list(argv)
+    # No option before the command takes a value, so the first other word is the command.
+    called = next((word for word in words if not word.startswith("-")), "")
+    arguments = make_parser([called]).parse_args(words)
+    try:
+        failed = print_results(COMMANDS[arguments.command], arguments)
+    except BrokenPipeError:
+        # The reader (head, less) has closed the pipe: write nothing more, not even at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("cyclofeat: interrupted", file=sys.stderr)
+        return 130
+    except _expected_errors() as error:
+        warn(error)
+        return 2
+    return 2 if failed else 0
+
+
+def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Return the parser of the command line, with the arguments of the commands in ``complete``."""
+    parser = argparse.ArgumentParser(
+        prog="cyclofeat",
+        description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    parsers = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    for name, command in COMMANDS.items():
+        subparser = parsers.add_parser(name, help=command.text, description=command.text)
+        subparser.add_argument("--json", action="store_true", help="print JSON for programs")
+        if name in complete:
+            command.module().add_arguments(subparser)
+    return parser
+
+
+def _expected_errors() -> tuple[type[Exception], ...]:
+    """Errors of input and surroundings; any other is a defect of the toolkit and keeps its traceback."""
+    from cyclofeat.simulators import SimulationFailed
+
+    return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed

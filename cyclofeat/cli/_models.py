@@ -1,0 +1,47 @@
+"""Options of commands that count with a stored model."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeModel
+    from cyclofeat.recordings import Recording
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that name a model, and the one that cuts the start of each recording."""
+    parser.add_argument("--model", required=True, help="model file that train wrote, with its card beside it")
+    parser.add_argument(
+        "--trust",
+        "--trust-model",
+        dest="trust",
+        action="store_true",
+        help="load a joblib model, which can run any code (a .skops model needs no trust)",
+    )
+    parser.add_argument(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
+    )
+    parser.add_argument(
+        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
+    )
+
+
+def read_model(arguments: argparse.Namespace) -> LobeModel:
+    """Return the model that the options name."""
+    from cyclofeat.models import as_lobe_model, load_model, read_card
+
+    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
+    return as_lobe_model(loaded, read_card(arguments.model))
+
+
+def without_start(recording: Recording, seconds: float) -> Recording:
+    """Return a recording without its first seconds."""
+    if not 0 <= seconds < recording.duration:
+        raise ValueError(f"--skip must lie within the {recording.duration:g} s recorded, got {seconds:g} s")
+    return recording.part(seconds) if seconds else recording

@@ -1,0 +1,168 @@
+"""Options of commands that read recordings, and the loop over files (``datasets.readers`` reads them)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.datasets.readers import Entry
+    from cyclofeat.recordings import Recording
+
+T = TypeVar("T")
+FILES = "recordings (.csv, .npz, .tdms, .mat, .parquet, .wav), or folders of them"
+UNREADABLE = (ValueError, TypeError, OSError, ImportError)
+_DELIMITERS = {",": ",", ";": ";", "tab": "\t"}
+
+# Argument of read_recording: its option, and how the option is parsed.
+_OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
+    "channel": ("--channel", {"help": "name of the torque's channel, or its index from 0"}),
+    "sampling_rate": ("--sampling-rate", {"type": float, "metavar": "HZ", "help": "sampling rate in Hz"}),
+    "time_channel": ("--time-channel", {"help": "channel of times, from which the sampling rate follows"}),
+    "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
+    "angle_unit": ("--angle-unit", {"choices": ("rad", "deg"), "help": "unit of the angle"}),
+    "angle_is_absolute": (
+        "--angle-absolute",
+        {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
+    ),
+    "speed_rpm": ("--speed", {"type": float, "metavar": "RPM", "help": "nominal input speed, RPM"}),
+    "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
+    "scale": ("--scale", {"type": float, "help": "Nm per unit of the channel"}),
+    "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
+}
+
+
+def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool = True) -> None:
+    """Add options that state what files do not; ``sampling_rate=False`` where the parser has that one."""
+    group = parser.add_argument_group("what the files do not state")
+    for argument, (option, parsing) in _OPTIONS.items():
+        if argument != "sampling_rate" or sampling_rate:
+            group.add_argument(option, dest=argument, **parsing)
+    group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+
+
+def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of ``read_recording`` that were typed."""
+    typed = {argument: getattr(arguments, argument) for argument in _OPTIONS}
+    if arguments.no_angle:
+        if typed["angle_channel"] or typed["angle_unit"] or typed["angle_is_absolute"]:
+            raise ValueError("--no-angle goes without --angle-channel, --angle-unit and --angle-absolute")
+        typed["angle_channel"] = False
+    if typed["delimiter"] is not None:
+        typed["delimiter"] = _DELIMITERS[typed["delimiter"]]
+    return {argument: value for argument, value in typed.items() if value is not None}
+
+
+def option_of(argument: str, rest: str) -> str:
+    """Return the option of an argument, with the value that follows the argument's name in a message.
+
+    Examples
+    --------
+    >>> option_of("sampling_rate", "="), option_of("channel", " = 'x'"), option_of("angle_channel", "=False")
+    ('--sampling-rate', "--channel 'x'", '--no-angle')
+    """
+    if (argument, rest) == ("angle_channel", "=False"):
+        return "--no-angle"
+    if argument not in _OPTIONS:
+        return argument + rest
+    option, parsing = _OPTIONS[argument]
+    value = rest.lstrip(" =")
+    return option if not value or "action" in parsing else f"{option} {value}"
+
+
+def error_text(error: Exception) -> str:
+    """Return the message of an error on one line, with options in place of arguments of functions."""
+    message = error.spelled(option_of) if isinstance(error, ArgumentError) else str(error)
+    if isinstance(error, MemoryError):
+        message = f"not enough memory: {error}"
+    return " ".join(message.split())
+
+
+@dataclass(frozen=True)
+class UnreadableFolder:
+    """A folder that holds no recordings or a wrong manifest; the error is raised when it is read."""
+
+    path: Path
+    error: Exception
+
+    def read(self, **_: Any) -> Recording:
+        """Raise the error."""
+        raise self.error
+
+
+def entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
+    """Return the files named, and the files of the folders named, as their manifests state."""
+    from cyclofeat.datasets.readers import Entry, folder_entries
+
+    files: list[Entry | UnreadableFolder] = []
+    for path in map(Path, paths):
+        try:
+            files += folder_entries(path) if path.is_dir() else [Entry(path)]
+        except (ValueError, OSError) as error:
+            files.append(UnreadableFolder(path, error))
+    return files
+
+
+def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
+    """Return all recordings that the paths name, read as the options state."""
+    options = reading_arguments(arguments)
+    return [entry.read(**options) for entry in entries(paths)]
+
+
+def nominal_speed(recordings: Sequence[Recording]) -> float:
+    """Return the nominal input speed that recordings share, in turns per second."""
+    from cyclofeat.recordings import common_speed
+
+    speed = common_speed(recordings)
+    if speed is None:
+        raise ValueError("the recordings state no nominal speed: give --speed (RPM)")
+    return speed
+
+
+@dataclass(frozen=True)
+class FileResult(Generic[T]):
+    """Result of one file, or the error; ``title`` is its path and content in one line."""
+
+    path: Path
+    title: str = ""
+    value: T | None = None
+    error: str = ""
+
+    def printed(self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None) -> Printed:
+        """Return the title, the lines and the facts, or the error, with the file's path."""
+        file = {"file": str(self.path)}  # first, and not the name that a recording states
+        text = "\n".join([self.title, *(f"  {line}" for line in lines)])
+        if self.error:
+            return Printed(text, file | {"error": self.error}, placed(self.path, self.error), failed=True)
+        return Printed(text, file | (facts or {}) | file)
+
+
+def each_recording(
+    files: Iterable[Entry | UnreadableFolder], options: dict[str, Any], work: Callable[[Recording], T]
+) -> Iterator[FileResult[T]]:
+    """Read file by file and yield what ``work`` makes of each; a file that fails does not stop the others."""
+    from cyclofeat.datasets import one_line
+
+    for entry in files:
+        title = ""
+        try:
+            recording = entry.read(**options)
+            title = placed(entry.path, one_line(recording))
+            yield FileResult(entry.path, title, work(recording))
+        except UNREADABLE as error:
+            yield FileResult(entry.path, title, error=error_text(error))
+
+
+def placed(path: Path, message: str) -> str:
+    """Return a message about a file that states the file's path."""
+    if str(path) in message:
+        return message
+    if message.startswith(path.name):
+        return f"{path}{message.removeprefix(path.name)}"
+    return f"{path}: {message}"

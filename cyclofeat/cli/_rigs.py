@@ -1,0 +1,116 @@
+"""Options of commands that simulate: the rig, its gearbox and its worn lobes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
+
+_RIGS = ("r0", "r1", "r2", "published")
+
+
+def add_machine(parser: argparse.ArgumentParser) -> None:
+    """Add the options that state which gearbox is simulated, with which lobes worn."""
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--worn", metavar="LOBES", help="worn lobes: a count (3) or a list from 0 (0,4)")
+    kind.add_argument("--removed", metavar="LOBES", help="removed lobes: a count or a list from 0")
+    parser.add_argument(
+        "--wheels", choices=("both", "0", "1"), default="both", help="wheels with these lobes (default: both)"
+    )
+    parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0 to 1 (default 1)")
+    parser.add_argument(
+        "--material", choices=("steel", "abs"), default="steel", help="of the gearbox (default: steel)"
+    )
+    parser.add_argument("--seed", type=int, default=1000, help="of assembly, drift and noise (default 1000)")
+    add_rig(parser, "the papers' free output without errors")
+
+
+def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the options that name a rig."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--rig",
+        metavar="RIG",
+        help="r0, r1, r2 (rigs of the toolkit), published (the statistics of published measurements), or a "
+        f"JSON file that describes gearbox, rig and effects (default: {default})",
+    )
+    group.add_argument("--simulator", metavar="FILE", help="the same, as a file only")
+    add_effects(parser)
+
+
+def add_effects(parser: argparse.ArgumentParser) -> None:
+    """Add the option that names files with effects of the user."""
+    parser.add_argument(
+        "--effects-from",
+        metavar="FILE.py",
+        action="append",
+        default=[],
+        help="Python file with effects of your own, which rigs may then name (may be given several times)",
+    )
+
+
+def load_own_effects(arguments: argparse.Namespace) -> None:
+    """Register the effects of the files named, where the command has the option."""
+    for path in getattr(arguments, "effects_from", ()):
+        from cyclofeat.simulators import load_effects
+
+        load_effects(path)
+
+
+def defects_of(arguments: argparse.Namespace) -> LobeDefects:
+    """Return the worn or removed lobes."""
+    from cyclofeat.simulators import LobeDefects
+
+    wheels = {"both": (0, 1), "0": (0,), "1": (1,)}[arguments.wheels]
+    if arguments.removed is not None:
+        return LobeDefects.removed(_lobes(arguments.removed), wheels=wheels)
+    if arguments.worn is not None:
+        return LobeDefects.worn(_lobes(arguments.worn), wheels=wheels, depth=arguments.depth)
+    return LobeDefects.healthy()
+
+
+def _lobes(text: str) -> int | tuple[int, ...]:
+    """Return a count ("3") or lobes counted from 0 ("0,4")."""
+    try:
+        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        numbers = ()
+    if not numbers:
+        raise ValueError(f"lobes must be a count like 3 or a list counted from 0 like 0,4, got {text!r}")
+    return numbers[0] if "," not in text else numbers
+
+
+def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
+    """Return the papers' gearbox of the material named."""
+    from cyclofeat.simulators import CycloidalGearbox
+
+    return CycloidalGearbox.abs() if arguments.material == "abs" else CycloidalGearbox.steel()
+
+
+def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
+    """Return the rig named; None for the bare gearbox."""
+    if arguments.simulator is None and arguments.rig is None:
+        return None
+    if arguments.material != "steel":
+        raise ValueError("--material goes without --rig and --simulator: these state their own gearbox")
+    return rig_of(arguments)
+
+
+def rig_of(arguments: argparse.Namespace, default: str = "") -> Rig:
+    """Return the rig named or described, else the one of the name ``default``."""
+    from cyclofeat.datasets import rig_preset
+    from cyclofeat.simulators import Rig
+
+    if arguments.simulator is not None:
+        return Rig.from_json(arguments.simulator)
+    name = arguments.rig or default
+    if name.lower() in _RIGS:
+        return rig_preset(name)
+    if not Path(name).exists():
+        raise FileNotFoundError(
+            f"--rig must be {', '.join(_RIGS)} or a description of a rig, no such file: {name}"
+        )
+    return Rig.from_json(name)

@@ -1,0 +1,67 @@
+"""The table of commands."""
+
+from __future__ import annotations
+
+import importlib
+from argparse import ArgumentParser, Namespace
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, cast
+
+
+@dataclass(frozen=True)
+class Printed:
+    """What is printed of a result: text for people, plain values for JSON, and an error.
+
+    ``failed`` makes the exit code 2.
+    """
+
+    text: str
+    json: Any
+    error: str = ""
+    failed: bool = False
+
+
+class CommandModule(Protocol):
+    """Parts of a command's module."""
+
+    def add_arguments(self, parser: ArgumentParser) -> None:
+        """Add the arguments of the command."""
+
+    def run(self, arguments: Namespace) -> Any:
+        """Return the result, or generate one result after the other."""
+
+    def printed(self, arguments: Namespace, result: Any) -> Printed:
+        """Return what is printed of a result."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command: its help, its module, and its JSON: one document, a list, or a line for each result."""
+
+    text: str
+    module_name: str
+    output: Literal["one", "list", "lines"] = "one"
+
+    def module(self) -> CommandModule:
+        """Import the command's module."""
+        return cast("CommandModule", importlib.import_module(f"cyclofeat.cli.{self.module_name}"))
+
+
+COMMANDS = {
+    "simulate": Command("simulate one recording and write it to a file", "simulate"),
+    "animate": Command(
+        "simulate the gearbox and write a page that shows it turning, with its forces and its torque",
+        "animate",
+    ),
+    "inspect": Command("show what recordings hold, and what in them would spoil a count", "inspect", "list"),
+    "train": Command("train a model and write it to a file", "train"),
+    "count": Command("count the worn lobes of recordings", "count", "list"),
+    "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
+    "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
+    "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
+    "campaign": Command("simulate thousands of assemblies to files; a broken run is completed", "campaign"),
+    "gap": Command(
+        "find where model and measurement disagree, name the missing effect, correct the model", "gap"
+    ),
+    "demo": Command("train, write surrogate recordings, count them, write the pages of both", "demo"),
+}

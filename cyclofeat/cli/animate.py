@@ -1,0 +1,62 @@
+"""``cyclofeat animate``: a page that shows the gearbox turning."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclofeat.cli._printing import note
+from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.simulators import SimulationRun
+
+# Forces of every sample at the papers' rate would fill the memory while the machine settles.
+_SAMPLING_RATE = 6400.0
+_LONGEST = 20.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", required=True, metavar="FILE.html", help="page to write")
+    add_machine(parser)
+    parser.add_argument("--duration", type=float, help="seconds of the machine (default: one output turn)")
+    parser.add_argument("--frames", type=int, default=720, help="moments at which forces are shown (720)")
+
+
+def run(arguments: argparse.Namespace) -> SimulationRun:
+    """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
+    from cyclofeat.report import check_page_path, write_animation
+    from cyclofeat.simulators import Rig
+
+    check_page_path(arguments.out)  # an error now rather than after the simulation
+    rig = rig_of_machine(arguments)
+    machine = Rig(gearbox_of(arguments)) if rig is None else rig
+    duration = arguments.duration
+    if duration is None:
+        duration = machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
+    if not 0 < duration <= _LONGEST:
+        raise ValueError(f"--duration must be above 0 and up to {_LONGEST:g} s, got {duration:g}")
+    shown = machine.simulate(
+        defects_of(arguments),
+        duration=duration,
+        sampling_rate=_SAMPLING_RATE,
+        random_state=0 if rig is None else rig.seed_of(arguments.seed, 0),
+        start_angle=0.0 if rig is None else None,
+        forces=True,
+        points=True,
+    )
+    source = "simulated" if rig is None else "surrogate"
+    write_animation(shown, arguments.out, frames=arguments.frames, source=source)
+    note("open the page in a browser; it needs no network")
+    return shown
+
+
+def printed(arguments: argparse.Namespace, run: SimulationRun) -> Printed:
+    file, frames = str(Path(arguments.out)), arguments.frames
+    duration = run.torque_out.size / run.sampling_rate
+    return Printed(
+        f"{file}: {duration:.4g} s of the machine in {frames} frames",
+        {"file": file, "defect_count": run.defects.defect_count, "duration_s": duration, "frames": frames},
+    )

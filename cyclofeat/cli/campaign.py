@@ -1,0 +1,99 @@
+"""``cyclofeat campaign``: many simulated assemblies, from a design to files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclofeat._base.progress import Progress
+from cyclofeat.cli._rigs import add_effects
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.simulators import Campaign, CampaignData
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("design", nargs="?", metavar="DESIGN", help="design of the campaign, JSON")
+    parser.add_argument(
+        "--out", metavar="FOLDER", help="folder to write; a campaign that it holds in part is completed"
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
+    parser.add_argument("--example", metavar="FILE", help="write a design to edit, and do nothing else")
+    parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")
+    add_effects(parser)
+
+
+def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
+    """Simulate a campaign, verify one, or write an example of a design."""
+    from cyclofeat.datasets import rig_preset
+    from cyclofeat.simulators import Campaign, load_campaign, run_campaign
+
+    for alone in ("example", "verify"):
+        if getattr(arguments, alone) is None:
+            continue
+        for other in ("example", "verify", "design", "out", "scheduler"):
+            if other != alone and (given := getattr(arguments, other)) is not None:
+                raise ValueError(f"--{alone} goes alone, got {other} {given!r} too")
+    if arguments.example is not None:
+        path = Path(arguments.example)
+        if path.exists():
+            raise FileExistsError(f"{path}: exists already; give a new name")
+        campaign = example()
+        campaign.to_json(path)
+        return campaign
+    if arguments.verify is not None:
+        return load_campaign(arguments.verify, verify=True)
+    if arguments.design is None or arguments.out is None:
+        raise ValueError(
+            "campaign needs a design and --out FOLDER; 'cyclofeat campaign --example design.json' writes a "
+            "design to edit"
+        )
+    return run_campaign(
+        Campaign.from_json(arguments.design, preset=rig_preset),
+        arguments.out,
+        n_jobs=arguments.jobs,
+        scheduler=arguments.scheduler,
+        progress=Progress("simulating assemblies"),
+    )
+
+
+def example() -> Campaign:
+    """Return a design that shows every kind of entry."""
+    from cyclofeat.simulators import Campaign, GearboxParameter, Hum, Noise, Quantisation, Rig
+
+    varied = (GearboxParameter("load_torque", (15.0, 25.0)), Noise((0.05, 1.0)), Quantisation((0.01, 0.1)))
+    rig = Rig.r2().replace(name="example rig").with_effects(Hum((0.05, 0.3)), *varied)
+    return Campaign(name="example", rig=rig, repeats=16, depth=(0.3, 1.0))
+
+
+def printed(arguments: argparse.Namespace, result: Campaign | CampaignData) -> Printed:
+    from cyclofeat.simulators import Campaign
+
+    if isinstance(result, Campaign):
+        path, n_runs = str(Path(arguments.example)), result.n_runs
+        text = f"{path}: a design of {n_runs} runs; run it: cyclofeat campaign {path} --out FOLDER"
+        return Printed(text, {"file": path, "n_runs": n_runs})
+    folder = arguments.out if arguments.verify is None else arguments.verify
+    n_runs, n_samples = result.X.shape
+    counts = result.manifest["status"]
+    size = sum(file["bytes"] for file in result.manifest["files"].values())
+    status = ", ".join(f"{n} {name}" for name, n in counts.items())
+    text = f"{folder}: {n_runs} runs of {n_samples} samples ({status}), {size / 1e6:.1f} MB"
+    if not result.ok.all():
+        first = int(result.ok.argmin())
+        reason = result.parameters["reason"][first]
+        text += f"\nfirst that failed, run {first} (counted from 0): {reason}"
+    facts = {
+        "folder": folder,
+        "n_runs": n_runs,
+        "n_samples": n_samples,
+        "sampling_rate": result.sampling_rate,
+        "n_shards": result.campaign.n_shards,
+        "bytes": size,
+        "status": counts,
+    }
+    return Printed(text, facts, failed=not result.ok.any())

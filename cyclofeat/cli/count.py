@@ -1,0 +1,96 @@
+"""``cyclofeat count``: the worn lobes of recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+from cyclofeat._base.words import lobes_text, number
+from cyclofeat.cli._models import add_model_options, read_model, without_start
+from cyclofeat.cli._printing import note
+from cyclofeat.cli._reading import (
+    FILES,
+    FileResult,
+    add_reading_options,
+    each_recording,
+    entries,
+    reading_arguments,
+)
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeCount
+    from cyclofeat.recordings import Recording
+
+
+class Counted(NamedTuple):
+    """Answer for one recording, length of a window, and time at the end that fills no window (both in s)."""
+
+    answer: LobeCount
+    window: float
+    unused: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
+    add_model_options(parser)
+    parser.add_argument("--report", metavar="FILE.html", help="page to write: the counts and their evidence")
+    add_reading_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
+    """Count file by file, then write the report."""
+    model = read_model(arguments)
+    if arguments.report:
+        from cyclofeat.report import check_page_path
+
+        check_page_path(arguments.report)  # an error now rather than after the counts
+    files, options = entries(arguments.files), reading_arguments(arguments)
+    window = round(
+        model.n_lobes / model.input_speed_hz, 9
+    )  # the speed in turns per second is no round number
+
+    def counted_of(recording: Recording) -> Counted:
+        recording = without_start(recording, arguments.skip)
+        count = model.count(recording)
+        # Rounding of a window to whole samples leaves a residue that is no time.
+        return Counted(count, window, max(0.0, round(recording.duration - count.n_windows * window, 6)))
+
+    results = []
+    for result in each_recording(files, options, counted_of):
+        results.append(result)
+        yield result
+    if not arguments.report:
+        return
+    from cyclofeat.report import CountedRecording, write_count_report
+
+    settings = {"model file": arguments.model}
+    if arguments.skip:
+        settings["left out at the start"] = f"{arguments.skip:g} s"
+    # Read again, one at a time: all recordings together may be larger than memory.
+    counted = (
+        CountedRecording(
+            str(file.path), without_start(file.read(**options), arguments.skip), result.value.answer
+        )
+        for file, result in zip(files, results, strict=True)
+        if result.value is not None
+    )
+    failures = {str(result.path): result.error for result in results if result.error}
+    path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
+    note(f"report: {path}")
+
+
+def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
+    if result.value is None:
+        return result.printed()
+    count, window, unused = result.value
+    refused = f", refused: {count.reason}" if count.refused else ""
+    probability = count.probability[count.defect_count]
+    lines = [f"worn lobes: {count.defect_count} (probability {probability:.2f}){refused}"]
+    if count.lobes:
+        lines.append(f"positions:  {lobes_text(count.lobes)} (counted from 1)")
+    length = f"one output turn ({window:.4g} s)"
+    lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
+    lines += [f"note: {warning}" for warning in count.warnings]
+    return result.printed(lines, {**count.to_dict(), "window_s": window, "unused_s": unused})

@@ -1,0 +1,54 @@
+"""``cyclofeat inspect``: the content of recordings, and what in it would spoil a count."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from cyclofeat._base.words import number
+from cyclofeat.cli._reading import (
+    FILES,
+    FileResult,
+    add_reading_options,
+    each_recording,
+    entries,
+    reading_arguments,
+)
+from cyclofeat.cli._table import Printed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
+    add_reading_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
+    from cyclofeat.datasets import describe
+
+    return each_recording(entries(arguments.files), reading_arguments(arguments), describe)
+
+
+def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
+    facts = result.value
+    if facts is None:
+        return result.printed()
+    lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
+    lines.append(f"speed:     {_speed_text(facts)}")
+    if facts["output_turns"] is not None:
+        turns = number(facts["whole_output_turns"], "whole output turn")
+        lines.append(f"length:    {turns}, {facts['unused_s']:.3g} s left over")
+    lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
+    lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
+    lines += [f"warning:   {warning}" for warning in facts["warnings"]]
+    return result.printed(lines, facts)
+
+
+def _speed_text(facts: dict[str, Any]) -> str:
+    nominal, measured = facts["speed_rpm"], facts["speed_measured_rpm"]
+    if measured is None:
+        return "unknown" if nominal is None else f"nominal {nominal:g} RPM, not to be seen in the record"
+    by = f"{measured:.5g} RPM by its {facts['speed_from']}"
+    if nominal is None:
+        return by
+    return f"{by}, {100 * facts['speed_deviation']:+.2f} % against the nominal {nominal:g} RPM"

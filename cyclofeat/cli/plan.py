@@ -1,0 +1,63 @@
+"""``cyclofeat plan``: the length of a recording that tells N worn lobes from N + 1."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cyclofeat._base.words import number
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import RecordingPlan
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--worn", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1")
+    parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
+    parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
+    parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
+    parser.add_argument("--speed", type=float, default=500.0, metavar="RPM", help="input speed (default 500)")
+
+
+def run(arguments: argparse.Namespace) -> RecordingPlan:
+    from cyclofeat.counting import plan_recording
+
+    if not (math.isfinite(arguments.speed) and arguments.speed > 0):
+        raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
+    return plan_recording(
+        arguments.worn,
+        noise_nm=arguments.noise,
+        confidence=arguments.confidence,
+        depth=arguments.depth,
+        input_speed_hz=arguments.speed / 60,
+    )
+
+
+def printed(arguments: argparse.Namespace, plan: RecordingPlan) -> Printed:
+    pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
+    if plan.turns is not None and plan.seconds is not None:
+        lines = [f"to tell {pair}: record {_length(plan.turns, plan.seconds)}"]
+    elif plan.confidence > plan.reachable:
+        lines = [
+            f"to tell {pair}: cannot be promised with {plan.confidence:g}; {plan.assemblies} simulated "
+            f"assemblies can show {plan.reachable:.3f} at most"
+        ]
+    else:
+        longest = _length(plan.longest_turns, plan.longest_seconds)
+        lines = [
+            f"to tell {pair}: the table's longest recording, {longest}, is not enough for {plan.confidence:g}"
+        ]
+        if plan.largest_noise_nm is not None:
+            lines.append(f"  it is enough at {plan.largest_noise_nm:g} Nm noise or less")
+    lines.append(f"  probability {plan.probability:.3f} on {plan.assemblies} simulated assemblies of rig R1")
+    if (plan.tabulated_noise_nm, plan.tabulated_depth) != (plan.noise_nm, plan.depth):
+        entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
+        lines.append(f"  answered by the table's next worse entry: {entry}")
+    lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
+    return Printed("\n".join(lines), plan.to_dict())
+
+
+def _length(turns: int, seconds: float) -> str:
+    return f"{number(turns, 'output turn')} ({seconds:.3g} s)"

@@ -1,0 +1,46 @@
+"""``cyclofeat simulate``: one simulated recording, written to a file."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.recordings import Recording
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", required=True, help="file to write, .csv or .npz")
+    add_machine(parser)
+    parser.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
+    parser.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
+    parser.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+
+
+def run(arguments: argparse.Namespace) -> Recording:
+    from cyclofeat.datasets import make_rig_recording, write_recording
+    from cyclofeat.recordings import Recording
+    from cyclofeat.simulators import simulate
+
+    defects = defects_of(arguments)
+    rig = rig_of_machine(arguments)
+    length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
+    if rig is None:
+        simulated = simulate(gearbox_of(arguments), defects, **length)
+        recording = Recording.from_run(simulated, assembly="nominal", run="simulated")
+    else:
+        recording = make_rig_recording(rig, defects, **length, random_state=arguments.seed, with_angle=True)
+    if arguments.no_angle:
+        recording = recording.replace(angle=None, angle_is_absolute=False)
+    write_recording(arguments.out, recording)
+    return recording
+
+
+def printed(arguments: argparse.Namespace, recording: Recording) -> Printed:
+    from cyclofeat.datasets import one_line
+
+    file = arguments.out
+    return Printed(f"{file}: {one_line(recording)}", {"file": file, "defect_count": recording.defect_count})

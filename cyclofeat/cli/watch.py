@@ -1,0 +1,190 @@
+"""``cyclofeat watch``: the worn lobes of recordings as they arrive in a folder."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cyclofeat._base.words import lobes_text, number
+from cyclofeat.cli._models import add_model_options, read_model, without_start
+from cyclofeat.cli._printing import note, warn
+from cyclofeat.cli._reading import (
+    UNREADABLE,
+    FileResult,
+    add_reading_options,
+    error_text,
+    placed,
+    reading_arguments,
+)
+from cyclofeat.cli._table import Printed
+from cyclofeat.cli.folder_watch import DoneList, FolderWatch
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeCount, LobeModel
+
+_DAY_S = 86_400
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "folder", metavar="FOLDER", help="where recordings arrive; folders in it are left out"
+    )
+    add_model_options(parser)
+    parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
+    parser.add_argument("--done", metavar="FILE", help="file that keeps what was counted, for the next start")
+    parser.add_argument("--interval", type=float, default=1.0, help="seconds between looks (default 1)")
+    parser.add_argument(
+        "--settle",
+        type=float,
+        default=1.0,
+        help="seconds for which a file must not change before it is read (default 1); longer than the "
+        "writer's longest pause",
+    )
+    add_reading_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> Iterator[FileResult[LobeCount]]:
+    """Count until asked to stop; with ``--once`` the files of the folder."""
+    from cyclofeat.datasets.readers import MANIFEST, SOURCES
+
+    folder = Path(arguments.folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"no such folder: {folder}")
+    for name in ("interval", "settle"):
+        if not 0 < getattr(arguments, name) < _DAY_S:
+            raise ValueError(f"--{name} must be seconds from 0 to a day, got {getattr(arguments, name):g}")
+    options = reading_arguments(arguments)
+    with _stop_on_signals() as stop:
+        done = DoneList(None if arguments.done is None else Path(arguments.done))
+        ignored = {MANIFEST} | ({Path(arguments.done).name} if arguments.done else set())
+        watch = FolderWatch(folder, tuple(SOURCES), arguments.settle, done, ignored=ignored)
+        model = read_model(arguments)
+        if not arguments.once:
+            note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
+        counted = failed = 0
+        for arrival in _arrivals(arguments, watch, model, options, stop):
+            counted += not arrival.error
+            failed += bool(arrival.error)
+            yield arrival
+    if arguments.once and watch.unsettled:
+        note(f"cyclofeat: {', '.join(sorted(watch.unsettled))}: still being written, left out")
+    ended = "done" if arguments.once else "stopped"
+    note(f"cyclofeat: {ended}: {counted} counted, {failed} could not be")
+
+
+class _Stop:
+    """Request to stop, set by signals; a handler must not take the lock of a threading.Event."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, *_: object) -> None:
+        if self.asked:  # a second signal: do not wait for work that hangs
+            raise KeyboardInterrupt
+        self.asked = True
+
+    def is_asked(self) -> bool:
+        return self.asked
+
+    def wait(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while not self.asked and (rest := end - time.monotonic()) > 0:
+            time.sleep(min(rest, 0.1))
+
+
+def _arrivals(
+    arguments: argparse.Namespace, watch: FolderWatch, model: LobeModel, options: dict[str, Any], stop: _Stop
+) -> Iterator[FileResult[LobeCount]]:
+    """Look, count, wait."""
+    from cyclofeat.datasets import read_recording
+
+    began = now = time.monotonic()
+    lost, unwritten = _Trouble("folder cannot be read"), _Trouble("--done cannot be written")
+    while not stop.is_asked():
+        ready: list[Path] = []
+        with lost:
+            ready = watch.poll(now)
+        for path in ready:
+            if stop.is_asked():
+                break
+            try:
+                count = model.count(without_start(read_recording(path, **options), arguments.skip))
+            except FileNotFoundError:
+                continue  # removed since
+            except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
+                name = "" if isinstance(error, UNREADABLE) else f"{type(error).__name__}: "
+                watch.failed(path, placed(path, name + error_text(error)))
+                continue
+            yield FileResult(path, value=count)
+            watch.counted(path)
+            with unwritten:
+                watch.done.write()
+        with unwritten:
+            watch.done.write()
+        # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
+        last = arguments.once and now - began >= arguments.settle
+        for path, message in watch.bad(now, at_once=last):
+            yield FileResult(path, error=message)
+        if last:
+            break
+        stop.wait(min(arguments.interval, arguments.settle) if arguments.once else arguments.interval)
+        now = time.monotonic()
+
+
+class _Trouble:
+    """Context that reports an OSError once, until it succeeds again: a full disk, a share that is gone."""
+
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        self.reported = False
+
+    def __enter__(self) -> None:
+        """Do nothing."""
+
+    def __exit__(self, kind: object, error: BaseException | None, _: object) -> bool:
+        if isinstance(error, OSError):
+            if not self.reported:
+                warn(f"{self.problem}, retrying: {error_text(error)}")
+            self.reported = True
+            return True
+        self.reported = self.reported and error is not None
+        return False
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[_Stop]:
+    """Ctrl-C and SIGTERM ask to stop: the file in hand is finished first."""
+    stop = _Stop()
+    before: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():  # Python allows handlers nowhere else
+        for name in (signal.SIGINT, signal.SIGTERM):
+            before[name] = signal.signal(name, stop)
+    try:
+        yield stop
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+
+
+def printed(arguments: argparse.Namespace, result: FileResult[LobeCount]) -> Printed:
+    time_text = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    facts: dict[str, Any] = {"time": time_text, "file": str(result.path)}
+    count = result.value
+    if count is None:
+        return Printed("", facts | {"error": result.error}, result.error, failed=arguments.once)
+    probability = count.probability[count.defect_count]
+    line = f"{number(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
+    if count.lobes:
+        line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
+    if count.refused:
+        line += f", refused: {count.reason}"
+    line += f", {number(count.n_windows, 'window')}"
+    line += "".join(f"; note: {warning}" for warning in count.warnings)
+    return Printed(f"{time_text} {result.path.name}: {line}", facts | count.to_dict())

@@ -1,0 +1,136 @@
+"""Base class of all transformers of windows."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn import get_config
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils import gen_batches
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._base.sklearn_private import Interval, check_feature_names_in, fit_context
+from cyclofeat.signal.windows import Float
+
+__all__ = ["SPEED_CONSTRAINTS", "WindowTransformer"]
+
+# Parameters of the transformers that refine the input speed by the lobe lines.
+SPEED_CONSTRAINTS: dict[str, list[Any]] = {
+    "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+    "n_lobes": [Interval(Integral, 3, None, closed="left")],
+    "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+}
+_CHUNK_SAMPLES = 2**20  # 8 MiB of float64 samples at one time
+_CHUNK_WINDOWS = 4096  # short windows have results that are larger than themselves
+
+
+def windows_per_chunk(n_samples: int) -> int:
+    """Number of windows to process at one time: 8 MiB of samples, or scikit-learn's ``working_memory``."""
+    samples = min(_CHUNK_SAMPLES, int(get_config()["working_memory"] * 2**17))
+    return min(max(samples // n_samples, 1), _CHUNK_WINDOWS)
+
+
+class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
+    """Base of the transformers that turn each window into one row of features.
+
+    A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in
+    ``__init__``, extends ``_parameter_constraints`` by one entry per parameter, and implements ``_columns``
+    and ``_compute``. One that learns from training windows, or whose parameters must fit the windows,
+    implements ``_learn``. Windows are processed in chunks, so that spectra never fill the memory.
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+    }
+
+    sampling_rate: float
+    n_features_in_: int
+
+    def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
+        """Check parameters against validated windows and learn state; ``y`` is as given."""
+
+    @abstractmethod
+    def _columns(self) -> list[str]:
+        """Names of the features; called on a fitted transformer."""
+
+    @abstractmethod
+    def _compute(self, X: NDArray[Any]) -> Float:
+        """Features, shape (n_windows, n_features), of a chunk of validated windows; must not write to X."""
+
+    def _of_chunks(self, chunks: Iterable[NDArray[Any]]) -> list[Float]:
+        """Features of chunks of windows, in their order."""
+        return [self._compute(chunk) for chunk in chunks]
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> Self:
+        """Check the parameters against the windows and learn what there is to learn.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+        y : array-like, shape (n_windows,), optional
+            Labels; ignored by transformers that learn nothing.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of its range, does not fit the windows (a band beyond half of the sampling
+            rate) or ``X`` is not two-dimensional, real and finite.
+        """
+        windows = validate_data(self, X, dtype=[np.float64, np.float32])
+        self._learn(windows, y)
+        return self
+
+    def transform(self, X: ArrayLike) -> Float:
+        """Features of each window.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm, as long as those given to ``fit``.
+
+        Returns
+        -------
+        ndarray, shape (n_windows, n_features), or a data frame after ``set_output``
+            Features in the order of ``get_feature_names_out``, float64.
+
+        Raises
+        ------
+        NotFittedError
+            If ``fit`` was not called.
+        ValueError
+            If ``X`` is not two-dimensional, real and finite, or its windows have another length.
+        """
+        check_is_fitted(self)
+        windows = validate_data(self, X, reset=False, dtype=[np.float64, np.float32])
+        n_windows, n_samples = windows.shape
+        parts = gen_batches(n_windows, windows_per_chunk(n_samples))
+        # C order: sums over columns-first arrays round differently.
+        chunks = (np.ascontiguousarray(windows[part]) for part in parts)
+        return np.concatenate(self._of_chunks(chunks))
+
+    def get_feature_names_out(self, input_features: ArrayLike | None = None) -> NDArray[np.object_]:
+        """Names of the features that ``transform`` returns.
+
+        Parameters
+        ----------
+        input_features : array-like of str, shape (n_samples,), optional
+            Names of the samples of a window: not used, but checked against those seen in ``fit``.
+
+        Returns
+        -------
+        ndarray of str, shape (n_features,)
+        """
+        check_is_fitted(self)
+        check_feature_names_in(self, input_features, generate_names=False)
+        return np.asarray(self._columns(), dtype=object)

@@ -1,0 +1,121 @@
+"""Settings of the gap, and recordings as it takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.utils.validation import check_array
+
+from cyclofeat._base import checks
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.summaries import Measured
+from cyclofeat.simulators import CycloidalGearbox, Rig
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows of recordings, with what is known of them.
+
+    Attributes
+    ----------
+    X : array-like, shape (n_windows, n_samples)
+        Torque in Nm, at least one output turn per window.
+    y : array-like of int, shape (n_windows,), optional
+        Known counts of worn lobes.
+    groups : array-like, shape (n_windows,), optional
+        Recording of each window. Default: each window is a recording of its own.
+    angle : array-like, shape (n_windows, n_samples), optional
+        Angle of the input shaft in rad, by a tachometer.
+    """
+
+    X: ArrayLike
+    y: ArrayLike | None = None
+    groups: ArrayLike | None = None
+    angle: ArrayLike | None = None
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """Everything but the torque, as keyword arguments."""
+        return {"y": self.y, "groups": self.groups, "angle": self.angle}
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """Settings of :func:`find_gap`.
+
+    Attributes
+    ----------
+    alpha : float
+        Chance of a false "disagree".
+    library : sequence of str or None
+        Effects that are considered. None: all of :func:`cyclofeat.simulators.effect_library` that fit the
+        model.
+    max_effects : {0, 1, 2}
+        0 compares and names nothing.
+    n_candidates : int
+        Explanations that are fitted before one is chosen; look-alikes count as one.
+    baselines : sequence of str
+        Alternatives to the corrected model: ``"nothing"``, ``"retuned"``, ``"equaliser"``,
+        ``"gaussian_process"``.
+    with_placebo : bool
+        Whether the best wrong effect outside the group of look-alikes is compared too.
+    oracle : Rig, CycloidalGearbox or None
+        The truth, where it is known (in a benchmark); compared in the last stage and not used before.
+    pictures : bool
+        Whether to fold torque over the turn and to test all numbers at once, as the page shows them.
+    n_after, n_report : int
+        Simulated recordings of the comparison with the corrected model, and of each alternative on the
+        recordings held out.
+    n_draws, n_null : int
+        Size of the table of effects (:func:`learn_effects`).
+    n_sims, n_interval : int
+        Simulated recordings for the search of a fit and for its intervals (:func:`fit_effects`).
+    n_permutations : int
+        Relabellings of the comparison.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a value is out of range.
+    """
+
+    alpha: float = 0.03
+    library: Sequence[str] | None = None
+    max_effects: int = 2
+    n_candidates: int = 2
+    baselines: Sequence[str] = ("nothing", "retuned", "equaliser", "gaussian_process")
+    with_placebo: bool = True
+    oracle: Rig | CycloidalGearbox | None = None
+    pictures: bool = True
+    n_after: int = 96
+    n_report: int = 64
+    n_draws: int = 60
+    n_null: int = 160
+    n_sims: int = 400
+    n_interval: int = 144
+    n_permutations: int = 999
+
+    def __post_init__(self) -> None:
+        if not 0 < checks.number("alpha", self.alpha) < 1:
+            raise ValueError(f"alpha must be between 0 and 1, got {self.alpha!r}")
+        least = {
+            "max_effects": 0, "n_candidates": 1, "n_after": 10, "n_report": 10, "n_draws": 5,
+            "n_null": 16, "n_sims": 1, "n_interval": 0, "n_permutations": 19,
+        }  # fmt: skip
+        for name, low in least.items():
+            checks.whole(name, getattr(self, name), low)
+        if self.max_effects > 2:
+            raise ValueError(f"max_effects must be 0, 1 or 2, got {self.max_effects}")
+
+
+def checked(comparison: Comparison, windows: Windows) -> tuple[Comparison, Measured]:
+    """Check windows, and give the comparison their length and whether they have a tachometer."""
+    X = check_array(windows.X, dtype=[np.float64, np.float32], input_name="X")
+    of_windows = comparison.replace(
+        duration=X.shape[1] / comparison.sampling_rate, tachometer=windows.angle is not None
+    )
+    return of_windows, of_windows.measured(X, **windows.data)

@@ -1,0 +1,296 @@
+"""What all stages of the gap share: model, what may differ anyway, conditions, and their simulations."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat._base.checks import flag, is_number, positive, whole
+from cyclofeat._base.checks import n_jobs as checked_jobs
+from cyclofeat.gap.simulations import (
+    MAY_DIFFER,
+    Bank,
+    Memory,
+    Population,
+    as_rig,
+    simulate_bank,
+    with_may_differ,
+)
+from cyclofeat.gap.summaries import (
+    SPEED_TOLERANCE,
+    Conditions,
+    Measured,
+    mixed,
+    read_measured,
+    summarise,
+)
+from cyclofeat.simulators import Effect, LobeDefects, Rig
+
+__all__ = ["MAY_DIFFER", "Comparison"]
+
+Float = NDArray[np.float64]
+T = TypeVar("T")
+
+SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations")  # folders whose code decides about simulations
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Model and conditions that measured recordings are compared under, and the simulations made for it.
+
+    Every stage of the gap takes a comparison first. Simulated recordings are made once and shared by the
+    stages, in memory and in the folder ``cache``.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second of the recordings in Hz.
+    rig : Rig
+        The model; a gearbox is a rig without effects. Default: paper B's gearbox.
+    duration : float, default=1.8
+        Length of a window in s, at least one output turn; whole turns of it are compared.
+    input_speed_hz : float, optional
+        Nominal input speed of the recordings in Hz, the model's within 3 %. Default: the model's.
+    may_differ : tuple of Effect
+        Effects that may differ between a measured and a simulated recording without being missing: added to
+        the rig for those kinds of effects that it does not state itself. All values are *assumptions*.
+    defect_counts : sequence of int, default=range(8)
+        Counts of worn lobes from which that of a recording is drawn, where it is not known.
+    wheels : tuple of tuple of int
+        Wheels that may carry the wear, with equal chances.
+    tachometer : bool, default=False
+        Whether the recordings have the angle of the input shaft.
+    one_assembly : bool, default=False
+        Whether all measured recordings are of one gearbox that was not taken apart between them: they have
+        its errors in common, and count as fewer.
+    n_bank : int, default=200
+        Simulated recordings that measured ones are compared with.
+    random_state : int, default=0
+    n_jobs : int, default=1
+        Number of worker processes of the simulations.
+    cache : path, optional
+        Folder in which simulations and fits are kept: an interrupted run goes on from there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong type or out of its range. The message names it.
+
+    Examples
+    --------
+    >>> comparison = Comparison(sampling_rate=6400.0, defect_counts=(0, 3))
+    >>> bank = comparison.bank(2)
+    >>> bank.X.shape, bank.counts.tolist()
+    ((2, 11520), [0, 3])
+    """
+
+    sampling_rate: float
+    rig: Rig = Rig()  # noqa: RUF009  (frozen)
+    duration: float = 1.8
+    input_speed_hz: float | None = None
+    may_differ: tuple[Effect, ...] = MAY_DIFFER
+    defect_counts: Sequence[int] = tuple(range(8))
+    wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
+    tachometer: bool = False
+    one_assembly: bool = False
+    n_bank: int = 200
+    random_state: int = 0
+    n_jobs: int = 1
+    cache: str | os.PathLike[str] | None = None
+    _memory: Memory | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
+            "duration": positive("duration", self.duration, "a number of s"),
+            "rig": as_rig(self.rig),
+            "defect_counts": _checked_counts(self.defect_counts),
+            "tachometer": flag("tachometer", self.tachometer),
+            "one_assembly": flag("one_assembly", self.one_assembly),
+            "random_state": whole("random_state", self.random_state, 0),
+            "n_bank": whole("n_bank", self.n_bank, 10),
+            "n_jobs": checked_jobs(self.n_jobs),
+            "_memory": self._memory or Memory(self.cache),
+        }
+        if not self.wheels:
+            raise ValueError(f"wheels must hold at least one of (0,), (1,) and (0, 1), got {self.wheels!r}")
+        for wheels in self.wheels:
+            LobeDefects.worn(0, wheels=wheels)
+        # By RPM, so that 500 RPM are 500 / 60 Hz to the last digit.
+        of_model = round(checked["rig"].gearbox.input_speed * 30 / np.pi, 9) / 60
+        speed = of_model if self.input_speed_hz is None else positive("input_speed_hz", self.input_speed_hz)
+        if abs(of_model / speed - 1) > SPEED_TOLERANCE:
+            raise ValueError(
+                f"input_speed_hz must be the model's speed, {of_model:.4g} Hz ({60 * of_model:.4g} RPM), got "
+                f"{speed:.4g} ({60 * speed:.4g} RPM): give a model of that speed"
+            )
+        for name, value in (checked | {"input_speed_hz": speed}).items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def conditions(self) -> Conditions:
+        """Rate, nominal speed and number of lobes."""
+        assert self.input_speed_hz is not None
+        return Conditions(self.sampling_rate, self.input_speed_hz, self.n_lobes)
+
+    @property
+    def n_lobes(self) -> int:
+        """Number of lobes of the model's discs."""
+        return int(self.rig.gearbox.n_lobes)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples that are compared: those of whole output turns."""
+        return self.conditions.whole_turns(round(self.duration * self.sampling_rate))
+
+    @functools.cached_property
+    def population(self) -> Population:
+        """Source of simulated recordings: the model with what may differ anyway."""
+        rig = with_may_differ(self.rig, self.may_differ)
+        return Population(rig, self.n_samples, self.sampling_rate, self.wheels)
+
+    @property
+    def text(self) -> str:
+        """Text of all that decides about simulated recordings and their summaries."""
+        stated = dataclasses.astuple(self.conditions), self.defect_counts, self.tachometer, self.n_bank
+        return repr((self.rig.to_text(), self.population.text, stated, self.random_state))
+
+    def rig_with(self, effects: Iterable[Effect]) -> Rig:
+        """Model with effects added, on top of what may differ anyway of the same kinds."""
+        added = tuple(effects)
+        kinds = {effect.effect_id for effect in added}
+        rig = with_may_differ(self.rig, [effect for effect in self.may_differ if effect.effect_id in kinds])
+        return rig.with_added(*added)
+
+    def replace(self, **changes: Any) -> Comparison:
+        """Copy with some parameters changed, checked anew; both share what was simulated so far."""
+        if "cache" in changes:
+            changes["_memory"] = None
+        return dataclasses.replace(self, **changes)
+
+    def remember(
+        self, call: Callable[[], T], kind: str, *key: Any, code: tuple[str, ...] = SIMULATED_BY
+    ) -> T:
+        """Return the result of ``call``, computed once for equal keys and equal code.
+
+        Parameters
+        ----------
+        call : callable
+        kind : str
+            Name of the subfolder of ``cache``: ``"fit"``.
+        *key : object
+            Text, numbers and arrays that the result depends on.
+        code : tuple of str
+            Folders of the package whose code decides about the result, besides that of the simulators.
+        """
+        assert self._memory is not None
+        return self._memory(call, kind, *key, code=code)
+
+    def bank(
+        self,
+        n: int,
+        counts: Iterable[int] | None = None,
+        *,
+        n_assemblies: int | None = None,
+        random_state: int | None = None,
+    ) -> Bank:
+        """Simulate recordings, or return those simulated before.
+
+        Parameters
+        ----------
+        n : int
+            Number of recordings.
+        counts : iterable of int, optional
+            Counts of worn lobes, gone through in turn. Default: ``defect_counts``.
+        n_assemblies : int, optional
+            Recordings i and i + n_assemblies are of the same assembly. Default: each has its own.
+        random_state : int, optional
+            Default: that of the comparison.
+
+        Returns
+        -------
+        Bank
+
+        Raises
+        ------
+        SimulationFailed
+            If at least half of the simulations fail.
+        """
+        wanted = self.defect_counts if counts is None else tuple(int(count) for count in counts)
+        state = self.random_state if random_state is None else random_state
+        return self.remember(
+            lambda: simulate_bank(
+                self.population, wanted, n, n_assemblies=n_assemblies, random_state=state, n_jobs=self.n_jobs
+            ),
+            "bank", self.population.text, wanted, n, n_assemblies, state,
+        )  # fmt: skip
+
+    def bank_like(self, measured: Measured) -> Bank:
+        """Simulate ``n_bank`` recordings with the counts of measured ones in about their shares."""
+        return self.bank(
+            self.n_bank, None if measured.counts is None else mixed(measured.counts, self.n_bank)
+        )
+
+    def summaries(self, bank: Bank) -> Float:
+        """Summaries of simulated recordings, shape (n, n_cells)."""
+        speeds = bank.speeds if self.tachometer else None
+        return self.remember(
+            lambda: summarise(bank.X, self.conditions, speeds)[0],
+            "summaries",
+            bank.X,
+            speeds,
+            self.conditions,
+        )
+
+    def measured(
+        self,
+        X: ArrayLike,
+        y: ArrayLike | None = None,
+        groups: ArrayLike | None = None,
+        angle: ArrayLike | None = None,
+    ) -> Measured:
+        """Check measured recordings and cut them to whole output turns.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Torque in Nm, of about ``duration``.
+        y : array-like of int, shape (n_windows,), optional
+            Counts of worn lobes, where they are known.
+        groups : array-like, shape (n_windows,), optional
+            Recording of each window. Default: each window is a recording of its own.
+        angle : array-like, shape (n_windows, n_samples), optional
+            Angle of the input shaft in rad; given if and only if ``tachometer`` is True.
+
+        Returns
+        -------
+        Measured
+
+        Raises
+        ------
+        ValueError
+            If the arguments do not belong together or not to this comparison.
+        """
+        if (angle is not None) != self.tachometer:
+            raise ValueError(f"angle must be given if and only if tachometer is True, got {self.tachometer}")
+        measured = read_measured(self.conditions, X, y, groups, angle)
+        if measured.windows.shape[1] != self.n_samples:
+            raise ValueError(
+                f"X must hold windows of {self.duration:g} s like the comparison (duration), got "
+                f"{np.shape(X)[1] / self.sampling_rate:g} s"
+            )
+        return measured
+
+
+def _checked_counts(counts: Any) -> tuple[int, ...]:
+    values: tuple[Any, ...] = tuple(counts) if isinstance(counts, Iterable) else ()
+    if not values or not all(is_number(c) and float(c).is_integer() and c >= 0 for c in values):
+        raise ValueError(f"defect_counts must hold whole numbers from 0, got {counts!r}")
+    return tuple(int(count) for count in values)

@@ -1,0 +1,248 @@
+"""Alternatives to a named effect: simulators and black boxes that close the gap otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.size import fit_effects
+from cyclofeat.gap.summaries import Measured, class_means, per_recording
+from cyclofeat.simulators import ContactDampingScale, ContactStiffnessScale
+
+Float = NDArray[np.float64]
+Counts = Sequence[int] | None
+
+_SEGMENT_S = 0.25  # of the averaged spectra, which resolve the lines of lobes and shaft
+_MOST_GAIN = 2.0  # of the equaliser; power that the model lacks beyond it is added as noise
+_BANDS_PER_OCTAVE = 6
+_LOWEST_HZ = 6.0
+_RETUNED_SIMS = 100  # two parameters
+_FEWEST_PER_COUNT = 4
+_POWER_FLOOR = 1e-18  # Nm^2/Hz
+
+
+class Alternative(Protocol):
+    """Source of torque records for wanted counts, in place of the corrected model."""
+
+    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+        """Fit to the measured recordings."""
+
+    def records(self, comparison: Comparison, counts: Counts) -> Bank:
+        """Records of the wanted counts, gone through in turn."""
+
+
+class Simulated:
+    """Simulator as it is: the comparison's model or another ``rig``; at least 4 recordings of each count."""
+
+    def __init__(self, n_bank: int, rig: Any = None) -> None:
+        self.n_bank, self.rig = n_bank, rig
+
+    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+        """Nothing to fit."""
+        return self
+
+    def records(self, comparison: Comparison, counts: Counts) -> Bank:
+        """Simulated recordings."""
+        n = max(self.n_bank, _FEWEST_PER_COUNT * len(counts or ()))
+        changed = comparison if self.rig is None else comparison.replace(rig=self.rig)
+        return changed.bank(n, counts)
+
+
+class Retuned(Simulated):
+    """Model with stiffness and damping of all contacts fitted: the first thing that an engineer tries."""
+
+    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+        """Fit both factors by :func:`cyclofeat.gap.fit_effects`."""
+        factors = [ContactStiffnessScale(1.0), ContactDampingScale(1.0)]
+        fitted = fit_effects(comparison, measured, factors, starts=(), n_sims=_RETUNED_SIMS, n_interval=0)
+        self.rig = fitted.rig
+        return self
+
+
+class _Filtered(Simulated):
+    """Black box behind the model: its records, changed."""
+
+    def fit(self, comparison: Comparison, measured: Measured) -> Self:
+        """Fit to the difference between averaged spectra and means, count by count where counts are known."""
+        self.sampling_rate_ = comparison.sampling_rate
+        self.by_count_ = measured.counts is not None
+        bank = super().records(
+            comparison, np.unique(measured.counts_or_zeros).tolist() if self.by_count_ else None
+        )
+        of_simulated = bank.counts if self.by_count_ else 0 * bank.counts
+        frequencies, psd = averaged_psd(measured.windows, comparison.sampling_rate)
+        level = measured.windows.mean(axis=1, dtype=np.float64)[:, None]
+        _, simulated_psd = averaged_psd(bank.X, comparison.sampling_rate)
+        simulated_level = bank.X.mean(axis=1, dtype=np.float64)[:, None]
+        of_measured = measured.counts_or_zeros
+        spectra, levels = (
+            class_means(per_recording(v, measured.of_window), of_measured) for v in (psd, level)
+        )
+        simulated_spectra, simulated_levels = (
+            class_means(v, of_simulated) for v in (simulated_psd, simulated_level)
+        )
+        counts = np.intersect1d(of_measured, of_simulated)
+        of_measured_counts = np.array([spectra[c] for c in counts])
+        of_simulated_counts = np.array([simulated_spectra[c] for c in counts])
+        offsets = np.array([(levels[c] - simulated_levels[c])[0] for c in counts])
+        self._learn(frequencies, counts, of_measured_counts, of_simulated_counts, offsets)
+        return self
+
+    def records(self, comparison: Comparison, counts: Counts) -> Bank:
+        """The model's records, changed."""
+        bank, state = super().records(comparison, counts), comparison.random_state
+        changed = [
+            self._changed(np.asarray(x, dtype=np.float64), int(c), np.random.default_rng([state, i]))
+            for i, (x, c) in enumerate(zip(bank.X, bank.counts, strict=True))
+        ]
+        return dataclasses.replace(bank, X=np.array(changed, dtype=np.float32))
+
+    def _learn(
+        self, frequencies: Float, counts: NDArray[Any], measured: Float, simulated: Float, offsets: Float
+    ) -> None:
+        raise NotImplementedError
+
+    def _changed(self, x: Float, count: int, random: np.random.Generator) -> Float:
+        raise NotImplementedError
+
+
+class Equaliser(_Filtered):
+    """FIR equaliser with shaped noise and an offset behind the model, the same for every count.
+
+    |H|^2 is the ratio of the measured to the simulated averaged density, the geometric mean over counts; a
+    gain above 2 is cut, and the power that is still missing is added as Gaussian noise of that density.
+    Linear phase without delay, of 0.25 s; the offset is the mean difference of the mean torques.
+    """
+
+    def _learn(
+        self, frequencies: Float, counts: NDArray[Any], measured: Float, simulated: Float, offsets: Float
+    ) -> None:
+        ratio = np.exp(np.mean(np.log((measured + _POWER_FLOOR) / (simulated + _POWER_FLOOR)), axis=0))
+        gain = np.minimum(np.sqrt(ratio), _MOST_GAIN)
+        missing = np.mean(np.maximum(ratio / gain**2 - 1, 0) * gain**2 * simulated, axis=0)
+        self.taps_ = _linear_phase(frequencies, gain, self.sampling_rate_)
+        # White noise of unit variance has the one-sided density 2 / sampling rate.
+        self.noise_taps_ = _linear_phase(
+            frequencies, np.sqrt(missing * self.sampling_rate_ / 2), self.sampling_rate_
+        )
+        self.offset_ = float(offsets.mean())
+
+    def _changed(self, x: Float, count: int, random: np.random.Generator) -> Float:
+        mean = x.mean()
+        half = self.taps_.size // 2
+        padded = np.pad(x - mean, half, mode="reflect")
+        ripple = signal.fftconvolve(padded, self.taps_, mode="valid")
+        white = random.normal(size=x.size + self.noise_taps_.size - 1)
+        noise = signal.fftconvolve(white, self.noise_taps_, mode="valid")
+        return np.asarray(mean + self.offset_ + ripple + noise)
+
+
+class GaussianProcessGap(_Filtered):
+    """Gaussian process of the spectrum's error, over log frequency and count, behind the model.
+
+    The discrepancy model of Kennedy and O'Hagan (2001) for the level of the density in sixths of an octave: a
+    squared-exponential kernel with one length per input, its sizes by maximum likelihood; applied to the
+    simulator's records as a filter of zero phase. The mean torque's difference is a Gaussian process over the
+    count. Where counts are not known (or there is one), frequency is the only input.
+    """
+
+    def _learn(
+        self, frequencies: Float, counts: NDArray[Any], measured: Float, simulated: Float, offsets: Float
+    ) -> None:
+        self.centres_, pooling = _octave_bands(frequencies)
+        levels = 10 * np.log10((measured @ pooling.T + _POWER_FLOOR) / (simulated @ pooling.T + _POWER_FLOOR))
+        self.with_count_ = self.by_count_ and len(counts) > 1
+        inputs = np.vstack([self._inputs(int(c)) for c in counts])
+        lengths, bounds = [0.5, 3.0], [(0.05, 10.0), (2.0, 50.0)]
+        k = inputs.shape[1]
+        self.process_ = _fitted_process(inputs, levels.ravel(), lengths[:k], bounds[:k])
+        self.offset_ = float(offsets.mean())
+        self.offset_process_ = None
+        if self.with_count_:
+            self.offset_process_ = _fitted_process(
+                counts[:, None].astype(float), offsets, lengths[1:], bounds[1:]
+            )
+        self.gains_: dict[int, Float] = {}
+
+    def _inputs(self, count: int) -> Float:
+        octaves = np.log2(self.centres_)
+        return np.column_stack([octaves, np.full(octaves.size, count)] if self.with_count_ else [octaves])
+
+    def _changed(self, x: Float, count: int, random: np.random.Generator) -> Float:
+        if count not in self.gains_:
+            self.gains_[count] = self.process_.predict(self._inputs(count))
+        offset = self.offset_
+        if self.offset_process_ is not None:
+            offset = float(self.offset_process_.predict([[float(count)]])[0])
+        mean = x.mean()
+        margin = min(round(_SEGMENT_S * self.sampling_rate_), x.size - 1)
+        padded = np.pad(x - mean, margin, mode="reflect")
+        frequencies = np.fft.rfftfreq(padded.size, 1 / self.sampling_rate_)
+        octaves = np.log2(np.maximum(frequencies, self.centres_[0]))
+        gain = 10 ** (np.interp(octaves, np.log2(self.centres_), self.gains_[count]) / 20)
+        ripple = np.fft.irfft(gain * np.fft.rfft(padded), padded.size)[margin : margin + x.size]
+        return np.asarray(mean + offset + ripple)
+
+
+BASELINES: dict[str, Callable[[int], Alternative]] = {
+    "nothing": Simulated,
+    "retuned": Retuned,
+    "equaliser": Equaliser,
+    "gaussian_process": GaussianProcessGap,
+}
+
+
+def averaged_psd(X: NDArray[Any], sampling_rate: float) -> tuple[Float, Float]:
+    """Frequencies in Hz and Welch's density of each window's ripple in Nm^2/Hz, over 0.25 s."""
+    n = min(round(_SEGMENT_S * sampling_rate), X.shape[1])
+    ripple = np.asarray(X, dtype=np.float64) - X.mean(axis=1, keepdims=True, dtype=np.float64)
+    frequencies, psd = signal.welch(ripple, sampling_rate, nperseg=n, detrend=False, axis=1)
+    return frequencies, psd
+
+
+def _linear_phase(frequencies: Float, gain: Float, sampling_rate: float) -> Float:
+    """Taps of an FIR of odd length around its middle with the gain given on an even grid up to Nyquist."""
+    grid = np.linspace(0, sampling_rate / 2, frequencies.size)
+    values = np.interp(grid, frequencies, gain)
+    # The removal of the mean distorts the lowest lines: they take their neighbours' gain.
+    values[:2] = values[2]
+    n_taps = 2 * (frequencies.size - 1) // 2 * 2 + 1
+    return np.asarray(signal.firwin2(n_taps, grid, values, fs=sampling_rate, window="hann"))
+
+
+def _octave_bands(frequencies: Float) -> tuple[Float, Float]:
+    """Centres in Hz of bands of a sixth of an octave that hold a line, and the bands as rows of weights."""
+    low, high = np.log2(_LOWEST_HZ), np.log2(frequencies[-1])
+    edges = 2.0 ** np.arange(low, high, 1 / _BANDS_PER_OCTAVE)
+    rows, centres = [], []
+    for a, b in itertools.pairwise(edges):
+        inside = (frequencies >= a) & (frequencies < b)
+        if inside.any():
+            rows.append(inside / inside.sum())
+            centres.append(float(np.sqrt(a * b)))
+    return np.array(centres), np.array(rows)
+
+
+def _fitted_process(
+    inputs: Float, values: Float, lengths: list[float], bounds: list[tuple[float, float]]
+) -> GaussianProcessRegressor:
+    # The values are scaled to mean 0 and variance 1: so is the kernel.
+    kernel = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(lengths, bounds) + WhiteKernel(0.1, (1e-4, 10.0))
+    process = GaussianProcessRegressor(kernel, normalize_y=True)
+    with warnings.catch_warnings():
+        # A length at its bound means that the input does not matter.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        process.fit(inputs, values)
+    return process

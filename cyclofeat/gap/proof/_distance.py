@@ -1,0 +1,338 @@
+"""Distances between measured and simulated recordings, in spreads of one recording, and their floor."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from cyclofeat.gap.summaries import (
+    RESOLUTION_NM,
+    Conditions,
+    class_means,
+    less_class_means,
+    level,
+    summarise,
+)
+
+Float = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+FAMILIES = ("spectrum", "orders", "averages", "amplitudes", "features")
+
+_FAMILY_OF = {
+    "slow part": "spectrum", "spectrum": "spectrum", "floor": "spectrum",
+    "speed": "orders", "lobe lines": "orders", "shaft lines": "orders", "averages": "averages",
+}  # fmt: skip
+_SHAPE = "shape"
+_SHARES = (np.arange(256) + 0.5) / 256  # of the quantile function, midpoints of equal parts
+# The spread of a few measured recordings is steadied by the bank's, as by so many degrees of freedom (Smyth
+# 2004): without it the cell whose few values happen to agree would decide the distance.
+_STEADIED_BY = 4.0
+# Two recordings tell little of their spread, and one drawn of them less: counts with fewer are pooled.
+POOLED_BELOW = 3
+_LEAST_SPREAD = 0.05  # of the median spread of the cells of the same part and unit
+
+
+@dataclass(frozen=True)
+class Part:
+    """Group of cells. Cells of one part have equal weights, and so have the parts of one family."""
+
+    family: str
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Recordings: values, shape (n, n_cells), and their counts, shape (n,)."""
+
+    values: Float
+    counts: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Spread of one recording, shape (n_cells,), and weights of :func:`cell_weights`."""
+
+    spread: Float
+    weights: Float
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Deviations that replication leaves, shape (n, n_cells), counts, and degrees of freedom."""
+
+    values: Float
+    counts: NDArray[Any]
+    n_free: int
+
+
+def describe(
+    X: NDArray[Any], conditions: Conditions, speeds: Float | None = None
+) -> tuple[Float, list[Part]]:
+    """Numbers per window that distances are made of, (n_windows, n_cells), and the part of each cell.
+
+    They are those of :func:`cyclofeat.gap.summarise`, with other amplitudes: the mean in Nm, the level of the
+    ripple in dB and the quantile function of the standardised torque. The squared difference of two averaged
+    quantile functions, averaged over the shares, is the squared Wasserstein distance of second order between
+    the distributions' barycentres.
+    """
+    summaries, cells = summarise(X, conditions, speeds)
+    kept = [k for k, cell in enumerate(cells) if cell.family != "amplitudes"]
+    parts = [Part(_FAMILY_OF.get(cells[k].family, "features"), cells[k].family, cells[k].unit) for k in kept]
+    parts += [Part("amplitudes", "mean", "Nm"), Part("amplitudes", "level", "dB")]
+    parts += [Part("amplitudes", _SHAPE, "1")] * len(_SHARES)
+    return np.hstack([summaries[:, kept], np.vstack([_amplitudes(x) for x in X])]), parts
+
+
+def _amplitudes(x: NDArray[Any]) -> Float:
+    torque: Float = np.asarray(x, dtype=np.float64)
+    mean, variance = torque.mean(), torque.var() + RESOLUTION_NM**2
+    shape = np.quantile((torque - mean) / np.sqrt(variance), _SHARES)
+    return np.asarray(np.r_[mean, level(variance), shape])
+
+
+def cell_weights(parts: list[Part]) -> Float:
+    """Weight of each cell in its family, (n_families, n_cells); parts of a family weigh the same."""
+    rows = []
+    for family in families_of(parts):
+        names = sorted({part.name for part in parts if part.family == family})
+        row = np.zeros(len(parts))
+        for name in names:
+            inside = np.array([part.family == family and part.name == name for part in parts])
+            row[inside] = 1 / (len(names) * inside.sum())
+        rows.append(row)
+    return np.array(rows)
+
+
+def families_of(parts: list[Part]) -> list[str]:
+    """The families that occur, in the order of ``FAMILIES``."""
+    return [family for family in FAMILIES if any(part.family == family for part in parts)]
+
+
+def strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
+    """Number the sets of recordings that may replace each other: of one count, or pooled from rare counts.
+
+    Counts with fewer than ``least`` recordings are pooled, where ``apart`` is given only within equal values
+    of it.
+    """
+    alone = lone(counts, least)
+    pools = np.zeros(len(counts)) if apart is None else np.asarray(apart)
+    keys = [(int(a), float(p) if a else 0.0, 0 if a else int(c))
+            for a, p, c in zip(alone, pools, counts, strict=True)]  # fmt: skip
+    order = {key: k for k, key in enumerate(sorted(set(keys)))}
+    return np.array([order[key] for key in keys], dtype=np.intp)
+
+
+def lone(counts: NDArray[Any], least: int = 2) -> NDArray[np.bool_]:
+    """Mask of recordings with fewer than ``least`` of their count; by default those that are alone."""
+    return np.array([np.sum(counts == count) < least for count in counts], dtype=bool)
+
+
+def deviations(measured: Sample, simulated: Sample) -> Deviations:
+    """Deviations that replication leaves.
+
+    A recording deviates from the mean of its count. One that is alone with its count deviates from the
+    simulated mean of that count, less the mean of these differences over all that are alone: an error of the
+    simulator that is the same in all counts is no replication, one in some of them passes for it.
+    """
+    values, counts = measured.values.copy(), measured.counts
+    alone = lone(counts)
+    if alone.any():
+        means = class_means(simulated.values, simulated.counts)
+        values[alone] = less_class_means(values[alone], counts[alone], means)
+        # The simulated mean of M recordings has an error too, which is no spread of the measured one.
+        sizes = np.array([np.sum(simulated.counts == count) for count in counts[alone]])
+        values[alone] /= np.sqrt(1 + 1 / sizes)[:, None]
+    groups = strata(counts)
+    values = less_class_means(values, groups, class_means(values, groups))
+    return Deviations(values, counts, len(groups) - len(np.unique(groups)))
+
+
+def replicate_spread(measured: Sample, simulated: Sample, parts: list[Part]) -> Float:
+    """Standard deviation of one measured recording around its count, shape (n_cells,).
+
+    s^2 = (n_free v + 4 v_bank) / (n_free + 4), v the variance of :func:`deviations` and v_bank that of the
+    simulated recordings around their counts. The cells of the shape of the amplitudes share their root mean
+    square, so that theirs is a Wasserstein distance; no cell's is smaller than 1/20 of the median of its part
+    and unit. Cells of a part and unit without any spread get infinity and play no part.
+    """
+    of_measured = deviations(measured, simulated)
+    squares, of_bank = np.sum(of_measured.values**2, axis=0), _variance_around(simulated)
+    variance = (squares + _STEADIED_BY * of_bank) / (of_measured.n_free + _STEADIED_BY)
+    spread: Float = np.sqrt(variance)
+    shape = np.array([part.name == _SHAPE for part in parts])
+    spread[shape] = np.sqrt(np.mean(variance[shape])) if shape.any() else 0.0
+    kinds = np.array([f"{part.family}|{part.name}|{part.unit}" for part in parts])
+    for kind in np.unique(kinds):
+        inside = kinds == kind
+        spread[inside] = np.maximum(spread[inside], _LEAST_SPREAD * np.median(spread[inside]))
+    return np.where(spread > 0, spread, np.inf)
+
+
+def _variance_around(sample: Sample) -> Float:
+    """Variance of recordings around the mean of their count, shape (n_cells,)."""
+    means = class_means(sample.values, sample.counts)
+    around = less_class_means(sample.values, sample.counts, means)
+    return np.asarray(np.sum(around**2, axis=0) / max(len(around) - len(means), 1))
+
+
+def trends(counts: NDArray[Any]) -> Float:
+    """Constant and, with two counts, linear function of the count, orthonormal: (n_trends, n)."""
+    rows = [np.ones(len(counts))]
+    slope = counts - np.mean(counts)
+    if np.any(slope):
+        rows.append(slope / np.sqrt(np.mean(slope**2)))
+    return np.array(rows)
+
+
+def distances(measured: Sample, simulated: Sample, scale: Scale, chances: Float | None = None) -> Float:
+    """Distance between measured and simulated recordings in each family, (n_draws, n_families).
+
+    Each recording is compared with the simulated mean of its count, and the constant and the linear part of
+    the differences over the counts are taken, so that many counts of few recordings each do not drown them in
+    noise:
+
+    D_f^2 = sum_j sum_k w_fk a_jk^2 / s_k^2,  a_jk = (1/n) sum_i q_j(c_i) (x_ik - mean_c_i(simulated)_k).
+
+    For one count and for two this is sum_c (n_c/n) sum_k w_fk (mean_c(measured)_k - mean_c(simulated)_k)^2 /
+    s_k^2. ``chances`` (n_draws, n) are weights of the recordings that add up to one; by default one draw with
+    equal weights.
+    """
+    n = len(measured.counts)
+    chances = np.full((1, n), 1 / n) if chances is None else chances
+    means = class_means(simulated.values, simulated.counts)
+    difference = less_class_means(measured.values, measured.counts, means) / scale.spread
+    total = np.zeros((len(chances), len(scale.weights)))
+    for trend in trends(measured.counts):
+        total += ((chances * trend) @ difference) ** 2 @ scale.weights.T
+    return np.sqrt(total)
+
+
+def bank_error(counts: NDArray[Any], simulated: Sample, scale: Scale) -> Float:
+    """Expected squared distance of measured counts by the error of the simulated means, shape (n_families,).
+
+    sum_j sum_c (n_c/n)^2 q_j(c)^2 / M_c sum_k w_fk v_k / s_k^2, v the simulated recordings' variance around
+    their counts.
+    """
+    share = 0.0
+    rows = trends(counts)
+    for count in np.unique(counts):
+        inside = counts == count
+        size = np.sum(simulated.counts == count)
+        share += np.mean(inside) ** 2 / size * float(np.sum(rows[:, inside][:, 0] ** 2))
+    return np.asarray(share * (scale.weights @ (_variance_around(simulated) / scale.spread**2)))
+
+
+def floors(
+    replicates: Deviations,
+    scale: Scale,
+    counts: NDArray[Any],
+    of_bank: Float,
+    n_splits: int,
+    random: np.random.Generator,
+) -> Float:
+    """Distance that replication alone would leave in each family, from measured half against measured half.
+
+    The recordings of a count are split at random into halves of a and b recordings, whose means differ with
+    variance s^2 (1/a + 1/b); recordings alone with their counts are paired, their deviations differing with 2
+    s^2. A coefficient of n measured recordings against a bank's means has the variance s^2/n and the bank's
+    own, so each split gives
+
+    D_f^2 = (J/n) mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ] + bank_f,
+
+    over as many pieces p (halved counts and pairs, drawn at random) as the distance has coefficients J
+    (:func:`trends` of ``counts``), with v_p as above and bank_f of :func:`bank_error`. The root is taken per
+    split, as in the distance, and the floor is the mean over splits. c_p of :func:`_studentised` makes up for
+    s being estimated from the halves; it is 1 for pairs.
+    """
+    groups, alone = strata(replicates.counts), lone(replicates.counts)
+    scaled = replicates.values / scale.spread
+    independent = _studentised(replicates.n_free)
+    n_inside, n_trends = len(counts), len(trends(counts))
+    total = np.zeros(len(scale.weights))
+    for _ in range(n_splits):
+        pieces = []
+        for group in np.unique(groups):
+            members = random.permutation(np.flatnonzero(groups == group))
+            if alone[members[0]]:
+                pairs = members[: len(members) // 2 * 2].reshape(-1, 2)
+                pieces += [(scaled[i] - scaled[j]) ** 2 / 2 for i, j in pairs]
+            else:
+                a = len(members) // 2
+                half, rest = scaled[members[:a]].mean(axis=0), scaled[members[a:]].mean(axis=0)
+                pieces.append(independent * (half - rest) ** 2 / (1 / a + 1 / (len(members) - a)))
+        chosen = random.permutation(len(pieces))[:n_trends]
+        mean = scale.weights @ np.mean([pieces[k] for k in chosen], axis=0)
+        total += np.sqrt(n_trends / n_inside * mean + of_bank)
+    return total / n_splits
+
+
+@functools.cache
+def _studentised(n_free: int) -> float:
+    """Factor by which (d/s)^2 is expected to be larger where d is independent of s than where it went into s.
+
+    With s^2 = (q + 4) / (n_free + 4) and q chi-squared with n_free degrees of freedom:
+    E[1/s^2] / E[(q/n_free)/s^2] = n_free A / (1 - 4 A), A = E[1/(q + 4)].
+    """
+    if n_free < 1:
+        return 1.0
+    inverse = float(stats.chi2(n_free).expect(lambda q: 1 / (q + _STEADIED_BY)))
+    return n_free * inverse / (1 - _STEADIED_BY * inverse)
+
+
+def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) -> Float:
+    """Weights of recordings in bootstrap draws, shape (n_draws, n), each row adding up to one.
+
+    Random half-samples within strata (McCarthy 1969; Saigo, Shao and Sitter 2001): of n_h recordings a random
+    a = n_h / 2 (rounded up or down) get the weight 1 + sqrt((n_h - a) / a), the others 1 - sqrt(a / (n_h -
+    a)), over n. A mean then varies with s^2 / n_h and every draw lies as far from the sample, which draws
+    with replacement do not: of few recordings they make the length of a vector of many cells vary too much. A
+    stratum of one stays as it is.
+    """
+    n = len(groups)
+    chances = np.full((n_draws, n), 1 / n)
+    for group in np.unique(groups):
+        members = np.flatnonzero(groups == group)
+        size = len(members)
+        if size == 1:
+            continue
+        ranks = random.permuted(np.tile(np.arange(size), (n_draws, 1)), axis=1)
+        half = (size + random.integers(2, size=(n_draws, 1))) // 2
+        drawn = np.where(ranks < half, np.sqrt((size - half) / half), -np.sqrt(half / (size - half)))
+        chances[:, members] += drawn / n
+    return chances
+
+
+def floor_draws(replicates: Deviations, scale: Scale, floor: Float, chances: Float) -> Float:
+    """Floor in bootstrap draws, (n_draws, n_families): it moves as the root mean squared deviation."""
+    groups = strata(replicates.counts)
+    sizes = np.bincount(groups)[groups]
+    squares = ((replicates.values / scale.spread) ** 2 @ scale.weights.T) * (
+        sizes / np.maximum(sizes - 1, 1)
+    )[:, None]
+    mean = squares.mean(axis=0)
+    # Half-samples give some recordings negative weight: a mean square below zero is none.
+    drawn = np.maximum(chances @ squares, 0.0)
+    return np.asarray(floor * np.sqrt(drawn / np.where(mean > 0, mean, 1.0)))
+
+
+def centred(draws: Float, estimate: Float | float) -> Float:
+    """Draws moved to the estimate: resampling adds noise of its own to every distance and lifts it."""
+    return np.asarray(draws - draws.mean(axis=0) + estimate)
+
+
+def gap_reduction(before: Any, after: Any, floor: Any) -> Any:
+    """GRR = 1 - (after - floor) / (before - floor).
+
+    Examples
+    --------
+    >>> gap_reduction(5.0, 1.0, 1.0)
+    1.0
+    """
+    return 1 - (after - floor) / (before - floor)

@@ -1,0 +1,266 @@
+"""Simulated rigs with sets of effects, and the statistics that would be published of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from cyclofeat._base.files import write_whole
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.published._scores import to_statistics
+from cyclofeat.gap.published._settings import PublishedSettings
+from cyclofeat.gap.simulations import NO_SUCH_RIG, Population
+from cyclofeat.signal.density import shannon_entropy
+from cyclofeat.signal.welch import welch_psd
+from cyclofeat.simulators import Effect, LoadScale, Rig, effect_library
+
+Float = NDArray[np.float64]
+Set = tuple[str, ...]
+
+SET_POINT = LoadScale.effect_id
+_REPLICATES = 2
+
+
+@dataclass(frozen=True)
+class RigTable:
+    """Statistics of simulated rigs: each row of theta is one rig, recorded ``_REPLICATES`` times per disc.
+
+    ``theta`` (n, n_parameters); ``values`` (n, replicates, n_counts, 4) as :func:`to_statistics` gives them.
+    """
+
+    theta: Float
+    values: Float
+
+
+class SimulatedRigs:
+    """Rigs with sets of effects, each set simulated once for discs of these counts of worn lobes."""
+
+    def __init__(
+        self, comparison: Comparison, counts: NDArray[np.int64], settings: PublishedSettings
+    ) -> None:
+        self.comparison, self.counts, self.n_draws = comparison, counts, settings.n_draws
+        n_samples = round(settings.duration * comparison.sampling_rate)
+        self.population: Population = dataclasses.replace(comparison.population, n_samples=n_samples)
+        self.random_state = comparison.random_state
+        self.set_point = float(self.population.rig.gearbox.load_torque)
+        self.n_simulated = self.n_failed = 0
+        self.tables: dict[Set, RigTable] = {}
+        self.entropy: dict[Set, Float] = {}
+        self.stated = repr(
+            (counts.tolist(), n_samples, comparison.sampling_rate, self.n_draws, self.random_state)
+        )
+        if settings.table is not None:
+            self._load(Path(settings.table))
+
+    def table(self, key: Set) -> RigTable:
+        if key not in self.tables:
+            values = self._each_torque(key, _statistics_of)
+            self.tables[key] = RigTable(self.thetas(key), to_statistics(values, self.set_point))
+        return self.tables[key]
+
+    def entropies(self, key: Set) -> Float:
+        """Shannon entropies in bits, (n_rigs, replicates, n_counts)."""
+        if key not in self.entropy:
+            self.entropy[key] = self._each_torque(key, self._entropy_of)[..., 0]
+        return self.entropy[key]
+
+    def parameter_names(self, key: Set) -> list[tuple[str, str]]:
+        """Effect and name of each parameter of a set."""
+        return [(name, parameter) for name in key for parameter in _parameters(name)]
+
+    def bounds(self, key: Set) -> list[tuple[float, float, bool]]:
+        """Smallest and largest value of each parameter in the table, and whether it counts in logarithms."""
+        theta = self.table(key).theta
+        kinds = [kind_of(name).parameters[p] for name in key for p in _parameters(name)]
+        return [
+            (float(column.min()), float(column.max()), kind.log)
+            for column, kind in zip(theta.T, kinds, strict=True)
+        ]
+
+    def effects(self, key: Set, theta: Float) -> tuple[Effect, ...]:
+        """Effects of a set with one row of parameters."""
+        effects, at = [], 0
+        for name in key:
+            names = _parameters(name)
+            values = dict(zip(names, theta[at : at + len(names)].tolist(), strict=True))
+            effects.append(kind_of(name)().with_parameters(**values))
+            at += len(names)
+        return tuple(effects)
+
+    def rig(self, effects: Iterable[Effect]) -> Rig:
+        """The model with effects."""
+        return self.population.rig.with_added(*effects)
+
+    def n_rigs(self, key: Set) -> int:
+        """Number of rigs of a set; larger for effects on the torque, which need no simulation."""
+        if simulated_ones(key) == key:
+            return self._n_gear(key)
+        n_parameters = sum(len(_parameters(name)) for name in key)
+        return max(
+            self._n_gear(simulated_ones(key)),
+            min(16 * self.n_draws, 5 * self.n_draws * n_parameters),
+        )
+
+    def thetas(self, key: Set) -> Float:
+        """Latin hypercube over the priors of each effect, shape (n_rigs, n_parameters)."""
+        n = self.n_rigs(key)
+        columns: list[Float] = []
+        for name in key:
+            if not kind_of(name).needs_simulation():
+                columns += self._hypercube(name, n)
+                continue
+            gear = simulated_ones(key)
+            _, rows = self._records(gear)
+            columns += [np.resize(column[rows], n) for column in self._hypercube(name, self._n_gear(gear))]
+        return np.column_stack(columns) if columns else np.zeros((n, 0))
+
+    def _hypercube(self, name: str, n: int) -> list[Float]:
+        kind, names = kind_of(name), _parameters(name)
+        if not names:
+            return []
+        seed = np.random.default_rng([self.random_state, *name.encode(), n])
+        shares = qmc.LatinHypercube(len(names), seed=seed).random(n)
+        columns = []
+        for k, parameter in enumerate(names):
+            what = kind.parameters[parameter]
+            assert what.prior is not None
+            columns.append(np.array([what.quantile(what.prior, float(share)) for share in shares[:, k]]))
+        return columns
+
+    def _n_gear(self, gear: Set) -> int:
+        """Rigs whose gearbox is simulated."""
+        n_parameters = sum(len(_parameters(name)) for name in gear)
+        if len(gear) > 1:
+            return 3 * self.n_draws
+        return self.n_draws * (max(n_parameters, 1) ** 2 if gear else 3)
+
+    def _each_torque(self, key: Set, work: Callable[[Float], Float]) -> Float:
+        """Result of ``work`` on each record, shape (n_rigs, replicates, n_counts, ...)."""
+        records, _ = self._records(simulated_ones(key))
+        theta = self.thetas(key)
+        chain = [name for name in key if not kind_of(name).needs_simulation()]
+        results = []
+        for rig in range(len(theta)):
+            effects = [e for e in self.effects(key, theta[rig]) if e.effect_id in chain]
+            effects.sort(key=lambda effect: effect.place)
+            for replicate, k in itertools.product(range(_REPLICATES), range(len(self.counts))):
+                torque = records[rig % len(records), replicate, k].astype(np.float64)
+                for effect in effects:
+                    seed = np.random.SeedSequence(
+                        [self.random_state, *effect.effect_id.encode()], spawn_key=(rig, replicate, k)
+                    )
+                    random = np.random.default_rng(seed)
+                    torque = effect.change_torque(torque, self.comparison.sampling_rate, random)
+                results.append(work(torque))
+        return np.array(results).reshape(len(theta), _REPLICATES, len(self.counts), -1)
+
+    def _entropy_of(self, torque: Float) -> Float:
+        frequencies, psd = welch_psd(torque[np.newaxis], self.comparison.sampling_rate, "matlab_pwelch")
+        return np.asarray(shannon_entropy(psd, frequencies))
+
+    def _records(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+        """Torque after the effects in the gearbox, (n_gear, replicates, n_counts, n_samples), and its rigs.
+
+        Another rig replaces one of which a record cannot be simulated; those records are counted.
+        """
+        return self.comparison.remember(
+            lambda: self._simulated(gear), "published records", self.population.text, self.stated, gear
+        )
+
+    def _simulated(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+        n = self._n_gear(gear)
+        columns = [column for name in gear for column in self._hypercube(name, n)]
+        theta = np.column_stack(columns) if columns else np.zeros((n, 0))
+        jobs = list(itertools.product(range(n), range(_REPLICATES), range(len(self.counts))))
+        populations = [
+            dataclasses.replace(self.population, rig=self.rig(self.effects(gear, row))) for row in theta
+        ]
+        made = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
+            joblib.delayed(_torque)(
+                populations[job[0]],
+                int(self.counts[job[2]]),
+                np.random.SeedSequence(self.random_state, spawn_key=job),
+            )
+            for job in jobs
+        )
+        shape = (n, _REPLICATES, len(self.counts), self.population.n_samples)
+        failed = np.array([torque is None for torque in made]).reshape(shape[:3])
+        self.n_simulated += len(made)
+        self.n_failed += int(failed.sum())
+        good = np.flatnonzero(~failed.any(axis=(1, 2)))
+        if good.size == 0:
+            raise ValueError(f"library must hold effects that can be simulated: {' + '.join(gear)} cannot")
+        rows = good[np.searchsorted(good, np.arange(n)).clip(max=good.size - 1)]
+        nothing = np.zeros(shape[-1], np.float32)
+        records = np.array([nothing if torque is None else torque for torque in made]).reshape(shape)
+        return (records if good.size == n else records[rows]), rows
+
+    def save(self, path: Path) -> None:
+        """Write all statistics simulated so far."""
+        arrays: dict[str, Any] = {"stated": np.array(self.stated)}
+        for key, table in self.tables.items():
+            arrays["values:" + "+".join(key)] = table.values.astype(np.float16)
+            arrays["theta:" + "+".join(key)] = table.theta.astype(np.float32)
+        for key, entropy in self.entropy.items():
+            arrays["entropy:" + "+".join(key)] = entropy.astype(np.float16)
+        write_whole(path, lambda stream: np.savez_compressed(stream, **arrays))
+
+    def _load(self, path: Path) -> None:
+        with np.load(path) as stored:
+            if str(stored["stated"]) != self.stated or not self._first_is(stored["values:"][0, 0, 0]):
+                raise ValueError(
+                    f"table {path} was made with another comparison, discs, duration or n_draws: leave it "
+                    "out, or give the same"
+                )
+            for name in stored.files:
+                kind, _, joined = name.partition(":")
+                key = tuple(joined.split("+")) if joined else ()
+                n = self.n_rigs(key)
+                if kind == "values":
+                    theta = stored["theta:" + joined][:n].astype(np.float64)
+                    self.tables[key] = RigTable(theta, stored[name][:n].astype(np.float64))
+                elif kind == "entropy":
+                    self.entropy[key] = stored[name][:n].astype(np.float64)
+
+    def _first_is(self, statistics: Float) -> bool:
+        """Simulate the first record of the model alone, and compare its statistics with stored ones."""
+        seed = np.random.SeedSequence(self.random_state, spawn_key=(0, 0, 0))
+        torque = _torque(self.population, int(self.counts[0]), seed)
+        if torque is None:
+            return False
+        simulated = to_statistics(_statistics_of(torque.astype(np.float64)), self.set_point)
+        return bool(np.allclose(simulated, statistics.astype(np.float64), rtol=2e-3, atol=1e-3))
+
+
+def kind_of(name: str) -> type[Effect]:
+    return LoadScale if name == SET_POINT else effect_library()[name]
+
+
+def _parameters(name: str) -> list[str]:
+    return kind_of(name).vector_names()
+
+
+def simulated_ones(key: Iterable[str]) -> Set:
+    """The effects that the gearbox answers: they have to be simulated."""
+    return tuple(name for name in key if kind_of(name).needs_simulation())
+
+
+def _torque(population: Population, count: int, seed: np.random.SeedSequence) -> NDArray[np.float32] | None:
+    """Torque of one record, or None if it cannot be simulated."""
+    try:
+        return population.record(count, seed).torque
+    except NO_SUCH_RIG:
+        return None
+
+
+def _statistics_of(torque: Float) -> Float:
+    return np.array([torque.min(), torque.max(), torque.mean(), torque.std()])

@@ -1,0 +1,223 @@
+"""Search for the effects that predict discs left out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.published._between import DenseRigs, interpolated
+from cyclofeat.gap.published._rigs import SET_POINT, Set, SimulatedRigs, kind_of, simulated_ones
+from cyclofeat.gap.published._scores import crps, sign_flip_p, student_samples
+from cyclofeat.gap.published._settings import PublishedSettings
+
+Float = NDArray[np.float64]
+
+_TOLERANCE = 0.5  # spreads over the discs by which the score grows when a rig's weight falls to 1/e
+_SAMPLES = 400
+
+# Within a group the torque is the same to these statistics: the search continues with the first member.
+_SAME_TORQUE = (("sensor_drift", "load_drift"), ("offset", "gain", SET_POINT))
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that was named.
+
+    Attributes
+    ----------
+    effect : str
+    score_before, score_after : float
+        Mean CRPS of discs left out, in spreads over the discs, without and with it.
+    p : float
+        One-sided sign-flip p over the discs of that improvement, of this candidate alone.
+    look_alikes : tuple of str
+        Candidates that do as well, as far as these discs can tell. Effects whose torque is the same to these
+        statistics come first (a drift of sensor or load; an offset, gain or set-point).
+    next_measurement : str
+        Measurement that would tell it from them.
+    """
+
+    effect: str
+    score_before: float
+    score_after: float
+    p: float
+    look_alikes: tuple[str, ...]
+    next_measurement: str
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect that was scored.
+
+    Attributes
+    ----------
+    effect : str
+        Or ``"nothing"``, or ``"constant"``: the mean of the other discs.
+    score : float
+        Mean CRPS of discs left out, in spreads over the discs; smaller is better.
+    p : float
+        One-sided sign-flip p of the improvement over what is named already; NaN where none was asked for.
+    """
+
+    effect: str
+    score: float
+    p: float = float("nan")
+
+
+class Search:
+    """Scores of sets of effects on discs left out, and the greedy search over them.
+
+    ``measured`` is (n_discs, 4) as of :func:`to_statistics`, ``scales`` (4,) the unit of the scores, by
+    default the spread over the discs.
+    """
+
+    def __init__(
+        self,
+        rigs: SimulatedRigs,
+        measured: Float,
+        library: Set,
+        settings: PublishedSettings,
+        scales: Float | None = None,
+    ) -> None:
+        self.rigs, self.measured, self.library, self.settings = rigs, measured, library, settings
+        self.scales = measured.std(axis=0, ddof=1) if scales is None else scales
+        if (self.scales <= 0).any():
+            raise ValueError("statistics must differ between discs: their spread is the scale")
+        self.random_state = rigs.random_state
+        self._scores: dict[tuple[Set, tuple[int, ...]], Float] = {}
+        self._fits: dict[Set, DenseRigs] = {}
+
+    def name(self, discs: tuple[int, ...]) -> tuple[Set, tuple[Step, ...], tuple[str, ...]]:
+        """Named set of a greedy search with backward deletion, its steps, and effects taken out again."""
+        named: Set = ()
+        steps: list[Step] = []
+        dropped: list[str] = []
+        while len(named) < self.settings.max_effects:
+            step = self._next(named, tuple(dropped), discs)
+            if step is None:
+                break
+            steps.append(step)
+            named = self._ordered((*named, step.effect))
+            for name in [other for other in named if other != step.effect]:
+                less = tuple(other for other in named if other != name)
+                if self._p(less, named, discs) > self.settings.alpha:
+                    named = less
+                    dropped.append(name)
+        return named, tuple(step for step in steps if step.effect in named), tuple(dropped)
+
+    def ranking(self, discs: tuple[int, ...]) -> tuple[Tried, ...]:
+        """Single effects, ``"nothing"`` and ``"constant"``, best first."""
+        scores = {name: self.score((name,), discs) for name in self.library}
+        scores |= {"nothing": self.score((), discs), "constant": self._constant_score(discs)}
+        return tuple(
+            sorted((Tried(k, float(v.mean())) for k, v in scores.items()), key=lambda row: row.score)
+        )
+
+    def rejected(self, named: Set, discs: tuple[int, ...]) -> tuple[Tried, ...]:
+        """Effects that the search would try next, best first."""
+        if len(named) >= self.settings.max_effects:
+            return ()
+        rows = []
+        for name in self._candidates(named):
+            more = self._ordered((*named, name))
+            rows.append(Tried(name, float(self.score(more, discs).mean()), self._p(named, more, discs)))
+        return tuple(sorted(rows, key=lambda row: row.score))
+
+    def score(self, key: Set, discs: tuple[int, ...]) -> Float:
+        """CRPS over spread of each disc, predicted from the others, shape (n_discs,)."""
+        if (key, discs) not in self._scores:
+            scores = []
+            for disc in discs:
+                others = tuple(other for other in discs if other != disc)
+                scores.append(self._scored(self.sample(key, others, disc)[0], disc))
+            self._scores[key, discs] = np.array(scores)
+        return self._scores[key, discs]
+
+    def fitted(self, key: Set) -> DenseRigs:
+        """Rigs between the simulated ones, with their weights by each disc."""
+        if key not in self._fits:
+            dense = interpolated(self.rigs.table(key), self.rigs.bounds(key), self.random_state)
+            samples = dense.middle[:, :, np.newaxis] + dense.noise[:, np.newaxis]
+            loss = crps(np.moveaxis(samples, 2, -1), self.measured) / self.scales
+            self._fits[key] = dataclasses.replace(dense, log_weight=-loss.mean(axis=-1) / _TOLERANCE)
+        return self._fits[key]
+
+    def weights(self, key: Set, discs: Sequence[int]) -> Float:
+        """Weights of the rigs by some discs; they add up to 1."""
+        total = self.fitted(key).log_weight[:, list(discs)].sum(axis=1)
+        weights = np.exp(total - total.max())
+        return np.asarray(weights / weights.sum())
+
+    def sample(self, key: Set, discs: Sequence[int], disc: int) -> tuple[Float, NDArray[np.intp]]:
+        """Predictions of one disc by the rigs weighted with others, (n, 4), and the rig of each."""
+        dense = self.fitted(key)
+        random = np.random.default_rng([self.random_state, disc])
+        # Systematic: each rig as often as its weight says, but for rounding.
+        at = (np.arange(_SAMPLES) + random.random()) / _SAMPLES
+        rigs = np.searchsorted(np.cumsum(self.weights(key, discs)), at).clip(max=len(dense.middle) - 1)
+        error = dense.noise[rigs, random.integers(dense.noise.shape[1], size=_SAMPLES)]
+        return dense.middle[rigs, disc] + error, rigs
+
+    def _next(self, named: Set, dropped: Set, discs: tuple[int, ...]) -> Step | None:
+        """The effect that improves the scores most, or None if none does at ``alpha``."""
+        alpha, before = self.settings.alpha, self.score(named, discs)
+        scores = {
+            name: self.score(self._ordered((*named, name)), discs)
+            for name in self._candidates(named)
+            if name not in dropped
+        }
+        if not scores:
+            return None
+        order = sorted(scores, key=lambda name: float(scores[name].mean()))
+        best = order[0]
+        if sign_flip_p(before - scores[best], "greater") > alpha or scores[best].mean() >= before.mean():
+            return None
+        alike = [
+            name
+            for name in order[1:]
+            if sign_flip_p(before - scores[name], "greater") <= alpha
+            and sign_flip_p(scores[name] - scores[best]) > alpha
+        ]
+        chosen = next((group[0] for group in _SAME_TORQUE if best in group and group[0] in alike), best)
+        # Physics says that these are the same here, even if few rigs of one of them were simulated.
+        same = [name for group in _SAME_TORQUE if chosen in group for name in group if name in self.library]
+        return Step(
+            effect=chosen,
+            score_before=float(before.mean()),
+            score_after=float(scores[chosen].mean()),
+            p=sign_flip_p(before - scores[chosen], "greater"),
+            look_alikes=tuple(dict.fromkeys(n for n in (best, *same, *alike) if n != chosen)),
+            next_measurement=kind_of(chosen).separated_by,
+        )
+
+    def _p(self, less: Set, more: Set, discs: tuple[int, ...]) -> float:
+        """One-sided p that the larger set predicts no better."""
+        return sign_flip_p(self.score(less, discs) - self.score(more, discs), "greater")
+
+    def _candidates(self, named: Set) -> list[str]:
+        """Effects that may be added: not too many to simulate, one of each group of equal torque."""
+        return [
+            name
+            for name in self.library
+            if name not in named
+            and not (
+                simulated_ones((name,)) and len(simulated_ones((*named, name))) > self.settings.max_simulated
+            )
+            and not any(name in group and set(group) & set(named) for group in _SAME_TORQUE)
+        ]
+
+    def _ordered(self, names: Iterable[str]) -> Set:
+        chosen = set(names)
+        return tuple(name for name in self.library if name in chosen)
+
+    def _constant_score(self, discs: tuple[int, ...]) -> Float:
+        others = [self.measured[[other for other in discs if other != disc]] for disc in discs]
+        samples = (student_samples(rows, _SAMPLES) for rows in others)
+        return np.array([self._scored(sample, disc) for sample, disc in zip(samples, discs, strict=True)])
+
+    def _scored(self, sample: Float, disc: int) -> float:
+        return float(np.mean(crps(sample.T, self.measured[disc]) / self.scales))

@@ -1,0 +1,198 @@
+"""The recordings that a rig alone would give, and banks of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.simulators import (
+    CycloidalGearbox,
+    Effect,
+    LoadScale,
+    LobeDefects,
+    MachineRun,
+    PinErrors,
+    Rig,
+    SimulationFailed,
+    Solver,
+    SpeedScale,
+)
+
+Float = NDArray[np.float64]
+Seed = np.random.SeedSequence
+
+# One evaluation per step instead of two; the difference lies below the summaries' resolution.
+_SOLVER = Solver(integrator="adams_bashforth")
+# Errors of what cannot be simulated or built: a filter beyond half of the sampling rate, a gearbox that never
+# settles, an effect that this contact law does not have.
+NO_SUCH_RIG = (SimulationFailed, ValueError)
+SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
+
+
+# Assumptions: pin errors of 5 um rms, load +-0.5 %, speed +-0.3 %.
+MAY_DIFFER: tuple[Effect, ...] = (PinErrors(5e-6), LoadScale((0.995, 1.005)), SpeedScale((0.997, 1.003)))
+
+
+def as_rig(model: Rig | CycloidalGearbox | None) -> Rig:
+    """A rig, or the rig that is nothing but the gearbox given; None: paper B's gearbox."""
+    if isinstance(model, Rig):
+        return model
+    return Rig(CycloidalGearbox.steel() if model is None else model)
+
+
+def with_may_differ(rig: Rig, effects: Iterable[Effect] = MAY_DIFFER) -> Rig:
+    """The rig with those effects of which it states none of the same kind."""
+    stated = {effect.effect_id for effect in rig.effects}
+    return rig.with_added(*(effect for effect in effects if effect.effect_id not in stated))
+
+
+@dataclass(frozen=True)
+class Record:
+    """One recording: torque in Nm, float32, shape (n_samples,), and its mean input speed in Hz."""
+
+    torque: NDArray[np.float32] = field(repr=False)
+    speed: float
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Simulated recordings.
+
+    Attributes
+    ----------
+    X : ndarray, shape (n, n_samples)
+        Torque in Nm, float32.
+    counts : ndarray of int, shape (n,)
+        Worn lobes of each.
+    speeds : ndarray, shape (n,)
+        Mean input speed of each in Hz.
+    assemblies : ndarray of int, shape (n,)
+        Assembly of each.
+    n_failed : int
+        Recordings whose simulation failed; they are left out.
+    """
+
+    X: NDArray[np.float32] = field(repr=False)
+    counts: NDArray[np.int64] = field(repr=False)
+    speeds: Float = field(repr=False)
+    assemblies: NDArray[np.int64] = field(repr=False)
+    n_failed: int = 0
+
+
+@dataclass(frozen=True)
+class Population:
+    """A rig with all that may differ between its recordings, and how they are taken.
+
+    Start angle and first worn lobe are random.
+
+    Parameters
+    ----------
+    rig : Rig
+        With the spread between its assemblies.
+    n_samples : int
+        Length of a recording.
+    sampling_rate : float
+        In Hz.
+    wheels : tuple of tuple of int
+        Wheels that may carry the wear, with equal chances.
+    """
+
+    rig: Rig
+    n_samples: int
+    sampling_rate: float
+    wheels: tuple[tuple[int, ...], ...]
+
+    @property
+    def text(self) -> str:
+        """All that decides about a recording besides its count and its random numbers."""
+        return json.dumps([self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels])
+
+    def with_effects(self, *effects: Effect) -> Population:
+        """Population with effects added to the rig."""
+        return dataclasses.replace(self, rig=self.rig.with_added(*effects))
+
+    def run_machine(
+        self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
+    ) -> MachineRun:
+        """Run the machine once, before anything measures it.
+
+        ``count`` consecutive lobes are worn, the first at random, on wheels at random. Runs with one
+        ``assembly`` seed are of one assembly. The machine runs longer by the share ``spare``, for a slow
+        converter. Raises SimulationFailed or ValueError if the rig cannot be simulated or built.
+        """
+        # Not spawn(), which counts: the same seed always gives the same recording.
+        for_defects, for_run = (
+            Seed(random_state.entropy, spawn_key=(*random_state.spawn_key, k)) for k in range(2)
+        )
+        random, n_lobes = np.random.default_rng(for_defects), self.rig.gearbox.n_lobes
+        first = int(random.integers(n_lobes))
+        wheels = self.wheels[int(random.integers(len(self.wheels)))]
+        duration = self.n_samples / self.sampling_rate
+        return self.rig.run_machine(
+            LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
+            duration=duration,
+            sampling_rate=self.sampling_rate,
+            random_state=for_run,
+            assembly=assembly,
+            torque_in=False,
+            motion=False,
+            solver=_SOLVER,
+            spare_s=spare * duration,
+        )
+
+    def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
+        """Simulate one recording; arguments and errors as :meth:`run_machine`."""
+        return record(self.run_machine(count, random_state, assembly))
+
+
+def record(run: MachineRun, effects: Sequence[Effect] = ()) -> Record:
+    """Record a machine's run through its chain of measurement, with further effects on the torque."""
+    made = run.record(effects)
+    angle = made.input_angle
+    turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
+    return Record(made.torque_out.astype(np.float32), turned / (angle.size - 1) * made.sampling_rate)
+
+
+def simulate_bank(
+    population: Population,
+    counts: Sequence[int],
+    n: int,
+    *,
+    n_assemblies: int | None = None,
+    random_state: int = 0,
+    n_jobs: int = 1,
+) -> Bank:
+    """Simulate n recordings of a population, with ``counts`` of worn lobes gone through in turn.
+
+    Recordings i and i + ``n_assemblies`` are of the same assembly; by default each has its own. Recording i
+    depends on ``random_state`` and i alone. Raises SimulationFailed if at least half of the simulations fail.
+    """
+    repeat, assemblies = np.divmod(np.arange(n), n if n_assemblies is None else n_assemblies)
+    # Recordings of one assembly differ in their counts.
+    wanted = np.array(counts)[(assemblies + repeat) % len(counts)]
+
+    def one(i: int) -> Record | str:
+        shared = None if n_assemblies is None else Seed([random_state, int(assemblies[i])])
+        try:
+            return population.record(int(wanted[i]), Seed(random_state, spawn_key=(i,)), shared)
+        except SimulationFailed as failure:
+            return str(failure)
+
+    made = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(one)(i) for i in range(n))
+    done = [i for i, one in enumerate(made) if isinstance(one, Record)]
+    if len(done) <= n // 2:
+        first = next(one for one in made if isinstance(one, str))
+        raise SimulationFailed(f"{n - len(done)} of {n} simulations failed, the first with: {first}")
+    return Bank(
+        X=np.array([made[i].torque for i in done]),
+        counts=wanted[done],
+        speeds=np.array([made[i].speed for i in done]),
+        assemblies=assemblies[done],
+        n_failed=n - len(done),
+    )

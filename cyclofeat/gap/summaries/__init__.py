@@ -1,0 +1,57 @@
+"""Numbers by which recordings are compared.
+
+A recording becomes numbers in families of cells (:func:`summarise`). Measured windows are checked, cut to
+whole output turns and collected by recording (:class:`Measured`). Torque is folded over the turn for pictures
+(:func:`phase_maps`).
+"""
+
+from cyclofeat.gap.summaries._phase import PhaseMap, phase_maps
+from cyclofeat.gap.summaries._summarise import (
+    FAMILIES,
+    RESOLUTION_NM,
+    SPEED_TOLERANCE,
+    Cell,
+    Conditions,
+    left_out,
+    level,
+    signed_log,
+    smallest_spreads,
+    summarise,
+)
+from cyclofeat.gap.summaries._whitening import uncorrelating
+from cyclofeat.gap.summaries._windows import (
+    Measured,
+    check_counts,
+    checked_speeds,
+    class_means,
+    less_class_means,
+    mixed,
+    per_recording,
+    read_measured,
+    recordings_of,
+)
+
+__all__ = [
+    "FAMILIES",
+    "RESOLUTION_NM",
+    "SPEED_TOLERANCE",
+    "Cell",
+    "Conditions",
+    "Measured",
+    "PhaseMap",
+    "check_counts",
+    "checked_speeds",
+    "class_means",
+    "left_out",
+    "less_class_means",
+    "level",
+    "mixed",
+    "per_recording",
+    "phase_maps",
+    "read_measured",
+    "recordings_of",
+    "signed_log",
+    "smallest_spreads",
+    "summarise",
+    "uncorrelating",
+]

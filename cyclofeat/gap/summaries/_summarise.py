@@ -1,0 +1,401 @@
+"""Summaries of recordings: numbers in families of cells, by which two sets are compared."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from cyclofeat.signal.density import shannon_entropy, spectral_centroid, spectral_flatness, spectral_rolloff
+from cyclofeat.signal.lobes import comb_prominence, searched_factors
+from cyclofeat.signal.orders import comb_lines, estimate_input_speed
+from cyclofeat.signal.wavelets import dwt, level_band
+from cyclofeat.signal.welch import welch_psd
+
+Float = NDArray[np.float64]
+
+FAMILIES = (
+    "speed", "slow part", "amplitudes", "spectrum", "lobe lines", "shaft lines", "floor", "averages",
+    "features",
+)  # fmt: skip
+
+_SLOW_HZ = 4.0
+# Third-octave bands are centred on 10^(n/10) Hz; the lowest of them has at least 4 bins in one output turn.
+_LOWEST_BAND, _HIGHEST_BAND_SHARE = 10, 0.4
+_LOBE_LINES, _SHAFT_LINES = 48, 20
+_QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
+_WAVELET, _LEVELS = "db4", 10
+SPEED_TOLERANCE = 0.03
+_AT_THE_END = 0.99  # share of the tolerance from which a speed lies at the end of the range
+_BINS = 64  # of a synchronous average
+_AT_A_TIME = 16
+
+# Assumption: less than a millinewtonmetre of white noise is no difference. It is added, as a power, to every
+# level and moment of both sides, and lies far above the difference between two integrators.
+RESOLUTION_NM = 1e-3
+
+# Assumption: added in quadrature to a cell's spread, below which a difference has no consequence.
+_SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Number that is compared.
+
+    Parameters
+    ----------
+    family : str
+        One of ``FAMILIES``.
+    name : str
+        What it is, unique within the family.
+    unit : str
+        ``"dB"``, ``"Nm"``, ``"bit"`` or ``"1"``.
+    low_hz, high_hz : float
+        Band that it describes, in Hz; NaN where it has none. Orders are stated at the nominal speed.
+    """
+
+    family: str
+    name: str
+    unit: str
+    low_hz: float = np.nan
+    high_hz: float = np.nan
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Sampling rate in Hz, nominal input speed in Hz and lobes of a wheel, which is also the reduction."""
+
+    sampling_rate: float
+    input_speed_hz: float
+    n_lobes: int = 15
+
+    def whole_turns(self, n_samples: int, suffix: str = "") -> int:
+        """Number of samples of a window in its whole output turns at the nominal speed.
+
+        Raises ValueError, which names the argument ``X`` with ``suffix``, if the window is shorter than one
+        turn.
+        """
+        turn, duration = self.n_lobes / self.input_speed_hz, n_samples / self.sampling_rate
+        whole = math.floor(duration / turn + 0.01)
+        if whole < 1:
+            raise ValueError(
+                f"X{suffix} must hold windows of at least one output turn ({turn:.3g} s), "
+                f"got {duration:.3g} s"
+            )
+        return min(round(whole * turn * self.sampling_rate), n_samples)
+
+
+def summarise(
+    X: NDArray[Any], conditions: Conditions, speeds: NDArray[Any] | None = None
+) -> tuple[Float, list[Cell]]:
+    """Summarise windows of torque.
+
+    Parameters
+    ----------
+    X : ndarray, shape (n_windows, n_samples)
+        Torque in Nm, at least one output turn each.
+    conditions : Conditions
+    speeds : ndarray, shape (n_windows,), optional
+        Mean input speed of each window by a tachometer, in Hz. Default: from its mesh lines. Orders are
+        multiples of it.
+
+    Returns
+    -------
+    values : ndarray, shape (n_windows, n_cells)
+    cells : list of Cell
+
+    Raises
+    ------
+    ValueError
+        If a window is shorter than one output turn, in which lobes and shaft come apart.
+
+    Notes
+    -----
+    Families: the input speed; the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std,
+    skewness, excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter
+    lower); third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over
+    the floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
+    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by. There
+    are no cells of lines that the sampling rate does not hold up to 3 % above the nominal speed, of lines
+    beside which few lobes leave no floor, and of third octaves that fall between two bins of the spectrum.
+    Levels are in dB of Nm^2. White noise of 1 mNm rms is part of every level and moment, as its expected
+    value: less than that is no difference on any torque meter (an assumption).
+    """
+    conditions.whole_turns(np.shape(X)[1])
+    given = None if speeds is None else np.asarray(speeds, dtype=float)
+    values: list[Float] = []
+    cells: list[Cell] = []
+    # A few windows at a time: a bank of recordings is large.
+    for start in range(0, len(X), _AT_A_TIME):
+        part = slice(start, start + _AT_A_TIME)
+        some, cells = _summaries_of(
+            np.asarray(X[part], dtype=np.float64), conditions, None if given is None else given[part]
+        )
+        values.append(some)
+    return np.vstack(values), cells
+
+
+def _summaries_of(torque: Float, conditions: Conditions, speeds: Float | None) -> tuple[Float, list[Cell]]:
+    rate, nominal_hz, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
+    by_mesh = speeds_by_mesh(torque, rate, nominal_hz, n_lobes)
+    of_window = by_mesh if speeds is None else speeds
+    mean = torque.mean(axis=1, keepdims=True)
+    ripple = torque - mean
+    parts = [
+        _speed(by_mesh, nominal_hz, speeds),
+        _slow(ripple, rate),
+        _amplitudes(torque, ripple, mean[:, 0]),
+        _bands(ripple, rate),
+        _orders(ripple, rate, of_window, nominal_hz, n_lobes),
+        _averages(ripple, rate, of_window, n_lobes),
+        _features(torque, rate),
+    ]
+    return np.hstack([values for values, _ in parts]), [cell for _, cells in parts for cell in cells]
+
+
+def smallest_spreads(cells: list[Cell]) -> Float:
+    """Spread of one recording that every cell has at least, shape (n_cells,)."""
+    return np.array([_SMALLEST_SPREAD[cell.unit] for cell in cells])
+
+
+def level(power: Float) -> Float:
+    """Power in Nm^2 as a level in dB."""
+    return np.asarray(10 * np.log10(power))
+
+
+def speeds_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> Float:
+    """Input speed of each window in Hz, by the mesh lines."""
+    speeds = estimate_input_speed(
+        torque, sampling_rate, nominal_hz, SPEED_TOLERANCE, comb="mesh", n_lobes=n_lobes
+    )
+    at_the_end = np.flatnonzero(np.abs(speeds / nominal_hz - 1) > _AT_THE_END * SPEED_TOLERANCE)
+    if not at_the_end.size:
+        return speeds
+    # The flank of a lobe line may lie there, beside one mesh line; the others are missing then.
+    factors = searched_factors(SPEED_TOLERANCE)
+    n_lines = comb_lines(sampling_rate, nominal_hz, SPEED_TOLERANCE, "mesh", n_lobes)
+    numbers = np.arange(n_lobes, n_lines + 1, n_lobes)
+    combs = comb_prominence(torque[at_the_end], sampling_rate, nominal_hz, factors, numbers, n_lobes)
+    for i, lines in zip(at_the_end, combs, strict=True):
+        prominence = lines.sum(axis=1)
+        within = signal.argrelmax(prominence)[0]
+        if within.size and lines[np.argmax(prominence)].min() < 1:
+            speeds[i] = factors[within[np.argmax(prominence[within])]] * nominal_hz
+    return speeds
+
+
+def _speed(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tuple[Float, list[Cell]]:
+    columns, cells = [100 * (by_mesh / nominal_hz - 1)], [Cell("speed", "input speed by the mesh lines", "%")]
+    if speeds is not None:
+        columns.append(100 * (np.asarray(speeds) / nominal_hz - 1))
+        columns.append(100 * (by_mesh / np.asarray(speeds) - 1))
+        cells.append(Cell("speed", "input speed by the tachometer", "%"))
+        cells.append(Cell("speed", "mesh lines against the tachometer", "%"))
+    return np.column_stack(columns), cells
+
+
+def _slow(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    n = ripple.shape[1]
+    time = (np.arange(n) - (n - 1) / 2) / n
+    trend = ripple @ time / (time @ time)
+    kept = max(int(np.ceil(_SLOW_HZ * n / sampling_rate)), 2)
+    power = 2 * np.sum(np.abs(np.fft.rfft(ripple, axis=1)[:, 1:kept]) ** 2, axis=1) / n**2
+    cells = [
+        Cell("slow part", f"level below {_SLOW_HZ:g} Hz", "dB", 0.0, _SLOW_HZ),
+        Cell("slow part", "size of the trend over the window", "dB", 0.0, _SLOW_HZ),
+    ]
+    below = 2 * (kept - 1) * RESOLUTION_NM**2 / n
+    return np.column_stack([level(power + below), level(trend**2 + RESOLUTION_NM**2 / (time @ time))]), cells
+
+
+def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
+    ordered = np.sort(X, axis=1)
+    variance = ripple.var(axis=1) + RESOLUTION_NM**2
+    cubes, fourths = (np.mean(ripple**power, axis=1) for power in (3, 4))
+    at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
+    quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]
+    distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
+    # Cumulants, to which independent noise adds nothing beyond the second.
+    excess = (fourths - 3 * ripple.var(axis=1) ** 2) / variance**2
+    columns = [mean, level(variance), cubes / variance**1.5, signed_log(excess)]
+    names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
+    names += [(f"quantile {q:g} over std", "1") for q in _QUANTILES]
+    names += [("share of distinct values", "1")]
+    values = np.column_stack([*columns, quantiles, distinct])
+    return values, [Cell("amplitudes", name, unit) for name, unit in names]
+
+
+def signed_log(values: Float) -> Float:
+    """Logarithm that keeps the sign, sign(x) log(1 + |x|), for values that range over orders of magnitude."""
+    return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
+
+
+def _bands(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    frequencies, psd = signal.periodogram(ripple, sampling_rate, window="hann", detrend=False, axis=1)
+    psd = psd + _white(sampling_rate)
+    last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
+    columns, cells = [], []
+    for band in range(_LOWEST_BAND, last + 1):
+        low, high = 10 ** ((band - 0.5) / 10), 10 ** ((band + 0.5) / 10)
+        inside = (frequencies >= low) & (frequencies < high)
+        if not inside.any():  # the windows are too short for the band
+            continue
+        columns.append(level(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
+        cells.append(Cell("spectrum", _band_name(band), "dB", low, high))
+    return np.column_stack(columns), cells
+
+
+def left_out(cells: list[Cell], sampling_rate: float, n_lobes: int) -> list[str]:
+    """Lines and bands without a cell, in words; none at usual rates."""
+    names = {cell.name for cell in cells}
+    last_band = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
+    lobe_lines = {line: _lobe_line_name(line, n_lobes) for line in range(1, _LOBE_LINES + 1)}
+    # Where a multiple of the input's speed is a line of the lobes, it is compared as that.
+    shaft_lines = {
+        turn: _shaft_line_name(turn) for turn in range(1, _SHAFT_LINES + 1) if turn * n_lobes % (n_lobes + 1)
+    }
+    bands = {10 ** (band / 10): _band_name(band) for band in range(_LOWEST_BAND, last_band + 1)}
+    words = []
+    for word, unit, all_of_them in (
+        ("lobe lines", "", lobe_lines), ("input orders", "", shaft_lines), ("third octaves at", " Hz", bands),
+    ):  # fmt: skip
+        runs = itertools.groupby(all_of_them.items(), key=lambda item: item[1] in names)
+        lacking = [[f"{number:.3g}" for number, _ in run] for compared, run in runs if not compared]
+        if lacking:
+            ends = [" to ".join(dict.fromkeys((run[0], run[-1]))) for run in lacking]
+            words.append(f"{word} {', '.join(ends)}{unit}")
+    return words
+
+
+def _lobe_line_name(line: int, n_lobes: int) -> str:
+    return f"lobe line {line} (order {line * (n_lobes + 1) / n_lobes:.3g})"
+
+
+def _shaft_line_name(turn: int) -> str:
+    return f"input order {turn}"
+
+
+def _band_name(band: int) -> str:
+    return f"third octave at {10 ** (band / 10):.3g} Hz"
+
+
+def _white(sampling_rate: float) -> float:
+    """One-sided power spectral density of white noise of the resolution, in Nm^2/Hz."""
+    return 2 * RESOLUTION_NM**2 / sampling_rate
+
+
+def _orders(
+    ripple: Float, sampling_rate: float, speeds: Float, nominal_hz: float, n_lobes: int
+) -> tuple[Float, list[Cell]]:
+    """Lines of lobes and shaft over their floor, and that floor.
+
+    Every window is cut to one output turn of its own speed, or is a little shorter, and transformed at the
+    exact multiples of 1/n_lobes of it, with a Hann window over two such lines.
+    """
+    # Lines up to half of the rate at the fastest speed: the same cells for all recordings.
+    below_nyquist = int(n_lobes * sampling_rate / 2 / (nominal_hz * (1 + SPEED_TOLERANCE))) + 1
+    n_bins = min((n_lobes + 1) * (_LOBE_LINES + 1), below_nyquist)
+    of_windows = zip(ripple, speeds, strict=True)
+    power = np.array([_lines_of_a_turn(x, sampling_rate, speed, n_lobes, n_bins) for x, speed in of_windows])
+    per_line = n_lobes + 1  # bins from one line of the lobe comb to the next
+    columns, cells, floors, floor_cells = [], [], [], []
+    for line in range(1, _LOBE_LINES + 1):
+        at = line * per_line
+        near = np.r_[at - per_line // 2 : at - 2, at + 3 : at + per_line // 2 + 1]
+        # Multiples of the input's own speed are lines too.
+        near = near[near % n_lobes > 1]
+        near = near[(n_lobes - near % n_lobes) > 1]
+        if at + per_line // 2 >= n_bins or not near.size:
+            continue
+        floor = np.median(power[:, near], axis=1)
+        hz, half = at / n_lobes * nominal_hz, per_line / 2 / n_lobes * nominal_hz
+        columns.append(level(power[:, at]) - level(floor))
+        cells.append(Cell("lobe lines", _lobe_line_name(line, n_lobes), "dB", hz - half, hz + half))
+        floors.append(level(floor))
+        floor_cells.append(Cell("floor", f"around order {at / n_lobes:.3g}", "dB", hz - half, hz + half))
+    for turn in range(1, _SHAFT_LINES + 1):
+        at = turn * n_lobes
+        if at % per_line == 0:
+            continue
+        near = np.r_[at - 6 : at - 2, at + 3 : at + 7]
+        near = near[(near > 2) & (near % per_line > 1) & ((per_line - near % per_line) > 1)]
+        if at + 6 >= n_bins or not near.size:
+            continue
+        hz, half = turn * nominal_hz, nominal_hz / 2
+        columns.append(level(power[:, at]) - level(np.median(power[:, near], axis=1)))
+        cells.append(Cell("shaft lines", _shaft_line_name(turn), "dB", hz - half, hz + half))
+    return np.array([*columns, *floors]).T.reshape(len(ripple), -1), cells + floor_cells
+
+
+def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int, n_bins: int) -> Float:
+    """Power at the multiples of 1/n_lobes of the input's speed, shape (n_bins,), in Nm^2."""
+    n_turn = n_lobes / speed * sampling_rate
+    n_cut = min(round(n_turn), x.size)
+    piece = (x[:n_cut] - x[:n_cut].mean()) * signal.windows.hann(n_cut, sym=False)
+    if n_cut < round(n_turn) or n_bins > n_cut // 2 + 1:
+        # The window ends before the turn does: its bins lie beside the multiples. Or it turns faster than is
+        # looked for, and the last of them lie beyond half of the rate.
+        lines = signal.czt(piece, n_bins, np.exp(-2j * np.pi / n_turn))
+    else:
+        # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.
+        lines = np.fft.rfft(piece)[:n_bins]
+    power = 8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2
+    return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
+
+
+def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) -> tuple[Float, list[Cell]]:
+    """Level of the averages over input turns and over lobes, their crest, and what they leave."""
+    columns = []
+    for per_turn in (1.0, (n_lobes + 1) / n_lobes):
+        found = []
+        for x, speed in zip(ripple, speeds, strict=True):
+            average, slot = synchronous_average(x, speed * per_turn / sampling_rate)
+            left = x - average[slot]
+            spread = np.bincount(slot, left**2, _BINS) / np.maximum(np.bincount(slot, minlength=_BINS), 1)
+            of_average, of_left = RESOLUTION_NM**2 * _BINS / x.size, RESOLUTION_NM**2
+            powers = [np.mean(average**2) + of_average, np.max(average**2) + of_average,
+                      np.mean(left**2) + of_left, spread.max() + of_left, spread.min() + of_left]  # fmt: skip
+            found.append(powers)
+        power = np.array(found)
+        columns += [level(power[:, 0]), level(power[:, 1]) - level(power[:, 0]), level(power[:, 2])]
+        columns += [level(power[:, 3]) - level(power[:, 4])]
+    names = ("level of the average over", "crest of the average over", "level left by the average over",
+             "unevenness left over")  # fmt: skip
+    cells = [Cell("averages", f"{name} {by}", "dB") for by in ("input turns", "lobes") for name in names]
+    return np.column_stack(columns), cells
+
+
+def synchronous_average(
+    x: Float, turns_per_sample: float, n_bins: int = _BINS
+) -> tuple[Float, NDArray[np.intp]]:
+    """Mean of a signal in each bin of the turn, 0 in an empty one, and the bin of each sample."""
+    phase = (np.arange(x.size) * turns_per_sample) % 1.0
+    slots = np.minimum((phase * n_bins).astype(np.intp), n_bins - 1)
+    count = np.bincount(slots, minlength=n_bins)
+    return np.bincount(slots, x, minlength=n_bins) / np.maximum(count, 1), slots
+
+
+def _features(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    columns, cells = [], []
+    for preset in ("matlab_pwelch", "ripple"):
+        frequencies, psd = welch_psd(X, sampling_rate, preset)
+        psd = psd + _white(sampling_rate)
+        columns.append(shannon_entropy(psd, frequencies))
+        cells.append(Cell("features", f"Shannon entropy ({preset})", "bit"))
+    shapes = (spectral_flatness, spectral_centroid, spectral_rolloff)
+    columns += [level(shape(psd, frequencies)) for shape in shapes]
+    cells += [Cell("features", name, "dB") for name in ("spectral flatness", "spectral centroid", "roll-off")]
+    details = dwt(X - X.mean(axis=1, keepdims=True), _WAVELET, _LEVELS)
+    for number, coefficients in enumerate(details[:-1], start=1):
+        low, high = level_band(number, sampling_rate)
+        around = coefficients - coefficients.mean(axis=1, keepdims=True)
+        square, fourth = np.mean(around**2, axis=1), np.mean(around**4, axis=1)
+        excess = (fourth - 3 * square**2) / (square + RESOLUTION_NM**2) ** 2
+        columns.append(signed_log(excess))
+        cells.append(Cell("features", f"kurtosis of wavelet level {number}", "1", low, high))
+    return np.column_stack(columns), cells

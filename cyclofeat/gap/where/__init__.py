@@ -1,0 +1,26 @@
+"""The first stage of the gap: where measured and simulated torque disagree.
+
+:func:`locate` permutes the labels of recordings, cell by cell inside the families of the summaries, with p
+adjusted within and across families. The part that follows the speed and the mean torque of a session is taken
+out before.
+"""
+
+from cyclofeat.gap.where._locate import EQUIVALENT_DB, EQUIVALENT_SPREADS, LocatedGap, Row, locate
+from cyclofeat.gap.where._permutation import SPREADS as SPREADS
+from cyclofeat.gap.where._permutation import TOGETHER as TOGETHER
+from cyclofeat.gap.where._permutation import Permuted as Permuted
+from cyclofeat.gap.where._permutation import family_p, holm
+from cyclofeat.gap.where._permutation import statistics_by_family as statistics_by_family
+from cyclofeat.gap.where._session import SpeedAndLoad as SpeedAndLoad
+from cyclofeat.gap.where._session import intraclass_correlation as intraclass_correlation
+from cyclofeat.gap.where._session import widening as widening
+
+__all__ = [
+    "EQUIVALENT_DB",
+    "EQUIVALENT_SPREADS",
+    "LocatedGap",
+    "Row",
+    "family_p",
+    "holm",
+    "locate",
+]

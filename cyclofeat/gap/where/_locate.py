@@ -1,0 +1,304 @@
+"""Tests of where measured and simulated torque differ, with the recording as the unit of replication."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat._base.checks import whole
+from cyclofeat.gap.comparison import Comparison
+from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.summaries import (
+    FAMILIES,
+    Cell,
+    Measured,
+    PhaseMap,
+    class_means,
+    left_out,
+    less_class_means,
+    phase_maps,
+    smallest_spreads,
+)
+from cyclofeat.gap.where._global_tests import classifier_p, energy_p
+from cyclofeat.gap.where._permutation import SPREADS, TOGETHER, Permuted, holm, statistics_by_family
+from cyclofeat.gap.where._session import SpeedAndLoad, intraclass_correlation, widening
+
+Float = NDArray[np.float64]
+
+# Margins of "equivalent": in dB for levels, else in spreads of one recording.
+EQUIVALENT_DB = 1.5
+EQUIVALENT_SPREADS = 0.5
+_REFITS = 99  # permutations in which the classifier is refitted; its p is at least one over this
+_ASSEMBLIES, _PER_ASSEMBLY = 32, 4  # simulated to learn what recordings of one assembly have in common
+_N_FAMILIES = len(FAMILIES) + 2  # and spreads, and all together
+_POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
+
+
+@dataclass(frozen=True)
+class Row:
+    """Difference between measured and simulated recordings in one cell.
+
+    Attributes
+    ----------
+    cell : Cell
+    of : {"mean", "spread"}
+        Compared quantity: the mean over recordings, or the spread of single recordings.
+    effect : float
+        Measured minus simulated, in the cell's unit; of spreads their ratio in dB.
+    low, high : float
+        Its interval, simultaneous within the family, at 1 - alpha.
+    p : float
+        Adjusted within the family (Westfall-Young, step-down) and across families (Holm).
+    detectable : float
+        Smallest effect that would have been found with a chance of 0.8.
+    spread : float
+        Standard deviation of one recording, in the cell's unit; of spreads that of the ratio in dB.
+    """
+
+    cell: Cell
+    of: str
+    effect: float
+    low: float
+    high: float
+    p: float
+    detectable: float
+    spread: float
+
+
+@dataclass(frozen=True)
+class LocatedGap:
+    """Result of :func:`locate`.
+
+    Attributes
+    ----------
+    comparison : Comparison
+    measured : Measured
+    bank : Bank
+        Simulated recordings.
+    simulated : ndarray, shape (n_bank, n_cells)
+        Their summaries.
+    alpha : float
+    n_permutations : int
+    shared_variance : ndarray, shape (n_cells,)
+        Share of each cell's variance that recordings of one assembly have in common; 0 where each is of an
+        assembly of its own.
+    table : tuple of Row
+        All cells: means in the order of the families, then spreads, then all means together. Spreads and
+        all together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the
+        upper end lies as far above the effect and bounds nothing.
+    family_p : dict from str to float
+        Smallest p of each family, adjusted within and across families; ``"spreads"`` and ``"together"`` are
+        families of their own.
+    """
+
+    comparison: Comparison
+    measured: Measured = field(repr=False)
+    bank: Bank = field(repr=False)
+    simulated: Float = field(repr=False)
+    alpha: float
+    n_permutations: int
+    shared_variance: Float = field(repr=False)
+    table: tuple[Row, ...] = field(repr=False)
+    family_p: dict[str, float]
+    _compared: tuple[Float, Float] = field(repr=False)
+
+    @property
+    def verdict(self) -> str:
+        """Answer of the comparison.
+
+        ``"disagree"``: an adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
+        1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
+        """
+        if min(self.family_p.values()) <= self.alpha:
+            return "disagree"
+        within = all(
+            max(-row.low, row.high)
+            <= (EQUIVALENT_DB if row.cell.unit == "dB" else EQUIVALENT_SPREADS * row.spread)
+            for row in self.table
+            if row.of == "mean" and row.cell is not TOGETHER
+        )
+        return "equivalent" if within else "unresolved"
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Columns of the summaries."""
+        return self.measured.cells
+
+    @property
+    def not_compared(self) -> list[str]:
+        """Lines and bands without a cell: the rate does not hold them, or nothing lies between them."""
+        return left_out(self.cells, self.comparison.sampling_rate, self.comparison.n_lobes)
+
+    @functools.cached_property
+    def p_global(self) -> dict[str, float]:
+        """Two tests of all cells at once, which are no part of the verdict.
+
+        The energy distance, and a classifier of measured against simulated recordings, refitted under each
+        permutation.
+        """
+        random = np.random.default_rng([self.comparison.random_state, 2])
+        return {
+            "energy distance": energy_p(*self._compared, self.n_permutations, random),
+            "classifier": classifier_p(*self._compared, min(self.n_permutations, _REFITS), random),
+        }
+
+    @functools.cached_property
+    def phase(self) -> dict[str, PhaseMap]:
+        """Torque folded over the input's turn and over the passage of the lobes, for a picture."""
+        speeds = None if self.measured.speeds is None else (self.measured.speeds, self.bank.speeds)
+        conditions = self.comparison.conditions
+        return phase_maps(self.measured.windows, self.bank.X, conditions, self.alpha, speeds)
+
+    def centred(self, values: Float, counts: NDArray[Any] | None) -> Float:
+        """Summaries less the simulated mean of their count; unchanged where counts are not known."""
+        if self.measured.counts is None or counts is None:
+            return values
+        return less_class_means(values, counts, class_means(self.simulated, self.bank.counts))
+
+    def centred_sets(self) -> tuple[Float, Float]:
+        """Measured and simulated summaries by :meth:`centred`."""
+        return (
+            self.centred(self.measured.values, self.measured.counts),
+            self.centred(self.simulated, self.bank.counts),
+        )
+
+
+def locate(
+    comparison: Comparison,
+    measured: Measured,
+    *,
+    alpha: float = 0.05,
+    n_permutations: int = 999,
+    shared_variance: ArrayLike | None = None,
+) -> LocatedGap:
+    """Find where measured recordings differ from what the model alone would have given.
+
+    Each recording is summarised by some 180 numbers in nine families, and so are ``comparison.n_bank``
+    simulated ones. The means over recordings and the spreads of single recordings are compared. Labels are
+    permuted among recordings, never among windows of one, which are no replicates (taken as such they raise
+    false alarms in 99.8 % of cases without a difference).
+
+    The measured recordings may share a speed or a load that may differ anyway. The part of each cell that
+    follows a recording's own speed and mean torque is therefore taken out on both sides, as far as simulated
+    recordings reach.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        With ``one_assembly=True`` the recordings count as fewer: by how many, 128 more simulated recordings
+        tell, four of each assembly.
+    measured : Measured
+        At least two recordings, of :meth:`Comparison.measured`. Where counts are known, the simulated
+        recordings have the same ones, and the mean of each count is taken out.
+    alpha : float, default=0.05
+        Chance of a false "disagree" over all families together.
+    n_permutations : int, default=999
+        Number of relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for:
+        fewer than 219 can never "disagree" at 0.05, and are refused.
+    shared_variance : array-like, shape (n_cells,), optional
+        That of another result with the same conditions, which is then not learned again.
+
+    Returns
+    -------
+    LocatedGap
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two recordings, an argument is out of its range, or ``n_permutations`` is too
+        small for ``alpha``.
+
+    Notes
+    -----
+    The statistic of a cell is the difference of means over its standard error with the pooled variance; that
+    of spreads is the logarithm of the ratio of variances over its standard deviation under permuted labels;
+    the family "together" has one statistic, the root mean square of all differences after a shrunk
+    decorrelation that ignores the labels. p = (b + 1) / (m + 1), never 0. A cell's spread is taken as at
+    least 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions), below which a difference has no consequence.
+
+    Examples
+    --------
+    >>> from cyclofeat.datasets import make_rig_recordings
+    >>> records = make_rig_recordings(2, [0, 3], rig="R0", sampling_rate=6400, random_state=1)
+    >>> comparison = Comparison(sampling_rate=6400, n_bank=24)
+    >>> measured = comparison.measured([record.torque for record in records], y=[0, 3, 0, 3])
+    >>> locate(comparison, measured, n_permutations=499).verdict
+    'disagree'
+    """
+    if not 0 < alpha < 1:
+        raise ValueError(f"alpha must lie between 0 and 1, got {alpha!r}")
+    fewest = math.ceil(_N_FAMILIES / alpha) - 1
+    if whole("n_permutations", n_permutations, 19) < fewest:
+        raise ValueError(
+            f"n_permutations must be at least {fewest} for alpha={alpha:g}: with fewer nothing can disagree, "
+            f"got {n_permutations}"
+        )
+    measured.check_several()
+    bank = comparison.bank_like(measured)
+    blank = LocatedGap(
+        comparison, measured, bank, comparison.summaries(bank), alpha, n_permutations,
+        np.zeros(len(measured.cells)), (), {}, (np.empty(0), np.empty(0)),
+    )  # fmt: skip
+    of_measured, of_simulated = blank.centred_sets()
+    trend = SpeedAndLoad(of_simulated, measured.cells, smallest_spreads(measured.cells))
+    shared = _shared_variance(blank, trend, shared_variance)
+    compared = trend.without(of_measured), trend.without(of_simulated)
+    table, family_p = _tested(dataclasses.replace(blank, shared_variance=shared), compared)
+    return dataclasses.replace(
+        blank, shared_variance=shared, table=table, family_p=family_p, _compared=compared
+    )
+
+
+def _shared_variance(located: LocatedGap, trend: SpeedAndLoad, given: ArrayLike | None) -> Float:
+    """Share of each cell's variance that recordings of one assembly have in common."""
+    comparison, n_cells = located.comparison, len(located.cells)
+    if not comparison.one_assembly:
+        return np.zeros(n_cells)
+    if given is not None:
+        shares = np.asarray(given, dtype=float)
+        if shares.shape != (n_cells,):
+            raise ValueError(
+                f"shared_variance must hold a share per cell: shape ({n_cells},), got {shares.shape}"
+            )
+        return shares
+    counts = sorted(set(located.bank.counts.tolist()))
+    bank = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
+    values = located.centred(comparison.summaries(bank), bank.counts)
+    return intraclass_correlation(trend.without(values), bank.assemblies)
+
+
+def _tested(located: LocatedGap, compared: tuple[Float, Float]) -> tuple[tuple[Row, ...], dict[str, float]]:
+    """Rows of all cells, and p of all families, adjusted within and across families."""
+    cells, n = located.cells, len(located.cells)
+    random = np.random.default_rng([located.comparison.random_state, 0])
+    wider = widening(located.shared_variance, len(compared[0]))
+    statistics = Permuted(*compared, located.n_permutations, random, smallest_spreads(cells), wider)
+    rows: list[tuple[str, Row]] = []
+    raw: dict[str, float] = {}
+    for family, at in statistics_by_family(cells).items():
+        adjusted = statistics.step_down(at)
+        raw[family] = float(adjusted.min())
+        reach = statistics.largest_quantile(at, 1 - located.alpha)
+        for k, p in zip(at, adjusted, strict=True):
+            effect, error = float(statistics.effects[k]), float(statistics.errors[k])
+            row = Row(
+                cell=TOGETHER if family == TOGETHER.family else cells[k % n],
+                of="spread" if family == SPREADS else "mean",
+                effect=effect,
+                low=effect - reach * error,
+                high=effect + reach * error,
+                p=float(p),
+                detectable=(reach + _POWER_Z) * error,
+                spread=float(statistics.spreads[k]),
+            )
+            rows.append((family, row))
+    family_p = holm(raw)
+    across = {family: family_p[family] / raw[family] for family in raw}
+    table = tuple(dataclasses.replace(row, p=min(row.p * across[family], 1.0)) for family, row in rows)
+    return table, family_p

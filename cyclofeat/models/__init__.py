@@ -1,0 +1,37 @@
+"""Models on disk: a file, and beside it a card that says what it is.
+
+=======================  =========================================================================
+name                     job
+=======================  =========================================================================
+``save_model``           write a model or counter (``.skops`` or ``.joblib``) and its card
+``load_model``           read it after checks of its card, versions and features
+``read_card``            read the card alone
+``as_lobe_model``        make a ``LobeModel`` of what was loaded
+``check_model_path``     check that a model can be written, before training
+``card_path``            path of a model's card
+``feature_definitions``  features that a fitted counter uses, with their versions
+``estimators_in``        all estimators that a model holds
+``ModelFileError``       a file that is damaged, not trusted, or does not fit its card
+=======================  =========================================================================
+"""
+
+from cyclofeat.models._card import ALLOWED as ALLOWED
+from cyclofeat.models._card import CARD_SUFFIX as CARD_SUFFIX
+from cyclofeat.models._card import FORMAT as FORMAT
+from cyclofeat.models._card import card_path, feature_definitions, read_card
+from cyclofeat.models._content import PLAIN_TYPES as PLAIN_TYPES
+from cyclofeat.models._content import TRUSTED_TYPES as TRUSTED_TYPES
+from cyclofeat.models._content import ModelFileError, estimators_in
+from cyclofeat.models._persistence import as_lobe_model, check_model_path, load_model, save_model
+
+__all__ = [
+    "ModelFileError",
+    "as_lobe_model",
+    "card_path",
+    "check_model_path",
+    "estimators_in",
+    "feature_definitions",
+    "load_model",
+    "read_card",
+    "save_model",
+]

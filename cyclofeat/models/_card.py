@@ -1,0 +1,216 @@
+"""Card beside the file of a model, and the comparisons made before the file is loaded."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat.counting import Evaluation, LobeModel
+from cyclofeat.features.base import WindowTransformer
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.models._content import ModelFileError, estimators_in, the_skops
+
+FORMAT = 2
+CARD_SUFFIX = ".card.json"
+# What may differ between writing and loading: as many leading numbers as are compared. scikit-learn promises
+# nothing from one release to the next, the others keep their arrays from one bug fix to the next.
+_COMPARED = {"cyclofeat": 3, "scikit-learn": 3, "python": 2, "numpy": 2, "scipy": 2}
+_COMPARED_BY_FORMAT = {".joblib": {"joblib": 1}, ".skops": {"skops": 2}}
+FEATURES = "features"
+ALLOWED = (*_COMPARED, "joblib", "skops", "sklearn", FEATURES)
+# What each entry of a card must be.
+_CARD: dict[str, Callable[[Any], bool]] = {
+    "format": lambda value: value == FORMAT,
+    "sha256": lambda value: isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None,
+    "bytes": lambda value: isinstance(value, int),
+    "versions": lambda value: (
+        isinstance(value, dict) and _COMPARED.keys() <= value.keys() and all(map(_is_text, value.values()))
+    ),
+    "sampling_rate": lambda value: isinstance(value, (int, float)) and value > 0,
+    "input_speed_hz": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
+    "n_lobes": lambda value: value is None or isinstance(value, int),
+    "training": lambda value: isinstance(value, dict) and _is_text(value.get("description")),
+    FEATURES: lambda value: (
+        isinstance(value, dict)
+        and isinstance(value.get("columns"), list)
+        and isinstance(value.get("definitions"), dict)
+    ),
+}
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def card_path(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a model's card, which lies beside the model."""
+    return Path(path).with_name(Path(path).name + CARD_SUFFIX)
+
+
+def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the card of the model file at a path; the file itself is not read.
+
+    Returns
+    -------
+    dict
+        ``format``, ``holds`` (type), ``sha256``, ``bytes``, ``versions``, ``sampling_rate`` (Hz),
+        ``window_samples``, ``window_s``, ``input_speed_hz``, ``n_lobes``, ``classes``, ``features``
+        (``columns``, and ``definitions`` with their versions), ``training`` and ``scores``.
+
+    Raises
+    ------
+    ModelFileError
+        Where there is no card, or it cannot be read.
+    """
+    file = card_path(path)
+    if not file.is_file():
+        raise ModelFileError(f"{path} has no card: {file.name} must lie beside it, copy both files")
+    try:
+        card = json.loads(file.read_bytes())
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        what = "is empty" if file.stat().st_size == 0 else f"cannot be read as JSON ({error})"
+        raise ModelFileError(f"card {file} {what}: copy both files again") from None
+    if isinstance(card, dict) and isinstance(card.get("format"), int) and card["format"] > FORMAT:
+        raise ModelFileError(
+            f"card {file} is of format {card['format']}, but {FORMAT} can be read; update cyclofeat"
+        )
+    wrong = [key for key, right in _CARD.items() if not (isinstance(card, dict) and right(card.get(key)))]
+    if wrong:
+        raise ModelFileError(f"card {file} is no card of a model: {', '.join(wrong)} missing or wrong")
+    return dict(card)
+
+
+def feature_definitions(counter: Any) -> dict[str, Any]:
+    """Return the ``columns`` of features that a fitted counter or model uses, and their ``definitions``.
+
+    ``columns`` are names in order, ``definitions`` the version of each feature's definition.
+    """
+    columns: list[str] = []
+    for part in estimators_in(counter):
+        if isinstance(part, WindowTransformer) and hasattr(part, "n_features_in_"):
+            columns += [name for name in map(str, part.get_feature_names_out()) if name not in columns]
+    rows = {row.column().split("(")[0]: row for row in REGISTRY.values()}
+    named = {name.split("(")[0] for name in columns}
+    return {
+        "columns": columns,
+        "definitions": {rows[base].name: rows[base].version for base in sorted(named) if base in rows},
+    }
+
+
+def make_card(
+    target: Path,
+    counter: Any,
+    sampling_rate: float | None,
+    assemblies: Collection[Any] | None,
+    scores: Evaluation | Mapping[str, Any] | None,
+    description: str,
+) -> dict[str, Any]:
+    """Make the card of a counter, without the sum and size of its file."""
+    model = counter if isinstance(counter, LobeModel) else None
+    made = {} if model is None else model.card
+    inner = counter if model is None else model.counter
+    rate = _parameter(counter, "sampling_rate") if sampling_rate is None else float(sampling_rate)
+    if rate is None:
+        raise ValueError(
+            "sampling_rate must be given (Hz): no step of the counter states it, and it cannot be guessed"
+        )
+    samples = int(inner.n_features_in_)
+    known = made.get("assemblies") if assemblies is None else list(assemblies)
+    if isinstance(scores, Evaluation):
+        scores = scores.to_dict()
+    found = package_versions(*MODEL_PACKAGES)
+    if target.suffix == ".skops":
+        found["skops"] = the_skops().__version__
+    card: dict[str, Any] = {
+        "format": FORMAT,
+        "file": target.name,
+        "holds": f"{type(counter).__module__}.{type(counter).__qualname__}",
+        "versions": found,
+        "sampling_rate": rate,
+        "window_samples": samples,
+        "window_s": samples / rate,
+        "input_speed_hz": _parameter(counter, "input_speed_hz"),
+        "n_lobes": _parameter(counter, "n_lobes"),
+        "classes": inner.classes_,
+        FEATURES: feature_definitions(counter),
+        "training": {
+            "description": description or made.get("description", ""),
+            "assemblies": known,
+            **{key: made[key] for key in ("n_recordings", "n_windows", "sources") if key in made},
+        },
+        "scores": made.get("cross_validation") if scores is None else dict(scores),
+        "calibrated": made.get("calibrated"),
+    }
+    plain: dict[str, Any] = _plain(card)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """Return the value in types that JSON holds; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value if value is None or isinstance(value, (str, bool, int, float)) else str(value)
+
+
+def _parameter(counter: Any, name: str) -> Any:
+    """Return a number that the model or one of the counter's steps states; None if none does."""
+    if isinstance(counter, LobeModel):
+        return getattr(counter, name)
+    stated = (getattr(part, name, None) for part in estimators_in(counter))
+    return next((value for value in stated if value is not None), None)
+
+
+def allowed_differences(allow: Collection[str]) -> set[str]:
+    names = {allow} if isinstance(allow, str) else set(allow)
+    unknown = names - set(ALLOWED)
+    if unknown:
+        raise ValueError(f"allow must name any of {', '.join(ALLOWED)}, got {min(unknown, key=str)!r}")
+    return {"scikit-learn" if name == "sklearn" else name for name in names}
+
+
+def check_versions(source: Path, card: Mapping[str, Any], allowed: set[str]) -> None:
+    here = package_versions(*MODEL_PACKAGES)
+    compared = _COMPARED | _COMPARED_BY_FORMAT[source.suffix]
+    if source.suffix == ".skops":
+        here["skops"] = the_skops().__version__
+    differences = {}
+    for name, parts in compared.items():
+        written = str(card["versions"].get(name, "unknown"))
+        if written.split(".")[:parts] != here[name].split(".")[:parts]:
+            differences[name] = f"{name} {written} (here {here[name]})"
+    for name, version in card[FEATURES]["definitions"].items():
+        row = REGISTRY.get(name)
+        if row is None or row.version != version:
+            now = "unknown" if row is None else f"version {row.version}"
+            differences.setdefault(FEATURES, f"feature {name} version {version} (here {now})")
+    refused = [name for name in differences if name not in allowed]
+    if refused:
+        names = ", ".join(f'"{name}"' for name in refused) + ("," if len(refused) == 1 else "")
+        options = " ".join(f"--allow {name}" for name in refused)
+        raise ModelFileError(
+            f"{source} was written with {', '.join(differences[name] for name in refused)}: train anew, or "
+            f"allow the difference by name: allow=({names}) ({options})"
+        )
+
+
+def first_difference(found: Mapping[str, Any], stated: Mapping[str, Any]) -> str:
+    mine, theirs = found["columns"], stated["columns"]
+    if len(mine) != len(theirs):
+        return f"{len(mine)} columns, the card has {len(theirs)}"
+    index = next(i for i, (a, b) in enumerate(zip(mine, theirs, strict=True)) if a != b)
+    return f"column {index} is {mine[index]!r}, the card has {theirs[index]!r}"

@@ -1,0 +1,237 @@
+"""Models on disk: a file, and beside it a card that says what it is.
+
+===========  ==========================================================================================
+file         what it is
+===========  ==========================================================================================
+``.skops``   data only: it is read piece by piece, and pieces that are not on a list of known types are
+             refused (:data:`TRUSTED_TYPES`). Safe to load from anyone; takes some seconds.
+``.joblib``  a pickle, which is code: it can do anything when loaded. Loaded only with ``trusted=True``.
+===========  ==========================================================================================
+
+The card, ``<file>.card.json``, is for people and for the checks before loading: versions, sampling rate,
+window, features with the versions of their definitions, training assemblies, scores, and the file's SHA-256.
+The sum finds damage and files mixed up. It is no signature: who changes the file can change the card too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import warnings
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from sklearn.base import BaseEstimator
+from sklearn.exceptions import InconsistentVersionWarning, NotFittedError
+from sklearn.utils.validation import check_is_fitted
+
+from cyclofeat._base.files import write_whole
+from cyclofeat.counting import Evaluation, LobeModel
+from cyclofeat.models._card import (
+    FEATURES,
+    allowed_differences,
+    card_path,
+    check_versions,
+    feature_definitions,
+    first_difference,
+    make_card,
+    read_card,
+)
+from cyclofeat.models._content import ModelFileError, dump, read_joblib, read_skops, the_skops
+
+SUFFIXES = (".skops", ".joblib")
+
+
+def check_model_path(path: str | os.PathLike[str]) -> Path:
+    """Check that a model can be written to a path, before it is trained, and return the path.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the folder does not exist.
+    ImportError
+        Where a ``.skops`` file is asked for and skops is not installed.
+    ValueError
+        Where the name ends in neither ``.skops`` nor ``.joblib``.
+    """
+    target = Path(path)
+    if target.suffix not in SUFFIXES:
+        raise ValueError(f"model file must end in .skops (safe) or .joblib (a pickle), got {target.name!r}")
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
+    if target.suffix == ".skops":
+        the_skops()
+    return target
+
+
+def save_model(
+    path: str | os.PathLike[str],
+    counter: Any,
+    *,
+    sampling_rate: float | None = None,
+    assemblies: Collection[Any] | None = None,
+    scores: Evaluation | Mapping[str, Any] | None = None,
+    description: str = "",
+) -> Path:
+    """Write a model or a counter, and its card beside it; each file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write, ``*.skops`` or ``*.joblib``.
+    counter : LobeModel or classifier
+        A model, or any fitted classifier of windows. ``.skops`` takes the counters of this package.
+    sampling_rate : float, optional
+        In Hz, of the windows that the counter was fitted to. Default: that of the model or of the counter's
+        own steps.
+    assemblies : collection, optional
+        Assemblies in training. Default: those on the model's card.
+    scores : Evaluation or mapping, optional
+        What is known of its accuracy. Default: the cross-validation on the model's card.
+    description : str
+        Where the training data come from. Default: that on the model's card.
+
+    Returns
+    -------
+    pathlib.Path
+        The model file.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the folder does not exist.
+    ImportError
+        Where a ``.skops`` file is asked for and skops is not installed.
+    TypeError
+        For anything but a LobeModel or a fitted classifier with ``predict_proba``.
+    ValueError
+        Where the name ends otherwise, the sampling rate is not known, or a ``.skops`` file cannot hold it.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import numpy as np
+    >>> from cyclofeat.counting import make_lobe_counter
+    >>> windows = np.random.default_rng(0).normal(size=(4, 46_080))
+    >>> counter = make_lobe_counter(25_600, kind="ladder").fit(windows, [0, 0, 1, 1])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = save_model(pathlib.Path(folder, "ladder.joblib"), counter, assemblies=["A", "B"])
+    ...     loaded = load_model(file, trusted=True)
+    ...     read_card(file)["window_s"], read_card(file)["features"]["definitions"]
+    (1.8, {'shannon_entropy': 1})
+    >>> np.array_equal(loaded.predict(windows), counter.predict(windows))
+    True
+    """
+    target = check_model_path(path)
+    _check_counter(counter)
+    data = dump(target, counter)
+    card = make_card(target, counter, sampling_rate, assemblies, scores, description)
+    card |= {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+    text = json.dumps(card, indent=2, allow_nan=False) + "\n"
+    write_whole(target, lambda file: file.write(data))
+    write_whole(card_path(target), lambda file: file.write(text.encode()))
+    return target
+
+
+def load_model(path: str | os.PathLike[str], *, trusted: bool = False, allow: Collection[str] = ()) -> Any:
+    """Read what :func:`save_model` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        File to read, with its card beside it.
+    trusted : bool
+        Whether the file comes from a trusted source; needed for ``.joblib``, which can run any code when
+        loaded.
+    allow : collection of str
+        What may differ from when the file was written: ``"cyclofeat"``, ``"scikit-learn"`` (or
+        ``"sklearn"``), ``"python"``, ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"skops"``, ``"features"``
+        (their definitions).
+
+    Returns
+    -------
+    LobeModel or classifier
+        What was saved.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where there is no such file.
+    ImportError
+        Where skops is needed and not installed.
+    ModelFileError
+        Where the file is not trusted, has no readable card, is not the one that the card belongs to, was
+        written by other versions, is damaged or holds something else.
+    ValueError
+        Where ``allow`` names something unknown.
+    """
+    source = Path(path)
+    allowed = allowed_differences(allow)
+    if not source.is_file():
+        raise FileNotFoundError(f"model file {source} does not exist")
+    if source.suffix not in SUFFIXES:
+        raise ModelFileError(f"{source} is no model file: those end in .skops or .joblib")
+    if source.suffix == ".joblib" and not trusted:
+        raise ModelFileError(
+            f"{source} is a joblib file, which can run any code when loaded: if you trust where it comes "
+            "from, load it with trusted=True (--trust on the command line); .skops files need no trust"
+        )
+    card = read_card(source)
+    data = source.read_bytes()  # once: what was checked is what is loaded
+    if hashlib.sha256(data).hexdigest() != card["sha256"]:
+        raise ModelFileError(
+            f"{source} is not the file that its card describes ({len(data)} bytes here, {card['bytes']} "
+            "written; SHA-256 differs): damaged, changed or the card of another file"
+        )
+    check_versions(source, card, allowed)
+    with warnings.catch_warnings():
+        # versions were compared above; where they differ, that is allowed
+        warnings.simplefilter("ignore", InconsistentVersionWarning)
+        loaded = read_skops(source, data) if source.suffix == ".skops" else read_joblib(source, data)
+    try:
+        _check_counter(loaded)
+        found = feature_definitions(loaded)
+    except (TypeError, ValueError, AttributeError, NotFittedError) as error:
+        raise ModelFileError(f"{source} holds no cyclofeat counter: {error}") from error
+    if found["columns"] != card[FEATURES]["columns"] and FEATURES not in allowed:
+        raise ModelFileError(
+            f"{source} makes other features than its card says: {first_difference(found, card[FEATURES])}; "
+            'train anew, or allow it by name: allow=("features",) (--allow features)'
+        )
+    return loaded
+
+
+def as_lobe_model(loaded: Any, card: Mapping[str, Any]) -> LobeModel:
+    """Make a model for whole recordings of what :func:`load_model` returned, and its card.
+
+    Raises
+    ------
+    ValueError
+        Where a counter's windows are not of one output turn.
+    """
+    if isinstance(loaded, LobeModel):
+        return loaded
+    return LobeModel.of_counter(
+        loaded,
+        sampling_rate=card["sampling_rate"],
+        input_speed_hz=card["input_speed_hz"] or 500 / 60,
+        n_lobes=card["n_lobes"] or 15,
+        description=card["training"]["description"],
+    )
+
+
+def _check_counter(counter: Any) -> None:
+    if isinstance(counter, LobeModel):
+        counter = counter.counter
+    elif not isinstance(counter, BaseEstimator) or not hasattr(counter, "predict_proba"):
+        raise TypeError(
+            f"counter must be a LobeModel or a classifier with predict_proba, got {type(counter).__name__}"
+        )
+    try:
+        check_is_fitted(counter)
+    except NotFittedError:
+        raise TypeError(f"counter must be fitted, got {type(counter).__name__} that is not") from None
+    if not hasattr(counter, "classes_"):
+        raise TypeError(f"counter must have classes_, got {type(counter).__name__} without")

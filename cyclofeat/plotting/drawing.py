@@ -1,0 +1,100 @@
+"""Helpers of the displays: axes, checks of lines, thinning."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.recordings import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+Float = NDArray[np.float64]
+
+__all__ = [
+    "axes_for",
+    "legend_above",
+    "line_column",
+    "plain_log_ticks",
+    "require_matplotlib",
+    "stated_speed",
+    "thinned",
+]
+
+
+def require_matplotlib(extra: str = "plot") -> None:
+    """Raise ``ImportError`` that names the ``extra`` to install, where matplotlib is missing."""
+    try:
+        import_module("matplotlib.figure")
+    except ImportError as error:
+        raise ImportError(f'drawing needs matplotlib: pip install "cyclofeat[{extra}]"') from error
+
+
+def axes_for(ax: Axes | None, figsize: tuple[float, float]) -> tuple[Figure | SubFigure, Axes]:
+    """Return the given axes with their figure, or new ones of ``figsize`` in inches.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is not installed.
+    """
+    require_matplotlib()
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        _, ax = plt.subplots(figsize=figsize, layout="constrained")
+    return ax.figure, ax
+
+
+def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
+    """Draw a small legend without a frame above the axes."""
+    ax.legend(
+        fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=ncols, **options
+    )
+
+
+def line_column(values: object, name: str, unit: str) -> Float:
+    """Return finite values as a 1-D float64 array; at least two."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or array.size < 2:
+        raise ValueError(f"{name} must be 1-D with at least 2 values ({unit}), got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite ({unit}), got {array[~np.isfinite(array)][0]}")
+    return array
+
+
+def stated_speed(recording: Recording, input_speed_hz: float | None) -> float:
+    """Return the given or the recording's nominal input speed in turns per second."""
+    nominal = recording.input_speed_hz if input_speed_hz is None else input_speed_hz
+    if nominal is None:
+        raise ValueError(
+            "input_speed_hz must be given for a recording that does not state its speed_rpm, got None"
+        )
+    return nominal
+
+
+def plain_log_ticks(ax: Axes) -> None:
+    """Label the ticks of a logarithmic x axis with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = ax.get_xlim()
+    wide = high / low > 1e4
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
+
+
+def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
+    """Return the extremes of ``max_points / 2`` equal parts, or all points if there are no more."""
+    if max_points < 4:
+        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
+    if values.size <= max_points:
+        return time, values
+    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
+    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+    return np.repeat(time[starts], 2), extremes.T.ravel()

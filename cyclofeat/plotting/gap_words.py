@@ -1,0 +1,100 @@
+"""Names and differences of the gap in words, for pictures and pages."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # the gap loads the simulator: a picture of a result does not need it
+    from cyclofeat.gap import Cell, Row
+
+__all__ = [
+    "CONDITIONS",
+    "OURS",
+    "alternative_name",
+    "cell_name",
+    "difference_words",
+    "family_name",
+    "in_words",
+    "p_words",
+    "short_name",
+]
+
+_FAMILY_NAMES = {
+    "speed": "input speed",
+    "slow part": "slow fluctuation (below 4 Hz)",
+    "amplitudes": "mean, size and shape of the ripple",
+    "spectrum": "spectrum in third octaves",
+    "orders": "lines of lobes and input shaft",
+    "overall": "all together",
+    "lobe lines": "lines of the lobes",
+    "shaft lines": "lines of the input shaft",
+    "floor": "floor between the lines",
+    "averages": "averages over turns and lobes",
+    "features": "features used for counting",
+}
+OURS = "after"  # the correction itself among the alternatives
+_ALTERNATIVES = {
+    OURS: "the named effect, added",
+    "nothing": "nothing changed",
+    "retuned": "contacts retuned only",
+    "equaliser": "equaliser and shaped noise (black box)",
+    "gaussian_process": "Gaussian process (black box)",
+    "placebo": "best wrong effect",
+    "oracle": "the true simulator",
+}
+CONDITIONS = {
+    "all": "all recordings held out",
+    "seen": "counts of worn lobes seen in the fit",
+    "unseen": "counts never seen in the fit",
+}
+
+
+def family_name(family: str) -> str:
+    """Name of a family of cells in plain words."""
+    return _FAMILY_NAMES.get(family, family)
+
+
+def alternative_name(alternative: str) -> str:
+    """Name of an alternative of the proof in plain words."""
+    return _ALTERNATIVES.get(alternative, alternative.replace("_", " "))
+
+
+def cell_name(cell: Cell) -> str:
+    """Name of a cell without powers of ten: ``third octave at 1000 Hz``."""
+    name = re.sub(r"\d(?:\.\d+)?e\+\d+", lambda match: f"{float(match[0]):.0f}", cell.name)
+    if cell.family == "floor":
+        return f"floor {name}"
+    return "mean torque" if (cell.family, name) == ("amplitudes", "mean") else name
+
+
+def short_name(cell: Cell) -> str:
+    """Short name of a cell for a picture."""
+    name = cell_name(cell).replace("third octave at ", "")
+    return re.sub(r"lobe line (\d+) \(order (.+)\)", r"order \2 (lobe line \1)", name)
+
+
+def difference_words(row: Row) -> str:
+    """The difference in words: ``6.0 dB less``."""
+    size = abs(row.effect)
+    if row.of == "spread":
+        return f"varies {_rounded(10 ** (row.effect / 20))} times as much from one recording to the next"
+    if row.cell.unit == "1":
+        return f"{_rounded(size)} {'lower' if row.effect < 0 else 'higher'}"
+    return f"{_rounded(size)} {row.cell.unit} {'less' if row.effect < 0 else 'more'}"
+
+
+def in_words(row: Row) -> str:
+    """Cell and difference in words: ``third octave at 400 Hz: 6.0 dB less``."""
+    return f"{cell_name(row.cell)}: {difference_words(row)}"
+
+
+def p_words(p: float) -> str:
+    """``p = 0.008``."""
+    return f"p = {p:.2g}" if p >= 0.001 else "p < 0.001"
+
+
+def _rounded(size: float) -> str:
+    if size >= 10:
+        return f"{size:.0f}"
+    return f"{size:.1f}" if size >= 1 else f"{size:.2g}"

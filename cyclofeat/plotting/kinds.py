@@ -1,0 +1,91 @@
+"""Kinds of features in plain words, for pictures and pages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cyclofeat.features.registry import REGISTRY, Feature
+
+__all__ = ["Words", "feature_of", "words_of"]
+
+
+@dataclass(frozen=True)
+class Words:
+    """Words for a kind of features.
+
+    Parameters
+    ----------
+    title : str
+    axis : str
+        Label of the vertical axis, with unit.
+    places : str
+        Label of the horizontal axis: what orders the features of the kind.
+    text : str, default=""
+        Meaning, and the influence of wear.
+    """
+
+    title: str
+    axis: str
+    places: str = "number within its kind, from 1"
+    text: str = ""
+
+
+_LINES = "multiple of the rate at which lobes pass"
+_OF_LOBE_MAP = {
+    "lobe_slot_rms": Words(
+        "Roughness of the torque, lobe by lobe",
+        "roughness while it passes\n(1 = std of the torque)",
+        "slot, from 1",
+        "How unsteady the torque is while each lobe passes the load. Worn lobes raise it, often most at the "
+        "ends of their row.",
+    ),
+    "lobe_slot_mean": Words(
+        "Mean of the torque, lobe by lobe",
+        "mean while it passes\n(1 = std of the torque)",
+        "slot, from 1",
+        "How far the torque lies above or below its mean while each lobe passes the load. Worn lobes lift "
+        "and lower it.",
+    ),
+    "lobe_line_prominence": Words(
+        "Strength of the lobe lines",
+        "level over the spectrum\naround it (dB)",
+        _LINES,
+        "How far each multiple of the rate at which lobes pass stands out of the spectrum around it. Wear "
+        "lifts them.",
+    ),
+    "lobe_line_contrast": Words(
+        "Pattern of the lobe lines",
+        "level over its\nneighbours (dB)",
+        _LINES,
+        "How each multiple of the rate at which lobes pass compares with the multiples around it. The gaps "
+        "tell how many neighbouring lobes are worn.",
+    ),
+}
+
+
+def feature_of(kind: str) -> Feature | None:
+    """Return the registry's row of a kind of columns; None for features of others.
+
+    Examples
+    --------
+    >>> feature_of("lobe_slot_rms").unit, feature_of("mine")
+    ('1', None)
+    """
+    return next((row for row in REGISTRY.values() if row.column().split("(")[0] == kind), None)
+
+
+def words_of(kind: str) -> Words:
+    """Return a kind of columns in words, by default the registry's name and unit.
+
+    Examples
+    --------
+    >>> words_of("lobe_line_contrast_db").title
+    'Pattern of the lobe lines'
+    >>> words_of("amplitude_nm").axis
+    'amplitude (Nm)'
+    """
+    row = feature_of(kind)
+    if row is None:
+        return Words(kind, kind)
+    name = row.name.replace("_", " ")
+    return _OF_LOBE_MAP.get(row.name, Words(name.capitalize(), f"{name} ({row.unit})"))

@@ -1,0 +1,327 @@
+"""One torque record with its labels."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.recordings import _checks as check
+from cyclofeat.recordings._checks import Label
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
+from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
+from cyclofeat.signal.windows import Float
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One record of output torque, with what is known about it.
+
+    Parameters
+    ----------
+    torque : array_like of shape (n,)
+        Output torque in Nm; real, finite, at least two samples. Copied, then read-only.
+    sampling_rate : float
+        Samples per second, in Hz.
+    angle : array_like of shape (n,), optional
+        Shaft angle in rad at the same moments, strictly increasing (unwrapped). A disc's angle may also fall;
+        see Notes.
+    angle_of : {"input", "disc"}, default "input"
+        Shaft that the tachometer was on.
+    angle_is_absolute : bool, default False
+        Whether the angle's zero is known: for the input, cam 0 at pin 0 with the discs in their rest position
+        (theta_1 = -pi/15); for the disc, the tip of lobe 0 of wheel 0 at pin 0 (theta_1 = 0). Where it is
+        not, positions of lobes are relative.
+    assembly : str or int, optional
+        The gearbox as assembled: all recordings of one assembly belong together in cross-validation.
+    run : str or int, optional
+        Name of this recording.
+    defect_count : int, optional
+        Number of distinct worn lobes. Follows from ``worn_lobes`` where it is not given.
+    worn_lobes : sequence of int, optional
+        Worn lobes, counted from 0.
+    n_lobes : int, default 15
+        Lobes of a disc: ``worn_lobes`` lie below it, and ``defect_count`` is at most as large.
+    speed_rpm : float, optional
+        Nominal speed of the input shaft in turns per minute.
+    load_nm : float, optional
+        Nominal load torque in Nm.
+    source : str, optional
+        Where the record comes from, e.g. "measured", "simulated", "surrogate".
+    meta : mapping of str, optional
+        Anything else that is known. Copied; {} where it is not given.
+
+    Raises
+    ------
+    TypeError
+        If a parameter is of the wrong type.
+    ValueError
+        If a parameter lies outside its range or contradicts another. The message names it.
+
+    Notes
+    -----
+    While the input turns counter-clockwise (phi rises), the disc turns clockwise, 15 times slower:
+    theta_1 = -(phi + pi)/15. A disc angle that falls is taken for theta_1, one that rises for -theta_1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> torque = 22 + 0.1 * np.sin(np.arange(51_200))
+    >>> recording = Recording(torque, 25_600, assembly="A1", worn_lobes=(0, 4), speed_rpm=500)
+    >>> recording.duration, recording.n_samples, recording.defect_count
+    (2.0, 51200, 2)
+    """
+
+    torque: Float = field(repr=False)
+    sampling_rate: float
+    _: KW_ONLY
+    angle: Float | None = field(default=None, repr=False)
+    angle_of: Literal["input", "disc"] = "input"
+    angle_is_absolute: bool = False
+    assembly: Label | None = None
+    run: Label | None = None
+    defect_count: int | None = None
+    worn_lobes: tuple[int, ...] | None = None
+    n_lobes: int = 15
+    speed_rpm: float | None = None
+    load_nm: float | None = None
+    source: str | None = None
+    meta: Mapping[str, Any] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            "torque": check.samples("torque", self.torque),
+            "sampling_rate": check.positive("sampling_rate", self.sampling_rate, "Hz"),
+            "angle_is_absolute": check.flag("angle_is_absolute", self.angle_is_absolute),
+            "assembly": check.label("assembly", self.assembly),
+            "run": check.label("run", self.run),
+            "n_lobes": check.whole("n_lobes", self.n_lobes, 2),
+            "source": None if self.source is None else check.text("source", self.source),
+            "meta": check.meta(self.meta),
+        }
+        if self.angle_of not in ("input", "disc"):
+            raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
+        if self.speed_rpm is not None:
+            checked["speed_rpm"] = check.positive(
+                "speed_rpm", self.speed_rpm, "turns per minute of the input"
+            )
+        if self.load_nm is not None:
+            checked["load_nm"] = check.number("load_nm", self.load_nm, "Nm")
+        checked["worn_lobes"], checked["defect_count"] = check.defects(
+            self.worn_lobes, self.defect_count, checked["n_lobes"]
+        )
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        if self.angle is not None:
+            object.__setattr__(self, "angle", self._checked_angle())
+        elif self.angle_is_absolute:
+            raise ArgumentError("{angle_is_absolute:=True} is wrong: the recording has no angle")
+
+    def _checked_angle(self) -> Float:
+        angle = check.samples("angle", self.angle)
+        if angle.size != self.torque.size:
+            raise ValueError(
+                f"angle must have torque's length, got {angle.size} for {self.torque.size} samples"
+            )
+        steps = np.diff(angle)
+        if self.angle_of == "disc" and angle[-1] < angle[0]:
+            steps, direction = -steps, "fall"
+        else:
+            direction = "rise"
+        if not np.all(steps > 0):
+            where = int(np.argmax(steps <= 0))
+            raise ValueError(
+                f"angle must {direction} strictly, in rad; got {angle[where]:.6g} at sample {where} and "
+                f"{angle[where + 1]:.6g} at sample {where + 1} (an angle that starts again at each turn: "
+                "numpy.unwrap)"
+            )
+        if self.input_speed_hz is not None:
+            # Too slow may be a start from rest; too fast is a wrong unit, or the wrong shaft (no disc turns
+            # at a fifth of the input's speed).
+            limit = self.input_speed_hz * (2 if self.angle_of == "input" else 0.2)
+            speed = float(np.median(steps)) * self.sampling_rate / (2 * math.pi)
+            if speed > limit:
+                raise ValueError(
+                    f"angle must agree with speed_rpm: it turns {speed:.4g} times per second (median), the "
+                    f"input at {self.speed_rpm:g} RPM {self.input_speed_hz:.4g} times; is it in rad, and is "
+                    f"angle_of = {self.angle_of!r} right?"
+                )
+        return angle
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Recording):
+            return NotImplemented
+        return all(_alike(getattr(self, f.name), getattr(other, f.name)) for f in dataclasses.fields(self))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in ("torque", "angle"):
+            if state[name] is not None:
+                # Pickles forget it.
+                state[name].flags.writeable = False
+
+    @classmethod
+    def from_run(cls, run: Any, /, *, with_angle: bool = True, **labels: Any) -> Recording:
+        """Make a recording of a simulated run.
+
+        Parameters
+        ----------
+        run : object
+            Result of a simulation with the attributes ``torque_out`` (Nm) and ``input_angle`` (rad) of shape
+            (n,), ``sampling_rate`` (Hz), ``defects`` (``defect_count``, ``worn_lobes``) and ``gearbox``
+            (``input_speed`` in rad/s, ``load_torque`` in Nm).
+        with_angle : bool, default True
+            Whether to keep the input angle, which is absolute. False: a recording without a tachometer.
+        **labels
+            Any other parameter of :class:`Recording`; those given here replace the run's own.
+
+        Returns
+        -------
+        Recording
+            With ``source="simulated"`` where no other is given. Where lobes are removed, ``defect_count``
+            counts them too; ``worn_lobes`` is then None, since removed lobes are not worn ones, and ``meta``
+            holds both as ``"worn_lobes"`` and ``"removed_lobes"``.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace
+        >>> run = SimpleNamespace(
+        ...     torque_out=[21.9, 22.1, 22.0], sampling_rate=25_600, input_angle=[0.0, 0.002, 0.004],
+        ...     defects=SimpleNamespace(defect_count=1, worn_lobes=(3,)),
+        ...     gearbox=SimpleNamespace(input_speed=52.36, load_torque=22.0),
+        ... )
+        >>> recording = Recording.from_run(run, assembly="A1")
+        >>> recording.worn_lobes, recording.source, recording.angle_is_absolute
+        ((3,), 'simulated', True)
+        """
+        found: dict[str, Any] = {
+            "defect_count": run.defects.defect_count,
+            # rad/s and back leaves a residue in the last digits
+            "speed_rpm": round(run.gearbox.input_speed * 60 / (2 * math.pi), 6),
+            "load_nm": run.gearbox.load_torque,
+            "n_lobes": getattr(run.gearbox, "n_lobes", 15),
+            "source": "simulated",
+        }
+        removed = tuple(getattr(run.defects, "removed_lobes", ()))
+        if not removed:
+            found["worn_lobes"] = run.defects.worn_lobes
+        elif not {"defect_count", "worn_lobes"} & labels.keys():
+            positions = {"worn_lobes": list(run.defects.worn_lobes), "removed_lobes": list(removed)}
+            labels["meta"] = positions | dict(labels.get("meta") or {})
+        if with_angle:
+            found |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}
+        if "worn_lobes" in labels:
+            del found["defect_count"]  # follows from the lobes, unless it is given too
+        elif "defect_count" in labels:
+            found.pop("worn_lobes", None)
+        return cls(run.torque_out, run.sampling_rate, **(found | labels))
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return int(self.torque.size)
+
+    @property
+    def duration(self) -> float:
+        """Number of samples over the sampling rate, in s."""
+        return self.n_samples / self.sampling_rate
+
+    @property
+    def input_speed_hz(self) -> float | None:
+        """Nominal input speed in turns per second; None where ``speed_rpm`` is not known."""
+        return None if self.speed_rpm is None else self.speed_rpm / 60
+
+    def input_angle(self, reduction: int | None = None) -> Float | None:
+        """Increasing angle phi of the input shaft in rad, shape (n,); None for a recording without an angle.
+
+        ``reduction`` is the number of input turns per turn of the disc, used where ``angle_of`` is "disc";
+        default ``n_lobes``.
+        """
+        if self.angle is None or self.angle_of == "input":
+            return self.angle
+        falls = self.angle[-1] < self.angle[0]
+        turns = self.n_lobes if reduction is None else reduction
+        return input_angle_from_disc(self.angle if falls else -self.angle, turns)
+
+    def mean_input_speed(self, reduction: int | None = None) -> float | None:
+        """Mean speed of the input shaft in turns per second, by :meth:`input_angle`; None without it."""
+        angle = self.input_angle(reduction)
+        return None if angle is None else float(mean_speed(angle, self.sampling_rate))
+
+    def part(self, start_s: float = 0.0, stop_s: float | None = None) -> Recording:
+        """Return the part from ``start_s`` to ``stop_s`` (default: the end), in s, with all labels.
+
+        Raises
+        ------
+        ValueError
+            If the part lies outside the recording or holds fewer than two samples.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> Recording(np.arange(100.0), 50).part(0.5, 1.5).torque[[0, -1]]
+        array([25., 74.])
+        """
+        end = self.duration if stop_s is None else stop_s
+        rows = slice(*(round(moment * self.sampling_rate) for moment in (max(start_s, 0.0), end)))
+        if not 0 <= start_s < end or self.torque[rows].size < 2:
+            raise ValueError(
+                f"start_s and stop_s must enclose 2 samples or more of the {self.duration:g} s recorded, "
+                f"got {start_s:g} and {end:g} s"
+            )
+        angle = None if self.angle is None else self.angle[rows]
+        return self.replace(torque=self.torque[rows], angle=angle)
+
+    def replace(self, **changes: Any) -> Recording:
+        """Return a copy with other values of the named parameters, checked anew."""
+        return dataclasses.replace(self, **changes)
+
+
+def common_n_lobes(recordings: Sequence[Recording]) -> int:
+    """Return the number of lobes of a disc that all recordings share; ``ValueError`` if they differ."""
+    found = sorted({recording.n_lobes for recording in recordings})
+    if len(found) > 1:
+        raise ArgumentError(
+            "{argument} must be the same for all recordings, got {got}: take those of one kind of disc at a "
+            "time",
+            argument="n_lobes", got=", ".join(map(str, found)),
+        )  # fmt: skip
+    return found[0] if found else 15
+
+
+def _alike(mine: Any, theirs: Any) -> bool:
+    """Return True if two values of a field are the same, whatever objects ``meta`` holds."""
+    if isinstance(mine, Mapping) and isinstance(theirs, Mapping):
+        return mine.keys() == theirs.keys() and all(_alike(mine[key], theirs[key]) for key in mine)
+    if isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray):
+        return type(theirs) is type(mine) and np.array_equal(mine, theirs)
+    return type(theirs) is type(mine) and bool(mine == theirs)
+
+
+def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None = None) -> float | None:
+    """Return the nominal input speed in turns per second: the given one, else the median of those stated.
+
+    Raises
+    ------
+    ValueError
+        If a recording states one so far beside it that the lobe map's search would not find it.
+    """
+    stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
+    speed = input_speed_hz
+    if speed is None:
+        if not stated:
+            return None
+        speed = float(np.median(stated))
+    off = [one for one in stated if abs(one / speed - 1) > SPEED_TOLERANCE]
+    if off:
+        raise ValueError(
+            f"speed_rpm of {len(off)} of {len(recordings)} recordings lies more than "
+            f"{SPEED_TOLERANCE:.1%} beside {60 * speed:.5g} RPM, the first at {60 * off[0]:.5g} RPM: take "
+            "the recordings of one speed at a time"
+        )
+    return speed

@@ -1,0 +1,483 @@
+"""Records of torque cut into windows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.recordings import _checks as check
+from cyclofeat.recordings._recording import Recording, common_n_lobes
+from cyclofeat.signal.orders import resample_by_angle
+from cyclofeat.signal.windows import Float
+
+Int = NDArray[np.int64]
+
+# Assemblies of one nominal speed differ by a per cent or two (motor slip); 400 and 500 RPM by a fifth.
+_SPEED_TOLERANCE = 0.05
+# Two statements of one rate or speed, as they come back from text files.
+_SAME = 1e-6
+_RELATIVE = "give up absolute lobe positions with angle_is_absolute=False"
+
+
+@dataclass(frozen=True, eq=False)
+class WindowSet:
+    """Windows of one or more recordings, with their labels.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_windows, n_samples)
+        Torque in Nm.
+    y : ndarray of shape (n_windows,) or None
+        Number of worn lobes (int64); None where a recording does not state it.
+    groups : ndarray of shape (n_windows,) or None
+        Assembly, as int64 or str; None where a recording does not state it.
+    sampling_rate : float
+        Samples per second (Hz), or per input turn where the windows are resampled by angle.
+    recording : ndarray of shape (n_windows,)
+        Index of the recording, from 0.
+    start_s : ndarray of shape (n_windows,)
+        Start of the window within its recording, in s.
+    start_angle : ndarray of shape (n_windows,)
+        Angle of the input shaft at the start, in rad; NaN where the recording has no angle.
+    absolute : ndarray of shape (n_windows,)
+        Whether that angle is absolute (bool).
+    worn_lobes : tuple of length n_windows
+        Worn lobes of each window, counted from 0; None where not known.
+    """
+
+    X: Float = field(repr=False)
+    y: Int | None = field(repr=False)
+    groups: NDArray[Any] | None = field(repr=False)
+    sampling_rate: float
+    recording: Int = field(repr=False)
+    start_s: Float = field(repr=False)
+    start_angle: Float = field(repr=False)
+    absolute: NDArray[np.bool_] = field(repr=False)
+    worn_lobes: tuple[tuple[int, ...] | None, ...] = field(repr=False)
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return int(self.X.shape[0])
+
+    def worn_table(self, n_lobes: int) -> NDArray[np.bool_] | None:
+        """Table of worn lobes, shape (n_windows, n_lobes).
+
+        None where a window does not state its worn lobes or has no absolute angle.
+        """
+        if not self.absolute.all() or None in self.worn_lobes:
+            return None
+        table = np.zeros((len(self), n_lobes), dtype=bool)
+        for row, lobes in zip(table, self.worn_lobes, strict=True):
+            row[list(lobes or ())] = True
+        return table
+
+
+@dataclass(frozen=True)
+class Windower:
+    """Cut recordings into windows of whole output turns.
+
+    Run-out (once per input turn) and a worn lobe (16/15 times) can be told apart over one whole output turn
+    only: 15 input turns, 1.8 s at 500 RPM.
+
+    Parameters
+    ----------
+    output_turns : int, default 1
+        Length of a window in output turns.
+    duration : float, optional
+        Length of a window in s instead, e.g. the papers' 0.6 s.
+    input_speed_hz : float, optional
+        Nominal input speed in turns per second, from which the window's length follows. Default: the
+        ``speed_rpm`` that the recordings share.
+    reduction : int, optional
+        Input turns per output turn: the number of lobes. Default: the ``n_lobes`` that the recordings share.
+    skip_s : float, default 0.0
+        Time to leave out at the beginning of each recording (ramp and settling), in s.
+    overlap : float, default 0.0
+        Share of a window that the next one repeats, from 0 up to, but not including, 1.
+    remainder : {"drop", "error", "shift"}, default "drop"
+        What becomes of samples at the end that do not fill a window: dropped; an error; or the last window is
+        moved back so that it ends with the record (and overlaps the one before).
+    angle_resample : bool, default False
+        Whether to resample the torque by the recordings' angle, to equal samples per input turn; see Notes.
+    samples_per_turn : int, optional
+        Samples per input turn with ``angle_resample``. Default: those of the recordings at nominal speed,
+        rounded down. Fewer than a recording holds are low-pass filtered first.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is outside its range, or two exclude each other.
+
+    Notes
+    -----
+    With ``angle_resample`` a window holds exactly ``reduction * output_turns`` input turns, whatever the
+    speed does, and recordings of several speeds and rates can be mixed. Where a recording's angle is
+    absolute, every window starts at a whole multiple of ``reduction`` input turns of that angle: all windows
+    then start at the same lobe, and lobe positions in them are absolute. This costs up to one output turn at
+    the beginning of the record, needs hops of whole output turns (``overlap``), and ``remainder="shift"``
+    moves the last window back to the last such start. Other windows start right after ``skip_s``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> torque = 22 + np.random.default_rng(0).normal(size=102_400)
+    >>> recording = Recording(torque, 25_600, assembly="A1", defect_count=3, speed_rpm=500)
+    >>> X, y, groups = Windower(skip_s=0.3).transform([recording])
+    >>> X.shape, y.tolist(), groups.tolist()
+    ((2, 46080), [3, 3], ['A1', 'A1'])
+    """
+
+    output_turns: int = 1
+    _: KW_ONLY
+    duration: float | None = None
+    input_speed_hz: float | None = None
+    reduction: int | None = None
+    skip_s: float = 0.0
+    overlap: float = 0.0
+    remainder: Literal["drop", "error", "shift"] = "drop"
+    angle_resample: bool = False
+    samples_per_turn: int | None = None
+
+    def __post_init__(self) -> None:
+        check.whole("output_turns", self.output_turns, 1)
+        if self.reduction is not None:
+            check.whole("reduction", self.reduction, 2)
+        for name in ("duration", "input_speed_hz"):
+            if getattr(self, name) is not None:
+                check.positive(name, getattr(self, name), "s" if name == "duration" else "Hz")
+        if check.number("skip_s", self.skip_s, "s") < 0:
+            raise ValueError(f"skip_s must not be negative (s), got {self.skip_s!r}")
+        if not 0 <= check.number("overlap", self.overlap, "share of a window") < 1:
+            raise ValueError(f"overlap must lie in [0, 1), got {self.overlap!r}")
+        if self.remainder not in ("drop", "error", "shift"):
+            raise ValueError(f"remainder must be 'drop', 'error' or 'shift', got {self.remainder!r}")
+        check.flag("angle_resample", self.angle_resample)
+        if self.duration is not None and self.output_turns != 1:
+            raise ValueError(
+                "output_turns and duration exclude each other, "
+                f"got {self.output_turns} output turns and {self.duration} s"
+            )
+        if self.duration is not None and self.angle_resample:
+            raise ValueError(
+                "duration and angle_resample exclude each other: windows resampled by angle hold whole "
+                f"output turns (output_turns), got duration = {self.duration}"
+            )
+        if self.samples_per_turn is not None:
+            check.whole("samples_per_turn", self.samples_per_turn, 2)
+            if not self.angle_resample:
+                raise ValueError(
+                    "samples_per_turn needs angle_resample=True, "
+                    f"got samples_per_turn = {self.samples_per_turn} without it"
+                )
+
+    def transform(self, recordings: Recording | Iterable[Recording]) -> tuple[Float, Int, NDArray[Any]]:
+        """Windows with the labels that training and evaluation need.
+
+        Parameters
+        ----------
+        recordings : Recording or iterable of Recording
+            Each with ``assembly`` and ``defect_count``.
+
+        Returns
+        -------
+        X : ndarray of shape (n_windows, n_samples)
+            Torque in Nm.
+        y : ndarray of shape (n_windows,)
+            Number of worn lobes.
+        groups : ndarray of shape (n_windows,)
+            Assembly that each window came from.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for :meth:`windows`, and where a recording has no assembly or no defect count.
+        """
+        records = _as_list(recordings)
+        for index, recording in enumerate(records):
+            if recording.assembly is None:
+                raise ValueError(
+                    f"{_name(index, recording)} has no assembly: windows of one assembly resemble each "
+                    "other, so folds that part them score a counter on machines that it has learned. Give "
+                    "assembly=..., the same for all recordings of one assembly (or use .windows(recordings), "
+                    "where nothing is to be evaluated)"
+                )
+            if recording.defect_count is None:
+                raise ValueError(
+                    f"{_name(index, recording)} has no defect_count: give defect_count=... or worn_lobes=... "
+                    "(or use .windows(recordings).X, which needs no labels)"
+                )
+        windows = self.windows(records)
+        assert windows.y is not None
+        assert windows.groups is not None
+        return windows.X, windows.y, windows.groups
+
+    def windows(self, recordings: Recording | Iterable[Recording]) -> WindowSet:
+        """Windows with all that is known about each; recordings need no labels.
+
+        Parameters
+        ----------
+        recordings : Recording or iterable of Recording
+
+        Returns
+        -------
+        WindowSet
+
+        Raises
+        ------
+        TypeError
+            If something else than recordings is given, or assemblies are partly text, partly numbers.
+        ValueError
+            If there is no recording; one is shorter than a window, constant over a window, or lacks the angle
+            or nominal speed that is needed; discs have different numbers of lobes; or rates or speeds are
+            mixed and the windows are cut by time.
+        """
+        records = _as_list(recordings)
+        if self.reduction is None:
+            return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records)
+        groups = _groups(records)
+        if self.angle_resample:
+            per_turn = self._common_samples_per_turn(records)
+            rate = float(per_turn)
+            parts = [self._cut_by_angle(_name(i, r), r, per_turn) for i, r in enumerate(records)]
+        else:
+            rate = _common_rate(records, "angle_resample=True with samples_per_turn=...")
+            length = self._window_length(records, rate)
+            parts = [self._cut_by_time(_name(i, r), r, length) for i, r in enumerate(records)]
+        origin = np.repeat(np.arange(len(records), dtype=np.int64), [part[0].shape[0] for part in parts])
+        counts = [recording.defect_count for recording in records]
+        return WindowSet(
+            X=np.concatenate([part[0] for part in parts]),
+            y=None if None in counts else np.asarray(counts, dtype=np.int64)[origin],
+            groups=None if groups is None else groups[origin],
+            sampling_rate=rate,
+            recording=origin,
+            start_s=np.concatenate([part[1] for part in parts]),
+            start_angle=np.concatenate([part[2] for part in parts]),
+            absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
+            worn_lobes=tuple(records[i].worn_lobes for i in origin),
+        )
+
+    def _window_length(self, records: Sequence[Recording], rate: float) -> int:
+        """Samples per window."""
+        if self.duration is None:
+            speed = self._nominal_speed(records, required=True)
+            assert speed is not None
+            return max(1, round(self.output_turns * self._turns / speed * rate))
+        speed = self._nominal_speed(records, required=False)
+        if speed is not None:
+            # A lobe passes the load once in z_s / (z_s + 1) input turns: less shows no lobe at all.
+            lobe = self._turns / (self._turns + 1) / speed
+            if self.duration < lobe:
+                raise ValueError(
+                    f"duration = {self.duration:g} s is shorter than one lobe period, {lobe:.4g} s at "
+                    f"{speed:.4g} Hz input speed: one output turn is {self._turns / speed:.4g} s"
+                )
+        length = round(self.duration * rate)
+        if length < 2:
+            raise ValueError(f"duration = {self.duration:g} s holds {length} samples at {rate:g} Hz, not 2")
+        return length
+
+    def _nominal_speed(self, records: Sequence[Recording], *, required: bool) -> float | None:
+        """Nominal input speed in turns per second: the argument, else what the recordings share."""
+        shared, first = None, ""
+        for index, recording in enumerate(records):
+            name, speed = _name(index, recording), recording.input_speed_hz
+            if shared is None:
+                shared, first = speed, name
+            if self.input_speed_hz is not None:
+                if speed is not None and abs(speed / self.input_speed_hz - 1) > _SPEED_TOLERANCE:
+                    raise ValueError(
+                        f"{name} runs at speed_rpm = {speed * 60:g}, the windows are meant for "
+                        f"input_speed_hz = {self.input_speed_hz:.4g} ({self.input_speed_hz * 60:g} RPM): use "
+                        "another Windower for it, or angle_resample=True"
+                    )
+            elif speed is None:
+                if required:
+                    raise ValueError(
+                        f"{name} has no nominal speed, from which the length of an output turn follows: give "
+                        "Windower(input_speed_hz=...) or Recording(speed_rpm=...)"
+                    )
+            elif shared is not None and not math.isclose(speed, shared, rel_tol=_SAME):
+                raise ValueError(
+                    f"{name} runs at speed_rpm = {speed * 60:g}, {first} at {shared * 60:g}: give the "
+                    "nominal Windower(input_speed_hz=...) where they differ little (up to 5 %), else use "
+                    "angle_resample=True with samples_per_turn=..."
+                )
+        return shared if self.input_speed_hz is None else self.input_speed_hz
+
+    def _cut_by_time(self, name: str, recording: Recording, length: int) -> tuple[Float, Float, Float]:
+        """Windows, their starts in s and in rad."""
+        # The tolerance keeps a skip of whole samples whole: 0.3 * 25600 = 7680.000000000001.
+        first = math.ceil(self.skip_s * recording.sampling_rate - 1e-6)
+        available = recording.n_samples - first
+        if available < length:
+            raise ValueError(
+                f"{name} is too short: it lasts {recording.duration:.4g} s ({recording.n_samples} samples), "
+                f"{self._described()} needs {(first + length) / recording.sampling_rate:.4g} s "
+                f"({first + length} samples)"
+            )
+        starts = first + self._starts(name, available, length, grid=1)
+        for start in starts:
+            _reject_constant(name, recording, start, start + length)
+        angle = recording.input_angle(self._turns)
+        at = np.full(starts.size, np.nan) if angle is None else angle[starts]
+        windows = np.lib.stride_tricks.sliding_window_view(recording.torque, length)[starts]
+        return windows, starts / recording.sampling_rate, at
+
+    def _common_samples_per_turn(self, records: Sequence[Recording]) -> int:
+        if self.samples_per_turn is not None:
+            return self.samples_per_turn
+        remedy = "samples_per_turn=..."
+        rate = _common_rate(records, remedy)
+        speed = self.input_speed_hz
+        if speed is None:
+            try:
+                speed = self._nominal_speed(records, required=True)
+            except ValueError as error:
+                raise ValueError(f"{error}; or give {remedy}") from None
+        assert speed is not None
+        return max(2, math.floor(rate / speed * (1 + _SAME)))
+
+    def _cut_by_angle(self, name: str, recording: Recording, per_turn: int) -> tuple[Float, Float, Float]:
+        """Windows, their starts in s and in rad."""
+        angle = recording.input_angle(self._turns)
+        if angle is None:
+            raise ValueError(
+                f"{name} has no angle, which angle_resample=True needs: give Recording(angle=...) from a "
+                "tachometer, or cut by time with angle_resample=False"
+            )
+        skipped = math.ceil(self.skip_s * recording.sampling_rate - 1e-6)
+        if skipped >= recording.n_samples - 1:
+            raise ValueError(
+                f"{name} is too short: it lasts {recording.duration:.4g} s, of which "
+                f"skip_s = {self.skip_s:g} s leaves nothing"
+            )
+        # One turn more than asked for, so that the anti-alias filter settles in what is skipped anyway.
+        begin = int(np.searchsorted(angle, angle[skipped] - 2 * math.pi))
+        try:
+            torque, grid = resample_by_angle(
+                recording.torque[begin:], angle[begin:], per_turn, recording.sampling_rate
+            )
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        # The grid holds whole multiples of the step: count in steps, so that no rounding shifts a window.
+        step = 2 * math.pi / per_turn
+        origin = round(grid[0] / step)
+        first = max(origin, math.ceil(angle[skipped] / step - 1e-6))
+        length = self.output_turns * self._turns * per_turn
+        period = self._turns * per_turn if recording.angle_is_absolute else 1
+        start = math.ceil(first / period) * period
+        available = origin + torque.size - start
+        if available < length:
+            start_rule, remedy = "", ""
+            if recording.angle_is_absolute:
+                start_rule = f" from the first multiple of {self._turns} turns of its absolute angle on"
+                remedy = "; record one output turn more, or " + _RELATIVE
+            raise ValueError(
+                f"{name} is too short: it lasts {recording.duration:.4g} s and holds "
+                f"{max(available, 0) / per_turn:.4g} input turns{start_rule}, {self._described()} needs "
+                f"{self.output_turns * self._turns}{remedy}"
+            )
+        starts = start - origin + self._starts(name, available, length, grid=period)
+        windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
+        bounds = np.interp(grid[np.stack([starts, starts + length - 1])], angle, np.arange(angle.size))
+        for low, high in bounds.T:
+            _reject_constant(name, recording, math.ceil(low), math.floor(high) + 1)
+        return windows, bounds[0] / recording.sampling_rate, grid[starts]
+
+    def _starts(self, name: str, available: int, length: int, *, grid: int) -> Int:
+        """First samples of the windows, all on multiples of ``grid``."""
+        hop = max(1, round(length * (1 - self.overlap)))
+        if hop % grid:
+            raise ValueError(
+                f"overlap = {self.overlap:g} of {self.output_turns} output turns starts windows between "
+                f"whole output turns, but the angle of {name} is absolute: choose an overlap of whole output "
+                f"turns, or {_RELATIVE}"
+            )
+        starts = np.arange(0, available - length + 1, hop, dtype=np.int64)
+        left = available - length - int(starts[-1])
+        if left and self.remainder == "error":
+            raise ValueError(
+                f"{name} leaves {left} samples at its end that fill no window ({self._described()}): choose "
+                "remainder='drop' or 'shift'"
+            )
+        if left >= grid and self.remainder == "shift":
+            starts = np.append(starts, (available - length) // grid * grid)
+        return starts
+
+    @property
+    def _turns(self) -> int:
+        """Input turns per output turn, which :meth:`windows` has settled."""
+        assert self.reduction is not None
+        return self.reduction
+
+    def _described(self) -> str:
+        if self.duration is not None:
+            length = f"{self.duration:g} s"
+        else:
+            length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns} output turns"
+            length += f" ({self.output_turns * self._turns} input turns)"
+        return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
+
+
+def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:
+    given: Any = recordings
+    try:
+        records = [given] if isinstance(given, Recording) else list(given)
+    except TypeError:
+        raise TypeError(f"recordings must be Recording objects, got {type(given).__name__}") from None
+    if not records:
+        raise ValueError("recordings must hold at least one Recording, got none")
+    for index, recording in enumerate(records):
+        if not isinstance(recording, Recording):
+            raise TypeError(
+                f"recordings must be Recording objects, got {type(recording).__name__} at {index}"
+            )
+    return records
+
+
+def _name(index: int, recording: Recording) -> str:
+    """Return the name of a recording in messages."""
+    meta = recording.meta or {}
+    known = {"file": meta.get("file"), "run": recording.run, "assembly": recording.assembly}
+    stated = ", ".join(f"{key} {value!r}" for key, value in known.items() if value is not None)
+    return f"recording {index}" + (f" ({stated})" if stated else "")
+
+
+def _common_rate(records: Sequence[Recording], remedy: str) -> float:
+    rate = records[0].sampling_rate
+    for index, recording in enumerate(records):
+        if not math.isclose(recording.sampling_rate, rate, rel_tol=_SAME):
+            raise ValueError(
+                f"recordings must share one sampling_rate, got {rate:g} Hz in {_name(0, records[0])} and "
+                f"{recording.sampling_rate:g} Hz in {_name(index, recording)}: resample them, or use {remedy}"
+            )
+    return rate
+
+
+def _groups(records: Sequence[Recording]) -> NDArray[Any] | None:
+    """Assembly of each recording."""
+    assemblies = [recording.assembly for recording in records]
+    if None in assemblies:
+        return None
+    if len({type(assembly) for assembly in assemblies}) > 1:
+        raise TypeError(
+            "assemblies must be all text or all whole numbers, got both: 1 and '1' may be the same"
+        )
+    return np.asarray(assemblies)
+
+
+def _reject_constant(name: str, recording: Recording, start: int, stop: int) -> None:
+    torque = recording.torque[start:stop]
+    if torque.size and torque.min() == torque.max():
+        raise ValueError(
+            f"{name} is constant ({torque[0]:g} Nm) over the window that starts at "
+            f"{start / recording.sampling_rate:.4g} s: nothing can be diagnosed from it (sensor dead or not "
+            "connected?)"
+        )

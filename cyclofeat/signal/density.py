@@ -1,0 +1,501 @@
+"""Shape of a power spectral density: entropy, flatness, centroid, roll-off, power in bands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import entr
+
+from cyclofeat.signal.windows import Float, check_sampling_rate, ratio
+
+__all__ = [
+    "EPSILON",
+    "band_mask",
+    "band_power",
+    "checked_bands",
+    "narrowband_mask",
+    "narrowband_ratio",
+    "normalized_entropy",
+    "octave_bands",
+    "shannon_entropy",
+    "spectral_centroid",
+    "spectral_flatness",
+    "spectral_rolloff",
+]
+
+EPSILON = float(np.finfo(np.float64).eps)
+"""Assumed epsilon of paper A eq. 5: MATLAB's ``eps``, 2^-52. The paper gives no value."""
+
+
+def band_mask(frequencies: ArrayLike, band: tuple[float, float]) -> NDArray[np.bool_]:
+    """Mark the spectral lines in a band, its limits included.
+
+    Parameters
+    ----------
+    frequencies : array-like, shape (n_bins,)
+        Frequencies in Hz, increasing to half of the sampling rate.
+    band : tuple of float
+        Lower and upper limit in Hz.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_bins,)
+
+    Raises
+    ------
+    ValueError
+        If not ``0 <= low < high``, or if the band reaches beyond the last frequency or holds no line.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import band_mask
+    >>> band_mask([0.0, 50.0, 100.0, 150.0], (40.0, 100.0))
+    array([False,  True,  True, False])
+    """
+    frequencies = np.asarray(frequencies, dtype=np.float64)
+    try:
+        low, high = (float(limit) for limit in band)
+    except (TypeError, ValueError):
+        raise ValueError(f"band must be two frequencies (low, high) in Hz, got {band!r}") from None
+    if not 0 <= low < high:
+        raise ValueError(f"band must be (low, high) in Hz with 0 <= low < high, got {band!r}")
+    if high > frequencies[-1]:
+        raise ValueError(
+            f"band {band!r} Hz reaches beyond the highest frequency, {frequencies[-1]:g} Hz "
+            "(half of the sampling rate)"
+        )
+    mask: NDArray[np.bool_] = (frequencies >= low) & (frequencies <= high)
+    if not mask.any():
+        raise ValueError(
+            f"band {band!r} Hz holds none of the {frequencies.size} spectral lines, which are "
+            f"{np.diff(frequencies[:2]).sum():g} Hz apart"
+        )
+    return mask
+
+
+def _in_band(
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
+) -> Float:
+    """Checked density of the lines in the band."""
+    psd = np.asarray(psd, dtype=np.float64)
+    if band is not None:
+        if frequencies is None:
+            raise ValueError(f"frequencies are needed to find the band {band!r} Hz, got None")
+        psd = psd[..., _lines(frequencies, band)]
+    if not (np.isfinite(psd).all() and (psd >= 0).all()):
+        raise ValueError("psd must be finite and not negative")
+    return psd
+
+
+def _lines(frequencies: ArrayLike, band: tuple[float, float]) -> slice:
+    """Lines of a band: frequencies increase, so they lie side by side."""
+    inside = np.flatnonzero(band_mask(frequencies, band))
+    return slice(int(inside[0]), int(inside[-1]) + 1)
+
+
+def _frequencies_in_band(frequencies: ArrayLike, n_bins: int, band: tuple[float, float] | None) -> Float:
+    frequencies = np.asarray(frequencies, dtype=np.float64)
+    if frequencies.shape != (n_bins,):
+        raise ValueError(
+            f"frequencies must hold one frequency for each of the {n_bins} lines, "
+            f"got shape {frequencies.shape}"
+        )
+    return frequencies if band is None else frequencies[_lines(frequencies, band)]
+
+
+def _power_share(psd: ArrayLike, frequencies: ArrayLike | None, band: tuple[float, float] | None) -> Float:
+    """PSD over its sum in the band (paper A eq. 4); zero everywhere if there is no power."""
+    psd = _in_band(psd, frequencies, band)
+    return ratio(psd, psd.sum(axis=-1, keepdims=True))
+
+
+def shannon_entropy(
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
+) -> Float:
+    r"""Shannon entropy of a power spectral density in bits (paper A eq. 8).
+
+    .. math:: H = -\sum_i p_i \log_2 p_i, \qquad p_i = P(f_i) / \sum_k P(f_k)
+
+    where :math:`0 \log_2 0 = 0` and both sums run over the band. It grows with ``log2`` of the zero-padding.
+
+    Parameters
+    ----------
+    psd : array-like, shape (..., n_bins)
+        Power spectral density, as from :func:`welch_psd`.
+    frequencies : array-like, shape (n_bins,), optional
+        Frequencies in Hz; needed for a band.
+    band : tuple of float, optional
+        Lower and upper limit in Hz, both included. By default all frequencies count.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Entropy in bits, from 0 (one line) to ``log2`` of the number of lines in the band. 0 where there is no
+        power at all.
+
+    Raises
+    ------
+    ValueError
+        If the PSD is negative or not finite, or the band not one of its frequencies.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import shannon_entropy
+    >>> print(shannon_entropy([3.0, 3.0, 3.0, 3.0]))
+    2.0
+    """
+    share = _power_share(psd, frequencies, band)
+    # + 0.0, since a single line would give -0.0
+    return np.asarray(entr(share).sum(axis=-1) / np.log(2) + 0.0)
+
+
+def normalized_entropy(
+    psd: ArrayLike,
+    frequencies: ArrayLike | None = None,
+    band: tuple[float, float] | None = None,
+    epsilon: float = EPSILON,
+) -> Float:
+    r"""Spectral entropy as a share of the largest possible (paper A eq. 4-7).
+
+    .. math:: E = \frac{-\sum_i p_i \log_2 (p_i + \epsilon)}{\log_2 N}, \qquad p_i = P(f_i) / \sum_k P(f_k)
+
+    with the N lines in the band.
+
+    Parameters
+    ----------
+    psd, frequencies, band
+        As for :func:`shannon_entropy`.
+    epsilon : float, default=EPSILON
+        Small positive constant. **Assumption**: the paper gives no value; MATLAB's ``eps`` (2^-52) changes
+        nothing beyond rounding.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Normalized entropy from 0 to 1, without unit; with the default epsilon it can pass these limits by
+        rounding (1e-15). 0 where there is no power at all and where the band holds a single line.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`shannon_entropy`, or if epsilon is not positive.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import normalized_entropy
+    >>> print(normalized_entropy([1.0, 1.0, 0.0, 0.0]).round(12))
+    0.5
+    """
+    if not 0 < epsilon < np.inf:
+        raise ValueError(f"epsilon must be positive and finite, got {epsilon!r}")
+    share = _power_share(psd, frequencies, band)
+    n_lines = share.shape[-1]
+    if n_lines == 1:
+        return np.zeros(share.shape[:-1])
+    entropy = -(share * np.log2(share + epsilon)).sum(axis=-1)
+    return np.asarray(entropy / np.log2(n_lines))
+
+
+def spectral_flatness(
+    psd: ArrayLike, frequencies: ArrayLike | None = None, band: tuple[float, float] | None = None
+) -> Float:
+    r"""Flatness of a power spectral density: geometric over arithmetic mean (paper A eq. 9).
+
+    .. math:: F = \frac{\left(\prod_i P(f_i)\right)^{1/N}}{\frac{1}{N} \sum_i P(f_i)}
+              = N \exp\left(\frac{1}{N} \sum_i \ln p_i\right), \qquad p_i = P(f_i) / \sum_k P(f_k)
+
+    over the N lines of the band, computed by the second form: the product of thousands of densities would
+    leave the range of floats.
+
+    Parameters
+    ----------
+    psd, frequencies, band
+        As for :func:`shannon_entropy`.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Flatness without unit, from 0 (one line) to 1 (all lines equal; 1e-12 beyond it by rounding). A single
+        line of zero makes the product and so the flatness 0; so does a density without any power.
+
+    Raises
+    ------
+    ValueError
+        If the PSD is negative or not finite, or the band not one of its frequencies.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import spectral_flatness
+    >>> print(spectral_flatness([[1.0, 4.0], [3.0, 3.0], [1.0, 0.0]]).round(12))
+    [0.8 1.  0. ]
+    """
+    share = _power_share(psd, frequencies, band)
+    with np.errstate(divide="ignore"):  # ln 0 = -inf, whose exponential is the right 0
+        mean_log = np.log(share).mean(axis=-1)
+    return np.asarray(share.shape[-1] * np.exp(mean_log))
+
+
+def spectral_centroid(
+    psd: ArrayLike, frequencies: ArrayLike, band: tuple[float, float] | None = None
+) -> Float:
+    r"""Centroid of a power spectral density: its mean frequency (paper A section 5.4).
+
+    .. math:: f_c = \sum_i f_i P(f_i) / \sum_i P(f_i)
+
+    Parameters
+    ----------
+    psd, frequencies, band
+        As for :func:`shannon_entropy`.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Frequency in Hz; 0 where there is no power at all.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`shannon_entropy`, or if there is not one frequency per line.
+
+    Notes
+    -----
+    With the mean torque kept, its line at 0 Hz draws the centroid to a few Hz, as in paper A table 5. The
+    paper gives no formula; its weights could also be amplitudes.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import spectral_centroid
+    >>> print(spectral_centroid([3.0, 0.0, 1.0], [0.0, 50.0, 100.0]))
+    25.0
+    """
+    inside = _frequencies_in_band(frequencies, np.shape(psd)[-1], band)
+    return np.asarray(_power_share(psd, frequencies, band) @ inside)
+
+
+def spectral_rolloff(
+    psd: ArrayLike,
+    frequencies: ArrayLike,
+    fraction: float = 0.95,
+    band: tuple[float, float] | None = None,
+) -> Float:
+    r"""Roll-off frequency: the lowest line up to which a fraction of the power lies (paper A section 5.4).
+
+    .. math:: f_r = \min \left\{ f_i : \sum_{k \le i} P(f_k) \ge q \sum_k P(f_k) \right\}
+
+    Parameters
+    ----------
+    psd, frequencies, band
+        As for :func:`shannon_entropy`.
+    fraction : float, default=0.95
+        Fraction q of the power, above 0 and at most 1.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Frequency of a line in Hz; 0 where there is no power at all.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`spectral_centroid`, or if the fraction is out of its range.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import spectral_rolloff
+    >>> print(spectral_rolloff([90.0, 6.0, 3.0, 1.0], [0.0, 50.0, 100.0, 150.0]))
+    50.0
+    """
+    if not 0 < fraction <= 1:
+        raise ValueError(f"fraction must be above 0 and at most 1, got {fraction!r}")
+    inside = _frequencies_in_band(frequencies, np.shape(psd)[-1], band)
+    power = np.cumsum(_in_band(psd, frequencies, band), axis=-1)
+    total = power[..., -1]
+    reached = power >= fraction * total[..., np.newaxis]
+    return np.asarray(np.where(total > 0, inside[reached.argmax(axis=-1)], 0.0))
+
+
+def octave_bands(sampling_rate: float) -> tuple[tuple[float, float], ...]:
+    """Eight bands from 0 to half of the sampling rate, those above the lowest an octave wide.
+
+    The upper seven are the bands of the wavelet detail levels 7 to 1 (paper A section 5.1). Each holds a line
+    of :func:`welch_psd` however short the windows are.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second in Hz.
+
+    Returns
+    -------
+    tuple of tuple of float
+        Lower and upper limits in Hz, lowest band first.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import octave_bands
+    >>> octave_bands(25_600)[:3]
+    ((0.0, 100.0), (100.0, 200.0), (200.0, 400.0))
+    """
+    check_sampling_rate(sampling_rate)
+    limits = [0.0, *(float(sampling_rate) / 2**power for power in range(8, 0, -1))]
+    return tuple(pairwise(limits))
+
+
+def checked_bands(
+    frequencies: Float, bands: Sequence[tuple[float, float]] | None
+) -> tuple[tuple[float, float], ...]:
+    """Bands that fit the frequencies; ``None`` stands for :func:`octave_bands`."""
+    if bands is None:
+        return octave_bands(2 * frequencies[-1])
+    if len(bands) == 0 or not all(np.iterable(band) for band in bands):
+        raise ValueError(f"bands must be a sequence of (low, high) in Hz, got {bands!r}")
+    for band in bands:
+        band_mask(frequencies, band)  # raises where a band does not fit
+    return tuple(bands)
+
+
+def band_power(
+    psd: ArrayLike, frequencies: ArrayLike, bands: Sequence[tuple[float, float]] | None = None
+) -> Float:
+    r"""Power of the torque in bands: the sum of the lines times their distance.
+
+    .. math:: W = \Delta f \sum_{f_{low} \le f_i \le f_{high}} P(f_i)
+
+    Parameters
+    ----------
+    psd : array-like, shape (..., n_bins)
+        Power spectral density, as from :func:`welch_psd`.
+    frequencies : array-like, shape (n_bins,)
+        Frequencies in Hz, evenly spaced from 0 to half of the sampling rate.
+    bands : sequence of tuple of float, optional
+        Lower and upper limits in Hz, both included: a line on the limit of two bands counts in both. By
+        default those of :func:`octave_bands`.
+
+    Returns
+    -------
+    ndarray, shape (..., n_bands)
+        Power in Nm^2: the mean square of the torque within the band.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`spectral_centroid`.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import band_power
+    >>> print(band_power([1.0, 2.0, 3.0], [0.0, 10.0, 20.0], [(0.0, 20.0), (15.0, 20.0)]))
+    [60. 30.]
+    """
+    psd = _in_band(psd, None, None)
+    frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
+    distance = frequencies[-1] / max(frequencies.size - 1, 1)
+    bands = checked_bands(frequencies, bands)
+    sums = [psd[..., _lines(frequencies, band)].sum(axis=-1) for band in bands]
+    return np.asarray(distance * np.stack(sums, axis=-1))
+
+
+def narrowband_mask(
+    frequencies: ArrayLike,
+    fundamental_hz: float = 100.0,
+    half_width_hz: float = 5.0,
+    n_harmonics: int | None = None,
+) -> NDArray[np.bool_]:
+    """Mark the spectral lines around the harmonics of a frequency.
+
+    Parameters
+    ----------
+    frequencies : array-like, shape (n_bins,)
+        Frequencies in Hz, increasing to half of the sampling rate.
+    fundamental_hz : float, default=100.0
+        Fundamental in Hz.
+    half_width_hz : float, default=5.0
+        A line counts if it is no farther than this from a harmonic, in Hz. The line nearest to each harmonic
+        always counts. **Assumption**: paper A gives no width.
+    n_harmonics : int, optional
+        Number of harmonics, the fundamental being the first. By default as many as fit below or at half of
+        the sampling rate.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_bins,)
+
+    Raises
+    ------
+    ValueError
+        If the fundamental or the width is out of range, or a harmonic lies beyond the highest frequency.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import narrowband_mask
+    >>> narrowband_mask([0.0, 50.0, 100.0, 150.0, 200.0])
+    array([False, False,  True, False,  True])
+    """
+    frequencies = np.asarray(frequencies, dtype=np.float64)
+    if not fundamental_hz > 0:
+        raise ValueError(f"fundamental_hz must be positive, in Hz; got {fundamental_hz!r}")
+    if not half_width_hz >= 0:
+        raise ValueError(f"half_width_hz must not be negative, in Hz; got {half_width_hz!r}")
+    if n_harmonics is not None and n_harmonics < 1:
+        raise ValueError(f"n_harmonics must be at least 1 or None, got {n_harmonics!r}")
+    highest = fundamental_hz * (n_harmonics or 1)
+    if highest > frequencies[-1]:
+        raise ValueError(
+            f"harmonic {n_harmonics or 1} of fundamental_hz={fundamental_hz:g} Hz lies at {highest:g} Hz, "
+            f"beyond the highest frequency, {frequencies[-1]:g} Hz (half of the sampling rate)"
+        )
+    count = n_harmonics or int(frequencies[-1] / fundamental_hz * (1 + 1e-12))
+    harmonics = fundamental_hz * np.arange(1, count + 1)
+    number = np.clip(np.rint(frequencies / fundamental_hz), 1, count)
+    mask: NDArray[np.bool_] = np.abs(frequencies - number * fundamental_hz) <= half_width_hz
+    right = np.minimum(np.searchsorted(frequencies, harmonics), frequencies.size - 1)
+    left = np.maximum(right - 1, 0)
+    nearer_left = harmonics - frequencies[left] < np.abs(frequencies[right] - harmonics)
+    mask[np.where(nearer_left, left, right)] = True
+    return mask
+
+
+def narrowband_ratio(
+    psd: ArrayLike,
+    frequencies: ArrayLike,
+    fundamental_hz: float = 100.0,
+    half_width_hz: float = 5.0,
+    n_harmonics: int | None = None,
+) -> Float:
+    r"""Share of the power that lies around the harmonics of a frequency (paper A section 5.5).
+
+    .. math:: R = \sum_{i \in N} P(f_i) / \sum_i P(f_i)
+
+    where N are the lines of :func:`narrowband_mask`.
+
+    Parameters
+    ----------
+    psd : array-like, shape (..., n_bins)
+        Power spectral density, as from :func:`welch_psd`. With the mean torque kept, its line at 0 Hz counts
+        in the total.
+    frequencies, fundamental_hz, half_width_hz, n_harmonics
+        As for :func:`narrowband_mask`.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        Ratio without unit, from 0 to 1; 0 where there is no power at all.
+
+    Raises
+    ------
+    ValueError
+        As for :func:`spectral_centroid` and :func:`narrowband_mask`.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import narrowband_ratio
+    >>> print(narrowband_ratio([2.0, 0.0, 1.0, 0.0, 1.0], [0.0, 50.0, 100.0, 150.0, 200.0]))
+    0.5
+    """
+    psd = _in_band(psd, None, None)
+    frequencies = _frequencies_in_band(frequencies, psd.shape[-1], None)
+    mask = narrowband_mask(frequencies, fundamental_hz, half_width_hz, n_harmonics)
+    return np.asarray(ratio(psd @ mask.astype(np.float64), psd.sum(axis=-1)))

@@ -1,0 +1,448 @@
+"""Discrete wavelet transform of windows of torque, level by level, and what the papers read from it.
+
+A window is the last axis of an array, as in :mod:`cyclofeat.signal`. Whatever takes a wavelet takes a name
+of PyWavelets or of the Morris family (:func:`morris_names`), a :class:`pywt.Wavelet` or a filter bank.
+
+Scalograms follow MATLAB's documented recipe, "Discrete Wavelet Transform, Absolute Coefficients" (Wavelet
+Toolbox, "Continuous and Discrete Wavelet Analysis"): each coefficient of level k is repeated 2^k times, the
+row is cut centrally to the window's length (``wkeep``), values below sqrt(eps) become zero, and each row is
+coloured by itself (``wcodemat`` with ``'row'``). One of these repetitions is a *cell*: a row has as many
+cells as the window has samples. Statistics count cells per coefficient (:func:`visible`) instead of writing
+them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import pywt
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import hilbert
+from scipy.signal.windows import hann
+
+from cyclofeat._base.checks import whole
+from cyclofeat.signal.wavelet_filters import (
+    as_wavelet,
+    double_shift_error,
+    level_band,
+    level_of,
+    morris,
+    morris_names,
+    wavelet_qualifier,
+)
+from cyclofeat.signal.windows import Float, as_windows, chunks, ratio
+
+__all__ = [
+    "as_wavelet",
+    "double_shift_error",
+    "dwt",
+    "envelope_lines",
+    "level_band",
+    "level_envelope",
+    "level_of",
+    "level_statistics",
+    "lowest_colour",
+    "minima_mask",
+    "morris",
+    "morris_names",
+    "scalogram",
+    "visible",
+    "wavelet_qualifier",
+]
+
+AnyWavelet: TypeAlias = str | pywt.Wavelet | Sequence[Sequence[float]]
+
+SMALLEST = float(np.sqrt(np.finfo(np.float64).eps))
+"""MATLAB's ``sqrt(eps)`` in Nm: smaller coefficients are taken for zero."""
+
+_SYNTHESIS_STEPS = 3  # of level_envelope: Nyquist is then four times the upper limit of the level's band
+
+
+def dwt(X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12) -> list[Float]:
+    """Discrete wavelet transform of windows, with half-sample symmetric extension at their ends.
+
+    Parameters
+    ----------
+    X : array-like, shape (..., n_samples)
+        Windows of torque in Nm.
+    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
+        Wavelet, see :func:`as_wavelet`.
+    levels : int, default=12
+        Number of levels, any from 1 to 30. Beyond ``pywt.dwt_max_level`` (10 for 46,080 samples and mb32.3)
+        every coefficient feels an end of the window. The papers show 12 all the same, so there is no warning.
+
+    Returns
+    -------
+    list of ndarray, shape (..., n_coefficients)
+        Details of level 1 (highest frequencies) to the last, then the approximation of the last: one entry
+        more than levels. In Nm, times the wavelet's 2^(k/2); float64.
+
+    Raises
+    ------
+    TypeError
+        If the number of levels is not whole.
+    ValueError
+        If ``X`` is complex, empty or not finite, the wavelet unknown or the number of levels out of range.
+
+    Notes
+    -----
+    These are MATLAB's ``wavedec`` coefficients in its default mode ``'sym'``: level k has
+    ``(n + n_taps - 1) // 2`` of them, n being those of level k - 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> coefficients = dwt(22 + np.sin(np.arange(46_080)), levels=12)
+    >>> len(coefficients), coefficients[0].size, coefficients[11].size
+    (13, 23055, 42)
+    """
+    whole("levels", levels, least=1, most=30)
+    bank = as_wavelet(wavelet)
+    approximation = np.asarray(as_windows(X), dtype=np.float64)
+    coefficients = []
+    for _ in range(levels):
+        approximation, detail = pywt.dwt(approximation, bank, mode="symmetric", axis=-1)
+        coefficients.append(detail)
+    return [*coefficients, approximation]
+
+
+def visible(detail: Float, level: int, n_samples: int) -> tuple[Float, NDArray[np.int64]]:
+    """Return the coefficients of a level that a scalogram shows, and the number of cells of each.
+
+    Parameters
+    ----------
+    detail : ndarray, shape (..., n_coefficients)
+        Details of the level, from :func:`dwt`.
+    level : int
+        Level k: each coefficient is repeated 2^k times.
+    n_samples : int
+        Samples in a window: cells in a row.
+
+    Returns
+    -------
+    shown : ndarray, shape (..., n_shown)
+        Coefficients with at least one cell inside the central cut; a view.
+    cells : ndarray of int, shape (n_shown,)
+        Number of cells: 2^k but for the first and last. They add up to ``n_samples``.
+
+    Examples
+    --------
+    Row of 10 cells cut from four coefficients of level 2, 16 cells:
+
+    >>> import numpy as np
+    >>> shown, cells = visible(np.array([5.0, 6.0, 7.0, 8.0]), level=2, n_samples=10)
+    >>> shown, cells
+    (array([5., 6., 7., 8.]), array([1, 4, 4, 1]))
+    """
+    start = _cut(detail.shape[-1], level, n_samples)
+    first, last = start >> level, (start + n_samples - 1) >> level
+    borders = np.arange(first, last + 2, dtype=np.int64) << level
+    return detail[..., first : last + 1], np.diff(borders.clip(start, start + n_samples))
+
+
+def _cut(n_coefficients: int, level: int, n_samples: int) -> int:
+    """First cell that MATLAB's ``wkeep(row, n_samples, 'c')`` keeps, counted from 0."""
+    return ((n_coefficients << level) - n_samples) // 2
+
+
+def _sizes(shown: Float) -> Float:
+    """Absolute values, and zero for what is below sqrt(eps)."""
+    size = np.abs(shown)
+    size *= size >= SMALLEST
+    return size
+
+
+def _shades(size: Float, colours: int) -> Float:
+    """Position of each size in its row, from 0 to ``colours``; 0 in rows of one size. Overwrites them."""
+    size -= size.min(axis=-1, keepdims=True)
+    span = size.max(axis=-1, keepdims=True)
+    size /= np.where(span < np.finfo(np.float64).eps, np.inf, span)
+    size *= colours
+    return size
+
+
+def lowest_colour(shown: Float, colours: int = 64) -> NDArray[np.bool_]:
+    """Mark the coefficients of a level that have the lowest colour of their row.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (..., n_shown)
+        Coefficients of one level inside the cut, from :func:`visible`.
+    colours : int, default=64
+        Number of colours.
+
+    Returns
+    -------
+    ndarray of bool, shape (..., n_shown)
+        True where ``colours * (|c| - min) / (max - min) < 1``, with minimum and maximum of the row, and
+        everywhere in rows whose coefficients have one size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lowest_colour(np.array([1.0, -1.01, 9.0, 0.0]), colours=8)
+    array([ True,  True, False,  True])
+    """
+    return np.asarray(_shades(_sizes(shown), colours) < 1)
+
+
+def scalogram(
+    X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64
+) -> NDArray[np.int64]:
+    """Scalogram of windows by MATLAB's recipe, "Discrete Wavelet Transform, Absolute Coefficients".
+
+    Parameters
+    ----------
+    X : array-like, shape (..., n_samples)
+        Windows of torque in Nm.
+    wavelet : str, pywt.Wavelet or sequence of four filters, default="mb32.3"
+        Wavelet, see :func:`as_wavelet`.
+    levels : int, default=12
+        Number of levels; row 0 is level 1, the highest frequencies.
+    colours : int, default=64
+        Number of colours.
+
+    Returns
+    -------
+    ndarray of int, shape (..., levels, n_samples)
+        Colour of each cell, 1 (smallest coefficient of the row) to ``colours`` (largest).
+
+    Raises
+    ------
+    ValueError
+        As :func:`dwt`; also if ``colours`` is below 2.
+
+    Notes
+    -----
+    The colour is ``1 + fix(colours * (|c| - min) / (max - min))``, the maximum itself having the highest; it
+    is 1 in rows of one size of coefficient, so everywhere in constant windows. Where sizes differ by rounding
+    alone (windows of two or three samples), so do colours, as in MATLAB. Scaling the torque does not change a
+    colour, as long as coefficients stay above sqrt(eps).
+
+    References
+    ----------
+    Paper B section 5 and figs. 10-12: 12 levels, 64 colours, mb32.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> torque = np.full(32, 22.0)
+    >>> torque[16:] = 24
+    >>> scalogram(torque[1:], "haar", levels=2, colours=4)[:, 12:20]
+    array([[1, 1, 4, 4, 1, 1, 1, 1],
+           [4, 4, 4, 4, 1, 1, 1, 1]])
+    """
+    whole("colours", colours, least=2)
+    n_samples = np.shape(X)[-1] if np.ndim(X) else 0
+    rows = []
+    for level, detail in enumerate(dwt(X, wavelet, levels)[:-1], 1):
+        shown, cells = visible(detail, level, n_samples)
+        shade = _shades(_sizes(shown), colours).astype(np.int64)
+        colour = np.minimum(1 + shade, colours)
+        rows.append(np.repeat(colour, cells, axis=-1))
+    return np.stack(rows, axis=-2)
+
+
+def minima_mask(
+    X: ArrayLike, wavelet: AnyWavelet = "mb32.3", levels: int = 12, colours: int = 64
+) -> NDArray[np.bool_]:
+    """Cells of the lowest colour in the :func:`scalogram` of windows: paper B's "frequency does not exist".
+
+    Parameters
+    ----------
+    X, wavelet, levels, colours
+        As :func:`scalogram` takes them.
+
+    Returns
+    -------
+    ndarray of bool, shape (..., levels, n_samples)
+
+    Raises
+    ------
+    ValueError
+        As :func:`scalogram`.
+
+    Examples
+    --------
+    Share of each level's cells that two windows have at the lowest colour, as paper B's fig. 18 shows it:
+
+    >>> import numpy as np
+    >>> time = np.arange(4096) / 25_600
+    >>> first, second = (22 + np.exp(-((time - t) * 2000) ** 2) for t in (0.04, 0.12))
+    >>> both = minima_mask(first, levels=4) & minima_mask(second, levels=4)
+    >>> both.mean(axis=-1).round(2)
+    array([0.97, 0.97, 0.96, 0.92])
+    """
+    return np.asarray(scalogram(X, wavelet, levels, colours) == 1)
+
+
+def level_statistics(coefficients: Sequence[Float], n_samples: int, colours: int = 64) -> dict[str, Float]:
+    r"""Energy, peakedness and quiet of each level of a wavelet transform.
+
+    ====================  ====  =======================================================================
+    key                   unit  definition, over the cells of a row of the scalogram
+    ====================  ====  =======================================================================
+    ``rms``               Nm    :math:`\sqrt{\mathrm{mean}(c^2) / 2^k}`, the level's part in the torque
+    ``energy_share``      1     mean square of the level over the sum of those of all levels
+    ``kurtosis``          1     :math:`m_4 / m_2^2` of c about its mean (3 for a normal distribution)
+    ``lowest_colour``     1     share of cells with the lowest colour
+    ====================  ====  =======================================================================
+
+    Parameters
+    ----------
+    coefficients : sequence of ndarray, shape (..., n_coefficients)
+        From :func:`dwt`; the approximation (last entry) is not used.
+    n_samples : int
+        Samples in a window.
+    colours : int, default=64
+        Number of colours.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (..., levels)
+        The statistics in the order of the table.
+
+    Notes
+    -----
+    Coefficients below sqrt(eps) count as zero, as in the scalogram.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tone = 22 + np.sin(2 * np.pi * 150 * np.arange(46_080) / 25_600)  # level 7 holds 100 to 200 Hz
+    >>> statistics = level_statistics(dwt(tone), 46_080)
+    >>> int(statistics["energy_share"].argmax()) + 1, float(statistics["rms"][6].round(2))
+    (7, 0.7)
+    """
+    shape = coefficients[0].shape[:-1]
+    powers, kurtosis, lowest = (np.empty((*shape, len(coefficients) - 1)) for _ in range(3))
+    for level, detail in enumerate(coefficients[:-1], 1):
+        shown, cells = visible(detail, level, n_samples)
+        weight = cells / n_samples
+        rows = shown.reshape(-1, shown.shape[-1])
+        results = [column[..., level - 1].reshape(-1) for column in (powers, kurtosis, lowest)]
+        for part in chunks(len(rows), shown.shape[-1]):
+            for result, values in zip(results, _row_statistics(rows[part], weight, colours), strict=True):
+                result[part] = values
+        for column, result in zip((powers, kurtosis, lowest), results, strict=True):
+            column[..., level - 1] = result.reshape(shape)
+    powers /= 2.0 ** np.arange(1, len(coefficients))
+    return {
+        "rms": np.sqrt(powers),
+        "energy_share": ratio(powers, powers.sum(axis=-1, keepdims=True)),
+        "kurtosis": kurtosis,
+        "lowest_colour": lowest,
+    }
+
+
+def _row_statistics(shown: Float, weight: Float, colours: int) -> tuple[Float, Float, Float]:
+    """Mean square, kurtosis and share of the lowest colour of rows, their coefficients weighted."""
+    size = _sizes(shown)
+    peak = size.max(axis=1)
+    # In units of the peak: fourth powers would leave the range of floats.
+    scale = np.divide(1.0, peak, out=np.zeros_like(peak), where=peak > 0)
+    c = np.copysign(size, shown) * scale[:, np.newaxis]
+    square = c * c
+    mean_square = square @ weight * peak**2
+    c -= (c @ weight)[:, np.newaxis]
+    np.multiply(c, c, out=square)
+    second = square @ weight
+    square *= square
+    # Coefficients of one size and sign differ by rounding only.
+    kurtosis = ratio(square @ weight, np.where(second > np.finfo(np.float64).eps, second, 0.0) ** 2)
+    return mean_square, kurtosis, (_shades(size, colours) < 1) @ weight
+
+
+def level_envelope(detail: Float, level: int, wavelet: AnyWavelet, n_samples: int) -> tuple[Float, int]:
+    """Hilbert envelope of the torque that one level holds (paper A section 5.1).
+
+    Parameters
+    ----------
+    detail : ndarray, shape (..., n_coefficients)
+        Details of the level, from :func:`dwt`.
+    level : int
+        The level j.
+    wavelet : str, pywt.Wavelet or sequence of four filters
+        The wavelet of the transform.
+    n_samples : int
+        Samples in a window.
+
+    Returns
+    -------
+    envelope : ndarray, shape (..., n_envelope)
+        Magnitude of the analytic signal in Nm.
+    step : int
+        Samples of the window between two of the envelope: 2^(j-3), at least 1.
+
+    Notes
+    -----
+    With all coefficients but the level's set to zero, the inverse transform stops at level j - 3 (at the
+    window itself for j up to 3). That approximation, over 2^((j-3)/2) for its unit and cut centrally to the
+    window, is the level's torque at the sampling rate over 2^(j-3). The other steps would only interpolate:
+    for mb32.3 and level 7 the envelope's lines differ from those at the full rate by less than 0.2 % of its
+    mean (more for the shortest filters, such as haar).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tone = 22 + 3 * np.sin(2 * np.pi * 150 * np.arange(46_080) / 25_600)
+    >>> envelope, step = level_envelope(dwt(tone)[6], 7, "mb32.3", 46_080)
+    >>> envelope.shape, step, float(np.median(envelope).round(2))
+    ((2880,), 16, 2.96)
+    """
+    bank = as_wavelet(wavelet)
+    left = max(level - _SYNTHESIS_STEPS, 0)
+    detail = np.where(np.abs(detail) < SMALLEST, 0.0, detail)
+    signal = pywt.idwt(None, detail, bank, mode="symmetric", axis=-1)
+    for _ in range(level - left - 1):
+        signal = pywt.idwt(signal, None, bank, mode="symmetric", axis=-1)
+    step = 1 << left
+    length = -(-n_samples // step)
+    first = (signal.shape[-1] - length) // 2 if left else 0
+    signal = signal[..., first : first + length] / np.sqrt(step)
+    return np.abs(hilbert(signal, axis=-1)), step
+
+
+def envelope_lines(
+    envelope: Float, rate: float, frequencies: ArrayLike, speed_tolerance: float = 0.015
+) -> Float:
+    """Amplitudes of an envelope near given frequencies.
+
+    Parameters
+    ----------
+    envelope : ndarray, shape (..., n_envelope)
+        Envelope in Nm.
+    rate : float
+        Its sampling rate in Hz.
+    frequencies : array-like, shape (n_lines,)
+        Frequencies in Hz, up to half of the rate.
+    speed_tolerance : float, default=0.015
+        How far a line may lie off, relative to its frequency.
+
+    Returns
+    -------
+    ndarray, shape (..., n_lines)
+        Largest amplitude in Nm among the bins within the tolerance and half a bin of the frequency, of the
+        envelope without its mean under a periodic Hann window. A sine of amplitude 1 on a bin gives 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> envelope = 2 + 0.5 * np.cos(2 * np.pi * 8.4 * np.arange(2880) / 1600)
+    >>> envelope_lines(envelope, 1600, [8.33, 16.67]).round(2)
+    array([0.5, 0. ])
+    """
+    n = envelope.shape[-1]
+    taper = hann(n, sym=False)
+    ripple = envelope - envelope.mean(axis=-1, keepdims=True)
+    amplitude = np.abs(np.fft.rfft(ripple * (2 / taper.sum() * taper)))
+    last = amplitude.shape[-1] - 1
+    lines = []
+    for frequency in np.asarray(frequencies, dtype=np.float64).ravel():
+        centre, reach = frequency * n / rate, 0.5 + speed_tolerance * frequency * n / rate
+        low = min(max(int(np.ceil(centre - reach)), 0), last)
+        high = min(max(int(np.floor(centre + reach)), low), last)
+        lines.append(amplitude[..., low : high + 1].max(axis=-1))
+    return np.stack(lines, axis=-1)

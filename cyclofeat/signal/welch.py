@@ -1,0 +1,350 @@
+"""Welch's power spectral density as named presets define it, and the spectrum of amplitudes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from cyclofeat._base.checks import one_of, whole
+from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate, chunks
+
+__all__ = [
+    "AMPLITUDE_WINDOWS",
+    "PRESETS",
+    "SegmentTransforms",
+    "WelchPreset",
+    "amplitude_spectrum",
+    "fft_length",
+    "get_preset",
+    "one_sided",
+    "power_over_segments",
+    "segment_length",
+    "welch_frequencies",
+    "welch_psd",
+    "welch_scale",
+    "welch_transforms",
+]
+
+
+@dataclass(frozen=True)
+class WelchPreset:
+    """One complete definition of Welch's power spectral density.
+
+    All presets share MATLAB's segmentation: segments of ``floor(n_samples / 4.5)`` samples with 50 % overlap
+    (8 of them), zero-padded to ``max(256, 2**nextpow2(segment))``, one-sided, as a density.
+
+    ``window`` is a name of :mod:`scipy.signal.windows`; one that is not symmetric is periodic.
+    """
+
+    name: str
+    window: str
+    symmetric: bool
+    remove_mean: bool
+
+    def taper(self, n_samples: int) -> Float:
+        """Window of ``n_samples`` samples, shape (n_samples,), without unit."""
+        return np.asarray(signal.get_window(self.window, n_samples, fftbins=not self.symmetric))
+
+
+PRESETS: Mapping[str, WelchPreset] = MappingProxyType(
+    {
+        preset.name: preset
+        for preset in (
+            WelchPreset("matlab_pwelch", window="hamming", symmetric=True, remove_mean=False),
+            # Periodic: the Hann window for spectra. It also never vanishes, as the symmetric one of two
+            # samples does.
+            WelchPreset("ripple", window="hann", symmetric=False, remove_mean=True),
+        )
+    }
+)
+"""The presets by name.
+
+``"matlab_pwelch"``
+    MATLAB's ``pwelch(x, [], [], [], fs)``, which paper A used: symmetric Hamming window, mean kept. The mean
+    torque's line at 0 Hz dominates it.
+``"ripple"``
+    The torque ripple alone: mean of each segment removed, periodic Hann window.
+"""
+
+
+def get_preset(name: str) -> WelchPreset:
+    """Return a preset by its name in :data:`PRESETS`; ``ValueError`` for any other name.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import get_preset
+    >>> get_preset("matlab_pwelch").remove_mean
+    False
+    """
+    return PRESETS[one_of("preset", name, PRESETS)]
+
+
+def segment_length(n_samples: int) -> int:
+    """Samples in a segment: ``floor(n_samples / 4.5)``, which makes 8 segments with 50 % overlap.
+
+    Windows of fewer than 9 samples get segments of one sample.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import segment_length
+    >>> segment_length(46_080)
+    10240
+    """
+    return max(1, 2 * n_samples // 9)
+
+
+def fft_length(n_samples: int) -> int:
+    """Samples to which a segment is zero-padded: ``max(256, 2**nextpow2(segment))``."""
+    return max(256, 1 << (segment_length(n_samples) - 1).bit_length())
+
+
+def welch_frequencies(n_samples: int, sampling_rate: float) -> Float:
+    """Frequencies of the lines of :func:`welch_psd`.
+
+    Parameters
+    ----------
+    n_samples : int
+        Samples in a window.
+    sampling_rate : float
+        Samples per second in Hz.
+
+    Returns
+    -------
+    ndarray, shape (n_bins,)
+        Frequencies in Hz, from 0 to half of the sampling rate.
+
+    Raises
+    ------
+    ValueError
+        If the sampling rate is not positive and finite.
+
+    Examples
+    --------
+    >>> from cyclofeat.signal import welch_frequencies
+    >>> frequencies = welch_frequencies(46_080, 25_600)
+    >>> print(frequencies.size, frequencies[1], frequencies[-1])
+    8193 1.5625 12800.0
+    """
+    check_sampling_rate(sampling_rate)
+    n_fft = fft_length(n_samples)
+    return np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
+
+
+class SegmentTransforms:
+    """Fourier transforms of the tapered, overlapping segments of windows.
+
+    Each segment is multiplied by ``taper``, shape (segment,), and zero-padded to ``n_fft`` samples, in one
+    buffer for all chunks.
+    """
+
+    def __init__(self, taper: Float, n_samples: int, overlap: int, n_fft: int, remove_mean: bool) -> None:
+        self.taper = taper
+        self.step = taper.size - overlap
+        self.n_segments = (n_samples - overlap) // self.step
+        self.n_fft = n_fft
+        self.remove_mean = remove_mean
+        self._buffer = np.zeros((0, self.n_segments, n_fft))
+
+    def __call__(self, x: NDArray[Any]) -> Complex:
+        """Transforms, shape (n_windows, n_segments, n_bins), of windows of shape (n_windows, n_samples)."""
+        if len(self._buffer) < len(x):
+            self._buffer = np.zeros((len(x), self.n_segments, self.n_fft))
+        padded = self._buffer[: len(x)]
+        tapered = padded[..., : self.taper.size]
+        if self.remove_mean:
+            # A constant less its mean leaves rounding; less its own first sample it leaves nothing.
+            x = np.asarray(x, dtype=np.float64) - x[:, :1].astype(np.float64)
+            pieces = self._segments(x)
+            np.subtract(pieces, pieces.mean(axis=2, keepdims=True), out=tapered)
+            np.multiply(tapered, self.taper, out=tapered)
+        else:
+            # The taper is float64, and so are the products with samples of single precision.
+            np.multiply(self._segments(x), self.taper, out=tapered)
+        return np.asarray(scipy.fft.rfft(padded, axis=-1))
+
+    def _segments(self, x: NDArray[Any]) -> NDArray[Any]:
+        row, sample = x.strides
+        shape = (len(x), self.n_segments, self.taper.size)
+        return as_strided(x, shape, (row, self.step * sample, sample), writeable=False)
+
+
+def welch_transforms(n_samples: int, definition: WelchPreset) -> SegmentTransforms:
+    """Transforms of the segments that a preset makes of windows of ``n_samples`` samples."""
+    segment = segment_length(n_samples)
+    taper = definition.taper(segment)
+    return SegmentTransforms(taper, n_samples, segment // 2, fft_length(n_samples), definition.remove_mean)
+
+
+def welch_scale(transforms: SegmentTransforms, sampling_rate: float) -> Float:
+    """Return the factor from power over segments to a density in Nm^2/Hz, shape (n_bins,)."""
+    taper = transforms.taper
+    norm = float(sampling_rate) * (taper @ taper) * transforms.n_segments
+    return one_sided(transforms.n_fft // 2 + 1) / norm
+
+
+def power_over_segments(transforms: Complex) -> Float:
+    """Sum of the squared moduli over the segments, shape (n_windows, n_bins)."""
+    total = np.square(transforms.view(np.float64)).sum(axis=1)  # real and imaginary parts in turn
+    return np.asarray(total[:, ::2] + total[:, 1::2])
+
+
+def one_sided(n_bins: int) -> Float:
+    """Both sides of a spectrum in one: 1 at 0 Hz and at half of the sampling rate, 2 between them."""
+    sides = np.full(n_bins, 2.0)
+    sides[[0, -1]] = 1.0
+    return sides
+
+
+def welch_psd(X: ArrayLike, sampling_rate: float, preset: str = "matlab_pwelch") -> tuple[Float, Float]:
+    r"""One-sided power spectral density by Welch's method, as a named preset defines it.
+
+    .. math:: P(f_i) = \frac{c_i}{f_s \sum_k w_k^2} \frac{1}{M} \sum_{m=1}^{M}
+              \left| \sum_k w_k x_{m,k} e^{-2 \pi j i k / N} \right|^2
+
+    with the M segments :math:`x_m`, the window w, N = ``max(256, 2**nextpow2(segment))`` and :math:`c_i` = 1
+    at 0 Hz and at half of the sampling rate, 2 between them.
+
+    Parameters
+    ----------
+    X : array-like, shape (..., n_samples)
+        Windows of torque in Nm.
+    sampling_rate : float
+        Samples per second in Hz.
+    preset : str, default="matlab_pwelch"
+        Definition of the spectrum, a name in :data:`PRESETS`.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (n_bins,)
+        Frequencies in Hz, from 0 to half of the sampling rate.
+    psd : ndarray, shape (..., n_bins)
+        Power spectral density in Nm^2/Hz, float64.
+
+    Raises
+    ------
+    ValueError
+        If ``X`` is complex, empty or not finite, the sampling rate not positive or the preset unknown.
+
+    Notes
+    -----
+    A constant window has the transform of the Hamming window under ``"matlab_pwelch"`` and is exactly zero
+    under ``"ripple"``. A window of fewer than 9 samples has segments of one sample: its spectrum is flat
+    under ``"matlab_pwelch"`` and zero under ``"ripple"``. The segments may not reach a window's end.
+
+    References
+    ----------
+    Paper A section 5.3 names MATLAB's ``pwelch`` and gives no arguments, hence its defaults here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.signal import welch_psd
+    >>> time = np.arange(46_080) / 25_600
+    >>> torque = 22 + np.sin(2 * np.pi * 400 * time)
+    >>> frequencies, psd = welch_psd(torque[np.newaxis], 25_600, "ripple")
+    >>> psd.shape
+    (1, 8193)
+    >>> print(frequencies[psd[0].argmax()])
+    400.0
+    >>> print(round(psd.sum() * frequencies[1], 6))  # the sine's mean square
+    0.5
+    """
+    definition = get_preset(preset)
+    X = as_windows(X)
+    n_samples = X.shape[-1]
+    frequencies = welch_frequencies(n_samples, sampling_rate)
+    windows = X.reshape(-1, n_samples)
+    psd = np.empty((len(windows), frequencies.size))
+    transforms = welch_transforms(n_samples, definition)
+    scale = welch_scale(transforms, sampling_rate)
+    for chunk in chunks(len(windows), transforms.n_segments * frequencies.size):
+        psd[chunk] = power_over_segments(transforms(windows[chunk])) * scale
+    return frequencies, psd.reshape(*X.shape[:-1], frequencies.size)
+
+
+AMPLITUDE_WINDOWS = ("hamming", "hann", "blackman", "boxcar", "flattop")
+"""Windows for :func:`amplitude_spectrum`, all symmetric, as MATLAB's are by default."""
+
+
+def amplitude_spectrum(
+    X: ArrayLike, sampling_rate: float, n_fft: int = 8192, window: str = "hamming"
+) -> tuple[Float, Float]:
+    r"""Amplitudes of the torque's spectral lines, averaged over blocks.
+
+    .. math:: A(f_i) = \frac{c_i}{\sum_k w_k} \sqrt{\frac{1}{M} \sum_{m=1}^{M}
+              \left| \sum_k w_k x_{m,k} e^{-2 \pi j i k / N} \right|^2}
+
+    over the M blocks :math:`x_m` of N = ``n_fft`` samples that fit into a window, each begun ``n_fft // 2``
+    samples after the one before; :math:`c_i` = 1 at 0 Hz and at half of the sampling rate, 2 between them. A
+    sine of amplitude A on a line of the spectrum reads A, constant torque its own value.
+
+    Parameters
+    ----------
+    X : array-like, shape (..., n_samples)
+        Windows of torque in Nm.
+    sampling_rate : float
+        Samples per second in Hz.
+    n_fft : int, default=8192
+        Samples in a block; even.
+    window : {"hamming", "hann", "blackman", "boxcar", "flattop"}, default="hamming"
+        Window by which each block is multiplied; symmetric.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (n_fft // 2 + 1,)
+        Frequencies in Hz, from 0 to half of the sampling rate.
+    amplitudes : ndarray, shape (..., n_fft // 2 + 1)
+        Amplitudes in Nm, float64.
+
+    Raises
+    ------
+    ValueError
+        If ``X`` is complex, empty or not finite, the sampling rate not positive, ``n_fft`` not even and
+        positive or the window unknown.
+
+    Notes
+    -----
+    The mean is kept. Powers are averaged, so that noise reads its rms whatever the number of blocks. A window
+    of fewer than ``n_fft`` samples is one block, tapered over its own length and zero-padded; one or two
+    samples are not tapered, since symmetric windows of two samples can be zero.
+
+    References
+    ----------
+    Paper B section 6 names the 8192-point transform and its Hamming window, not how blocks are averaged:
+    that is an assumption here. Paper A fig. 20 compares such spectra.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cyclofeat.signal import amplitude_spectrum
+    >>> torque = 22 + 3 * np.sin(2 * np.pi * 400 * np.arange(46_080) / 25_600)
+    >>> frequencies, amplitudes = amplitude_spectrum(torque, 25_600)
+    >>> line = int(np.flatnonzero(frequencies == 400.0)[0])
+    >>> print(amplitudes[[0, line]].round(3))
+    [22.  3.]
+    """
+    check_sampling_rate(sampling_rate)
+    if whole("n_fft", n_fft, least=2) % 2:
+        raise ValueError(f"n_fft must be even, got {n_fft!r}")
+    one_of("window", window, AMPLITUDE_WINDOWS)
+    X = as_windows(X)
+    n_samples = X.shape[-1]
+    frequencies = np.arange(n_fft // 2 + 1) * float(sampling_rate) / n_fft
+    block = min(n_samples, n_fft)
+    taper = signal.get_window(window if block > 2 else "boxcar", block, fftbins=False)
+    overlap = n_fft - n_fft // 2 if block == n_fft else 0
+    windows = X.reshape(-1, n_samples)
+    amplitudes = np.empty((len(windows), frequencies.size))
+    transforms = SegmentTransforms(taper, n_samples, overlap, n_fft, remove_mean=False)
+    for chunk in chunks(len(windows), transforms.n_segments * frequencies.size):
+        amplitudes[chunk] = np.sqrt(power_over_segments(transforms(windows[chunk])) / transforms.n_segments)
+    amplitudes *= one_sided(frequencies.size) / taper.sum()
+    return frequencies, amplitudes.reshape(*X.shape[:-1], frequencies.size)

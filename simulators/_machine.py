@@ -1,0 +1,212 @@
+"""Machines drawn from rigs, their runs, and the records of a chain of measurement."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.checks import is_whole, short
+from cyclofeat.simulators.courses import Courses
+from cyclofeat.simulators.effects import Effect, TorqueContext
+from cyclofeat.simulators.effects import _library as library
+from cyclofeat.simulators.effects._base import Fluctuation
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.simulation import SimulationRun
+
+Float = NDArray[np.float64]
+RandomState = int | np.random.SeedSequence
+
+
+def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.SeedSequence:
+    """Return the SeedSequence of a whole number; one given is returned as it is."""
+    if isinstance(random_state, np.random.SeedSequence):
+        return random_state
+    if not is_whole(random_state):
+        raise TypeError(f"{name} must be a whole number or a SeedSequence, got {short(random_state)}")
+    if random_state < 0:
+        raise ValueError(f"{name} must not be negative, got {random_state!r}")
+    return np.random.SeedSequence(int(random_state))
+
+
+@dataclasses.dataclass(frozen=True)
+class Machine:
+    """One machine of a rig; made by :meth:`cyclofeat.simulators.Rig.draw`.
+
+    Attributes
+    ----------
+    gearbox : CycloidalGearbox
+        With all effects of this machine on it.
+    effects : tuple of Effect
+        The rig's effects in the order of the chain, with the numbers of this machine.
+    """
+
+    gearbox: CycloidalGearbox
+    effects: tuple[Effect, ...]
+    seed: np.random.SeedSequence = dataclasses.field(repr=False, compare=False)
+
+    @classmethod
+    def drawn(
+        cls, gearbox: CycloidalGearbox, effects: Sequence[Effect], seed: np.random.SeedSequence
+    ) -> Machine:
+        """Draw the machine of a seed from a nominal gearbox and a rig's effects."""
+        effects = _drawn(effects, seed)
+        for effect, key in zip(effects, library.stream_keys(effects), strict=True):
+            if effect.overrides("change_gearbox"):
+                gearbox = effect.change_gearbox(gearbox, library.stream(seed, *key, library.GEARBOX))
+        return cls(gearbox, effects, seed)
+
+    def true_values(self) -> dict[str, float]:
+        """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
+
+        Returns
+        -------
+        dict from str to float
+            ``true_speed_rpm``, ``true_load_nm``, ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``,
+            ``meter_damping_nms_per_rad``, ``stiffness_scale``, ``contact_damping`` and ``clearance_m``.
+        """
+        gearbox = self.gearbox
+        return {
+            # rad/s and back leaves a residue in the last digits
+            "true_speed_rpm": round(60 * float(gearbox.input_speed_hz), 6),
+            "true_load_nm": float(gearbox.load_torque),
+            "brake_inertia_kg_m2": float(gearbox.brake_inertia),
+            "meter_stiffness_nm_per_rad": float(gearbox.meter_stiffness),
+            "meter_damping_nms_per_rad": float(gearbox.meter_damping),
+            "stiffness_scale": float(gearbox.stiffness_scale),
+            "contact_damping": float(gearbox.contact_damping),
+            "clearance_m": float(gearbox.clearance),
+        }
+
+    def measured_by(self, effects: Sequence[Effect]) -> Machine:
+        """Return the machine with more effects on its torque."""
+        for effect in effects:
+            if effect.needs_simulation():
+                raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
+        added = _drawn(effects, self.seed, self.effects)
+        every = sorted((*self.effects, *added), key=lambda effect: effect.place)
+        return dataclasses.replace(self, effects=tuple(every))
+
+    def samples_needed(self, n_samples: int) -> int:
+        """Return the number of samples from which the chain makes a record of ``n_samples``."""
+        for effect in reversed(self.effects):
+            n_samples = effect.samples_needed(n_samples)
+        return n_samples
+
+    def fluctuations(self, seed: np.random.SeedSequence, duration: float) -> Courses:
+        """Return the sums of what the effects add to load and speed in one run."""
+        totals: dict[str, Fluctuation] = {}
+        for name, hook in (("load_fluctuation", library.LOAD), ("speed_fluctuation", library.SPEED)):
+            parts = [
+                getattr(effect, name)(self.gearbox, duration, library.stream(seed, *key, hook))
+                for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True)
+                if effect.overrides(name)
+            ]
+            if acting := [part for part in parts if part is not None]:
+                totals[name] = _total(acting)
+        return Courses(**totals)
+
+    def measured(
+        self, channels: dict[str, Float], sampling_rate: float, seed: np.random.SeedSequence, from_rest: bool
+    ) -> dict[str, Float]:
+        """Return the channels of one run after all effects on the torque."""
+        for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True):
+            if not (effect.overrides("change_torque") or effect.overrides("resample")):
+                continue
+            context = TorqueContext(self.gearbox, channels["input_angle"], from_rest)
+            torque = effect.change_torque(
+                channels["torque_out"], sampling_rate, library.stream(seed, *key, library.TORQUE), context
+            )
+            channels = {name: effect.resample(values, sampling_rate) for name, values in channels.items()}
+            channels["torque_out"] = torque
+        return channels
+
+
+@dataclasses.dataclass(frozen=True)
+class MachineRun:
+    """One run of a machine before measurement; made by :meth:`cyclofeat.simulators.Rig.run_machine`.
+
+    Attributes
+    ----------
+    machine : Machine
+    run : SimulationRun
+        Channels from the start on, settling included.
+    seed : numpy.random.SeedSequence
+        Seed of the run.
+    n_samples, n_settling : int
+        Length of a record, and number of samples before it.
+    from_rest : bool
+        True if the record begins with the start.
+    """
+
+    machine: Machine
+    run: SimulationRun = dataclasses.field(repr=False)
+    seed: np.random.SeedSequence = dataclasses.field(repr=False)
+    n_samples: int
+    n_settling: int
+    from_rest: bool
+
+    def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:
+        """Return the record of the chain of measurement.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            Effects beside those of the rig, none that the gearbox answers (:meth:`Effect.needs_simulation`).
+
+        Returns
+        -------
+        SimulationRun
+            Equal, to the last bit, to that of a rig with these effects and the same seed; only for a
+            converter that runs slow do drifts differ, as that rig's run is longer.
+
+        Raises
+        ------
+        ValueError
+            If the gearbox answers an effect, or effects need more samples than the machine ran for.
+        """
+        machine = self.machine.measured_by(library.checked_effects(effects))
+        needed = machine.samples_needed(self.n_samples)
+        channels = {
+            name: values[self.n_settling :]
+            for name, values in vars(self.run).items()
+            if isinstance(values, np.ndarray)
+        }
+        ran = len(channels["torque_out"])
+        rate = self.run.sampling_rate
+        if ran < needed:
+            raise ValueError(
+                f"effects need {needed} samples, the machine ran for {ran}: its spare_s must be "
+                f"{(needed - ran) / rate:.3g} s longer"
+            )
+        channels = {name: values[:needed] for name, values in channels.items()}
+        measured = machine.measured(channels, rate, self.seed, self.from_rest)
+        changes: dict[str, Any] = {
+            name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
+        }
+        return dataclasses.replace(self.run, **changes)
+
+
+def _drawn(
+    effects: Sequence[Effect], seed: np.random.SeedSequence, before: Sequence[Effect] = ()
+) -> tuple[Effect, ...]:
+    """Return the effects with numbers drawn for a machine that has those before."""
+    keys = library.stream_keys((*before, *effects))[len(before) :]
+    return tuple(
+        effect.for_assembly(library.stream(seed, *key, library.RANGES)) if effect.has_spread else effect
+        for effect, key in zip(effects, keys, strict=True)
+    )
+
+
+def _total(parts: Sequence[Fluctuation]) -> Fluctuation:
+    """Return the sum of functions of time."""
+    if len(parts) == 1:
+        return parts[0]
+
+    def total(time: Float) -> Float:
+        return np.asarray(sum(part(time) for part in parts))
+
+    return total

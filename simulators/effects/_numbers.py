@@ -1,0 +1,205 @@
+"""Values of an effect's parameters: numbers, ranges, and frozen distributions of scipy."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from cyclofeat._base.checks import is_number, short
+
+# Distributions that rigs and files may hold, by scipy's names.
+DISTRIBUTIONS: Mapping[str, Any] = {
+    name: getattr(stats, name)
+    for name in ("uniform", "loguniform", "norm", "truncnorm", "lognorm", "rayleigh")
+}
+# Quantiles are taken this far from 0 and 1, where they may be infinite.
+_LEAST_SHARE = 1e-12
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """Unit, bounds and prior of one numeric parameter of an effect.
+
+    Parameters
+    ----------
+    unit : str
+        Unit; ``"1"`` for a pure number.
+    low, high : float
+        Bounds, both allowed. An infinite ``high`` allows the value infinity, which files write as ``null``.
+    neutral : float, optional
+        Value at which the effect does nothing. None: another parameter switches the effect off.
+    prior : frozen distribution of scipy.stats, optional
+        Assumed distribution over rigs, from which a search for missing effects draws. None: set by hand,
+        neither fitted nor drawn.
+    log : bool, default False
+        Fit the parameter, and draw from ranges, in its logarithm.
+    default : float, optional
+        Default in the constructor of a class that defines none. None: the median of the prior, or the
+        neutral value.
+    """
+
+    unit: str
+    low: float
+    high: float
+    neutral: float | None = None
+    prior: Any = None
+    log: bool = False
+    default: float | None = None
+
+    @property
+    def fitted(self) -> bool:
+        """True if the parameter has a prior, and is therefore fitted."""
+        return self.prior is not None
+
+    def quantile(self, distribution: Any, share: float) -> float:
+        """Return the quantile of a frozen distribution, truncated to the bounds, at a share from 0 to 1."""
+        below, up_to = float(distribution.cdf(self.low)), float(distribution.cdf(self.high))
+        share = min(max(below + (up_to - below) * share, _LEAST_SHARE), 1 - _LEAST_SHARE)
+        return min(max(float(distribution.ppf(share)), self.low), self.high)
+
+    def draw(self, value: Any, share: float) -> float:
+        """Return the number that a value gives at a share (0 to 1) of its probability.
+
+        A number gives itself; a range is drawn log-uniformly where ``log`` is true, else uniformly.
+        """
+        if is_distribution(value):
+            return self.quantile(value, share)
+        if not is_range(value):
+            return float(value)
+        low, high = (float(end) for end in value)
+        if low == high:
+            return low
+        number = low * (high / low) ** share if self.log else low + (high - low) * share
+        return min(max(number, low), high)
+
+    def check(self, where: str, value: Any) -> None:
+        """Raise unless the value is a number, range or distribution within the bounds.
+
+        Parameters
+        ----------
+        where : str
+            Name of the parameter in the message.
+        value : object
+
+        Raises
+        ------
+        TypeError
+            If the value is of another type.
+        ValueError
+            If a number lies outside the bounds, or half of a distribution's probability does.
+        """
+        if is_distribution(value):
+            self._check_distribution(where, value)
+            return
+        unit = "" if self.unit == "1" else f" of {self.unit}"
+        what = f"a number{unit}, a range (low, high) or a distribution"
+        ends: Sequence[Any] = value if is_range(value) else (value,)
+        if is_range(value) and len(ends) != 2:
+            raise ValueError(f"{where} must be {what}, got {short(value)}")
+        if not all(map(is_number, ends)):
+            raise TypeError(f"{where} must be {what}, got {short(value)}")
+        if not all(self.low <= end <= self.high for end in ends):  # also for NaN
+            raise ValueError(f"{where} must lie between {self._bounds()}, got {value!r}")
+        if not is_range(value):
+            return
+        low, high = ends
+        if low > high:
+            raise ValueError(f"{where} must be a range (low, high) with low <= high, got {value!r}")
+        if not (math.isfinite(low) and math.isfinite(high)) or (self.log and low <= 0 and low < high):
+            above = "begin above 0 (it is drawn log-uniformly) and end" if self.log else "be"
+            raise ValueError(f"{where}, as a range, must {above} finite, got {value!r}")
+
+    def _check_distribution(self, where: str, distribution: Any) -> None:
+        name = distribution.dist.name
+        if name not in DISTRIBUTIONS:
+            raise ValueError(f"{where} must be one of scipy's {', '.join(DISTRIBUTIONS)}, got {name}")
+        inside = float(distribution.cdf(self.high)) - float(distribution.cdf(self.low))
+        if not inside >= 0.5:  # also for the NaN of arguments that scipy rejects
+            raise ValueError(
+                f"{where} must lie between {self._bounds()}, where {shown(distribution)} has "
+                f"{inside:.0%} of its probability"
+            )
+
+    def _bounds(self) -> str:
+        return f"{self.low:g} and {self.high:g}{'' if self.unit == '1' else ' ' + self.unit}"
+
+
+def is_distribution(value: Any) -> bool:
+    """Return True for a frozen distribution of scipy."""
+    return hasattr(value, "dist") and hasattr(value, "ppf")
+
+
+def is_range(value: Any) -> bool:
+    """Return True for a sequence, which as a parameter must be (low, high)."""
+    return isinstance(value, (tuple, list, np.ndarray))
+
+
+def to_plain(value: Any, *, is_parameter: bool) -> Any:
+    """Return the value in types that JSON knows."""
+    if is_distribution(value):
+        return {"distribution": value.dist.name, **_arguments(value)}
+    if is_range(value):
+        return [to_plain(item, is_parameter=is_parameter) for item in value]
+    if not is_number(value):
+        return value
+    if isinstance(value, (int, np.integer)) and not is_parameter:
+        return int(value)
+    return None if math.isinf(value) else float(value)
+
+
+def from_plain(value: Any) -> Any:
+    """Return the value of a parameter from :func:`to_plain`'s."""
+    if isinstance(value, list):
+        return tuple(value)
+    if not isinstance(value, dict):
+        return value
+    given = dict(value)
+    name = given.pop("distribution", None)
+    if name not in tuple(DISTRIBUTIONS):
+        raise ValueError(
+            f'must be a number, [low, high] or {{"distribution": NAME, ...}} with one of '
+            f"{', '.join(DISTRIBUTIONS)}, got {short(value)}"
+        )
+    distribution = DISTRIBUTIONS[name]
+    shapes = _shapes(distribution)
+    known = (*shapes, "loc", "scale")
+    for key, number in given.items():
+        if key not in known:
+            raise ValueError(f"unknown key {key!r} of {name} with value {short(number)}: {meant(key, known)}")
+        if not is_number(number):
+            raise TypeError(f"{key} of {name} must be a number, got {short(number)}")
+    if missing := [key for key in shapes if key not in given]:
+        raise ValueError(f"{name} needs {', '.join(missing)}, got {short(value)}")
+    return distribution(**given)
+
+
+def shown(value: Any) -> str:
+    """Return the value as code."""
+    if not is_distribution(value):
+        return repr(value)
+    arguments = ", ".join(f"{key}={number:g}" for key, number in _arguments(value).items())
+    return f"{value.dist.name}({arguments})"
+
+
+def meant(key: str, known: Iterable[str], prefix: str = "") -> str:
+    """Return the nearest known key, or all of them, for an error message."""
+    near = difflib.get_close_matches(key, names := list(known), n=1, cutoff=0.5)
+    return f"did you mean {prefix + near[0]!r}?" if near else f"known are {', '.join(names)}"
+
+
+def _shapes(distribution: Any) -> list[str]:
+    return [name.strip() for name in (distribution.shapes or "").split(",") if name.strip()]
+
+
+def _arguments(distribution: Any) -> dict[str, float]:
+    """Return shapes, location and scale of a frozen distribution by name."""
+    names = [*_shapes(distribution.dist), "loc", "scale"]
+    given = dict(zip(names, distribution.args, strict=False)) | distribution.kwds
+    defaults = {"loc": 0.0, "scale": 1.0}
+    return {name: float(given.get(name, defaults.get(name, math.nan))) for name in names}

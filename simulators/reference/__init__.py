@@ -1,0 +1,26 @@
+"""The papers' own formulation of the gearbox: 28 planar bodies held together by Lagrange multipliers.
+
+Two shafts, two wheels, 8 internal and 16 external sleeves have 84 coordinates and 57 constraints (paper B,
+equations 2-16). :class:`ReferenceGearbox` solves this system in plain NumPy, a thousand times slower than
+:func:`~cyclofeat.simulators.simulate`, whose reduced model gives the same accelerations, forces and torques
+to rounding. :class:`RubbingGearbox` adds friction of sleeves, axles and bearings.
+"""
+
+from cyclofeat.simulators.reference._bodies import (
+    ReferenceGearbox,
+    Solution,
+    Trajectory,
+    ramped_driver,
+    ramped_load,
+)
+from cyclofeat.simulators.reference._friction import RubbingGearbox, RubbingSolution
+
+__all__ = [
+    "ReferenceGearbox",
+    "RubbingGearbox",
+    "RubbingSolution",
+    "Solution",
+    "Trajectory",
+    "ramped_driver",
+    "ramped_load",
+]

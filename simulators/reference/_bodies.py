@@ -1,0 +1,572 @@
+"""Bodies, joints, contacts and motion of the reference formulation.
+
+"Paper B" is the analysis of lobe defects with coherence and Morris wavelets (equations 2-16 in section 3).
+Bodies have coordinates x, y and angle, in the order input shaft, output shaft, wheel 0, wheel 1, 8 internal
+sleeves, ``n_pins`` external sleeves. Each has one revolute joint, whose two constraints come in the same
+order; the driver of the input shaft is the last: 84 coordinates and 57 constraints for 16 pins. Angles count
+counter-clockwise. The output turns against the input and a positive load torque resists it. Plane vectors are
+complex numbers x + iy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Real = NDArray[np.float64]
+Plane = NDArray[np.complex128]
+Driver = Callable[[float], tuple[float, float, float]]
+Load = Callable[[float], float]
+
+N_INTERNAL = 8
+HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is no body and comes last
+WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
+RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
+CORRECTIONS = 30  # Newton steps of an initial condition; a handful do
+ABSURD_FORCE = 1e5  # N, assumption: five times what a locked gearbox shows, so the integration has diverged
+
+
+class Solution(NamedTuple):
+    """Accelerations, reactions and contact forces of one instant, SI units."""
+
+    accelerations: Real  #: (n_coordinates,): x'', y'' in m/s2 and angle'' in rad/s2, body by body
+    theta_acceleration: Real  #: (2,): theta_1'', theta_2'' of the wheels in rad/s2
+    psi_acceleration: float  #: psi'' of the output shaft in rad/s2
+    multipliers: Real  #: (n_constraints,): force of its joint on each body (x, y) in N, then the driver in Nm
+    cam_reactions: Real  #: (2, 2): force R_k of cam k on wheel k in N, the multipliers of the wheels' joints
+    input_torque: float  #: sum of c_k x R_k over the cams in Nm (paper B section 4)
+    driver_torque: float  #: multiplier of the driver in Nm = input_torque + input shaft's inertia times alpha
+    output_torque: float  #: minus the internal sleeves' moment on the output in Nm = load - J_out psi''
+    external_force: Real  #: (2, n_pins): magnitudes in N, profile and chord contact of a sleeve added
+    internal_force: Real  #: (2, 8): magnitudes in N
+    external_vector: Real  #: (2, n_pins, 2): resulting force of the sleeve on the wheel in N, fixed frame
+    internal_vector: Real  #: (2, 8, 2): likewise
+
+
+class Trajectory(NamedTuple):
+    """One row per time step: s, rad, rad/s, and Nm and N as in `Solution`."""
+
+    time: Real  #: (n,)
+    phi: Real  #: (n,)
+    angles: Real  #: (n, 3): theta_1, theta_2, psi
+    rates: Real  #: (n, 3)
+    input_torque: Real  #: (n,)
+    driver_torque: Real  #: (n,)
+    output_torque: Real  #: (n,)
+    cam_reactions: Real  #: (n, 2, 2)
+    external_force: Real  #: (n, 2, n_pins)
+    internal_force: Real  #: (n, 2, 8)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferenceGearbox:
+    """The multibody gearbox of paper B, solved as written there (eq. 2).
+
+    Parameters
+    ----------
+    eccentricity : float
+        e in m (paper B table 1).
+    n_pins : int
+        External sleeves z_k; even, so that two equal wheels mesh half a turn apart.
+    shortening : float
+        Short-width coefficient m, 0 < m < 1.
+    pin_radius : float
+        Radius q of the external sleeves in m.
+    internal_pitch_radius, internal_sleeve_radius, clearance : float
+        In m. Assumptions, as is the hole radius: sleeve radius + e + clearance.
+    input_shaft_inertia, output_shaft_inertia, wheel_inertia, sleeve_inertia : float
+        About the body's own centre of mass in kg m2; masses in kg accordingly (paper B table 2).
+    wheel_young, sleeve_young, wheel_poisson, sleeve_poisson : float
+        Young's moduli in Pa and Poisson's ratios.
+    stiffness_scale, contact_damping : float
+        H of paper B eq. 14, and C in N s/m.
+    worn_lobes : tuple of two tuples of int
+        Worn lobes of wheel 0 and of wheel 1, counted from 0: a chord replaces the half from the tip to the
+        next pit (paper B section 2).
+    depth : float
+        Share of the lobe's width that is worn, from 0 to 1 (paper B): weight of the worn outline's force.
+    pin_errors : array-like of shape (n_pins, 2), optional
+        Offsets (x, y) of the external sleeves' fixed points in m.
+    wheel_runouts : tuple of two complex
+        Offset of each wheel's profile from its bearing, in the wheel's frame, in m.
+    """
+
+    eccentricity: float = 2.8e-3
+    n_pins: int = 16
+    shortening: float = 0.7
+    pin_radius: float = 6e-3
+    internal_pitch_radius: float = 36e-3
+    internal_sleeve_radius: float = 6e-3
+    clearance: float = 0.0
+    input_shaft_mass: float = 0.2341
+    input_shaft_inertia: float = 1.846e-6
+    output_shaft_mass: float = 1.6345
+    output_shaft_inertia: float = 1.373e-4
+    wheel_mass: float = 0.5998
+    wheel_inertia: float = 1.57538e-4
+    sleeve_mass: float = 0.048
+    sleeve_inertia: float = 1.1013e-5
+    wheel_young: float = 200e9
+    wheel_poisson: float = 0.3
+    sleeve_young: float = 200e9
+    sleeve_poisson: float = 0.3
+    stiffness_scale: float = 0.01
+    contact_damping: float = 150.0
+    worn_lobes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
+    depth: float = 1.0
+    pin_errors: ArrayLike | None = None
+    wheel_runouts: tuple[complex, complex] = (0j, 0j)
+
+    def __post_init__(self) -> None:
+        if self.n_pins < 4 or self.n_pins % 2:
+            raise ValueError(f"n_pins must be even and at least 4, got {self.n_pins}")
+        if not 0 < self.shortening < 1:
+            raise ValueError(f"shortening must lie between 0 and 1, got {self.shortening}")
+        if len(self.worn_lobes) != 2 or not {*sum(self.worn_lobes, ())} <= {*range(self.n_lobes)}:
+            raise ValueError(
+                f"worn_lobes must be two tuples of 0..{self.n_lobes - 1}, got {self.worn_lobes!r}"
+            )
+        if not 0 <= self.depth <= 1:
+            raise ValueError(
+                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth}"
+            )
+        if len(self.wheel_runouts) != 2:
+            raise ValueError(f"wheel_runouts must be two offsets in m, got {self.wheel_runouts!r}")
+        if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
+            raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
+        if (smallest := 1 / float(self.curvature(self._grid).max())) <= self.pin_radius:
+            raise ValueError(f"pin_radius must be below {smallest} m (no undercut), got {self.pin_radius}")
+
+    # The wheel in its own frame -----------------------------------------------------------------------------
+
+    @property
+    def n_lobes(self) -> int:
+        """Number of lobes z_s of a wheel."""
+        return self.n_pins - 1
+
+    @cached_property
+    def _grid(self) -> Real:
+        """Profile parameters for the search of foot points, 64 per lobe."""
+        return np.linspace(0.0, 2 * np.pi, 64 * self.n_lobes, endpoint=False)
+
+    @cached_property
+    def _grid_points(self) -> Plane:
+        return self.trochoid(self._grid)
+
+    def trochoid(self, t: ArrayLike, derivative: int = 0) -> Plane:
+        """Centre (complex, m) of a sleeve that touches the profile at parameter ``t`` (rad), or a derivative.
+
+        Paper B eq. 1 without its last term: T(t) = e z_k / m e^{it} + e e^{i z_k t}.
+        """
+        t, z = np.asarray(t, dtype=float), self.n_pins
+        ring = z / self.shortening * 1j**derivative * np.exp(1j * t)
+        return np.asarray(self.eccentricity * (ring + (1j * z) ** derivative * np.exp(1j * z * t)))
+
+    def normal(self, t: ArrayLike) -> Plane:
+        """Outward unit normal (complex) of trochoid and profile at parameter ``t`` (rad)."""
+        tangent = self.trochoid(t, 1)
+        return np.asarray(-1j * tangent / np.abs(tangent))
+
+    def profile(self, t: ArrayLike) -> Plane:
+        """Point (complex, m) of the healthy wheel profile at parameter ``t`` (rad): paper B eq. 1."""
+        return self.trochoid(t) - self.pin_radius * self.normal(t)
+
+    def curvature(self, t: ArrayLike) -> Real:
+        """Curvature of the trochoid in 1/m, positive where convex, at parameter ``t`` (rad)."""
+        tangent = self.trochoid(t, 1)
+        return np.asarray(_cross(tangent, self.trochoid(t, 2)) / np.abs(tangent) ** 3)
+
+    def foot_point(self, p: Plane) -> Real:
+        """Parameter (rad) of the trochoid's nearest point to each of the points ``p`` (wheel frame, m).
+
+        Newton's method on (p - T) . T' = 0, bracketed around the nearest grid point: beyond the pit's radius
+        of curvature, half a millimetre, the derivative has the wrong sign.
+        """
+        t = self._grid[np.argmin(np.abs(p[..., None] - self._grid_points), axis=-1)]
+        low, high = t - self._grid[1], t + self._grid[1]
+        for _ in range(60):
+            offset, tangent = p - self.trochoid(t), self.trochoid(t, 1)
+            ahead = _dot(offset, tangent)
+            slope = _dot(offset, self.trochoid(t, 2)) - _dot(tangent, tangent)
+            low, high = np.where(ahead > 0, t, low), np.where(ahead > 0, high, t)
+            newton = t - ahead / np.where(slope < 0, slope, -np.inf)
+            trusted = (slope < 0) & (newton >= low) & (newton <= high)
+            previous, t = t, np.where(trusted, newton, (low + high) / 2)
+            if np.abs(t - previous).max() < 1e-14:
+                break
+        return np.asarray(t)
+
+    # Contact ------------------------------------------------------------------------------------------------
+
+    def normal_force(self, gap: Real, gap_rate: Real, effective_radius: ArrayLike) -> Real:
+        """Contact force in N (paper B eq. 11-16), never tensile.
+
+        ``gap`` (m) is negative in penetration and ``gap_rate`` (m/s) its rate; ``effective_radius`` (m) is
+        R_c R_p / (R_c + R_p) with the sign of the wheel's curvature.
+        """
+        compliance = (1 - self.wheel_poisson**2) / self.wheel_young
+        compliance += (1 - self.sleeve_poisson**2) / self.sleeve_young
+        stiffness = 4 * self.stiffness_scale / (3 * compliance) * np.sqrt(effective_radius)
+        depth = np.maximum(-gap, 0.0)
+        ramp = np.minimum(depth / RAMP_DEPTH, 1.0)
+        return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
+
+    def _profile_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the healthy profile for sleeve centres ``p`` (m) moving at ``rate``."""
+        t = self.foot_point(p)
+        normal = self.normal(t)
+        radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
+        return self.normal_force(_dot(p - self.trochoid(t), normal), _dot(rate, normal), radius), normal
+
+    def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.
+
+        The line continues beyond the pit: in the re-entrant corner a sleeve touches chord and flank at once.
+        """
+        q = self.pin_radius
+        tip, pit = self.profile([0.0, np.pi / self.n_lobes])
+        chord_normal = -1j * (pit - tip) / abs(pit - tip)
+        from_tip = p - tip
+        on_vertex = _dot(from_tip, pit - tip) < 0
+        normal = np.where(on_vertex, from_tip / np.abs(from_tip), chord_normal)
+        # The effective radius follows the normal around the vertex, from 0 at the tip: no jump of stiffness.
+        turned = normal.imag / chord_normal.imag
+        radius = q * (1 - (1 - turned) * self.curvature(0.0) * q)
+        return self.normal_force(_dot(from_tip, normal) - q, _dot(rate, normal), radius), normal
+
+    def _flank_end_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Force (N) and normal on the end of worn lobe 0's flank at the pit.
+
+        A displaced sleeve before the pit may touch the flank behind it, whose nearest point is this end.
+        """
+        q, pit = self.pin_radius, self.profile(np.pi / self.n_lobes)
+        distance = np.abs(p - pit)
+        normal = (p - pit) / distance
+        radius = q * (1 - self.curvature(np.pi / self.n_lobes) * q)
+        return self.normal_force(distance - q, _dot(rate, normal), radius), normal
+
+    def _outline_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Magnitudes and vectors (N, wheel frame) of the external sleeves' forces on the wheels, (2, n_pins).
+
+        Tangents at tips and pits are perpendicular to the radius: the polar angle says which side a sleeve is
+        on. Magnitudes of simultaneous contacts add.
+        """
+        pitch = 2 * np.pi / self.n_lobes
+        lobe, past_tip = np.divmod(np.angle(p) % (2 * np.pi), pitch)
+        lobe %= self.n_lobes  # rounding of an angle of -0
+        on_worn = np.array([np.isin(row, worn) for row, worn in zip(lobe, self.worn_lobes, strict=True)])
+        chord_width = np.where(on_worn, self.depth, 0.0)
+        end_width = np.where(past_tip < pitch / 2, chord_width, 0.0)
+        turn = np.exp(1j * lobe * pitch)
+        magnitude, vector = np.zeros(p.shape), np.zeros(p.shape, dtype=complex)
+        for width, (force, normal) in (
+            (1 - end_width, self._profile_contact(p, rate)),
+            (chord_width, _turned(turn, self._chord_contact(p / turn, rate / turn))),
+            (end_width, _turned(turn, self._flank_end_contact(p / turn, rate / turn))),
+        ):
+            magnitude += width * force
+            vector -= width * force * normal
+        return magnitude, vector
+
+    def _hole_contact(self, offset: Plane, rate: Plane) -> tuple[Real, Plane]:
+        """Magnitudes and vectors (N) of the forces on a wheel; ``offset`` is sleeve minus hole centre (m)."""
+        distance = np.abs(offset)
+        outward = offset / np.where(distance > 0, distance, 1.0)
+        play = self.eccentricity + self.clearance
+        radius = self.internal_sleeve_radius * (self.internal_sleeve_radius + play) / play
+        force = self.normal_force(play - distance, -_dot(rate, outward), radius)
+        return force, force * outward
+
+    def contact_forces(self, coordinates: Real, velocities: Real) -> tuple[Real, Plane, Real, Plane]:
+        """Magnitudes (N) and vectors on the wheel (complex, N, fixed frame) of the contact forces.
+
+        From coordinates and velocities (n_coordinates,) in SI units: external sleeves, (2, n_pins) each, then
+        internal sleeves, (2, 8) each.
+        """
+        (at, angle), (speed, spin) = _split(coordinates), _split(velocities)
+        wheel, wheel_speed, wheel_spin = at[WHEELS, None], speed[WHEELS, None], 1j * spin[WHEELS, None]
+        turn = np.exp(1j * angle[WHEELS, None])
+        arm, hole = at[EXTERNAL] - wheel, turn * self._holes
+        rate = speed[EXTERNAL] - wheel_speed - wheel_spin * arm
+        centre = np.array(self.wheel_runouts)[:, None]
+        external_force, external_vector = self._outline_contact(arm / turn - centre, rate / turn)
+        rate = speed[INTERNAL] - wheel_speed - wheel_spin * hole
+        return external_force, external_vector * turn, *self._hole_contact(at[INTERNAL] - wheel - hole, rate)
+
+    # Bodies and joints --------------------------------------------------------------------------------------
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies: two shafts, two wheels and all sleeves."""
+        return EXTERNAL.start + self.n_pins
+
+    def rest_angles(self, phi: float) -> Real:
+        """theta_1, theta_2, psi (rad) without load at input angle ``phi`` (rad): all contacts just touch."""
+        theta = -(phi + np.pi) / self.n_lobes
+        return np.array([theta, theta + np.pi, -phi / self.n_lobes])
+
+    @cached_property
+    def _internal_points(self) -> Plane:
+        return np.asarray(
+            self.internal_pitch_radius * np.exp(2j * np.pi * np.arange(N_INTERNAL) / N_INTERNAL)
+        )
+
+    @cached_property
+    def _holes(self) -> Plane:
+        """Hole centres (2, 8) in the wheels' frames (m), facing the internal sleeves in the rest position."""
+        return np.asarray(self._internal_points * np.exp(-1j * self.rest_angles(0.0)[:2, None]))
+
+    @cached_property
+    def _mounts(self) -> tuple[NDArray[np.intp], Plane]:
+        """Parent of every body's joint and mounting point in the parent's frame (complex, m)."""
+        parents = [HOUSING] * 2 + [INPUT] * 2 + [OUTPUT] * N_INTERNAL + [HOUSING] * self.n_pins
+        cams = self.eccentricity * np.array([1.0, -1.0])
+        angle = 2 * np.pi * np.arange(self.n_pins) / self.n_pins
+        pins = self.eccentricity * self.n_pins / self.shortening * np.exp(1j * angle)
+        if self.pin_errors is not None:
+            pins = pins + np.asarray(self.pin_errors, dtype=float) @ np.array([1.0, 1j])
+        return np.array(parents), np.concatenate([[0, 0], cams, self._internal_points, pins])
+
+    @cached_property
+    def mass_matrix(self) -> Real:
+        """M of paper B eq. 2 in kg and kg m2, shape (n_coordinates, n_coordinates)."""
+        count = [1, 1, 2, N_INTERNAL + self.n_pins]
+        mass = [self.input_shaft_mass, self.output_shaft_mass, self.wheel_mass, self.sleeve_mass]
+        shafts = [self.input_shaft_inertia, self.output_shaft_inertia]
+        inertia = [*shafts, self.wheel_inertia, self.sleeve_inertia]
+        return np.diag(np.repeat(np.column_stack([mass, mass, inertia]), count, axis=0).ravel())
+
+    def coordinates(self, phi: float, angles: ArrayLike) -> Real:
+        """Coordinates u (n_coordinates,) that satisfy every joint, from phi and the three angles (rad)."""
+        angle = self._angles(phi, angles)
+        parents, points = self._mounts
+        return _join(np.exp(1j * angle[parents]) * points, angle)  # every parent turns about the origin
+
+    def velocities(self, coordinates: Real, omega: float, rates: ArrayLike) -> Real:
+        """Velocities u' (n_coordinates,) that satisfy every joint, from omega and three rates (rad/s)."""
+        spin = self._angles(omega, rates)
+        at, _ = _split(coordinates)
+        return _join(1j * spin[self._mounts[0]] * at[:HOUSING], spin)
+
+    def _angles(self, phi: float, angles: ArrayLike) -> Real:
+        """Angle of every body and the housing; sleeves do not turn without friction."""
+        theta_1, theta_2, psi = np.asarray(angles, dtype=float)
+        return np.concatenate([[phi, psi, theta_1, theta_2], np.zeros(N_INTERNAL + self.n_pins + 1)])
+
+    def constraints(self, coordinates: Real, phi: float) -> Real:
+        """Phi(u, t), shape (n_constraints,), in m and, for the driver (paper B eq. 3), rad."""
+        at, angle = _split(coordinates)
+        parents, points = self._mounts
+        misfit = at[:HOUSING] - at[parents] - np.exp(1j * angle[parents]) * points
+        return np.append(_xy(misfit), angle[INPUT] - phi)
+
+    def corrected(
+        self, coordinates: ArrayLike, velocities: ArrayLike, phi: float, omega: float
+    ) -> tuple[Real, Real]:
+        """Initial conditions u, u' nearest to the given ones that fulfil every joint and the driver.
+
+        Phi(u, t) = 0 and D u' = (0, ..., 0, omega) to rounding, with the smallest change as measured by the
+        mass matrix; ``phi`` (rad) and ``omega`` (rad/s) are those of the input. Coordinates from
+        :meth:`coordinates` need no correction. Raises ValueError if the coordinates are not finite or too far
+        from any that fulfil the joints.
+        """
+        u, v = np.array(coordinates, dtype=float), np.array(velocities, dtype=float)
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(v))):
+            raise ValueError("coordinates and velocities must be finite, got NaN or infinity")
+        inverse_mass = 1 / np.diag(self.mass_matrix)
+        speeds = np.append(np.zeros(2 * self.n_bodies), omega)
+        for _ in range(CORRECTIONS):
+            d = self.jacobian(u)
+            weighted = inverse_mass[:, None] * d.T
+            misfit = self.constraints(u, phi)
+            u -= weighted @ np.linalg.solve(d @ weighted, misfit)
+            if np.abs(misfit).max() < 1e-13:
+                v -= weighted @ np.linalg.solve(d @ weighted, d @ v - speeds)
+                return u, v
+        raise ValueError(
+            f"coordinates must lie near some that fulfil the joints; after {CORRECTIONS} corrections they "
+            f"still miss by {np.abs(misfit).max():.3g}"
+        )
+
+    def jacobian(self, coordinates: Real) -> Real:
+        """D = dPhi/du of paper B eq. 2, shape (n_constraints, n_coordinates)."""
+        _, angle = _split(coordinates)
+        parents, points = self._mounts
+        lever = _xy(1j * np.exp(1j * angle[parents]) * points)
+        # joint, direction, body or housing, coordinate
+        d = np.zeros((self.n_bodies, 2, self.n_bodies + 1, 3))
+        for body, parent in enumerate(parents):
+            d[body, :, body, :2] = np.eye(2)
+            d[body, :, parent, :2] = -np.eye(2)
+            d[body, :, parent, 2] = -lever[body]
+        driver = np.zeros(3 * self.n_bodies)
+        driver[3 * INPUT + 2] = 1.0
+        return np.vstack([d[:, :, :HOUSING].reshape(2 * self.n_bodies, -1), driver])
+
+    def gamma(self, coordinates: Real, velocities: Real, alpha: float) -> Real:
+        """Right-hand side of D u'' = gamma, (n_constraints,): centripetal in m/s2, then alpha in rad/s2."""
+        (_, angle), (_, spin) = _split(coordinates), _split(velocities)
+        parents, points = self._mounts
+        return np.append(_xy(-(spin[parents] ** 2) * np.exp(1j * angle[parents]) * points), alpha)
+
+    def _applied(self, at: Plane, on_wheels: tuple[Plane, Plane], load_torque: float) -> Real:
+        """F of paper B eq. 2; normal forces do not turn sleeves."""
+        force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
+        moment[OUTPUT] = load_torque
+        for sleeves, vectors in zip((EXTERNAL, INTERNAL), on_wheels, strict=True):
+            force[sleeves] -= vectors.sum(axis=0)
+            force[WHEELS] += vectors.sum(axis=1)
+            moment[WHEELS] += _cross(at[sleeves] - at[WHEELS, None], vectors).sum(axis=1)
+        return _join(force[:HOUSING], moment)
+
+    # Motion -------------------------------------------------------------------------------------------------
+
+    def accelerations(
+        self, phi: float, omega: float, alpha: float, angles: ArrayLike, rates: ArrayLike, load_torque: float
+    ) -> Solution:
+        """Solve [[M, -D^T], [D, 0]] [u''; lambda] = [F; gamma] (paper B eq. 2) at one instant.
+
+        Parameters
+        ----------
+        phi, omega, alpha : float
+            Prescribed angle (rad), speed (rad/s) and acceleration (rad/s2) of the input shaft.
+        angles, rates : array-like of shape (3,)
+            theta_1, theta_2, psi in rad and their rates in rad/s.
+        load_torque : float
+            Torque on the output shaft in Nm; positive resists the output when ``omega`` is positive.
+        """
+        u = self.coordinates(phi, angles)
+        v = self.velocities(u, omega, rates)
+        at, _ = _split(u)
+        external_force, external_vector, internal_force, internal_vector = self.contact_forces(u, v)
+        d = self.jacobian(u)
+        system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
+        forces = self._applied(at, (external_vector, internal_vector), load_torque)
+        solved = np.linalg.solve(system, np.concatenate([forces, self.gamma(u, v, alpha)]))
+        acceleration, multipliers = solved[: len(u)], solved[len(u) :]
+        reactions = multipliers[:-1].reshape(-1, 2)[WHEELS]
+        return Solution(
+            accelerations=acceleration,
+            theta_acceleration=acceleration[2::3][WHEELS],
+            psi_acceleration=float(acceleration[2::3][OUTPUT]),
+            multipliers=multipliers,
+            cam_reactions=reactions,
+            input_torque=float(_cross(at[WHEELS], reactions @ np.array([1.0, 1j])).sum()),
+            driver_torque=float(multipliers[-1]),
+            output_torque=float(_cross(at[INTERNAL], internal_vector).sum()),
+            external_force=external_force,
+            internal_force=internal_force,
+            external_vector=_xy(external_vector),
+            internal_vector=_xy(internal_vector),
+        )
+
+    def integrate(
+        self, t0: float, t1: float, dt: float, state: ArrayLike, driver: Driver, load: Load
+    ) -> Trajectory:
+        """Integrate with the papers' second-order Runge-Kutta method (midpoint).
+
+        Only the angles are integrated; all other coordinates follow from the joints.
+
+        Parameters
+        ----------
+        t0, t1, dt : float
+            Start, end and step in s; the number of steps is rounded.
+        state : array-like of shape (6,)
+            theta_1, theta_2, psi (rad) and their rates (rad/s) at ``t0``.
+        driver : callable
+            ``driver(t)`` gives phi (rad), omega (rad/s) and alpha (rad/s2); see `ramped_driver`.
+        load : callable
+            ``load(t)`` gives the load torque in Nm; see `ramped_load`.
+
+        Raises
+        ------
+        FloatingPointError
+            When a contact force is not finite or beyond 100 kN: the integration has diverged.
+        """
+
+        def evaluate(t: float, y: Real) -> tuple[Real, Solution]:
+            solution = self.accelerations(*driver(t), y[:3], y[3:], load(t))
+            _refuse_divergence(t, solution)
+            return np.concatenate([y[3:], solution.theta_acceleration, [solution.psi_acceleration]]), solution
+
+        time = [t0 + dt * step for step in range(round((t1 - t0) / dt) + 1)]
+        states = [np.array(state, dtype=float)]
+        slope, solution = evaluate(t0, states[0])
+        solutions = [solution]
+        for t, following in pairwise(time):
+            middle, _ = evaluate(t + dt / 2, states[-1] + dt / 2 * slope)
+            states.append(states[-1] + dt * middle)
+            slope, solution = evaluate(following, states[-1])
+            solutions.append(solution)
+        recorded = Trajectory._fields[4:]
+        columns = {name: np.array([getattr(solution, name) for solution in solutions]) for name in recorded}
+        angles, rates = np.hsplit(np.array(states), 2)
+        return Trajectory(np.array(time), np.array([driver(t)[0] for t in time]), angles, rates, **columns)
+
+
+def ramped_driver(speed: float = 52.36, ramp: float = 0.2) -> Driver:
+    """Input shaft that reaches ``speed`` (rad/s) with constant acceleration in ``ramp`` seconds.
+
+    Paper B eq. 7-8. The angle is the integral of the speed; eq. 6 jumps at the end of the ramp.
+    """
+
+    def driver(t: float) -> tuple[float, float, float]:
+        if t < ramp:
+            return speed / ramp * t**2 / 2, speed / ramp * t, speed / ramp
+        return speed * (t - ramp / 2), speed, 0.0
+
+    return driver
+
+
+def ramped_load(torque: float = 22.0, ramp: float = 0.2) -> Load:
+    """Load torque that rises linearly to ``torque`` (Nm) in ``ramp`` seconds: paper B eq. 10."""
+    return lambda t: torque * min(t / ramp, 1.0)
+
+
+def _refuse_divergence(t: float, solution: Solution) -> None:
+    for kind, force in (("external", solution.external_force), ("internal", solution.internal_force)):
+        wrong = np.argwhere(~(force < ABSURD_FORCE))
+        if len(wrong):
+            wheel, sleeve = wrong[0]
+            raise FloatingPointError(
+                f"diverged at t = {t:.6g} s: {force[wheel, sleeve]:.3g} N between {kind} sleeve {sleeve} and "
+                f"wheel {wheel}; use a smaller dt, a smaller stiffness_scale or fewer worn lobes"
+            )
+
+
+def _turned(turn: Plane, contact: tuple[Real, Plane]) -> tuple[Real, Plane]:
+    """Force and normal of a contact, the normal turned by the unit complex number ``turn``."""
+    force, normal = contact
+    return force, normal * turn
+
+
+def _dot(a: Any, b: Any) -> Real:
+    """Scalar product of plane vectors given as complex numbers."""
+    return np.asarray((a * np.conj(b)).real)
+
+
+def _cross(a: Plane, b: Plane) -> Real:
+    """z component of the vector product of plane vectors given as complex numbers."""
+    return np.asarray((np.conj(a) * b).imag)
+
+
+def _xy(vectors: Plane) -> Real:
+    """Plane vectors given as complex numbers, with a last axis for x and y instead."""
+    return np.stack([vectors.real, vectors.imag], axis=-1)
+
+
+def _join(position: Plane, angle: Real) -> Real:
+    """Coordinates, body by body, from the positions of the bodies and the angles of bodies and housing."""
+    return np.column_stack([position.real, position.imag, angle[:HOUSING]]).ravel()
+
+
+def _split(coordinates: Real) -> tuple[Plane, Real]:
+    """Positions (complex) and angles of all bodies and, last and all zero, the housing."""
+    x, y, angle = np.append(coordinates, np.zeros(3)).reshape(-1, 3).T
+    return x + 1j * y, angle

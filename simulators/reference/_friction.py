@@ -1,0 +1,184 @@
+"""The 28 bodies with friction: every sleeve turns on its axle and rubs on the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cyclofeat.simulators.reference._bodies import (
+    EXTERNAL,
+    HOUSING,
+    INPUT,
+    INTERNAL,
+    N_INTERNAL,
+    OUTPUT,
+    WHEELS,
+    Plane,
+    Real,
+    ReferenceGearbox,
+    _cross,
+    _dot,
+    _join,
+    _split,
+)
+
+
+class RubbingSolution(NamedTuple):
+    """One instant of the gearbox with friction, SI units."""
+
+    theta_acceleration: Real  #: (2,): of the wheels in rad/s2
+    psi_acceleration: float  #: of the output shaft in rad/s2
+    spin_acceleration: Real  #: (n_pins + 8,): of external, then internal sleeves in rad/s2
+    input_torque: float  #: of the cams and of the input shaft's bearing in Nm
+    output_torque: float  #: that the output shaft passes on behind its bearing in Nm = load - J_out psi''
+    sleeve_power: float  #: of the friction between sleeves and wheels in W, both sides
+    journal_power: float  #: of the sleeves' axles in W
+    bearing_power: float  #: of the shafts' bearings in W
+    slip: tuple[Real, Real]  #: (2, n_pins) and (2, 8): sliding speed wheel minus sleeve in m/s
+    friction: tuple[Real, Real]  #: (2, n_pins) and (2, 8): its force on the sleeve along the slip in N
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RubbingGearbox(ReferenceGearbox):
+    """A :class:`~cyclofeat.simulators.reference.ReferenceGearbox` with friction.
+
+    Parameters
+    ----------
+    sleeve_friction, static_friction : float
+        Coefficients of Coulomb friction between sleeve and wheel, sliding and at rest.
+    stribeck_speed : float
+        Speed in m/s over which the coefficient changes.
+    viscous_friction : float
+        In Ns/m, at every closed contact.
+    journal_friction : float
+        Coefficient on a sleeve's axle times the ratio of axle to sleeve radius; the load is the resulting
+        force of both wheels on the sleeve.
+    transition_speed, bearing_transition : float
+        Speeds in m/s and rad/s below which Coulomb friction is proportional to the speed (tanh).
+    input_coulomb, input_viscous, output_coulomb, output_viscous : float
+        Bearings of the shafts, in Nm and Nms/rad.
+    """
+
+    sleeve_friction: float = 0.0
+    static_friction: float = 0.0
+    stribeck_speed: float = 0.05
+    viscous_friction: float = 0.0
+    journal_friction: float = 0.0
+    transition_speed: float = 0.02
+    bearing_transition: float = 0.3
+    input_coulomb: float = 0.0
+    input_viscous: float = 0.0
+    output_coulomb: float = 0.0
+    output_viscous: float = 0.0
+
+    def _friction(self, slip: Real, force: Real) -> Real:
+        """Force in N along ``slip`` (m/s) of contacts pressed with ``force`` (N)."""
+        fall = np.exp(-((slip / self.stribeck_speed) ** 2))
+        coefficient = self.sleeve_friction + (self.static_friction - self.sleeve_friction) * fall
+        dry = coefficient * force * np.tanh(slip / self.transition_speed)
+        return np.asarray(dry + self.viscous_friction * slip * (force > 0))
+
+    def rubbing_accelerations(
+        self, phi: float, omega: float, alpha: float, angles: ArrayLike, rates: ArrayLike, load_torque: float
+    ) -> RubbingSolution:
+        """Solve paper B eq. 2 with friction among the applied forces.
+
+        Parameters as in :meth:`ReferenceGearbox.accelerations`, except that ``rates`` (3 + n_pins + 8,) holds
+        the sleeves' angular speeds in rad/s after those of wheels and output, external, then internal.
+        """
+        u = self.coordinates(phi, angles)
+        shafts, external, internal = np.split(np.asarray(rates, dtype=float), [3, 3 + self.n_pins])
+        v = self.velocities(u, omega, shafts)
+        rate = v.reshape(-1, 3)[:, 2]  # a view
+        rate[EXTERNAL.start :], rate[INTERNAL] = external, internal
+        (at, _), (_, spin) = _split(u), _split(v)
+        _, outside, _, inside = self.contact_forces(u, v)
+        rubbing, pressed, slip, friction = self._sleeve_friction(u, v, (outside, inside))
+        journals, bearings = self._journal_friction(spin, pressed), self._bearing_friction(spin)
+
+        d = self.jacobian(u)
+        system = np.block([[self.mass_matrix, -d.T], [d, np.zeros((len(d), len(d)))]])
+        applied = self._applied(at, (outside, inside), load_torque) + rubbing + journals + bearings
+        solved = np.linalg.solve(system, np.concatenate([applied, self.gamma(u, v, alpha)]))
+        acceleration, driver = solved[2 : len(u) : 3], float(solved[-1])
+        psi = float(acceleration[OUTPUT])
+        return RubbingSolution(
+            theta_acceleration=acceleration[WHEELS],
+            psi_acceleration=psi,
+            spin_acceleration=np.append(acceleration[EXTERNAL.start :], acceleration[INTERNAL]),
+            input_torque=driver - self.input_shaft_inertia * alpha,
+            output_torque=load_torque - self.output_inertia * psi,
+            sleeve_power=float(rubbing @ v),
+            journal_power=float(journals @ v),
+            bearing_power=float(bearings @ v),
+            slip=slip,
+            friction=friction,
+        )
+
+    def _sleeve_friction(
+        self, u: Real, v: Real, pressing: tuple[Plane, Plane]
+    ) -> tuple[Real, Plane, tuple[Real, Real], tuple[Real, Real]]:
+        """Friction of sleeves on wheels, which they press with the forces ``pressing``.
+
+        Returns forces and moments on all bodies, the resultant on every sleeve, and slip and friction of
+        external and internal sleeves.
+        """
+        (at, _), (speed, spin) = _split(u), _split(v)
+        force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
+        pressed = force.copy()
+        slips, frictions = [], []
+        for sleeves, vector in zip((EXTERNAL, INTERNAL), pressing, strict=True):
+            size = np.abs(vector)
+            toward = np.where(size > 0, vector, 1.0) / np.where(size > 0, size, 1.0)  # from sleeve to wheel
+            radius = self.pin_radius if sleeves == EXTERNAL else self.internal_sleeve_radius
+            point = at[sleeves] + radius * toward
+            of_wheel = speed[WHEELS, None] + 1j * spin[WHEELS, None] * (point - at[WHEELS, None])
+            of_sleeve = speed[sleeves] + 1j * spin[sleeves] * radius * toward
+            along = 1j * toward
+            slips.append(_dot(of_wheel - of_sleeve, along))
+            frictions.append(self._friction(slips[-1], size))
+            rub = frictions[-1] * along  # on the sleeve
+            force[sleeves] += rub.sum(axis=0)
+            force[WHEELS] -= rub.sum(axis=1)
+            moment[sleeves] += _cross(point - at[sleeves], rub).sum(axis=0)
+            moment[WHEELS] -= _cross(point - at[WHEELS, None], rub).sum(axis=1)
+            pressed[sleeves] += (rub - vector).sum(axis=0)
+        return _join(force[:HOUSING], moment), pressed, (slips[0], slips[1]), (frictions[0], frictions[1])
+
+    def _journal_friction(self, spin: Real, pressed: Plane) -> Real:
+        """Moments of the sleeves' axles; external ones belong to the housing, internal ones to the output."""
+        moment = np.zeros(spin.size)
+        for sleeves, parent, radius in (
+            (EXTERNAL, HOUSING, self.pin_radius),
+            (INTERNAL, OUTPUT, self.internal_sleeve_radius),
+        ):
+            turning = spin[sleeves] - spin[parent]
+            couple = self.journal_friction * radius * np.abs(pressed[sleeves])
+            couple = couple * np.tanh(turning * radius / self.transition_speed)
+            moment[sleeves] -= couple
+            moment[parent] += couple.sum()
+        return _moments(moment)
+
+    def _bearing_friction(self, spin: Real) -> Real:
+        """Moments of the shafts' bearings."""
+        moment = np.zeros(spin.size)
+        for shaft, coulomb, viscous in (
+            (INPUT, self.input_coulomb, self.input_viscous),
+            (OUTPUT, self.output_coulomb, self.output_viscous),
+        ):
+            moment[shaft] -= coulomb * np.tanh(spin[shaft] / self.bearing_transition)
+            moment[shaft] -= viscous * spin[shaft]
+        return _moments(moment)
+
+    @property
+    def output_inertia(self) -> float:
+        """Inertia of output shaft and internal sleeves' centres about the origin, in kg m2."""
+        return self.output_shaft_inertia + N_INTERNAL * self.sleeve_mass * self.internal_pitch_radius**2
+
+
+def _moments(moment: Real) -> Real:
+    """Applied forces that are moments only, from those on all bodies and the housing."""
+    return _join(np.zeros(moment.size - 1, dtype=complex), moment)

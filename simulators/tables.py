@@ -1,0 +1,162 @@
+"""Constants and tables of one gearbox with its defects, as the compiled kernel takes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat.simulators import _kernels, _outline
+from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+
+__all__ = ["KernelInput", "kernel_input", "rest_state"]
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KernelInput:
+    """Constants and tables of one gearbox with its defects, in the order of the kernel's arguments."""
+
+    wheel: _outline.WheelConstants
+    joint: _kernels.JointConstants
+    contact: _kernels.ContactConstants
+    joint_contact: _kernels.ContactConstants
+    body: _kernels.BodyConstants
+    friction: _kernels.FrictionConstants | None
+    pins: Float
+    mounts: Float
+    lobes: Float
+    wear: Float
+    sleeves: Float
+
+    def __iter__(self) -> Iterator[Any]:
+        return (getattr(self, f.name) for f in fields(self))
+
+
+def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput:
+    """Translate parameters into the kernel's constants and tables."""
+    n_lobes = gearbox.n_lobes
+    wear = np.zeros((2, n_lobes))
+    for w in defects.wheels:
+        wear[w, list(defects.worn_lobes)] = defects.depth
+        wear[w, list(defects.removed_lobes)] = _outline.REMOVED
+    lobe_angles = 2 * np.pi * np.arange(n_lobes) / n_lobes
+    pitch_errors = np.reshape(gearbox.lobe_pitch_errors or np.zeros(2 * n_lobes), (2, n_lobes))
+    pin_angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
+    sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    return KernelInput(
+        wheel=_wheel(gearbox),
+        joint=_kernels.JointConstants(
+            n_sleeves=gearbox.n_internal_sleeves,
+            sleeve_radius=float(gearbox.internal_sleeve_radius),
+            pitch_radius=float(gearbox.internal_pitch_radius),
+            gap_at_centre=float(gearbox.eccentricity + gearbox.clearance),
+        ),
+        # The conservative law takes the pin's own radius, as on a plane flank, for every pin contact.
+        contact=contact_constants(gearbox, gearbox.pin_radius),
+        joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
+        body=_kernels.BodyConstants(
+            wheel_mass=float(gearbox.wheel_mass),
+            wheel_inertia=float(gearbox.wheel_inertia),
+            output_inertia=float(gearbox.output_inertia),
+            brake_inertia=float(gearbox.brake_inertia),
+            meter_stiffness=float(gearbox.meter_stiffness),
+            meter_damping=float(gearbox.meter_damping),
+        ),
+        friction=_friction(gearbox),
+        pins=_table(
+            _outline.PIN_TABLE_SIZE,
+            {
+                _outline.PIN_COS: np.cos(pin_angles),
+                _outline.PIN_SIN: np.sin(pin_angles),
+                _outline.PIN_RADIAL_ERROR: gearbox.pin_radial_errors or np.zeros(gearbox.n_pins),
+                _outline.PIN_TANGENTIAL_ERROR: gearbox.pin_tangential_errors or np.zeros(gearbox.n_pins),
+                _outline.PIN_ANGLE: pin_angles,
+            },
+        ),
+        mounts=_mounts(gearbox, wear),
+        lobes=np.vstack([np.cos(lobe_angles), np.sin(lobe_angles), pitch_errors / gearbox.pin_circle_radius]),
+        wear=wear,
+        sleeves=_table(
+            _kernels.SLEEVE_TABLE_SIZE,
+            {_kernels.SLEEVE_COS: np.cos(sleeve_angles), _kernels.SLEEVE_SIN: np.sin(sleeve_angles)},
+        ),
+    )
+
+
+def _table(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
+    """Table of ``size`` numbers with the given values from each index on."""
+    table = np.zeros(size)
+    for index, values in rows.items():
+        table[int(index) : int(index) + np.size(values)] = values
+    return table
+
+
+def _wheel(gearbox: CycloidalGearbox) -> _outline.WheelConstants:
+    profile = gearbox.outline_profile
+    tip, pit = profile.chord()
+    pit_angle = math.pi / gearbox.n_lobes
+    pit_normal = complex(profile.normal(pit_angle))
+    pin_errors = np.hypot(gearbox.pin_radial_errors or [0.0], gearbox.pin_tangential_errors or [0.0])
+    return _outline.WheelConstants(
+        eccentricity=float(gearbox.eccentricity),
+        shortening=float(gearbox.shortening),
+        n_lobes=int(gearbox.n_lobes),
+        pin_radius=float(gearbox.pin_radius),
+        pin_circle_radius=float(gearbox.pin_circle_radius),
+        clearance=float(gearbox.pin_clearance),
+        tip_x=tip.real,
+        pit_x=pit.real,
+        pit_y=pit.imag,
+        pit_nx=pit_normal.real,
+        pit_ny=pit_normal.imag,
+        tip_radius=float(gearbox.profile.effective_radius(0.0, gearbox.pin_clearance)),
+        pit_radius=float(gearbox.profile.effective_radius(pit_angle, gearbox.pin_clearance)),
+        near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0),
+        has_pitch_errors=any(gearbox.lobe_pitch_errors),
+        profile_points=gearbox.profile_points,
+    )
+
+
+def _mounts(gearbox: CycloidalGearbox, wear: Float) -> Float:
+    """One row per wheel: its angle at rest with cosine and sine, run-out, cam, and if it has defects."""
+    z = gearbox.n_lobes
+    # The wheels are mounted 180 deg apart as closely as their lobes allow (exactly, where z_s is odd).
+    rest = np.array([-math.pi / z, 2 * math.pi * ((z + 1) // 2 - 1) / z])
+    runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
+    cams = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
+    has_defects = (wear > 0).any(axis=1)
+    return np.column_stack(
+        [rest, np.cos(rest), np.sin(rest), runouts.real, runouts.imag, cams.real, cams.imag, has_defects]
+    )
+
+
+def _friction(gearbox: CycloidalGearbox) -> _kernels.FrictionConstants | None:
+    if not gearbox.has_friction:
+        return None
+    return _kernels.FrictionConstants(
+        coulomb=float(gearbox.sleeve_friction),
+        static=float(gearbox.sleeve_static_friction or gearbox.sleeve_friction),
+        stribeck_speed=float(gearbox.stribeck_speed),
+        viscous=float(gearbox.sleeve_viscous_friction),
+        journal=float(gearbox.journal_friction),
+        transition_speed=float(gearbox.friction_transition_speed),
+        input_coulomb=float(gearbox.input_bearing_torque),
+        input_viscous=float(gearbox.input_bearing_viscosity),
+        output_coulomb=float(gearbox.output_bearing_torque),
+        output_viscous=float(gearbox.output_bearing_viscosity),
+        bearing_transition=float(gearbox.bearing_transition_speed),
+        sleeve_inertia=float(gearbox.sleeve_inertia),
+    )
+
+
+def rest_state(gearbox: CycloidalGearbox) -> Float:
+    """Return the kernel's state at the rest position, with nothing in motion."""
+    n_spins = gearbox.n_pins + gearbox.n_internal_sleeves if gearbox.has_friction else 0
+    return np.zeros(_kernels.N_STATE + n_spins)

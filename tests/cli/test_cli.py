@@ -1,0 +1,619 @@
+"""The command line: the way from nothing to a count, and every mistake on it."""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import weakref
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from cyclofeat import __version__
+from cyclofeat._base.progress import Progress
+from cyclofeat.cli import COMMANDS, main, make_parser
+from cyclofeat.cli._reading import add_reading_options, option_of
+from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
+from cyclofeat.datasets import read_recording, write_recording
+from cyclofeat.models import save_model
+from cyclofeat.simulators import (
+    Offset,
+    Quantisation,
+    Rig,
+    TorqueMeterLowPass,
+    load_effects,
+    unregister_effect,
+)
+
+# Arguments without which a command is not understood.
+NEEDED = {
+    "simulate": ["--out", "x"], "animate": ["--out", "x"], "inspect": ["x"], "train": ["--out", "x"],
+    "count": ["x", "--model", "m"], "watch": ["x", "--model", "m"], "plan": ["--worn", "1", "--noise", "1"],
+    "gap": ["x"],
+}  # fmt: skip
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error of one call."""
+    code = main([str(argument) for argument in arguments])
+    return code, *capsys.readouterr()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, surrogates):
+    """A model and some recordings as files."""
+    folder = tmp_path_factory.mktemp("cli")
+    save_model(
+        folder / "model.joblib",
+        LobeModel.train(surrogates[12:], input_speed_hz=500 / 60, n_splits=0, n_trees=60),
+    )
+    for recording in surrogates[:8]:
+        write_recording(folder / f"{recording.assembly}.npz", recording)
+    write_recording(folder / "worn.csv", surrogates[11])  # fast enough for a whole output turn
+    return folder
+
+
+def test_version_and_help_need_neither_numba_nor_scikit_learn():
+    code = (
+        "import sys; from cyclofeat.cli import main\n"
+        "for words in (['--version'], ['--help'], ['count', '--help'], ['train', '--help']):\n"
+        "    try: main(words)\n"
+        "    except SystemExit as stop: assert stop.code == 0\n"
+        "    assert len(words) > 1 or not {'cyclofeat.cli.count', 'numpy'} & set(sys.modules)\n"
+        "assert not {'numba', 'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith(f"{__version__}\n")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_the_same_parts(name):
+    module = COMMANDS[name].module()
+    assert all(callable(getattr(module, part)) for part in ("add_arguments", "run", "printed"))
+    assert make_parser(name).parse_args([name, "--json", *NEEDED.get(name, [])]).json
+
+
+def test_every_argument_of_reading_has_its_option():
+    parser = argparse.ArgumentParser()
+    add_reading_options(parser)
+    for argument in vars(parser.parse_args([])).keys() - {"no_angle"}:
+        assert option_of(argument, "=").startswith("--"), argument
+        with pytest.raises(FileNotFoundError):  # and not a TypeError about the argument
+            read_recording("absent.csv", **{argument: None})
+
+
+def test_the_module_is_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "cyclofeat", "--help"], capture_output=True, text=True, check=True
+    )
+    for command in ("simulate", "animate", "inspect", "train", "count", "watch", "evaluate", "demo"):
+        assert command in done.stdout
+
+
+def test_simulate_writes_what_it_says(capsys, tmp_path):
+    file = tmp_path / "worn.npz"
+    code, out, _ = run(
+        capsys, "simulate", "--worn", "0,4", "--wheels", "0", "--duration", "0.5", "--out", file
+    )
+    assert code == 0
+    assert str(file) in out
+    assert "Nm" in out
+    recording = read_recording(file)
+    assert recording.worn_lobes == (0, 4)
+    assert recording.source == "simulated"
+    assert recording.duration == pytest.approx(0.5)
+    assert recording.angle_is_absolute
+
+
+def test_animate_writes_a_page(capsys, tmp_path):
+    page = tmp_path / "gearbox.html"
+    options = ["--worn", "0,4", "--duration", 0.05, "--frames", 20, "--out", page]
+    code, out, err = run(capsys, "animate", *options, "--json")
+    assert code == 0, err
+    assert json.loads(out) == {"file": str(page), "defect_count": 2, "duration_s": 0.05, "frames": 20}
+    assert "2 worn lobes: 1, 5" in page.read_text(encoding="utf-8")
+
+
+def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
+    Rig.r1().without("noise").to_json(tmp_path / "rig.json")
+    machine = ["--rig", tmp_path / "rig.json", "--worn", 2, "--seed", 3, "--duration", 0.05]
+    assert run(capsys, "simulate", *machine, "--sampling-rate", 6400, "--out", tmp_path / "a.npz")[0] == 0
+    assert run(capsys, "animate", *machine, "--frames", 2, "--out", tmp_path / "a.html")[0] == 0
+    recorded = read_recording(tmp_path / "a.npz")
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    machine = json.loads(re.search(r'id="machine">(.*?)</script>', page)[1])
+    np.testing.assert_allclose(machine["trace"], recorded.torque, atol=1e-3)
+    np.testing.assert_allclose(machine["phi"], recorded.angle[[0, -1]], atol=1e-4)
+    assert "SURROGATE" in page
+
+
+def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
+    quick = ["--duration", 0.01, "--worn", 1]
+    for name in ("R0", "r0"):
+        assert run(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")[0] == 0
+    torques = [read_recording(tmp_path / f"{name}.npz").torque for name in ("R0", "r0")]
+    np.testing.assert_array_equal(*torques)
+
+
+def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
+    Rig.r1().without("noise", "load_drift").to_json(tmp_path / "rig.json")
+    same, other = (tmp_path / name for name in ("a.npz", "b.csv"))
+    for file in (same, other):
+        code, out, _ = run(
+            capsys, "simulate", "--worn", 2, "--simulator", tmp_path / "rig.json", "--seed", 3,
+            "--duration", 0.2, "--no-angle", "--json", "--out", file,
+        )  # fmt: skip
+        assert code == 0
+        assert json.loads(out) == {"file": str(file), "defect_count": 2}
+    first, second = read_recording(same), read_recording(other)
+    assert first.source == second.source == "surrogate"
+    assert first.angle is None
+    np.testing.assert_array_equal(first.torque, second.torque)
+
+
+def test_rig_takes_a_file_with_effects_too(capsys, tmp_path):
+    effects = [Offset(0.5), Quantisation(0.25)]
+    Rig.r0().replace(name="mine", effects=effects).to_json(tmp_path / "mine.json")
+    for option, file in (("--rig", "a.npz"), ("--simulator", "b.npz")):
+        code, _, err = run(
+            capsys, "simulate", option, tmp_path / "mine.json", "--duration", 0.1, "--out", tmp_path / file
+        )
+        assert (code, err) == (0, "")
+    one, other = (read_recording(tmp_path / file) for file in ("a.npz", "b.npz"))
+    np.testing.assert_array_equal(one.torque, other.torque)
+    np.testing.assert_array_equal(one.torque * 4, np.rint(one.torque * 4))
+    assert one.meta["effects"] == [effect.to_dict() for effect in effects]
+
+
+MINE = """
+from cyclofeat.simulators import Effect
+
+class UpsideDown(Effect):
+    "Torque meter that is wired the wrong way round."
+
+    def change_torque(self, torque, sampling_rate, random, context=None):
+        return -torque
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A file with an effect of the user, which nobody knows afterwards."""
+    (tmp_path / "mine.py").write_text(MINE)
+    yield tmp_path / "mine.py"
+    unregister_effect("upside_down")
+
+
+def test_a_rig_names_effects_of_the_user(capsys, mine, tmp_path):
+    rig, plain, turned = (tmp_path / name for name in ("rig.json", "plain.npz", "turned.npz"))
+    Rig.r0().to_json(rig)
+    quick = ["--duration", 0.05, "--effects-from", mine]
+    assert run(capsys, "simulate", "--rig", rig, *quick, "--out", plain)[0] == 0
+    Rig.r0().with_effects(load_effects(mine)["upside_down"]()).to_json(rig)
+    assert run(capsys, "simulate", "--rig", rig, *quick, "--out", turned)[0] == 0
+    np.testing.assert_array_equal(read_recording(plain).torque, -read_recording(turned).torque)
+    unregister_effect("upside_down")
+    code, _, err = run(capsys, "simulate", "--rig", rig, "--out", turned)
+    assert code == 2
+    assert "upside_down" in err
+    load_effects(mine)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["simulate", "--out", "x.npz"],
+        ["animate", "--out", "x.html"],
+        ["train", "--out", "x.skops"],
+        ["campaign", "--verify", "x"],
+        ["gap", "x"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_every_command_of_rigs_takes_effects_of_the_user(capsys, tmp_path, command):
+    (tmp_path / "bad.py").write_text("1 / 0")
+    code, _, err = run(capsys, *command, "--effects-from", tmp_path / "bad.py")
+    assert code == 2
+    assert "bad.py, line 1: ZeroDivisionError" in err
+    code, _, err = run(capsys, *command, "--effects-from", tmp_path / "absent.py")
+    assert code == 2
+    assert "absent.py: no such file" in err
+
+
+@pytest.mark.slow
+def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
+    Rig.r0().replace(name="mine", effects=[Offset(0.5)]).to_json(tmp_path / "mine.json")
+    code, out, err = run(
+        capsys, "train", "--rig", tmp_path / "mine.json", "--assemblies", 2, "--max-count", 1,
+        "--out", tmp_path / "m.joblib", "--jobs", 1,
+    )  # fmt: skip
+    assert code == 0, err
+    assert "simulated assemblies of rig mine" in out
+    Rig.r0().replace(effects=[TorqueMeterLowPass(2e4)]).to_json(tmp_path / "high.json")
+    code, _, err = run(
+        capsys, "train", "--rig", tmp_path / "high.json", "--assemblies", 1, "--out", tmp_path / "n.joblib"
+    )
+    assert code == 2
+    assert "cutoff_hz of torque_meter_low_pass must lie below the Nyquist frequency 12800 Hz" in err
+
+
+def test_train_and_count(capsys, folder, tmp_path):
+    model = tmp_path / "small.joblib"
+    code, out, _ = run(capsys, "train", folder, "--out", model)
+    assert code == 0
+    assert "counts [0, 1, 3, 5]" in out
+    code, out, err = run(capsys, "count", folder / "worn.csv", "--model", model, "--trust", "--json")
+    assert code == 0
+    assert err == ""
+    (result,) = json.loads(out)
+    assert result["file"] == str(folder / "worn.csv")
+    assert isinstance(result["defect_count"], int)
+    assert set(result["probability"]) == {"0", "1", "3", "5"}
+    assert len(result["lobe_probability"]) == 15
+    assert all(isinstance(lobe, int) for lobe in result["lobes"])
+    assert result["warnings"] == []
+
+
+def test_count_for_people_counts_lobes_from_one(capsys, folder):
+    code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust")
+    assert code == 0
+    recording = read_recording(folder / "worn.csv")
+    assert f"worn lobes: {recording.defect_count}" in out
+    assert "counted from 1" in out
+    assert "surrogate" in out
+    windows = int(recording.duration // 1.8)
+    unused = recording.duration - windows * 1.8
+    assert (
+        f"from {windows} window{'' if windows == 1 else 's'} of one output turn (1.8 s), {unused:.3g} s"
+        in out
+    )
+
+
+@pytest.mark.parametrize("command", ["count", "inspect"])
+def test_a_file_is_named_once(capsys, folder, command):
+    options = [] if command == "inspect" else ["--model", folder / "model.joblib", "--trust"]
+    _, out, _ = run(capsys, command, folder / "worn.csv", *options)
+    first = out.splitlines()[0]
+    assert first.startswith(f"{folder / 'worn.csv'}")
+    assert "torque" in first
+    assert first.count("worn.csv") == 1
+
+
+def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
+    # Pictures take seconds and have tests of their own.
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_: drawn)
+    (tmp_path / "empty.csv").touch()
+    report = tmp_path / "count.html"
+    code, out, err = run(
+        capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", "--report", report,
+        "--model", folder / "model.joblib", "--trust", "--json",
+    )  # fmt: skip
+    assert code == 2
+    assert len(json.loads(out)) == 2
+    assert f"report: {report}" in err
+    page = report.read_text(encoding="utf-8")
+    for part in ("SURROGATE", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
+        assert part in page
+
+
+def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch):
+    alive = []
+
+    def written(model, counted, path, *, failures, settings):
+        seen = [weakref.ref(item.recording) for item in counted]
+        alive.append([len(seen), sum(recording() is not None for recording in seen)])
+        return path
+
+    monkeypatch.setattr("cyclofeat.report.write_count_report", written)
+    code, _, _ = run(
+        capsys, "count", *(folder / "worn.csv",) * 3, "--report", tmp_path / "count.html",
+        "--model", folder / "model.joblib", "--trust",
+    )  # fmt: skip
+    assert code == 0
+    assert alive == [[3, 0]]
+
+
+def test_one_bad_file_does_not_cost_the_others_their_result(capsys, folder, tmp_path):
+    (tmp_path / "empty.csv").touch()
+    code, out, err = run(
+        capsys, "count", tmp_path / "empty.csv", folder / "worn.csv",
+        "--model", folder / "model.joblib", "--trust", "--json",
+    )  # fmt: skip
+    assert code == 2
+    bad, good = json.loads(out)
+    assert "empty" in bad["error"]
+    assert good["defect_count"] == 5
+    assert err.count("\n") == 1
+
+
+def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
+    recording = read_recording(folder / "worn.csv")
+    start = np.zeros(2560)
+    write_recording(
+        tmp_path / "late.npz",
+        recording.replace(torque=np.r_[start, recording.torque], angle=None, angle_is_absolute=False),
+    )
+    code, out, _ = run(
+        capsys, "count", tmp_path / "late.npz", "--skip", 0.1, "--model", folder / "model.joblib",
+        "--trust", "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)[0]["defect_count"] == recording.defect_count
+
+
+def test_evaluate_labelled_files(capsys, folder, tmp_path, monkeypatch, surrogates):
+    shared_out = []
+
+    def alone(*windows, protocol, **options):
+        shared_out.append(protocol.n_jobs)
+        return evaluate(*windows, **options, protocol=replace(protocol, n_jobs=None))
+
+    monkeypatch.setattr("cyclofeat.counting.evaluate", alone)
+    for recording in surrogates[:16]:
+        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 3)
+    assert code == 0
+    assert shared_out == [3, 3]
+    result = json.loads(out)
+    assert result["lobe map"]["n_assemblies"] == 16
+    assert result["Shannon entropy (papers)"]["n_windows"] == 16
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2)
+    assert "accuracy" in out
+    assert "confusion matrix" in out
+
+
+def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, monkeypatch, surrogates):
+    fewer = partial(make_lobe_counter, n_trees=20)
+    monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", fewer)
+    for recording in surrogates[4:12]:
+        write_recording(tmp_path / f"{recording.assembly}.npz", recording)
+    report = tmp_path / "evaluation.html"
+    code, out, _ = run(capsys, "evaluate", tmp_path, "--folds", 2, "--json", "--jobs", 1, "--report", report)
+    assert code == 0
+    result = json.loads(out)
+    assert list(result) == ["lobe map", "lobes one by one", "Shannon entropy (papers)"]
+    assert "exact_lobes" in result["lobes one by one"]
+    page = report.read_text(encoding="utf-8")
+    for part in ("SURROGATE", "Exactly the right lobes", "2 folds", f"{result['lobe map']['accuracy']:.3f}"):
+        assert part in page
+
+
+def test_a_folder_counts_as_its_files(capsys, folder):
+    code, out, _ = run(capsys, "count", folder, "--model", folder / "model.joblib", "--trust", "--json")
+    names = {result["file"] for result in json.loads(out)}
+    assert str(folder / "worn.csv") in names
+    assert len(names) >= 9
+    assert code in (0, 2)  # the folder holds the other tests' bad files too
+
+
+@pytest.mark.slow
+def test_a_closed_pipe_is_no_error(folder):
+    command = [sys.executable, "-m", "cyclofeat", "plan", "--worn", "3", "--noise", "0.5"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    with process.stderr as err:
+        assert err.read() == b""
+    assert process.wait() == 0
+
+
+def wrong_column(folder):
+    file = folder / "other.csv"
+    file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n")
+    return ["count", file, "--channel", "torque"]
+
+
+def empty(folder):
+    (folder / "empty.csv").touch()
+    return ["count", folder / "empty.csv"]
+
+
+def not_a_number(folder):
+    file = folder / "nan.csv"
+    file.write_text("torque_nm\n22\nnan\n22\n")
+    return ["count", file, "--sampling-rate", "25600"]
+
+
+def constant(folder):
+    np.savez(folder / "constant.npz", torque=np.full(50_000, 22.0), sampling_rate=25_600.0)
+    return ["count", folder / "constant.npz"]
+
+
+def too_short(folder):
+    np.savez(folder / "short.npz", torque=np.random.default_rng(0).normal(size=2000), sampling_rate=25_600.0)
+    return ["count", folder / "short.npz"]
+
+
+def other_rate(folder):
+    np.savez(folder / "slow.npz", torque=np.random.default_rng(0).normal(size=50_000), sampling_rate=10_000.0)
+    return ["count", folder / "slow.npz"]
+
+
+def other_speed(folder):
+    recording = read_recording(folder / "worn.csv").replace(
+        angle=None, angle_is_absolute=False, speed_rpm=400.0
+    )
+    write_recording(folder / "other_speed.npz", recording)
+    return ["count", folder / "other_speed.npz"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda _: ["count", "absent.csv"], "no such file: absent.csv"),
+        (wrong_column, "torque.*time_s.*speed"),
+        (empty, "empty"),
+        (not_a_number, "NaN|nan|finite"),
+        (constant, "constant"),
+        (too_short, "short"),
+        (other_rate, "10000 Hz.*25600 Hz"),
+        (other_speed, "400.*500 RPM"),
+    ],
+)
+def test_bad_recordings(capsys, folder, make, message):
+    code, out, err = run(capsys, *make(folder), "--model", folder / "model.joblib", "--trust", "--json")
+    assert code == 2
+    assert err.startswith("cyclofeat: error: ")
+    assert err.count("\n") == 1, "one clear line"
+    assert re.search(message, err), err
+    assert "error" in json.loads(out)[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
+        (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
+        (
+            ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust"],
+            "is no model file: those end in .skops or .joblib",
+        ),
+        (
+            ["simulate", "--worn", "three", "--out", "x.npz"],
+            "count like 3 or a list counted from 0 like 0,4, got 'three'",
+        ),
+        (["simulate", "--worn", "16", "--out", "x.npz"], "lobe 15"),
+        (["simulate", "--worn", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
+        (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
+        (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
+        (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
+        (
+            ["simulate", "--rig", "r3", "--out", "x.npz"],
+            "--rig must be .*, published or .* no such file: r3",
+        ),
+        (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be .*, published or .* no such file: r3"),
+        (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
+        (["train", "--out", "absent/model.joblib"], "folder absent does not exist"),
+        (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
+        (["evaluate"], "labelled recording files"),
+        (["animate", "--out", "{folder}/no/a.html"], "make it first"),
+        (
+            ["animate", "--out", "{folder}/a.html", "--duration", "0"],
+            "--duration must be above 0 and up to 20",
+        ),
+        (["animate", "--out", "{folder}/a.html", "--material", "abs", "--rig", "r1"], "--material goes"),
+        (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
+    ],
+)
+def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, *(a.format(folder=folder) for a in arguments))
+    assert code == 2
+    assert err.count("\n") == 1, err
+    assert re.search(message, err), err
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- inspect, and what is said of files
+
+
+def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
+    recording = read_recording(folder / "worn.csv")
+    clipped = np.minimum(recording.torque, np.quantile(recording.torque, 0.9))
+    write_recording(tmp_path / "clipped.npz", recording.replace(torque=clipped))
+    code, out, err = run(capsys, "inspect", folder / "worn.csv", tmp_path / "clipped.npz")
+    assert (code, err) == (0, "")
+    good, bad = out.split(str(tmp_path / "clipped.npz"))
+    assert "warning" not in good
+    for words in ("surrogate", "RPM by its angle", "whole output turn", "s left over", "clipped:   0 %"):
+        assert words in good
+    assert "warning:   10 % of the samples are clipped at" in bad
+
+
+def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_path):
+    (tmp_path / "rig.csv").write_text("Zeit;Drehmoment;Winkel\n" + "0;1;0\n1;2;9\n2;4;18\n")
+    code, out, err = run(capsys, "inspect", tmp_path / "rig.csv", folder / "worn.csv", "--json")
+    assert code == 2
+    bad, good = json.loads(out)
+    assert [result["file"] for result in (bad, good)] == [str(tmp_path / "rig.csv"), str(folder / "worn.csv")]
+    assert "--angle-unit 'rad' or 'deg', or --no-angle" in bad["error"]
+    assert err.count("\n") == 1
+    assert good["whole_output_turns"] >= 1
+    code, out, _ = run(
+        capsys, "inspect", tmp_path / "rig.csv", "--angle-unit", "deg", "--speed", 1.5, "--json"
+    )
+    assert code == 0
+    (found,) = json.loads(out)
+    assert found["speed_measured_rpm"] == pytest.approx(1.5)
+    assert found["sampling_rate"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give --sampling-rate (Hz), or --time-channel for a column of times"),
+        (["--channel", "x"], "--channel 'x' does not exist"),
+        (["--sampling-rate", 0], "--sampling-rate must be a positive"),
+        (["--sampling-rate", 5, "--no-angle", "--speed", -1], "--speed must be positive"),
+        (["--sampling-rate", 5], "--angle-unit 'rad' or 'deg', or --no-angle"),
+        (["--sampling-rate", 5, "--angle-unit", "rad"], "--no-angle leaves the angle out"),
+        (["--no-angle", "--angle-unit", "rad"], "--no-angle goes without --angle-channel"),
+    ],
+)
+@pytest.mark.parametrize("command", ["inspect", "count", "evaluate", "train"])
+def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, command, options, message):
+    (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n")
+    more = {
+        "count": ["--model", folder / "model.joblib", "--trust"],
+        "train": ["--out", tmp_path / "m.skops"],
+    }
+    code, _, err = run(capsys, command, tmp_path / "rig.csv", *options, *more.get(command, []))
+    assert code == 2
+    assert message in err
+    assert re.search(r"[a-z]+_[a-z]+ ?=", err) is None, err
+
+
+def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates):
+    lines = ["file,sampling_rate,angle_channel,angle_unit,defect_count,assembly,speed"]
+    for recording in surrogates[:3]:
+        name = f"{recording.assembly}.csv"
+        np.savetxt(
+            tmp_path / name, np.column_stack([recording.torque, recording.angle]), delimiter=",",
+            header="torque [Nm],phi", comments="",
+        )  # fmt: skip
+        lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
+    (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n")
+    code, out, err = run(capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust", "--json")
+    assert code == 0, err
+    assert len(json.loads(out)) == 3
+    (tmp_path / "recordings.csv").write_text("\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n")
+    code, _, err = run(capsys, "inspect", tmp_path)
+    assert code == 2
+    assert "recordings.csv: line 5: no such file: x.csv" in err
+
+
+class Terminal(list):
+    """A stream that remembers, and says what it is."""
+
+    def __init__(self, is_terminal):
+        super().__init__()
+        self.is_terminal = is_terminal
+
+    def isatty(self):
+        return self.is_terminal
+
+    def write(self, text):
+        self.append(text)
+
+    def flush(self):
+        pass
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_progress_is_silent_for_two_seconds_then_says_what_is_left(monkeypatch, is_terminal):
+    now = iter([0.0, 1.0, 3.0, 3.1, 30.0, 40.0])
+    monkeypatch.setattr("cyclofeat._base.progress.time.monotonic", lambda: next(now))
+    stream = Terminal(is_terminal)
+    progress = Progress("working", stream)
+    progress(1, 40)
+    assert stream == []
+    progress(10, 40)
+    assert "working: 10 of 40, 3 s, about 9 s left" in stream[-1]
+    progress(11, 40)
+    assert len(stream) == 1
+    progress(39, 40)
+    progress(40, 40)
+    assert "working: 40 of 40, 40 s\n" in stream[-1]

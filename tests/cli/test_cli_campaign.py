@@ -1,0 +1,194 @@
+"""``cyclofeat campaign``: from an example design to a folder of torque, and every mistake on the way."""
+
+import errno
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from cyclofeat.cli import main
+from cyclofeat.cli.campaign import example
+from cyclofeat.datasets import rig_preset
+from cyclofeat.simulators import Campaign, CycloidalGearbox, Rig, load_campaign
+
+QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
+SMALL = Campaign(name="small", rig=QUICK, defect_counts=(0, 3), repeats=4, duration=0.02, runs_per_shard=3)
+
+
+def run(capsys, *arguments):
+    """Exit code, standard output and standard error of one call."""
+    code = main([str(argument) for argument in arguments])
+    return code, *capsys.readouterr()
+
+
+@pytest.fixture
+def design(tmp_path):
+    SMALL.to_json(tmp_path / "design.json")
+    return tmp_path / "design.json"
+
+
+def test_from_a_design_to_windows(capsys, design, tmp_path):
+    out = tmp_path / "out"
+    code, text, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
+    assert code == 0, err
+    assert text.startswith(f"{out}: 8 runs of 512 samples (8 ok), ")
+    data = load_campaign(out, verify=True)
+    assert data.campaign == SMALL
+    assert np.isfinite(np.asarray(data.X)).all()
+    code, text, _ = run(capsys, "campaign", "--verify", out, "--json")
+    assert code == 0
+    size = sum(path.stat().st_size for path in out.iterdir() if path.name != "manifest.json")
+    assert json.loads(text) == {
+        "folder": str(out), "n_runs": 8, "n_samples": 512, "sampling_rate": 25600.0, "n_shards": 3,
+        "bytes": size, "status": {"ok": 8},
+    }  # fmt: skip
+
+
+def test_the_folder_holds_its_own_design(capsys, design, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert run(capsys, "campaign", design, "--out", first, "--jobs", 1)[0] == 0
+    assert run(capsys, "campaign", first / "campaign.json", "--out", second, "--jobs", 1)[0] == 0
+    for path in first.iterdir():
+        assert (second / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_example_is_a_design_to_edit(capsys, tmp_path):
+    file = tmp_path / "example.json"
+    code, text, _ = run(capsys, "campaign", "--example", file)
+    assert code == 0
+    assert f"cyclofeat campaign {file} --out FOLDER" in text
+    assert Campaign.from_json(file) == example()
+    code, _, err = run(capsys, "campaign", "--example", file)
+    assert code == 2
+    assert "exists already; give a new name" in err
+    edited = json.loads(file.read_text()) | {"repeats": 1, "defect_counts": [0, 1], "duration": 0.01}
+    file.write_text(json.dumps(edited))
+    code, text, err = run(capsys, "campaign", file, "--out", tmp_path / "out", "--jobs", 1, "--json")
+    assert code == 0, err
+    assert json.loads(text)["status"] == {"ok": 2}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["campaign"],
+            "campaign needs a design and --out FOLDER; 'cyclofeat campaign --example design.json'",
+        ),
+        (["campaign", "d.json"], "campaign needs a design and --out FOLDER"),
+        (["campaign", "none.json", "--out", "o"], "none.json: no such file"),
+        (["campaign", "--verify", "nowhere"], "nowhere: holds no campaign"),
+        (["campaign", "--verify", "a", "--out", "b"], "--verify goes alone, got out 'b' too"),
+        (["campaign", "--example", "a", "--verify", "b"], "--example goes alone, got verify 'b' too"),
+    ],
+)
+def test_mistakes_in_the_call(capsys, monkeypatch, tmp_path, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run(capsys, *arguments)
+    assert code == 2
+    assert message in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["published", "R1", "r2"])
+def test_a_design_names_the_rigs_that_the_other_commands_name(capsys, tmp_path, name):
+    design, out = tmp_path / "design.json", tmp_path / "out"
+    design.write_text(json.dumps({"rig": name, "defect_counts": [0], "repeats": 1, "duration": 0.01}))
+    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
+    assert code == 0, err
+    assert load_campaign(out).campaign.rig == rig_preset(name)
+    assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0  # it knows itself again
+
+
+def test_an_unknown_rig_is_told_those_known(capsys, tmp_path):
+    (tmp_path / "design.json").write_text('{"rig": "R9"}')
+    code, _, err = run(capsys, "campaign", tmp_path / "design.json", "--out", tmp_path / "out")
+    assert code == 2
+    assert "design.json: rig: name must be one of ('R0', 'R1', 'R2', 'published'), got 'R9'" in err
+
+
+def test_mistakes_in_the_work(capsys, design, tmp_path):
+    out = tmp_path / "out"
+    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 0)
+    assert (code, "n_jobs must be a whole number of workers" in err) == (2, True)
+    assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0
+    SMALL.replace(random_state=3).to_json(design)
+    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
+    assert code == 2
+    assert "another design: random_state is 0 there and 3 here" in err
+    with (out / "shard-00001.npy").open("r+b") as file:
+        file.seek(500)
+        file.write(b"\x01\x02")
+    code, _, err = run(capsys, "campaign", "--verify", out)
+    assert code == 2
+    assert "shard-00001.npy was changed" in err
+
+
+def test_failed_runs_are_told_and_none_that_ended_is_an_error(capsys, tmp_path):
+    stiff = Rig.r0().replace(gearbox=CycloidalGearbox.steel(ramp_time=0.0, stiffness_scale=1000.0))
+    SMALL.replace(rig=stiff).to_json(tmp_path / "stiff.json")
+    code, text, err = run(capsys, "campaign", tmp_path / "stiff.json", "--out", tmp_path / "out", "--jobs", 1)
+    assert (code, err) == (2, "")
+    assert "8 runs of 512 samples (8 diverged)" in text
+    assert "first that failed, run 0 (counted from 0): simulation diverged at t = " in text
+
+
+@pytest.mark.skipif(shutil.which("unshare") is None, reason="no unshare: no small file system of one's own")
+def test_a_disk_that_is_really_full(tmp_path):
+    # A file system of 320 kB in a mount namespace of its own. One too small for the campaign is found out
+    # before; this one is filled by somebody else when the first shard is there.
+    disk, design = tmp_path / "disk", tmp_path / "design.json"
+    disk.mkdir()
+    campaign = SMALL.replace(repeats=16, runs_per_shard=4)
+    campaign.to_json(design)
+    code = (
+        "import os, sys\n"
+        "from cyclofeat.simulators import Campaign, run_campaign\n"
+        "def fill(done, total):\n"
+        "    if done == 6: open(sys.argv[2] + '/other', 'wb').write(bytes(200_000))\n"
+        "try: run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2] + '/out', progress=fill)\n"
+        "except OSError as error: print(error.errno, error)\n"
+        "else: print('no error')\n"
+        "print(*sorted(os.listdir(sys.argv[2] + '/out')))\n"
+        "os.remove(sys.argv[2] + '/other')\n"
+        "print(len(run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2] + '/out').y))"
+    )
+    inside = 'mount -t tmpfs -o size=320k none "$1" && exec "$2" -c "$3" "$4" "$1"'
+    shell = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", inside]
+    done = subprocess.run([*shell, "sh", disk, sys.executable, code, design], capture_output=True, text=True)
+    if done.returncode and "Traceback" not in done.stderr:
+        pytest.skip(f"no mount namespace to be had here: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    error, files, n_runs = done.stdout.splitlines()
+    assert error.startswith(f"{errno.ENOSPC} ")
+    assert "the disk is full" in error
+    assert "shards are finished and kept" in error
+    assert "shard-00000.sha256" in files
+    assert ".part" not in files
+    assert n_runs == "32"
+
+
+def test_interrupted_from_the_keyboard_goes_on(design, tmp_path):
+    SMALL.replace(repeats=200).to_json(design)
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "cyclofeat", "campaign", design, "--out", out, "--jobs", "1"]
+    # A shell's background job ignores the keyboard, and its children with it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    while not (out / "shard-00002.sha256").exists():
+        assert child.poll() is None
+        time.sleep(0.01)
+    child.send_signal(signal.SIGINT)
+    _, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert err.splitlines()[-1] == "cyclofeat: interrupted"
+    assert not (out / "manifest.json").exists()
+    assert not list(out.glob(".*"))

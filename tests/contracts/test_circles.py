@@ -1,0 +1,93 @@
+"""No module imports itself through others, with lazy and type-only imports counted."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+ROOMS = {"cyclofeat": ROOT / "cyclofeat", "cyclofeat.simulators": ROOT / "simulators",
+         "cyclofeat.datasets": ROOT / "datasets"}  # fmt: skip
+
+
+def modules_of(rooms: dict[str, Path]) -> dict[str, Path]:
+    """File of each module by its import name."""
+    files: dict[str, Path] = {}
+    for prefix, folder in rooms.items():
+        for path in sorted(folder.rglob("*.py")):
+            parts = [*prefix.split("."), *path.relative_to(folder).with_suffix("").parts]
+            files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return files
+
+
+def imports_of(name: str, path: Path, modules: dict[str, Path]) -> set[str]:
+    """Modules that a file imports anywhere in its code."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    imported: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parents = package.split(".")
+                base = ".".join([*parents[: len(parents) - node.level + 1], *filter(None, [node.module])])
+            below = [f"{base}.{alias.name}" for alias in node.names]
+            imported |= {one if one in modules else base for one in below}
+    return {one for one in imported if one in modules and one != name}
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Strongly connected components of more than one module, by Tarjan's algorithm."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    components: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(graph[node]):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            at = stack.index(node)
+            component = sorted(stack[at:])
+            del stack[at:]
+            if len(component) > 1:
+                components.append(component)
+
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
+    return components
+
+
+def graph_of(rooms: dict[str, Path]) -> dict[str, set[str]]:
+    modules = modules_of(rooms)
+    return {name: imports_of(name, path, modules) for name, path in modules.items()}
+
+
+def test_no_import_circles():
+    assert circles(graph_of(ROOMS)) == []
+
+
+def test_a_lazy_and_a_type_only_import_are_seen(tmp_path):
+    package = tmp_path / "house"
+    (package / "room").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "room" / "__init__.py").write_text("from .one import f")
+    (package / "room" / "one.py").write_text("def f():\n    from house import two")
+    (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f")
+    assert circles(graph_of({"house": package})) == [["house.room.one", "house.two"]]
+
+
+def test_a_package_that_a_part_of_it_imports_is_a_circle(tmp_path):
+    package = tmp_path / "house"
+    package.mkdir()
+    (package / "__init__.py").write_text("from house.one import f")
+    (package / "one.py").write_text("from house import g")
+    assert circles(graph_of({"house": package})) == [["house", "house.one"]]

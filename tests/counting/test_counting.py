@@ -1,0 +1,309 @@
+"""Counting: pipelines, grouped evaluation, locating, models for whole recordings."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.base import clone
+from sklearn.dummy import DummyClassifier
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.pipeline import Pipeline
+from small_model import recording, small_model
+
+from cyclofeat.counting import (
+    LobeLocator,
+    LobeModel,
+    Protocol,
+    evaluate,
+    make_entropy_counter,
+    make_lobe_counter,
+    passage_of_lobe_zero,
+)
+from cyclofeat.recordings import Windower
+
+SPEED = 500 / 60
+
+
+@pytest.fixture(scope="module")
+def windows(surrogates):
+    return Windower(input_speed_hz=SPEED).windows(surrogates)
+
+
+@pytest.fixture(scope="module")
+def model(surrogates):
+    """Trained on six assemblies of each count, the last two of each left for testing."""
+    known = [r for r in surrogates if not held_out(r, surrogates)]
+    return LobeModel.train(known, input_speed_hz=SPEED, n_splits=0, n_trees=60)
+
+
+def held_out(recording, recordings):
+    same = [r.assembly for r in recordings if r.defect_count == recording.defect_count]
+    return same.index(recording.assembly) >= 6
+
+
+# Pipelines
+
+
+def test_counters_are_plain_pipelines_with_reachable_parameters():
+    counter = make_lobe_counter(sampling_rate=25_600)
+    assert type(counter) is Pipeline
+    copy = clone(counter).set_params(lobe_map__n_lines=30, trees__n_estimators=10)
+    assert copy.get_params()["lobe_map__n_lines"] == 30
+    assert make_entropy_counter(25_600).get_params()["entropy__preset"] == "matlab_pwelch"
+
+
+def test_probabilities_and_ordered_classes(windows):
+    counter = make_lobe_counter(25_600, n_trees=50).fit(windows.X, windows.y)
+    assert counter.classes_.tolist() == [0, 1, 3, 5]
+    probability = counter.predict_proba(windows.X)
+    assert_allclose(probability.sum(axis=1), 1)
+    assert_array_equal(counter.classes_[probability.argmax(axis=1)], counter.predict(windows.X))
+
+
+# Evaluation
+
+
+def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
+    """Finding 3 of the toolkit's facts, on few assemblies: far above, against near, chance (0.25)."""
+    results = {
+        name: evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=4))
+        for name, counter in (
+            ("map", make_lobe_counter(25_600, n_trees=60)),
+            ("entropy", make_entropy_counter(25_600, n_trees=60)),
+        )
+    }
+    assert results["map"].accuracy >= 0.9
+    assert results["entropy"].accuracy <= 0.6
+
+
+def test_evaluation_agrees_with_counting_by_hand():
+    """A classifier whose predictions are known: the most frequent label of the training folds."""
+    labels = np.repeat([0, 1, 1, 2], 6)
+    assemblies = np.repeat(np.arange(12), 2)
+    X = np.random.default_rng(0).normal(size=(24, 5))
+    result = evaluate(DummyClassifier(), X, labels, assemblies, protocol=Protocol(n_splits=3))
+    assert result.accuracy == 0.5
+    assert result.mean_absolute_error == 0.5
+    assert_array_equal(result.predictions, 1)
+    assert_array_equal(result.confusion, [[0, 6, 0], [0, 12, 0], [0, 6, 0]])
+    assert_array_equal(result.group_accuracy, np.repeat([0, 1, 1, 0], 3))
+    low, high = result.accuracy_interval
+    assert 0.1 < low < 0.5 < high < 0.9
+    assert_allclose(result.confusion_interval[:, 1, 1], 1)
+    # Binomial over 12 assemblies with p = 0.5: 95 % within 3 to 9 of them
+    assert low == pytest.approx(3 / 12, abs=0.05)
+    assert high == pytest.approx(9 / 12, abs=0.05)
+
+
+def test_windows_of_one_assembly_never_stand_on_both_sides():
+    """Features that only tell the assembly: shuffled folds would score 1, folds by assembly cannot."""
+    assemblies = np.repeat(np.arange(40), 5)
+    labels = assemblies % 4
+    X = assemblies[:, np.newaxis] * np.ones((1, 3)) + 0.01 * np.random.default_rng(1).normal(size=(200, 3))
+    result = evaluate(ExtraTreesClassifier(50, random_state=0), X, labels, assemblies)
+    assert result.accuracy < 0.5
+
+
+def test_equal_seeds_give_equal_results(windows):
+    first, second = (
+        evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=2))
+        for counter in (make_lobe_counter(25_600, n_trees=20), make_lobe_counter(25_600, n_trees=20))
+    )
+    assert first.to_dict() == second.to_dict()
+
+
+X4 = np.random.default_rng(2).normal(size=(8, 6))
+Y4 = np.repeat([0, 1], 4)
+G4 = np.arange(8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"groups": None}, "groups must name the assembly.*got None.*Windower"),
+        ({"groups": np.zeros(8)}, "class 0 has 1 assemblies, fewer than n_splits=2"),
+        ({"groups": G4[:5]}, "inconsistent numbers of samples"),
+        ({"y": Y4.astype(str)}, "y must hold defect counts.*'0'"),
+        ({"y": Y4[:, np.newaxis]}, r"y must hold one value per window, got shape \(8, 1\)"),
+        ({"X": np.where(X4 > 1, np.nan, X4)}, "X contains NaN"),
+        ({"X": np.vstack([X4[:7], np.ones(6)])}, "window 7 is constant"),
+        ({"X": X4[0]}, "Expected 2D array"),
+        ({"n_splits": 1}, "n_splits must be at least 2, got 1"),
+        ({"confidence": 95}, "confidence must lie between 0 and 1, got 95"),
+    ],
+)
+def test_bad_input_to_evaluate(changes, message):
+    arguments = {"X": X4, "y": Y4, "groups": G4, "n_splits": 2, **changes}
+    protocol = {name: arguments.pop(name) for name in ("n_splits", "confidence") if name in arguments}
+    with pytest.raises(ValueError, match=message):
+        evaluate(DummyClassifier(), **arguments, protocol=Protocol(**protocol))
+
+
+# Locating
+
+
+def test_a_sixteenth_of_a_turn_of_the_cam_brings_the_next_lobe():
+    start = np.array([0.3, 0.3 + 2 * np.pi / 16, 0.3 + 2 * np.pi * 15 / 16])
+    first, second, again = passage_of_lobe_zero(start)
+    assert (first - second) % 1 == pytest.approx(1 / 15)
+    assert first == pytest.approx(again)
+    assert_allclose(passage_of_lobe_zero(start + 15 * 2 * np.pi), passage_of_lobe_zero(start))
+
+
+def test_lobe_zero_passes_when_the_cam_points_at_its_tip():
+    """At phi = 14 pi/16 ... the cam's direction in the wheel's frame, phi - theta_1, is a whole turn."""
+    passage = passage_of_lobe_zero([0.0])[0]
+    phi = passage * 15 / 16 * 2 * np.pi  # 15/16 of a turn a period
+    theta = -(phi + np.pi) / 15
+    assert np.cos(phi - theta) == pytest.approx(1)
+
+
+def test_a_window_begun_later_gives_the_same_lobes(windows):
+    worn = np.zeros((len(windows), 15), dtype=bool)
+    for row, worn_lobes in zip(worn, windows.worn_lobes, strict=True):
+        row[list(worn_lobes)] = True
+    passage = passage_of_lobe_zero(windows.start_angle)
+    locator = LobeLocator(25_600, n_trees=50).fit(windows.X[::2], worn[::2], passage[::2])
+    here = locator.predict_proba(windows.X[1::2], passage[1::2])
+    # A window of whole periods may be turned in time: three tenths of a period later.
+    period = 25_600 / (SPEED * 16 / 15)
+    later = np.roll(windows.X[1::2], -round(0.3 * period), axis=1)
+    there = locator.predict_proba(later, passage[1::2] - 0.3)
+    assert np.median(np.abs(there - here)) < 0.1
+
+
+BOTH_KINDS = np.eye(2, 15)
+
+
+@pytest.mark.parametrize(
+    ("worn", "passage", "message"),
+    [
+        (np.ones((2, 15)), [0, 0], "both worn and sound"),
+        (np.ones((2, 14)), [0, 0], r"worn must have shape .* = \(2, 15\), got \(2, 14\)"),
+        (BOTH_KINDS, [0], r"passage must hold one value per window, shape \(2,\), got shape \(1,\)"),
+        (BOTH_KINDS, [0, np.nan], "passage must hold a value for every window, got nan at window 1"),
+    ],
+)
+def test_bad_input_to_the_locator(worn, passage, message):
+    with pytest.raises(ValueError, match=message):
+        LobeLocator(25_600).fit(np.random.default_rng(0).normal(size=(2, 46_080)), worn, passage)
+
+
+# Whole recordings
+
+
+def test_counts_and_positions_of_recordings_never_seen(model, surrogates):
+    unseen = [r for r in surrogates if held_out(r, surrogates)]
+    counts = [model.count(r) for r in unseen]
+    assert np.mean([c.defect_count == r.defect_count for c, r in zip(counts, unseen, strict=True)]) >= 7 / 8
+    assert all(c.absolute for c in counts)
+    # Six assemblies of each class are few to learn positions from: most lobes right, not every set.
+    overlap = [
+        len(set(c.lobes) & set(r.worn_lobes)) / r.defect_count
+        for c, r in zip(counts, unseen, strict=True)
+        if r.defect_count == c.defect_count != 0
+    ]
+    assert np.mean(overlap) >= 0.7
+    for count in counts:
+        assert len(count.lobes) == count.defect_count
+        assert len(count.lobe_probability) == 15
+        assert sum(count.probability.values()) == pytest.approx(1)
+
+
+def test_without_an_angle_positions_are_relative_and_said_to_be(model, surrogates):
+    recording = surrogates[-1]
+    blind = model.count(recording.replace(angle=None, angle_is_absolute=False))
+    seeing = model.count(recording)
+    assert not blind.absolute
+    assert any("relative" in warning for warning in blind.warnings)
+    # The same lobes, counted from another one.
+    turned = {
+        shift for shift in range(15) if {(lobe + shift) % 15 for lobe in blind.lobes} == set(seeing.lobes)
+    }
+    assert turned
+
+
+def test_windows_of_one_recording_are_combined(model, surrogates):
+    recording = surrogates[0]
+    twice = recording.replace(torque=np.tile(recording.torque, 2), angle=None, angle_is_absolute=False)
+    once = model.count(recording)
+    both = model.count(twice)
+    assert (once.n_windows, both.n_windows) == (1, 2)
+    assert max(both.probability.values()) >= max(once.probability.values())
+
+
+def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
+    """The same windows taken for discs of 11 lobes: whole output turns are shorter, and so are answers."""
+    of_eleven = [
+        recording.replace(n_lobes=11, worn_lobes=None, angle=None, angle_is_absolute=False)
+        for recording in surrogates
+        if recording.defect_count in (0, 3)
+    ]
+    model = LobeModel.train(of_eleven, n_splits=0, n_trees=10)
+    assert model.n_lobes == model.counter[0].n_lobes == 11
+    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 11, 15"):
+        LobeModel.train([*of_eleven, surrogates[0]])
+    with pytest.raises(ValueError, match="n_lobes of the recording is 13, .* trained for discs of 11"):
+        model.count(of_eleven[0].replace(n_lobes=13))
+
+
+def test_a_drifting_speed_does_not_move_the_lobes():
+    """Ten turns without a tachometer, the last of them slower by a hundredth: the lobes stay."""
+    model = small_model()
+    for slowing in (0.0, 0.01):
+        made = recording((4, 5, 6), seed=99, turns=10, slowing=slowing)
+        found = model.count(made.replace(angle=None, angle_is_absolute=False))
+        assert found.n_windows == 10
+        # counted from the first to pass, which is a lobe and a half from lobe 0
+        assert found.lobes == (3, 4, 5)
+        assert min(found.lobe_probability[lobe] for lobe in found.lobes) > 0.6
+
+
+def test_recordings_of_one_speed_train_a_model(surrogates):
+    """The median of what they state, and none so far from it that its lobes would not be found."""
+    some = [r.replace(angle=None, angle_is_absolute=False) for r in surrogates if r.defect_count in (0, 3)]
+    stated = [r.replace(speed_rpm=498 + k % 5) for k, r in enumerate(some)]
+    assert LobeModel.train(stated, n_splits=0, n_trees=5).input_speed_hz == pytest.approx(500 / 60)
+    for order in (some, some[::-1]):
+        mixed = [r.replace(speed_rpm=518.0) if k < 3 else r for k, r in enumerate(order)]
+        with pytest.raises(
+            ValueError, match="speed_rpm of 3 of 16 recordings lies more than 1.5% beside 500"
+        ):
+            LobeModel.train(mixed, n_splits=0)
+
+
+def test_training_needs_labels_of_more_than_one_kind(surrogates):
+    with pytest.raises(ValueError, match="must all state their defect_count"):
+        LobeModel.train([surrogates[0].replace(defect_count=None, worn_lobes=None)], input_speed_hz=SPEED)
+    with pytest.raises(ValueError, match="at least two defect counts, got 0 only"):
+        LobeModel.train([r for r in surrogates if r.defect_count == 0], input_speed_hz=SPEED)
+
+
+def test_a_disc_at_another_speed_is_refused_and_not_called_healthy(model, surrogates):
+    """The stated speed is wrong, there is no tachometer: only the torque tells."""
+    worn = max(surrogates, key=lambda recording: recording.defect_count)
+    samples = np.arange(worn.torque.size)
+    # 450 RPM: at 469 RPM, 15/16 of the model's speed, the lobe lines fall on those of the input shaft.
+    slower = np.interp(0.9 * samples, samples, worn.torque)
+    found = model.count(worn.replace(torque=slower, angle=None, angle_is_absolute=False))
+    assert found.refused
+    assert re.search(
+        r"lobes at another speed would, such as 4\d\d RPM, rather than at the model's 500 RPM", found.reason
+    )
+    assert not model.count(worn.replace(angle=None, angle_is_absolute=False)).refused
+
+
+def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
+    recording = surrogates[0]
+    with pytest.raises(ValueError, match="sampling_rate of the recording is 10000 Hz.*trained at 25600 Hz"):
+        model.count(recording.replace(sampling_rate=10_000.0, angle=None, angle_is_absolute=False))
+    with pytest.raises(ValueError, match="speed_rpm of the recording is 400.*trained at 500 RPM"):
+        model.count(recording.replace(speed_rpm=400.0, angle=None, angle_is_absolute=False))
+    faster = recording.replace(angle=1.05 * recording.angle, angle_is_absolute=False)
+    with pytest.raises(
+        ValueError, match=r"the angle of the recording turns at 5\d\d\.?\d* RPM.*trained at 500 RPM"
+    ):
+        model.count(faster)
+    with pytest.raises(ValueError, match="short"):
+        model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))

@@ -1,0 +1,241 @@
+"""Transformers: names, agreement with the pure functions, parameters, precision, examples."""
+
+import pickle
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.exceptions import NotFittedError
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline, make_union
+
+from cyclofeat.features import SpectralEntropy, TorqueStatistics
+from cyclofeat.features.registry import REGISTRY, Feature, band_qualifier
+from cyclofeat.signal import normalized_entropy, shannon_entropy, torque_statistics, welch_psd
+
+SAMPLING_RATE = 25_600
+
+TRANSFORMERS = [
+    TorqueStatistics(SAMPLING_RATE),
+    SpectralEntropy(SAMPLING_RATE),
+    SpectralEntropy(SAMPLING_RATE, preset="ripple"),
+    SpectralEntropy(SAMPLING_RATE, normalize=True, band=(0.0, 1500.0)),
+]
+every_transformer = pytest.mark.parametrize("transformer", TRANSFORMERS, ids=str)
+
+
+def torque(n_windows: int, n_samples: int) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    mesh = np.sin(2 * np.pi * 133.3 * np.arange(n_samples) / SAMPLING_RATE)
+    return 22 + mesh * rng.uniform(0.5, 4, (n_windows, 1)) + rng.normal(size=(n_windows, n_samples))
+
+
+# Names: stored models and reports hold them, so they are written out here.
+
+
+def test_names_and_order_of_the_features():
+    X = torque(2, 500)
+    names = {str(t): clone(t).fit(X).get_feature_names_out().tolist() for t in TRANSFORMERS}
+    assert names == {
+        "TorqueStatistics(sampling_rate=25600)": [
+            "torque_min_nm",
+            "torque_max_nm",
+            "torque_mean_nm",
+            "torque_std_nm",
+            "torque_range_nm",
+            "torque_rms_nm",
+            "torque_crest_factor",
+            "torque_skewness",
+            "torque_kurtosis",
+            "torque_ripple",
+        ],
+        "SpectralEntropy(sampling_rate=25600)": ["shannon_entropy_bits(matlab_pwelch)"],
+        "SpectralEntropy(preset='ripple', sampling_rate=25600)": ["shannon_entropy_bits(ripple)"],
+        "SpectralEntropy(band=(0.0, 1500.0), normalize=True, sampling_rate=25600)": [
+            "normalized_entropy(matlab_pwelch;0..1500Hz)"
+        ],
+    }
+
+
+def test_registry_rows_are_complete():
+    for name, row in REGISTRY.items():
+        assert name == row.name
+        assert all((row.unit, row.formula, row.source))
+        assert row.version >= 1
+        # Characters that XGBoost, LightGBM or CSV files choke on
+        assert not set(row.column("matlab_pwelch", band_qualifier((0.5, 1e-5)))) & set('[]{}<>,:" \\')
+
+
+def test_a_new_definition_gets_a_new_name():
+    row = Feature("torque_mean", "Nm", "median(x)", "nowhere", version=2)
+    assert row.column() == "torque_mean_nm(v2)"
+    assert row.column("lobe03") == "torque_mean_nm(lobe03;v2)"
+
+
+# Values
+
+
+def test_values_are_those_of_the_pure_functions():
+    X = torque(4, 2000)
+    assert_array_equal(
+        TorqueStatistics(SAMPLING_RATE).fit_transform(X), np.column_stack([*torque_statistics(X).values()])
+    )
+    for preset in ("matlab_pwelch", "ripple"):
+        frequencies, psd = welch_psd(X, SAMPLING_RATE, preset)
+        for band in (None, (100.0, 3000.0)):
+            for normalize, entropy in [(False, shannon_entropy), (True, normalized_entropy)]:
+                transformer = SpectralEntropy(SAMPLING_RATE, preset, normalize, band).fit(X)
+                assert_array_equal(transformer.transform(X), entropy(psd, frequencies, band)[:, np.newaxis])
+                assert_array_equal(transformer.frequencies_, frequencies)
+
+
+def test_values_against_brute_force():
+    X = torque(3, 40)
+    statistics = TorqueStatistics(SAMPLING_RATE).fit_transform(X)
+    entropies = SpectralEntropy(SAMPLING_RATE, "ripple").fit_transform(X)
+    for x, row, entropy in zip(X, statistics, entropies, strict=True):
+        assert_allclose(row, list(naive.torque_statistics(x.tolist()).values()), rtol=1e-11)
+        _, psd = naive.welch_psd(x, SAMPLING_RATE, "ripple")
+        assert_allclose(entropy, naive.shannon_entropy(psd), rtol=1e-11)
+
+
+@every_transformer
+def test_chunks_and_memory_order_change_nothing(transformer):
+    X = torque(9, 600)
+    whole = clone(transformer).fit_transform(X)
+    assert_array_equal(clone(transformer).fit_transform(np.asfortranarray(X)), whole)
+    with config_context(working_memory=1300 / 2**17):
+        assert_allclose(clone(transformer).fit_transform(X), whole, rtol=1e-12)
+
+
+@every_transformer
+@pytest.mark.parametrize("n_samples", [1, 2, 8, 9, 50])
+@pytest.mark.parametrize("value", [0.0, 22.1, -3.0])
+def test_constant_and_short_windows_are_finite(transformer, n_samples, value):
+    result = clone(transformer).fit_transform(np.full((3, n_samples), value))
+    assert np.isfinite(result).all()
+    if value == 0 and isinstance(transformer, SpectralEntropy):
+        assert_array_equal(result, 0)
+
+
+@every_transformer
+def test_single_precision(transformer):
+    # Rounded to 24 bits, 22 Nm moves by up to 1e-6 Nm, here 1e-6 of the ripple.
+    X = torque(5, 5000)
+    double = clone(transformer).fit_transform(X)
+    single = clone(transformer).fit_transform(X.astype(np.float32))
+    assert single.dtype == np.float64
+    assert_allclose(single, double, rtol=1e-5, atol=1e-6)
+
+
+samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
+
+
+@settings(derandomize=True, deadline=None, database=None, max_examples=30)
+@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
+def test_batch_is_one_by_one_and_order_does_not_matter(X):
+    for transformer in TRANSFORMERS:
+        fitted = clone(transformer).fit(X)
+        batch = fitted.transform(X)
+        assert np.isfinite(batch).all()
+        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, rtol=1e-9, atol=1e-12)
+        assert_allclose(fitted.transform(X[::-1])[::-1], batch, rtol=1e-9, atol=1e-12)
+
+
+# Parameters and errors
+
+
+@every_transformer
+def test_sampling_rate_has_no_default(transformer):
+    with pytest.raises(TypeError, match="sampling_rate"):
+        type(transformer)()
+
+
+@every_transformer
+@pytest.mark.parametrize("sampling_rate", [0, -1, np.nan, np.inf, "25600"])
+def test_bad_sampling_rate_is_quoted(transformer, sampling_rate):
+    with pytest.raises(ValueError, match=f"'sampling_rate' parameter of .* Got '?{sampling_rate}'? instead"):
+        clone(transformer).set_params(sampling_rate=sampling_rate).fit(torque(2, 100))
+
+
+@pytest.mark.parametrize(
+    ("band", "message"),
+    [
+        ((0, 13_000), r"\(0, 13000\) Hz reaches beyond the highest frequency, 12800 Hz"),
+        ((500.0, 100.0), r"got \(500.0, 100.0\)"),
+        ((1, 2), "none of the 129 spectral lines"),
+        ((1, 2, 3), r"got \(1, 2, 3\)"),
+        (100.0, "'band' parameter of SpectralEntropy .* Got 100.0 instead"),
+    ],
+)
+def test_bad_bands_are_quoted_by_fit(band, message):
+    with pytest.raises(ValueError, match=message):
+        SpectralEntropy(SAMPLING_RATE, band=band).fit(torque(2, 100))
+
+
+def test_unknown_preset_is_quoted():
+    with pytest.raises(ValueError, match=r"'preset' parameter .* Got 'welch' instead"):
+        SpectralEntropy(SAMPLING_RATE, preset="welch").fit(torque(2, 100))
+
+
+@every_transformer
+def test_bad_windows(transformer):
+    X = torque(3, 100)
+    with pytest.raises(NotFittedError):
+        transformer.transform(X)
+    fitted = clone(transformer).fit(X)
+    for bad in (np.nan, np.inf):
+        broken = X.copy()
+        broken[1, 7] = bad
+        for method in (clone(transformer).fit, fitted.transform):
+            with pytest.raises(ValueError, match=r"Input X contains (NaN|infinity)"):
+                method(broken)
+    with pytest.raises(ValueError, match=r"X has 99 features, but .* is expecting 100 features"):
+        fitted.transform(X[:, :99])
+    with pytest.raises(ValueError, match="Expected 2D array, got 1D array"):
+        fitted.transform(X[0])
+
+
+@every_transformer
+def test_parameters_are_stored_untouched(transformer):
+    band = (0, 1500)
+    parameters = transformer.get_params() | ({"band": band} if "band" in transformer.get_params() else {})
+    made = type(transformer)(**parameters)
+    for name, value in parameters.items():
+        assert getattr(made, name) is value
+    made.fit(torque(2, 500))
+    for name, value in parameters.items():
+        assert getattr(made, name) is value
+
+
+@every_transformer
+def test_transform_writes_nothing(transformer):
+    X = torque(2, 500)
+    X.flags.writeable = False
+    fitted = clone(transformer).fit(X)
+    before = pickle.dumps(fitted)
+    fitted.transform(X)
+    fitted.get_feature_names_out()
+    assert pickle.dumps(fitted) == before
+
+
+def test_pipelines_search_and_name():
+    X = np.vstack([torque(12, 500), 22 + 3 * (torque(12, 500) - 22)])
+    y = np.repeat(["healthy", "worn"], 12)
+    union = make_union(TorqueStatistics(SAMPLING_RATE), SpectralEntropy(SAMPLING_RATE))
+    search = GridSearchCV(
+        make_pipeline(union, RandomForestClassifier(10, random_state=0)),
+        {"featureunion__spectralentropy__preset": ["matlab_pwelch", "ripple"]},
+        cv=2,
+        error_score="raise",
+    ).fit(X, y)
+    assert search.best_score_ > 0.9
+    frame = union.set_output(transform="pandas").fit_transform(X)
+    assert frame.columns[-1] == "spectralentropy__shannon_entropy_bits(matlab_pwelch)"

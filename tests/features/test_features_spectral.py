@@ -1,0 +1,470 @@
+"""Spectral transformers and their composite: names, values, parameters, properties."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+
+from cyclofeat import features as rooms
+from cyclofeat.features import (
+    AmplitudeSpectrum,
+    BandPower,
+    CoherenceToReference,
+    HighPass,
+    NarrowbandRatio,
+    OrderSpectrum,
+    SpectralCentroid,
+    SpectralEntropy,
+    SpectralFlatness,
+    SpectralRolloff,
+    TorqueFeatures,
+    TorqueStatistics,
+    WelchPSD,
+)
+from cyclofeat.signal import (
+    amplitude_spectrum,
+    band_power,
+    high_pass,
+    narrowband_ratio,
+    octave_bands,
+    spectral_centroid,
+    spectral_flatness,
+    spectral_rolloff,
+    welch_psd,
+)
+
+SAMPLING_RATE = 25_600
+
+TRANSFORMERS = [
+    SpectralFlatness(SAMPLING_RATE),
+    SpectralFlatness(SAMPLING_RATE, "ripple", band=(100.0, 5000.0), n_parts=2),
+    SpectralCentroid(SAMPLING_RATE),
+    SpectralCentroid(SAMPLING_RATE, n_parts=12),
+    SpectralRolloff(SAMPLING_RATE),
+    SpectralRolloff(SAMPLING_RATE, "ripple", fraction=0.5, band=(100.0, 5000.0)),
+    NarrowbandRatio(SAMPLING_RATE),
+    NarrowbandRatio(SAMPLING_RATE, "ripple", 133.3, 10.5, 7),
+    BandPower(SAMPLING_RATE, bands=[(0, 1500.0), (200, 800)]),
+    WelchPSD(SAMPLING_RATE, band=(390, 510)),
+    WelchPSD(SAMPLING_RATE, "ripple", band=(390, 510), decibels=True),
+    AmplitudeSpectrum(SAMPLING_RATE, band=(10, 14)),
+    AmplitudeSpectrum(SAMPLING_RATE, 64, "hann", band=(0, 500)),
+    CoherenceToReference(SAMPLING_RATE, bands=[(0, 1500)]),
+    CoherenceToReference(SAMPLING_RATE, reference="first", bands=[(0, 1500), (100, 300)]),
+    OrderSpectrum(SAMPLING_RATE, n_lines=2, n_mesh_lines=1, n_sidebands=1),
+    OrderSpectrum(SAMPLING_RATE, fold_by="lobe", n_lines=2, n_mesh_lines=0, comb="mesh"),
+    HighPass(SAMPLING_RATE),
+    TorqueFeatures(SAMPLING_RATE, ["SpectralCentroid", "NormalizedEntropy", "CoherenceToReference"]),
+    TorqueFeatures(SAMPLING_RATE),
+]
+PARTS = [*(name for name in rooms.__all__ if name not in ("HighPass", "TorqueFeatures")), "NormalizedEntropy"]
+every_transformer = pytest.mark.parametrize("transformer", TRANSFORMERS, ids=str)
+
+
+def torque(n_windows: int, n_samples: int, seed: int = 3) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    mesh = np.sin(2 * np.pi * 133.3 * np.arange(n_samples) / SAMPLING_RATE)
+    return 22 + mesh * rng.uniform(0.5, 4, (n_windows, 1)) + rng.normal(size=(n_windows, n_samples))
+
+
+# Names: stored models and reports hold them, so they are written out here.
+
+
+def test_names_and_order_of_the_features():
+    X = torque(2, 500)
+    names = [clone(t).fit(X).get_feature_names_out().tolist() for t in TRANSFORMERS[:-2]]
+    expected = [
+        ["spectral_flatness(matlab_pwelch)"],
+        [
+            "spectral_flatness(ripple;100..5000Hz;part0of2)",
+            "spectral_flatness(ripple;100..5000Hz;part1of2)",
+        ],
+        ["spectral_centroid_hz(matlab_pwelch)"],
+        [f"spectral_centroid_hz(matlab_pwelch;part{part:02d}of12)" for part in range(12)],
+        ["spectral_rolloff_hz(matlab_pwelch;fraction0.95)"],
+        ["spectral_rolloff_hz(ripple;100..5000Hz;fraction0.5)"],
+        ["narrowband_ratio(matlab_pwelch;allx100Hz+-5Hz)"],
+        ["narrowband_ratio(ripple;7x133.3Hz+-10.5Hz)"],
+        ["band_power_nm2(matlab_pwelch;0..1500Hz)", "band_power_nm2(matlab_pwelch;200..800Hz)"],
+        ["psd_nm2_per_hz(matlab_pwelch;400Hz)", "psd_nm2_per_hz(matlab_pwelch;500Hz)"],
+        ["psd_level_db(ripple;400Hz)", "psd_level_db(ripple;500Hz)"],
+        ["amplitude_nm(hamming8192;12.5Hz)"],
+        ["amplitude_nm(hann64;0Hz)", "amplitude_nm(hann64;400Hz)"],
+        ["coherence(mscohere;healthy;0..1500Hz)"],
+        ["coherence(mscohere;first;0..1500Hz)", "coherence(mscohere;first;100..300Hz)"],
+        [f"order_amplitude_nm(output;k{k};v2)" for k in ("001", "002", "239", "240", "241")],
+        ["order_amplitude_nm(lobe;k1;v2)", "order_amplitude_nm(lobe;k2;v2)"],
+        [f"x{sample}" for sample in range(500)],
+    ]
+    assert names == expected
+
+
+def test_names_and_order_of_all_features_together():
+    fitted = TorqueFeatures(SAMPLING_RATE).fit(torque(2, 500))
+    names = fitted.get_feature_names_out().tolist()
+    assert len(names) == len(set(names)) == 340
+    rows = [name.split("(")[0] for name in names]
+    in_order = [row for i, row in enumerate(rows) if row not in rows[:i]]
+    assert in_order == [
+        *(f"torque_{name}_nm" for name in ("min", "max", "mean", "std", "range", "rms")),
+        *(f"torque_{name}" for name in ("crest_factor", "skewness", "kurtosis", "ripple")),
+        "shannon_entropy_bits",
+        "normalized_entropy",
+        "spectral_flatness",
+        "spectral_centroid_hz",
+        "spectral_rolloff_hz",
+        "narrowband_ratio",
+        "band_power_nm2",
+        "coherence",
+        "minima_overlap",
+        "wavelet_envelope_mean_nm",
+        "wavelet_envelope_line_nm",
+        "wavelet_rms_nm",
+        "wavelet_energy_share",
+        "wavelet_kurtosis",
+        "wavelet_lowest_colour",
+        "lobe_slot_mean",
+        "lobe_slot_rms",
+        "lobe_line_prominence_db",
+        "lobe_line_contrast_db",
+        "order_amplitude_nm",
+    ]
+
+
+# Values
+
+
+@pytest.mark.parametrize("preset", ["matlab_pwelch", "ripple"])
+@pytest.mark.parametrize("band", [None, (100.0, 3000.0)])
+def test_values_are_those_of_the_pure_functions(preset, band):
+    X = torque(4, 2000)
+    f, psd = welch_psd(X, SAMPLING_RATE, preset)
+    for transformer, expected in [
+        (SpectralFlatness(SAMPLING_RATE, preset, band), spectral_flatness(psd, f, band)),
+        (SpectralCentroid(SAMPLING_RATE, preset, band), spectral_centroid(psd, f, band)),
+        (SpectralRolloff(SAMPLING_RATE, preset, band, fraction=0.9), spectral_rolloff(psd, f, 0.9, band)),
+        (NarrowbandRatio(SAMPLING_RATE, preset, 133.3, 60, 4), narrowband_ratio(psd, f, 133.3, 60, 4)),
+    ]:
+        assert_array_equal(transformer.fit_transform(X)[:, 0], expected)
+        assert_array_equal(transformer.frequencies_, f)
+    bands = None if band is None else [band, (0, 50)]
+    assert_array_equal(BandPower(SAMPLING_RATE, preset, bands).fit_transform(X), band_power(psd, f, bands))
+    inside = slice(None) if band is None else (f >= band[0]) & (f <= band[1])
+    density = WelchPSD(SAMPLING_RATE, preset, band).fit_transform(X)
+    assert_array_equal(density, psd[:, inside])
+    level = WelchPSD(SAMPLING_RATE, preset, band, decibels=True).fit_transform(X)
+    assert_allclose(10 ** (level / 10), density, rtol=1e-12)
+    lines, amplitudes = amplitude_spectrum(X, SAMPLING_RATE, 512, "blackman")
+    inside = slice(None) if band is None else (lines >= band[0]) & (lines <= band[1])
+    result = AmplitudeSpectrum(SAMPLING_RATE, 512, "blackman", band).fit_transform(X)
+    assert_array_equal(result, amplitudes[:, inside])
+
+
+@pytest.mark.parametrize("n_samples", [1, 3, 4, 9, 2003])
+def test_a_course_is_the_value_of_each_part(n_samples):
+    X = torque(3, n_samples)
+    length = max(n_samples // 4, 1)
+    course = SpectralCentroid(SAMPLING_RATE, n_parts=4).fit(X)
+    starts = [min(part * length, n_samples - length) for part in range(4)]
+    whole = SpectralCentroid(SAMPLING_RATE)
+    expected = [whole.fit_transform(X[:, start : start + length])[:, 0] for start in starts]
+    assert_allclose(course.transform(X), np.column_stack(expected), rtol=1e-12)
+
+
+def test_a_course_follows_a_rising_tone():
+    """Paper A section 5.4: higher frequencies in a part of the window raise its centroid and roll-off."""
+    time = np.arange(46_080) / SAMPLING_RATE
+    sweep = np.cos(2 * np.pi * (200 * time + 500 * time**2))[np.newaxis]
+    for transformer in (SpectralCentroid, SpectralRolloff):
+        course = transformer(SAMPLING_RATE, preset="ripple", n_parts=9).fit_transform(22 + sweep)[0]
+        assert (np.diff(course) > 150).all()
+        assert (np.diff(course) < 250).all()
+
+
+def test_no_power_reads_minus_300_db():
+    assert_array_equal(WelchPSD(SAMPLING_RATE, decibels=True).fit_transform(np.zeros((1, 50))), -300)
+
+
+def test_high_pass_goes_before_any_other():
+    X = torque(3, 5000) + 3 * np.sin(2 * np.pi * np.arange(5000) / SAMPLING_RATE)
+    for transformer in (TorqueStatistics(SAMPLING_RATE), SpectralEntropy(SAMPLING_RATE)):
+        pipeline = make_pipeline(HighPass(SAMPLING_RATE, cutoff_hz=50.0, order=3), transformer)
+        expected = clone(transformer).fit_transform(high_pass(X, SAMPLING_RATE, 50.0, 3))
+        assert_array_equal(pipeline.fit_transform(X), expected)
+        assert_array_equal(
+            pipeline.get_feature_names_out(), clone(transformer).fit(X).get_feature_names_out()
+        )
+
+
+def test_high_pass_keeps_the_samples_names():
+    fitted = HighPass(SAMPLING_RATE).fit(torque(2, 4))
+    assert fitted.get_feature_names_out(list("abcd")).tolist() == list("abcd")
+    frame = fitted.set_output(transform="pandas").transform(torque(2, 4))
+    assert frame.columns.tolist() == ["x0", "x1", "x2", "x3"]
+
+
+# The composite
+
+
+@pytest.mark.parametrize("preset", ["matlab_pwelch", "ripple"])
+@pytest.mark.parametrize("n_samples", [50, 9000])  # too short for lobe lines, and not
+def test_composite_is_its_parts_side_by_side(preset, n_samples):
+    X = torque(5, n_samples)
+    y = [0, 7, 0, 7, 0]
+    whole = TorqueFeatures(SAMPLING_RATE, PARTS, preset=preset, wavelet="db4").fit(X, y)
+    assert list(whole.parts_) == PARTS
+    parts = [clone(part).fit(X, y) for part in whole.parts_.values()]
+    assert_array_equal(whole.transform(X), np.hstack([part.transform(X) for part in parts]))
+    assert_array_equal(
+        whole.get_feature_names_out(), np.concatenate([part.get_feature_names_out() for part in parts])
+    )
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_each_part_alone_and_as_in_all(name):
+    X = torque(3, 6000)
+    y = ["healthy", "worn", "worn"]
+    alone = TorqueFeatures(SAMPLING_RATE, [name]).set_output(transform="pandas").fit(X, y).transform(X)
+    together = TorqueFeatures(SAMPLING_RATE, PARTS).set_output(transform="pandas").fit(X, y)
+    assert_array_equal(together.transform(X)[alone.columns], alone)
+
+
+def test_all_is_every_transformer_of_numbers():
+    """A new transformer has to be entered in the composite or here."""
+    parts = TorqueFeatures(SAMPLING_RATE).fit(torque(2, 500), [0, 1]).parts_
+    assert {*PARTS} - {*parts} == {"WelchPSD", "AmplitudeSpectrum"}
+
+
+def test_parameters_reach_the_parts():
+    whole = TorqueFeatures(SAMPLING_RATE, preset="ripple", wavelet="db2", input_speed_hz=5, n_lobes=13)
+    parts = whole.set_params(speed_tolerance=0.01).fit(torque(2, 500)).parts_
+    expected = {
+        "sampling_rate": SAMPLING_RATE,
+        "preset": "ripple",
+        "wavelet": "db2",
+        "input_speed_hz": 5,
+        "shaft_hz": 5,
+        "n_lobes": 13,
+        "n_pins": 14,
+        "speed_tolerance": 0.01,
+    }
+    seen = set()
+    for part in parts.values():
+        common = part.get_params().keys() & expected.keys()
+        assert {name: part.get_params()[name] for name in common} == {name: expected[name] for name in common}
+        seen |= common
+    assert seen == expected.keys()
+
+
+def test_threads_change_nothing():
+    X = torque(5, 3000)
+    one = TorqueFeatures(SAMPLING_RATE).fit(X)
+    two = TorqueFeatures(SAMPLING_RATE, n_jobs=2).fit(X)
+    with config_context(working_memory=6000 / 2**17):
+        assert_array_equal(two.transform(X), one.transform(X))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"features": ["LobeMap", "Entropy"]}, "hold names of TorqueStatistics, .*; got 'Entropy'"),
+        ({"features": ["LobeMap", "LobeMap"]}, "each name once, got 'LobeMap' 2 times"),
+        ({"features": []}, r"'all' or names of parts, got \[\]"),
+        ({"features": "LobeMap"}, "'features' parameter of TorqueFeatures .* Got 'LobeMap' instead"),
+        ({"features": [3]}, "got 3"),
+        ({"preset": "welch"}, "'preset' parameter .* Got 'welch' instead"),
+        ({"wavelet": "db99"}, "got 'db99'"),
+        (
+            {"sampling_rate": 600.0, "features": ["LobeMap"]},
+            "n_lines=44 lobe lines at input_speed_hz=8.33333 reach 396.978",
+        ),
+    ],
+)
+def test_bad_parameters_of_the_composite(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        TorqueFeatures(**{"sampling_rate": SAMPLING_RATE, **parameters}).fit(torque(2, 500))
+
+
+# All transformers
+
+
+@every_transformer
+def test_chunks_and_memory_order_change_nothing(transformer):
+    X = torque(220, 600)  # more than the functions of windows work on at one time
+    y = np.arange(len(X)) % 2
+    whole = clone(transformer).fit(X, y).transform(X)
+    assert_array_equal(clone(transformer).fit(np.asfortranarray(X), y).transform(np.asfortranarray(X)), whole)
+    with config_context(working_memory=1300 / 2**17):
+        assert_allclose(clone(transformer).fit(X, y).transform(X), whole, rtol=1e-9, atol=1e-12)
+
+
+@every_transformer
+@pytest.mark.parametrize("n_samples", [1, 2, 8, 9, 50])
+@pytest.mark.parametrize("value", [0.0, 22.1, -3.0])
+def test_constant_and_short_windows_are_finite(transformer, n_samples, value):
+    result = clone(transformer).fit_transform(np.full((3, n_samples), value))
+    assert np.isfinite(result).all()
+    if value == 0 and not isinstance(transformer, TorqueFeatures):
+        assert_array_equal(result, -300.0 if getattr(transformer, "decibels", False) else 0.0)
+
+
+@every_transformer
+def test_single_precision(transformer):
+    # Rounded to 24 bits, 22 Nm moves by up to 1e-6 Nm, here 1e-6 of the ripple.
+    X = torque(5, 5000)
+    y = [0, 0, 0, 1, 1]
+    double = clone(transformer).fit(X, y).transform(X)
+    single = clone(transformer).fit(X.astype(np.float32), y).transform(X.astype(np.float32))
+    assert single.dtype == np.float64
+    assert_allclose(single, double, rtol=1e-4, atol=1e-4 * np.abs(double).max(initial=1))
+
+
+samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
+
+
+@settings(derandomize=True, deadline=None, database=None, max_examples=15)
+@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
+def test_batch_is_one_by_one_and_order_does_not_matter(X):
+    for transformer in TRANSFORMERS:
+        fitted = clone(transformer).fit(X)
+        batch = fitted.transform(X)
+        assert np.isfinite(batch).all()
+        tolerance = {"rtol": 1e-9, "atol": 1e-9, "err_msg": str(transformer)}
+        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, **tolerance)
+        assert_allclose(fitted.transform(X[::-1])[::-1], batch, **tolerance)
+
+
+# Under X -> scale * X: which features stay, which grow by its first or second power
+GROWTH = {
+    SpectralFlatness: 0,
+    SpectralCentroid: 0,
+    SpectralRolloff: 0,
+    NarrowbandRatio: 0,
+    CoherenceToReference: 0,
+    BandPower: 2,
+    WelchPSD: 2,
+    AmplitudeSpectrum: 1,
+    OrderSpectrum: 1,
+    HighPass: 1,
+}
+
+
+@pytest.mark.parametrize("kind", list(GROWTH), ids=lambda kind: kind.__name__)
+def test_growth_with_the_torques_scale(kind):
+    X = torque(5, 4000)
+    y = [0, 0, 0, 1, 1]
+    fitted = kind(SAMPLING_RATE).fit(X, y)
+    before = fitted.transform(X)
+    for scale in (0.25, 1024.0):
+        after = kind(SAMPLING_RATE).fit(X * scale, y).transform(X * scale)
+        assert_allclose(after, before * scale ** GROWTH[kind], rtol=1e-9)
+        if kind is CoherenceToReference:  # references keep their own scale
+            assert_allclose(fitted.transform(X * scale)[3:], before[3:], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "transformer",
+    [
+        *(t for t in TRANSFORMERS if getattr(t, "preset", "") == "ripple"),
+        OrderSpectrum(SAMPLING_RATE),
+        HighPass(SAMPLING_RATE),
+    ],
+    ids=str,
+)
+def test_what_does_not_see_the_mean(transformer):
+    X = np.round(1024 * torque(3, 4000)) / 1024
+    before = clone(transformer).fit_transform(X)
+    assert_allclose(clone(transformer).fit_transform(X + 1000), before, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "transformer",
+    [SpectralFlatness, SpectralCentroid, NarrowbandRatio, BandPower, WelchPSD, AmplitudeSpectrum],
+)
+def test_what_does_see_the_mean(transformer):
+    X = torque(3, 4000)
+    before, after = (transformer(SAMPLING_RATE).fit_transform(x)[:, 0] for x in (X, X + 1000))
+    assert (np.abs(after / before - 1) > 0.5).all()
+
+
+# Parameters and errors
+
+
+@every_transformer
+def test_parameters_are_stored_untouched_and_transform_writes_nothing(transformer):
+    X = torque(3, 500)
+    X.flags.writeable = False
+    parameters = transformer.get_params(deep=False)
+    made = type(transformer)(**parameters).fit(X)
+    before = pickle.dumps(made)
+    made.transform(X)
+    made.get_feature_names_out()
+    assert pickle.dumps(made) == before
+    for name, value in parameters.items():
+        assert getattr(made, name) is value
+
+
+@every_transformer
+def test_sampling_rate_is_required_and_checked(transformer):
+    with pytest.raises(TypeError, match="sampling_rate"):
+        type(transformer)()
+    for bad in (0, -1, np.nan, np.inf, "25600"):
+        with pytest.raises(ValueError, match=f"'sampling_rate' parameter of .* Got '?{bad}'? instead"):
+            clone(transformer).set_params(sampling_rate=bad).fit(torque(2, 100))
+
+
+@every_transformer
+def test_windows_that_are_not_finite_or_of_another_length(transformer):
+    X = torque(3, 100)
+    fitted = clone(transformer).fit(X)
+    for bad in (np.nan, np.inf):
+        broken = X.copy()
+        broken[1, 7] = bad
+        for method in (clone(transformer).fit, fitted.transform):
+            with pytest.raises(ValueError, match=r"Input X contains (NaN|infinity)"):
+                method(broken)
+    with pytest.raises(ValueError, match=r"X has 99 features, but .* is expecting 100 features"):
+        fitted.transform(X[:, :99])
+
+
+@pytest.mark.parametrize(
+    ("transformer", "message"),
+    [
+        (SpectralFlatness(SAMPLING_RATE, band=(0, 13_000)), "beyond the highest frequency, 12800 Hz"),
+        (SpectralCentroid(SAMPLING_RATE, band=(1, 2)), "none of the 129 spectral lines"),
+        (SpectralCentroid(SAMPLING_RATE, n_parts=0), "'n_parts' parameter .* Got 0 instead"),
+        (SpectralRolloff(SAMPLING_RATE, fraction=0.0), "'fraction' parameter .* Got 0.0 instead"),
+        (SpectralRolloff(SAMPLING_RATE, fraction=1.01), "Got 1.01 instead"),
+        (NarrowbandRatio(SAMPLING_RATE, n_harmonics=129), "harmonic 129 .* 12900 Hz"),
+        (NarrowbandRatio(SAMPLING_RATE, fundamental_hz=0.0), "'fundamental_hz' parameter .* Got 0.0"),
+        (BandPower(SAMPLING_RATE, bands=[(0, 100), (500, 400)]), r"got \(500, 400\)"),
+        (BandPower(SAMPLING_RATE, bands=()), r"got \(\)"),
+        (WelchPSD(SAMPLING_RATE, band=(0, 13_000)), "beyond the highest frequency"),
+        (
+            AmplitudeSpectrum(SAMPLING_RATE, n_fft=7),
+            "n_fft must be even, got 7",
+        ),
+        (AmplitudeSpectrum(SAMPLING_RATE, window="kaiser"), "'window' parameter .* Got 'kaiser' instead"),
+        (AmplitudeSpectrum(SAMPLING_RATE, band=(1, 2)), "none of the 4097 spectral lines"),
+        (HighPass(SAMPLING_RATE, cutoff_hz=12_800.0), r"half of the sampling rate \(12800 Hz\), got 12800"),
+        (HighPass(SAMPLING_RATE, order=0), "'order' parameter .* Got 0 instead"),
+    ],
+    ids=str,
+)
+def test_bad_parameters_are_quoted_by_fit(transformer, message):
+    with pytest.raises(ValueError, match=message):
+        transformer.fit(torque(2, 100))
+
+
+def test_bands_by_default():
+    X = torque(2, 46_080)
+    names = BandPower(SAMPLING_RATE).fit(X).get_feature_names_out()
+    assert len(names) == len(octave_bands(SAMPLING_RATE))
+    assert names[1] == "band_power_nm2(matlab_pwelch;100..200Hz)"  # holds the mesh frequency, 133.3 Hz

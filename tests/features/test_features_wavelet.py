@@ -1,0 +1,258 @@
+"""Transformers of the wavelet transform: names, values, sharing, properties, errors."""
+
+import pickle
+
+import numpy as np
+import pytest
+import pywt
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from cyclofeat.features import WaveletEnvelopeSpectrum, WaveletLevelStatistics, WaveletMinimaOverlap
+from cyclofeat.signal.wavelets import as_wavelet, dwt, envelope_lines, level_envelope, level_statistics
+
+RATE = 25_600
+BANK = [list(taps) for taps in pywt.Wavelet("db2").filter_bank]
+
+TRANSFORMERS = [
+    WaveletMinimaOverlap(RATE, levels=5),
+    WaveletMinimaOverlap(RATE, wavelet=BANK, levels=3, colours=8, align="none"),
+    WaveletEnvelopeSpectrum(RATE),
+    WaveletEnvelopeSpectrum(RATE, wavelet=pywt.Wavelet("sym4"), n_mesh_harmonics=0, speed_tolerance=0),
+    WaveletLevelStatistics(RATE),
+    WaveletLevelStatistics(RATE, wavelet="haar", levels=4, colours=16),
+]
+every_transformer = pytest.mark.parametrize("transformer", TRANSFORMERS, ids=lambda t: repr(t)[:60])
+
+
+def torque(n_windows: int, n_samples: int, seed: int = 3) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    mesh = np.sin(2 * np.pi * 133.3 * np.arange(n_samples) / RATE)
+    return 22 + mesh * rng.uniform(0.5, 4, (n_windows, 1)) + rng.normal(size=(n_windows, n_samples))
+
+
+# Names: stored models and reports hold them, so they are written out here.
+
+
+def test_names_and_order_of_the_features():
+    X = torque(2, 500)
+    names = [clone(t).fit(X).get_feature_names_out().tolist() for t in TRANSFORMERS]
+    bank = "bank180df8e9"
+    assert names[0] == [f"minima_overlap(mb32.3;64colours;energy;worst;level0{k};v2)" for k in range(1, 6)]
+    assert names[1] == [f"minima_overlap({bank};8colours;none;worst;level0{k};v2)" for k in range(1, 4)]
+    assert names[2] == [
+        "wavelet_envelope_mean_nm(mb32.3;level07)",
+        *(f"wavelet_envelope_line_nm(mb32.3;level07;shaft{k:02d})" for k in range(1, 16)),
+        *(f"wavelet_envelope_line_nm(mb32.3;level07;mesh{k:02d})" for k in range(1, 4)),
+    ]
+    assert names[3] == [
+        "wavelet_envelope_mean_nm(sym4;level07)",
+        *(f"wavelet_envelope_line_nm(sym4;level07;shaft{k:02d})" for k in range(1, 16)),
+    ]
+    assert names[4] == [
+        *(f"wavelet_rms_nm(mb32.3;level{k:02d})" for k in range(1, 13)),
+        *(f"wavelet_energy_share(mb32.3;of12levels;level{k:02d})" for k in range(1, 13)),
+        *(f"wavelet_kurtosis(mb32.3;level{k:02d})" for k in range(1, 13)),
+        *(f"wavelet_lowest_colour(mb32.3;64colours;level{k:02d})" for k in range(1, 13)),
+    ]
+    assert names[5][4] == "wavelet_energy_share(haar;of4levels;level01)"
+    assert names[5][-1] == "wavelet_lowest_colour(haar;16colours;level04)"
+
+
+# Values
+
+
+def test_values_are_those_of_the_pure_functions():
+    X = torque(4, 6000)
+    coefficients = dwt(X, "mb32.3", 12)
+    statistics = level_statistics(coefficients, 6000)
+    assert_array_equal(WaveletLevelStatistics(RATE).fit_transform(X), np.hstack([*statistics.values()]))
+    envelope, step = level_envelope(coefficients[6], 7, "mb32.3", 6000)
+    harmonics = np.r_[1:16, 16, 32, 48] * (500 / 60)
+    lines = envelope_lines(envelope, RATE / step, harmonics)
+    features = WaveletEnvelopeSpectrum(RATE).fit_transform(X)
+    assert_array_equal(features, np.column_stack([envelope.mean(axis=1), lines]))
+
+
+def test_the_level_is_that_of_the_mesh():
+    X = torque(2, 600)
+    assert WaveletEnvelopeSpectrum(RATE).fit(X).level_ == 7
+    assert WaveletEnvelopeSpectrum(12_800).fit(X).level_ == 6
+    # Samples per turn: 16 pins are the lower limit of the level from 2048/128 to 2048/64.
+    assert WaveletEnvelopeSpectrum(2048, shaft_hz=1.0).fit(X).level_ == 6
+
+
+def test_a_modulated_mesh_is_found_at_its_harmonic():
+    time = np.arange(46_080) / RATE
+    for harmonic in (1, 2):
+        swing = 1 + 0.5 * np.cos(2 * np.pi * harmonic * 8.37 * time)  # 0.4 % fast
+        x = 22 + 2 * swing * np.sin(2 * np.pi * 16 * 8.37 * time)
+        features = WaveletEnvelopeSpectrum(RATE).fit_transform(x[np.newaxis])[0]
+        lines = features[1:8]  # harmonic 8 is the image's
+        assert np.argmax(lines) == harmonic - 1
+        assert lines.max() == pytest.approx(1.0, abs=0.1)
+        assert features[0] == pytest.approx(2.0, abs=0.1)
+
+
+@every_transformer
+def test_one_transform_serves_all(transformer):
+    """A composite hands over a transform that may be deeper than needed: the same to the last bit."""
+    X, y = torque(4, 6000), [0, 1, 2, 2]
+    fitted = clone(transformer).fit(X, y)
+    deeper = dwt(X, transformer.wavelet, fitted._depth() + 3)
+    assert_array_equal(fitted._from_coefficients(X, deeper), fitted.transform(X))
+
+
+def test_transformers_tell_whether_they_can_share():
+    names = [
+        WaveletLevelStatistics(RATE, wavelet=w)._bank() for w in ("db2", BANK, pywt.Wavelet("db2"), "db3")
+    ]
+    assert names[0] == names[2]
+    assert names[1] == WaveletMinimaOverlap(RATE, wavelet=np.array(BANK))._bank()
+    assert len(set(names)) == 3
+
+
+@every_transformer
+def test_any_form_of_a_wavelet_gives_the_same(transformer):
+    X = torque(3, 6000)
+    filters = as_wavelet(transformer.wavelet).filter_bank
+    whole = clone(transformer).fit(X).transform(X)
+    for form in (as_wavelet(filters), filters, np.array(filters)):
+        assert_array_equal(clone(transformer).set_params(wavelet=form).fit(X).transform(X), whole)
+
+
+@every_transformer
+def test_chunks_and_memory_order_change_nothing(transformer):
+    X = torque(9, 6000)
+    whole = clone(transformer).fit_transform(X)
+    assert_array_equal(clone(transformer).fit_transform(np.asfortranarray(X)), whole)
+    with config_context(working_memory=13_000 / 2**17):
+        assert_allclose(clone(transformer).fit_transform(X), whole, rtol=1e-12)
+
+
+@every_transformer
+@pytest.mark.parametrize("n_samples", [1, 2, 8, 9, 50])
+@pytest.mark.parametrize("value", [0.0, 22.1, -3.0])
+def test_constant_and_short_windows(transformer, n_samples, value):
+    X = np.full((3, n_samples), value)
+    fitted = clone(transformer).fit(X)
+    for name, column in zip(fitted.get_feature_names_out(), fitted.transform(X).T, strict=True):
+        if name.startswith(("minima_overlap", "wavelet_lowest")):
+            assert_allclose(column, 1, rtol=1e-12)
+        else:
+            assert_array_equal(column, 0)
+    assert np.isfinite(clone(transformer).fit_transform(torque(3, n_samples))).all()
+
+
+@every_transformer
+def test_single_precision(transformer):
+    # Rounded to 24 bits, 22 Nm moves by up to 1e-6 Nm; some cells in a thousand may change their colour.
+    X = torque(5, 6000)
+    double = clone(transformer).fit_transform(X)
+    single = clone(transformer).fit_transform(X.astype(np.float32))
+    assert single.dtype == np.float64
+    cells = np.char.find(clone(transformer).fit(X).get_feature_names_out().astype(str), "colours") >= 0
+    assert_allclose(single[:, cells], double[:, cells], atol=2e-3)
+    assert_allclose(single[:, ~cells], double[:, ~cells], rtol=1e-4, atol=1e-6)
+
+
+samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
+
+
+@settings(derandomize=True, deadline=None, database=None, max_examples=30)
+@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
+def test_batch_is_one_by_one_and_order_does_not_matter(X):
+    for transformer in TRANSFORMERS:
+        fitted = clone(transformer).fit(X)
+        batch = fitted.transform(X)
+        assert np.isfinite(batch).all()
+        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, rtol=1e-9, atol=1e-12)
+        assert_allclose(fitted.transform(X[::-1])[::-1], batch, rtol=1e-9, atol=1e-12)
+
+
+@settings(derandomize=True, deadline=None, database=None, max_examples=20)
+@given(st.floats(0.01, 100), st.floats(-30, 30))
+def test_scale_and_mean(scale, offset):
+    """Nm grow with the torque, pure numbers do not; the mean counts for nothing."""
+    X = torque(3, 3000)
+    for transformer in TRANSFORMERS[2:]:
+        fitted = clone(transformer).fit(X)
+        before, after = fitted.transform(X), fitted.transform(scale * X + offset)
+        names = fitted.get_feature_names_out().astype(str)
+        in_nm = np.char.find(names, "_nm(") >= 0
+        cells = np.char.find(names, "colours") >= 0
+        assert_allclose(after[:, in_nm], scale * before[:, in_nm], rtol=1e-6, atol=1e-9)
+        assert_allclose(after[:, cells], before[:, cells], atol=2e-3)
+        pure = ~in_nm & ~cells
+        assert_allclose(after[:, pure], before[:, pure], rtol=1e-6)
+
+
+# Parameters and errors
+
+
+@every_transformer
+def test_sampling_rate_has_no_default(transformer):
+    with pytest.raises(TypeError, match="sampling_rate"):
+        type(transformer)()
+
+
+@pytest.mark.parametrize(
+    ("transformer", "message"),
+    [
+        (WaveletLevelStatistics(0), "'sampling_rate' parameter .* Got 0"),
+        (WaveletLevelStatistics(RATE, wavelet="morl"), "wavelet must be a discrete wavelet .* got 'morl'"),
+        (WaveletLevelStatistics(RATE, wavelet=[[1, 1], [1, -1]]), "four filters"),
+        (WaveletLevelStatistics(RATE, wavelet=3), "'wavelet' parameter .* Got 3"),
+        (WaveletLevelStatistics(RATE, levels=31), "'levels' parameter .* Got 31"),
+        (WaveletLevelStatistics(RATE, colours=1), "'colours' parameter .* Got 1"),
+        (
+            WaveletEnvelopeSpectrum(200),
+            "mesh frequency .* = 133.333 must lie below half of sampling_rate=200",
+        ),
+        (
+            WaveletEnvelopeSpectrum(RATE, n_mesh_harmonics=6),
+            "n_mesh_harmonics=6 reaches 812 Hz, .* at most 5",
+        ),
+        (WaveletEnvelopeSpectrum(RATE, n_shaft_harmonics=99), "n_shaft_harmonics=99 reaches .* at most 94"),
+        (WaveletEnvelopeSpectrum(RATE, speed_tolerance=0.3), "'speed_tolerance' parameter .* Got 0.3"),
+    ],
+)
+def test_bad_parameters_are_quoted_by_fit(transformer, message):
+    with pytest.raises(ValueError, match=message):
+        transformer.fit(torque(2, 100))
+
+
+@every_transformer
+def test_bad_windows(transformer):
+    X = torque(3, 100)
+    with pytest.raises(NotFittedError):
+        clone(transformer).transform(X)
+    fitted = clone(transformer).fit(X)
+    for bad in (np.nan, np.inf):
+        broken = X.copy()
+        broken[1, 7] = bad
+        for method in (clone(transformer).fit, fitted.transform):
+            with pytest.raises(ValueError, match=r"Input X contains (NaN|infinity)"):
+                method(broken)
+    with pytest.raises(ValueError, match=r"X has 99 features, but .* is expecting 100 features"):
+        fitted.transform(X[:, :99])
+
+
+@every_transformer
+def test_parameters_are_stored_untouched_and_transform_writes_nothing(transformer):
+    parameters = transformer.get_params(deep=False)
+    made = type(transformer)(**parameters)
+    X = torque(2, 6000)
+    X.flags.writeable = False
+    made.fit(X)
+    before = pickle.dumps(made)
+    result = made.transform(X)
+    assert pickle.dumps(made) == before
+    for name, value in parameters.items():
+        assert getattr(made, name) is value
+    assert_array_equal(pickle.loads(before).transform(X), result)

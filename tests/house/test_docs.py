@@ -1,0 +1,238 @@
+"""Every block of code in the README and the documentation runs, or at least is code of this toolkit.
+
+Pages in ``RUN`` are executed from top to bottom in a folder that holds what they speak of: Python blocks in
+one namespace, ``>>>`` blocks against what they print, commands through the command line's own entry point. A
+block after a comment "not run: reason" is only parsed, as is every block of the other pages: its imports must
+work, and its commands must be understood.
+"""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import json
+import os
+import re
+import shlex
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from nptdms import ChannelObject, RootObject, TdmsWriter
+from scipy.io import savemat
+
+from cyclofeat.cli import main, make_parser
+from cyclofeat.counting import LobeModel
+from cyclofeat.datasets import make_rig_recordings, write_recording
+from cyclofeat.models import save_model
+
+ROOT = Path(__file__).parents[2]
+FOLDERS = (ROOT / "docs", ROOT / "docs" / "howto", ROOT / "docs" / "notes")
+MADE = {"sg_execution_times.rst"}  # by "make docs"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted(p for f in FOLDERS for p in f.iterdir() if p.suffix in (".md", ".rst") and p.name not in MADE),
+]
+# Simulates for a minute or more on a busy machine; the others take seconds.
+SLOW = {"tutorial.rst", "export.rst"}
+# Others' pages, of which some blocks go on from data that only the text describes: parsed, not run.
+PARSED = {"gap.md", "counting.md", "simulator.md", "api.rst"}
+RUN = [path for path in PAGES if path.name not in PARSED and path.parent.name != "notes"]
+# Commands that take minutes, on pages that go on from what others have made: parsed, not run.
+LEFT_OUT = {"README.md": {"train"}, "campaigns.md": set(), "gap.rst": {"gap"}}
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+NOT_RUN = re.compile(r"^(?:\.\.|<!--) not run: \S")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block of code of a page."""
+
+    language: str
+    text: str
+    line: int
+    runs: bool
+
+
+def blocks(path: Path) -> list[Block]:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    found, number, skip = [], 0, False
+    while number < len(lines):
+        line = lines[number]
+        fence = re.match(r"^( *)```(\w*)$", line) if path.suffix == ".md" else None
+        directive = re.match(r"^( *)\.\. code-block:: (\w+)$", line) if path.suffix == ".rst" else None
+        begin = number + 1
+        if fence:
+            number = begin
+            while lines[number].strip() != "```":
+                number += 1
+            body = lines[begin:number]
+            language = {"": "console", "bash": "console", "sh": "console"}.get(fence[2], fence[2])
+        elif directive:
+            indent = len(directive[1]) + 3
+            number = begin
+            inside = " " * indent
+            while number < len(lines) and (lines[number].startswith(inside) or not lines[number].strip()):
+                number += 1
+            body = [text[indent:] for text in lines[begin:number]]
+            language = directive[2]
+            number -= 1
+        else:
+            skip = bool(NOT_RUN.match(line)) or (skip and not line.strip())
+            number += 1
+            continue
+        found.append(Block(language, "\n".join(body).strip("\n") + "\n", begin, not skip))
+        skip = False
+        number += 1
+    return found
+
+
+def commands(block: Block) -> list[tuple[list[str], str]]:
+    """Commands of a block, with what is printed below each; comments behind them are left out."""
+    found: list[tuple[list[str], list[str]]] = []
+    prompt = any(line.startswith("$ ") for line in block.text.splitlines())
+    for line in block.text.replace("\\\n", " ").splitlines():
+        if prompt and not line.startswith("$ "):
+            found[-1][1].append(line)
+        elif line.strip():
+            found.append((shlex.split(line.removeprefix("$ "), comments=True), []))
+    return [(words, "\n".join(printed).strip()) for words, printed in found if words]
+
+
+def test_every_page_is_looked_at():
+    assert {"README.md", "tutorial.rst", "campaigns.md", "nested.rst"} <= {path.name for path in RUN}
+    assert sum(len(blocks(path)) for path in RUN) > 30
+    workflow = blocks(ROOT / "docs" / "howto" / "gap.rst")
+    assert [block.runs for block in workflow] == [False, True, True, False, False]
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=named)
+def test_blocks_are_code_of_this_toolkit(path):
+    for block in blocks(path):
+        where = f"{path.name}:{block.line}"
+        if block.language == "python":
+            for node in ast.walk(ast.parse(block.text, where)):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("cyclofeat"):
+                    module = importlib.import_module(node.module)
+                    missing = [alias.name for alias in node.names if not hasattr(module, alias.name)]
+                    assert not missing, f"{where}: {node.module} has no {missing}"
+        elif block.language == "console":
+            for words, _ in commands(block):
+                if words[0] == "cyclofeat":
+                    try:
+                        make_parser().parse_args(words[1:])
+                    except SystemExit:
+                        pytest.fail(f"{where}: {' '.join(words)} is not understood")
+        else:
+            assert block.language in ("pycon", "json", "text", "matlab"), where
+
+
+@pytest.fixture(scope="session")
+def rig_files(tmp_path_factory):
+    """What the pages speak of: labelled recordings, and one of them from other programs' writers."""
+    folder = tmp_path_factory.mktemp("rig")
+    made = make_rig_recordings(5, (0, 2, 3), rig="R1", random_state=21, with_angle=True)
+    (folder / "measured").mkdir()
+    rows = ["file,sampling_rate,defect_count,worn_lobes,assembly,speed,source"]
+    for k, recording in enumerate(made):
+        # float32 is what converters write; the labels come from the manifest, as with anybody's files.
+        np.savez(
+            folder / "measured" / f"r{k:02d}.npz",
+            torque=recording.torque.astype(np.float32),
+            sampling_rate=recording.sampling_rate,
+            angle=recording.angle,
+            angle_is_absolute=True,
+        )
+        worn = " ".join(map(str, recording.worn_lobes))
+        rows.append(f"r{k:02d}.npz,25600,{recording.defect_count},{worn},A{k},500,surrogate")
+    (folder / "measured" / "recordings.csv").write_text("\n".join(rows) + "\n")
+    one = made[2]
+    rate, degrees = one.sampling_rate, np.rad2deg(one.angle)
+    wave = {"wf_increment": 1 / rate, "unit_string": "Nm"}
+    with TdmsWriter(folder / "rig.tdms") as writer:
+        torque = ChannelObject("Messung", "Drehmoment", one.torque, wave)
+        writer.write_segment([RootObject({}), torque])
+    savemat(folder / "rig.mat", {"rig": {"torque": one.torque, "fs": rate}})
+    with h5py.File(folder / "rig73.mat", "w", userblock_size=512) as file:
+        for name, values in (("torque", one.torque[None]), ("fs", np.array([[rate]]))):
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    with (folder / "rig73.mat").open("r+b") as file:  # the text before the HDF5 part
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    frame = pd.DataFrame({"Zeit [s]": np.arange(one.n_samples) / rate, "Drehmoment [Nm]": one.torque})
+    frame.to_parquet(folder / "rig.parquet")
+    frame.assign(Winkel=degrees).to_csv(folder / "rig.csv", index=False, sep=";", decimal=",")
+    settled = time.time() - 60  # watch leaves files alone that are still being written
+    (folder / "arriving").mkdir()
+    write_recording(folder / "arriving" / "one.npz", one)
+    os.utime(folder / "arriving" / "one.npz", (settled, settled))
+    save_model(folder / "model.skops", LobeModel.train(made, n_splits=0, n_trees=60))
+    return folder
+
+
+@pytest.fixture
+def desk(rig_files, tmp_path, monkeypatch):
+    """An own copy of the files, as working directory."""
+    shutil.copytree(rig_files, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    return tmp_path
+
+
+def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, expected in commands(block):
+        if words[0] != "cyclofeat" or words[1] in {"demo", "gap"} | LEFT_OUT.get(page, set()):
+            continue
+        where = f"{page}:{block.line}: {' '.join(words)}"
+        if words[1] == "watch" and "--once" not in words:
+            words.append("--once")  # it would never end
+        if words[1] == "campaign" and "--out" in words and "--jobs" not in words:
+            words += ["--jobs", "1"]  # a few short runs are not worth starting processes for
+        capsys.readouterr()
+        try:
+            code = main(words[1:])
+        except SystemExit as stop:
+            code = stop.code
+        out, err = capsys.readouterr()
+        assert code == 0, f"{where}\n{err}"
+        if expected:
+            checker = doctest.OutputChecker()
+            assert checker.check_output(expected + "\n", out, FLAGS), f"{where} prints\n{out}"
+        if "--example" in words:  # of hundreds of runs: the first few, and short ones
+            design = Path(words[words.index("--example") + 1])
+            few = {"repeats": 1, "defect_counts": [0, 3], "duration": 0.05}
+            design.write_text(json.dumps(json.loads(design.read_text()) | few))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, id=named(p), marks=pytest.mark.slow if p.name in SLOW else ()) for p in RUN],
+)
+def test_page_runs_from_top_to_bottom(path, desk, capsys):
+    space: dict[str, object] = {"__name__": path.stem}
+    for block in blocks(path):
+        where = f"{path.name}:{block.line}"
+        if not block.runs:
+            continue
+        if block.language == "python":
+            exec(compile(block.text, where, "exec"), space)
+        elif block.language == "pycon":
+            examples = doctest.DocTestParser().get_doctest(block.text, space, where, str(path), block.line)
+            runner = doctest.DocTestRunner(optionflags=FLAGS, verbose=False)
+            said: list[str] = []
+            runner.run(examples, out=said.append, clear_globs=False)
+            space |= examples.globs
+            assert runner.failures == 0, "".join(said)
+        elif block.language == "console":
+            run_commands(block, path.name, capsys)

@@ -1,0 +1,114 @@
+"""What must hold for the repository as a whole, whatever is built in it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import cyclofeat
+
+ROOT = Path(__file__).parents[2]
+ROOMS = {"cyclofeat": "cyclofeat", "simulators": "cyclofeat.simulators", "datasets": "cyclofeat.datasets"}
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def source_files() -> list[Path]:
+    """Every file that git holds or would take up."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout: there is no list of the files that belong to it")
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [path for name in names.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def test_changelog_has_an_unreleased_section_with_entries():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    section = re.search(r"^## \[Unreleased\]\n(.*?)(?=^## |\Z)", text, flags=re.MULTILINE | re.DOTALL)
+    assert section is not None
+    assert re.search(r"^- ", section[1], flags=re.MULTILINE)
+
+
+def test_version_is_stated_once_and_the_same():
+    assert PYPROJECT["project"]["version"] == cyclofeat.__version__
+
+
+def test_every_folder_with_code_is_in_the_wheel():
+    # The list of packages is written by hand, because of the mapped folders: a new one is easily forgotten.
+    found = set()
+    for folder, name in ROOMS.items():
+        for init in (ROOT / folder).rglob("__init__.py"):
+            found.add(".".join([name, *init.parent.relative_to(ROOT / folder).parts]))
+    assert found == set(PYPROJECT["tool"]["setuptools"]["packages"])
+
+
+@pytest.mark.parametrize(
+    ("pattern", "meaning"),
+    [
+        (r"(?<![\w.$}/-])/(?:work|root|home|Users|tmp)/", "a path of somebody's machine"),
+        (r"^(?:<{7}|>{7}) ", "a merge conflict"),
+        (r"index[-_]url", "a package registry"),
+    ],
+)
+def test_no_file_holds(pattern, meaning):
+    found = []
+    for path in source_files():
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # data, not text
+        for match in re.finditer(pattern, text, flags=re.MULTILINE):
+            found.append(f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}")
+    assert not found, f"{meaning} in {found}"
+
+
+def test_shipped_data_say_whose_they_are():
+    code = {".py", ".pyc", ".nbi", ".nbc"}
+    files = (path for path in (ROOT / "datasets").rglob("*") if path.is_file() and path.suffix not in code)
+    bare = {
+        str(folder.relative_to(ROOT))
+        for folder in {path.parent for path in files}
+        if not [*folder.glob("README*"), *folder.glob("LICENSE*")]
+    }
+    assert not bare, f"data without README or LICENSE beside them: {sorted(bare)}"
+
+
+def test_the_stated_licence_is_that_of_all_that_is_in_the_wheel():
+    project, tools = PYPROJECT["project"], PYPROJECT["tool"]["setuptools"]
+    folders = {name: ROOT / folder for folder, name in ROOMS.items()}
+    shipped = {
+        path.parent
+        for package, patterns in tools["package-data"].items()
+        for room in [max((name for name in folders if package.startswith(name)), key=len)]
+        for pattern in patterns
+        for path in (folders[room] / package.removeprefix(room).strip(".").replace(".", "/")).glob(pattern)
+    }
+    assert ROOT / "datasets" / "jelmerv_cycloidal" in shipped
+    texts = [ROOT / "LICENSE", *(text for folder in shipped for text in folder.glob("LICENSE*"))]
+    assert {ROOT / name for name in project["license-files"]} == set(texts)
+    names = {"BSD 3-Clause License": "BSD-3-Clause", "CC BY-SA 4.0": "CC-BY-SA-4.0"}
+    stated = {
+        spdx for text in texts for name, spdx in names.items() if name in text.read_text(encoding="utf-8")
+    }
+    assert project["license"] == " AND ".join(sorted(stated))
+
+
+def test_import_loads_nothing_heavy(tmp_path, record_property):
+    # Which modules are loaded is asserted, not how long it takes: a busy machine would fail for no reason.
+    code = (
+        "import sys, time; before = time.perf_counter(); import cyclofeat;"
+        "print(time.perf_counter() - before, *sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    seconds, *modules = run.stdout.split()
+    record_property("cold_import_s", float(seconds))
+    print(f"cold import: {float(seconds):.3f} s")
+    heavy = {"numba", "sklearn", "matplotlib", "scipy.signal", "pandas", "pywt", "cyclofeat.simulators"}
+    assert not heavy & set(modules)

@@ -1,0 +1,369 @@
+"""Displays: what they compute, what they draw, what they refuse."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cyclofeat import Recording, plotting
+from cyclofeat.plotting import LobeMapDisplay, LobeMarks, SpectrumDisplay, TorqueDisplay
+from cyclofeat.signal import welch_psd
+
+matplotlib.use("Agg")
+
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgba
+from matplotlib.patches import Polygon, Rectangle, Wedge
+
+RATE = 25_600
+SPEED = 500 / 60
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
+
+
+def worn_recording(lobes, start_angle=0.0, speed=SPEED, with_angle=True, duration=1.85):
+    """Torque that bursts for a tenth of a lobe whenever the cam points to the tip of one of ``lobes``."""
+    phi = start_angle + 2 * np.pi * speed * np.arange(round(duration * RATE)) / RATE
+    disc = -(phi + np.pi) / 15  # rest position of the wheel
+    lobe = (phi - disc) * 15 / (2 * np.pi)  # number of the lobe that the cam points to, with fractions
+    torque = np.full(phi.size, 22.0)
+    for number in lobes:
+        distance = (lobe - number + 7.5) % 15 - 7.5
+        torque += np.exp(-((distance / 0.1) ** 2))
+    torque += np.random.default_rng(3).normal(0, 0.02, phi.size)
+    angle = {"angle": phi, "angle_is_absolute": True} if with_angle else {}
+    return Recording(torque, RATE, worn_lobes=lobes, speed_rpm=500, source="simulated", **angle)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return worn_recording((3, 9), start_angle=20.0)
+
+
+def circles(display):
+    return {text.get_text(): text for text in display.ax_.texts}
+
+
+# -- all displays
+
+
+@pytest.mark.parametrize("display_class", [TorqueDisplay, SpectrumDisplay, LobeMapDisplay])
+def test_plot_returns_the_display_and_draws_where_it_is_told(display_class, recording):
+    display = display_class.from_recording(recording)
+    assert display.plot() is display
+    own = display.ax_
+    figure, ax = plt.subplots()
+    assert display.plot(ax) is display
+    assert display.ax_ is ax
+    assert own is not ax
+    assert display.figure_ is figure
+    figure.canvas.draw()
+
+
+@pytest.mark.parametrize("name", ["LobeMapDisplay", "SpectrumDisplay", "TorqueDisplay"])
+def test_missing_matplotlib_is_named_with_its_remedy(name, recording, monkeypatch):
+    display = getattr(plotting, name).from_recording(recording)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(ImportError, match=r'pip install "cyclofeat\[plot\]"'):
+        display.plot()
+
+
+def test_importing_loads_neither_matplotlib_nor_jinja_nor_simulators(tmp_path):
+    code = "import sys, cyclofeat.plotting, cyclofeat.report; print(*sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert not {"matplotlib", "jinja2", "numba", "cyclofeat.simulators"} & set(run.stdout.split())
+
+
+# -- torque
+
+
+def test_torque_has_units_and_its_own_times(recording):
+    display = TorqueDisplay.from_recording(recording, start_s=0.5, stop_s=0.75).plot()
+    assert display.torque.size == 6400
+    assert display.time[0] == 0.5
+    assert_allclose(display.torque, recording.torque[12_800:19_200])
+    assert display.ax_.get_xlabel() == "time (s)"
+    assert display.ax_.get_ylabel() == "output torque (Nm)"
+
+
+def test_thinning_keeps_every_peak():
+    torque = np.random.default_rng(0).normal(22, 1, 100_003)
+    torque[[777, 100_002]] = 90, -40
+    display = TorqueDisplay.from_recording(Recording(torque, RATE)).plot(max_points=500, color="k")
+    drawn = display.line_.get_ydata()
+    assert drawn.size == 500
+    assert (drawn.max(), drawn.min()) == (90, -40)
+    assert display.line_.get_color() == "k"
+    assert np.all(np.diff(display.line_.get_xdata()) >= 0)
+
+
+def test_short_torque_is_drawn_sample_by_sample():
+    display = TorqueDisplay(time=[0, 1, 2], torque=[5, 6, 4]).plot(linewidth=2)
+    assert_allclose(display.line_.get_ydata(), [5, 6, 4])
+    assert display.line_.get_linewidth() == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: TorqueDisplay.from_recording(r, start_s=-1), "start_s"),
+        (lambda r: TorqueDisplay.from_recording(r, start_s=9), "start_s"),
+        (lambda r: TorqueDisplay.from_recording(r, start_s=5, stop_s=6), "must enclose 2 samples"),
+        (lambda r: TorqueDisplay(time=[0, 1], torque=[1, np.nan]), "torque must be finite"),
+        (lambda r: TorqueDisplay(time=[0, 1, 2], torque=[1, 2]), "torque must have time's length"),
+        (lambda r: TorqueDisplay(time=[[0, 1]], torque=[1, 2]), "time must be 1-D"),
+        (lambda r: TorqueDisplay.from_recording(r).plot(max_points=2), "max_points"),
+    ],
+)
+def test_torque_refuses(call, message, recording):
+    with pytest.raises(ValueError, match=message):
+        call(recording)
+
+
+# -- spectrum
+
+
+def sines(speed_rpm=500):
+    time = np.arange(RATE) / RATE
+    torque = 22 + 0.5 * np.sin(2 * np.pi * 100 * time) + 0.01 * np.sin(2 * np.pi * 250 * time)
+    return Recording(torque, RATE, speed_rpm=speed_rpm)
+
+
+def test_a_sine_has_its_own_amplitude():
+    display = SpectrumDisplay.from_recording(sines())
+    assert_allclose(display.values[[100, 250]], [0.5, 0.01])
+    assert_allclose(display.frequencies[[100, 250]], [100, 250])
+    assert display.values[0] < 1e-9  # the mean is gone
+
+
+def test_scales_and_their_units():
+    display = SpectrumDisplay.from_recording(sines())
+    display.plot(scale="dB")
+    assert "dB re 1 Nm" in display.ax_.get_ylabel()
+    assert display.line_.get_ydata().max() == pytest.approx(20 * np.log10(0.5))
+    display.plot(scale="log")
+    assert display.ax_.get_yscale() == "log"
+    assert display.ax_.get_ylabel().startswith("amplitude (Nm)")
+    display.plot(scale="linear", linewidth=3)
+    assert display.ax_.get_yscale() == "linear"
+    assert display.line_.get_ydata().max() == pytest.approx(0.5)
+    assert display.line_.get_linewidth() == 3
+    assert display.ax_.get_xlabel() == "frequency (Hz)"
+
+
+def test_psd_is_the_named_preset():
+    recording = sines()
+    display = SpectrumDisplay.from_recording(recording, quantity="psd", preset="matlab_pwelch").plot(
+        scale="dB"
+    )
+    assert_allclose(display.values, welch_psd(recording.torque, RATE, "matlab_pwelch")[1])
+    assert "matlab_pwelch" in display.ax_.get_ylabel()
+    assert "Nm²/Hz" in display.ax_.get_ylabel()
+    assert display.line_.get_ydata().max() == pytest.approx(10 * np.log10(display.values[1:].max()), abs=20)
+
+
+def test_lobe_lines_and_orders_lie_where_they_belong():
+    display = SpectrumDisplay.from_recording(sines()).plot(max_frequency_hz=200)
+    lobe_lines, orders = (
+        np.array([segment[0, 0] for segment in marks.get_segments()]) for marks in display.ax_.collections
+    )
+    assert_allclose(lobe_lines, np.arange(1, 23) * SPEED * 16 / 15)
+    assert_allclose(orders, np.arange(1, 25) * SPEED)
+    assert display.ax_.get_xlim() == (0, 200)
+    assert "order of the input shaft" in display.order_ax_.get_xlabel()
+    display.figure_.canvas.draw()
+    assert_allclose(display.order_ax_.get_xlim(), (0, 24))
+    legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
+    assert "8.89 Hz (16/15 of input)" in legend[0]
+    assert "8.33 Hz" in legend[1]
+
+
+def test_the_angle_gives_the_true_speed():
+    recording = worn_recording((3,), speed=1.008 * SPEED)
+    assert SpectrumDisplay.from_recording(recording).input_speed_hz == pytest.approx(1.008 * SPEED)
+    nominal = recording.replace(angle=None, angle_is_absolute=False)
+    assert SpectrumDisplay.from_recording(nominal).input_speed_hz == pytest.approx(SPEED)
+    assert SpectrumDisplay.from_recording(recording, input_speed_hz=8).input_speed_hz == 8
+
+
+def test_without_a_speed_there_are_no_marks():
+    display = SpectrumDisplay.from_recording(sines(speed_rpm=None)).plot(max_frequency_hz=1e9)
+    assert display.order_ax_ is None
+    assert not display.ax_.collections
+    assert display.ax_.get_xlim() == (0, RATE / 2)
+
+
+def test_a_record_without_ripple_is_drawn():
+    display = SpectrumDisplay(frequencies=[0, 1, 2], values=[0, 0, 0]).plot(scale="log")
+    display.figure_.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: SpectrumDisplay.from_recording(r, quantity="power"), "quantity"),
+        (lambda r: SpectrumDisplay.from_recording(r, quantity="psd", preset="mine"), "preset"),
+        (lambda r: SpectrumDisplay.from_recording(r, input_speed_hz=0), "input_speed_hz"),
+        (lambda r: SpectrumDisplay.from_recording(r, n_lobes=0), "n_lobes"),
+        (lambda r: SpectrumDisplay.from_recording(r).plot(scale="bel"), "scale"),
+        (lambda r: SpectrumDisplay.from_recording(r).plot(max_frequency_hz=0), "max_frequency_hz"),
+        (lambda r: SpectrumDisplay(frequencies=[0, 1], values=[1, -1]), "not negative"),
+        (lambda r: SpectrumDisplay(frequencies=[0, 1], values=[1, 1, 1]), "each of the 2"),
+    ],
+)
+def test_spectrum_refuses(call, message, recording):
+    with pytest.raises(ValueError, match=message):
+        call(recording)
+
+
+# -- lobe map
+
+
+@pytest.mark.parametrize("start_angle", [0.0, 3.0, 40.0, 94.0])
+@pytest.mark.parametrize("lobe", [0, 6, 14])
+def test_slots_of_an_absolute_angle_are_the_lobes_of_the_disc(lobe, start_angle):
+    display = LobeMapDisplay.from_recording(worn_recording((lobe,), start_angle))
+    assert display.absolute
+    assert display.worn_lobes == (lobe,)
+    assert int(display.slot_rms.argmax()) == lobe
+    # the burst lies in the middle of its slot
+    assert display.slot_rms[lobe] > 5 * np.delete(display.slot_rms, lobe).max()
+
+
+def test_the_angle_of_the_disc_serves_as_well():
+    recording = worn_recording((4,), start_angle=33.0)
+    disc = recording.replace(angle=-(recording.angle + np.pi) / 15, angle_of="disc")
+    expected = LobeMapDisplay.from_recording(recording)
+    assert_allclose(LobeMapDisplay.from_recording(disc).slot_rms, expected.slot_rms, rtol=1e-6)
+
+
+def test_a_known_start_angle_replaces_the_tachometer():
+    recording = worn_recording((4,), start_angle=33.0, with_angle=False)
+    display = LobeMapDisplay.from_recording(recording, start_angle=33.0)
+    assert display.absolute
+    assert int(display.slot_rms.argmax()) == 4
+    assert display.input_speed_hz == pytest.approx(SPEED, rel=1e-3)
+
+
+def test_without_an_absolute_angle_slots_count_from_the_start():
+    # The cam points to lobe (16 phi + pi) / 24 deg = 0.5 at phi = 0: the burst of lobe 3 lies in slot 2.
+    display = LobeMapDisplay.from_recording(worn_recording((3,), with_angle=False))
+    assert not display.absolute
+    assert display.worn_lobes is None
+    assert int(display.slot_rms.argmax()) == 2
+    assert "first sample" in display.plot().ax_.get_title()
+    assert "first sample" in display.plot(kind="bars").ax_.get_xlabel()
+
+
+def test_skipped_time_changes_nothing_of_absolute_slots():
+    recording = worn_recording((3, 9), duration=2.4)
+    whole, later = (LobeMapDisplay.from_recording(recording.part(skip)) for skip in (0.0, 0.5))
+    assert_allclose(later.slot_rms, whole.slot_rms, atol=0.05)
+
+
+def test_the_disc_has_its_numbered_lobes_and_coloured_slots(recording):
+    probability = np.linspace(0, 1, 15)
+    outline = 0.06 * np.exp(2j * np.pi * np.arange(4000) / 4000)
+    display = LobeMapDisplay.from_recording(
+        recording, marks=LobeMarks(probability=probability), outline=outline
+    ).plot()
+    numbers = circles(display)
+    assert list(numbers) == [str(number) for number in range(1, 16)]
+    # the first lobe on top, the others counter-clockwise
+    assert numbers["1"].get_position()[0] == pytest.approx(0, abs=1e-12)
+    assert numbers["2"].get_position()[0] < 0
+    assert [name for name, text in numbers.items() if text.get_fontweight() == "bold"] == ["4", "10"]
+    wedges = [patch for patch in display.ax_.patches if isinstance(patch, Wedge)]
+    slots, bars = wedges[:15], wedges[15:]
+    assert len(bars) == 15
+    assert_allclose([bar.width for bar in bars], probability * bars[-1].width, atol=1e-12)
+    assert (slots[3].theta1 + slots[3].theta2) / 2 == pytest.approx(90 + 3 * 24)
+    darkest = min(slots, key=lambda slot: sum(slot.get_facecolor()[:3]))
+    assert darkest is slots[int(display.slot_rms.argmax())]
+    (disc,) = (patch for patch in display.ax_.patches if isinstance(patch, Polygon))
+    assert np.hypot(*disc.get_xy().T).max() == pytest.approx(1)
+    assert "std" in display.colorbar_.ax.get_xlabel()
+    legend = " ".join(text.get_text() for text in display.ax_.get_legend().get_texts())
+    assert "truly worn" in legend
+    assert "probability" in legend
+
+
+def test_bars_have_fifteen_numbered_lobes(recording):
+    display = LobeMapDisplay.from_recording(recording, marks=LobeMarks(probability=np.full(15, 0.5))).plot(
+        kind="bars"
+    )
+    bars = [patch for patch in display.ax_.patches if isinstance(patch, Rectangle)]
+    assert_allclose([bar.get_height() for bar in bars], display.slot_rms)
+    labels = display.ax_.get_xticklabels()
+    assert [label.get_text() for label in labels] == [str(number) for number in range(1, 16)]
+    assert [label.get_text() for label in labels if label.get_fontweight() == "bold"] == ["4", "10"]
+    assert "std" in display.ax_.get_ylabel()
+    assert display.colorbar_ is None
+    display.figure_.canvas.draw()
+
+
+def test_a_quiet_disc_looks_quiet():
+    quiet = LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(cmap="gray", colorbar=False)
+    slot = next(patch for patch in quiet.ax_.patches if isinstance(patch, Wedge))
+    assert slot.get_facecolor()[0] == pytest.approx(0.05 / 0.3, abs=0.01)
+    compared = LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(cmap="gray", vmax=0.02)
+    slot = next(patch for patch in compared.ax_.patches if isinstance(patch, Wedge))
+    assert slot.get_facecolor() == to_rgba("white")
+    assert compared.colorbar_.extend == "max"
+
+
+def test_a_map_takes_the_colours_of_its_surroundings(recording):
+    with matplotlib.rc_context({"text.color": "lime"}):
+        display = LobeMapDisplay.from_recording(recording).plot()
+    assert circles(display)["1"].get_color() == "lime"
+
+
+def test_a_model_brings_its_probabilities(recording):
+    probability = (0.1,) * 3 + (0.9,) + (0.1,) * 11
+    counted = SimpleNamespace(lobe_probability=probability, lobes=(3,))
+    model = SimpleNamespace(count=lambda recording: counted, input_speed_hz=SPEED, n_lobes=15)
+    display = LobeMapDisplay.from_estimator(model, recording)
+    assert_allclose(display.lobe_probability, probability)
+    assert display.counted_lobes == (3,)
+    counted.lobe_probability = ()
+    with pytest.raises(ValueError, match="locator"):
+        LobeMapDisplay.from_estimator(model, recording)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda r: LobeMapDisplay.from_recording(r.replace(speed_rpm=None)), "input_speed_hz must be given"),
+        (lambda r: LobeMapDisplay.from_recording(r.part(1.0)), "too short"),
+        (lambda r: LobeMapDisplay.from_recording(r, input_speed_hz=4.0), "input_speed_hz"),
+        (lambda r: LobeMapDisplay.from_recording(Recording([1.0] * 50_000, RATE, speed_rpm=500)), "constant"),
+        (lambda r: LobeMapDisplay(slot_rms=[1, 2]), "slot_rms"),
+        (lambda r: LobeMapDisplay(slot_rms=[1, 2, -3]), "slot_rms"),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15), marks=LobeMarks(worn=[15])), "marks.worn"),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15), marks=LobeMarks(counted=[-1])), "marks.counted"),
+        (
+            lambda r: LobeMapDisplay(slot_rms=np.ones(15), marks=LobeMarks(probability=np.ones(14))),
+            "marks.probability",
+        ),
+        (
+            lambda r: LobeMapDisplay(slot_rms=np.ones(15), marks=LobeMarks(probability=np.full(15, 1.1))),
+            "15 numbers from 0 to 1",
+        ),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15), outline=[0, 0, 0]), "outline"),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15)).plot(kind="pie"), "kind"),
+        (lambda r: LobeMapDisplay(slot_rms=np.ones(15)).plot(vmax=0), "vmax"),
+    ],
+)
+def test_lobe_map_refuses(call, message, recording):
+    with pytest.raises(ValueError, match=message):
+        call(recording)

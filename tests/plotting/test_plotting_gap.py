@@ -1,0 +1,373 @@
+"""Displays of a gap: what they draw is what was found, no more and no less."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgb
+from numpy.testing import assert_allclose
+
+from cyclofeat.gap import Cell, ProofRow, Where, WhereRow, where_of
+from cyclofeat.plotting import GapDisplay, GapReductionDisplay
+from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
+from cyclofeat.report._figures import _themes
+from cyclofeat.simulators import (
+    BrakeRotor,
+    Noise,
+    Rig,
+)
+
+RATE, SPEED = 6400.0, 500 / 60
+KINDS = ("families", "spectrum", "orders", "phase")
+BASE = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)], name="R1")
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def where(located):
+    return where_of(located)
+
+
+@pytest.fixture(scope="module")
+def located(compared_hum):
+    return compared_hum["hum"]
+
+
+def row(
+    family="spectrum", name="third octave at 400 Hz", effect=-6.0, p=0.01, unit="dB", of="mean", hz=400.0
+):
+    cell = Cell(family, name, unit, hz * 0.9, hz * 1.1)
+    return WhereRow(
+        cell=cell, effect=effect, low=effect - 2, high=effect + 2, p=p, detectable=3.0, spread=1.0, of=of,
+        mean=0.0, measured_spread=1.0, simulated_spread=1.0,
+    )  # fmt: skip
+
+
+def where_with(rows, family_p=None, phase=None):
+    return Where(
+        verdict="disagree", rows=tuple(rows), family_p=family_p or {}, global_p={}, phase=phase or {},
+        n_recordings=6, n_simulated=24, alpha=0.05, margin_db=1.5, margin_spreads=0.5, n_permutations=499,
+        random_state=0, one_assembly=False, sampling_rate=RATE, input_speed_hz=SPEED,
+    )  # fmt: skip
+
+
+def display_of(rows, **options):
+    return GapDisplay(where_with(rows, **options))
+
+
+def phase_map(n=40, bump=slice(10, 15)):
+    phase = (np.arange(n) + 0.5) / n
+    simulated = np.sin(2 * np.pi * phase)
+    measured = simulated.copy()
+    measured[bump] += 0.4
+    flagged = np.zeros(n, dtype=bool)
+    flagged[bump] = True
+    spread = np.full(n, 0.1)
+    return SimpleNamespace(
+        name="lobe", phase=phase, measured=measured, simulated=simulated, measured_spread=spread,
+        simulated_spread=2 * spread, flagged=flagged,
+    )  # fmt: skip
+
+
+def flagged_rows(where, *families):
+    return [found for found in where.means(*families) if found.p <= where.alpha]
+
+
+def all_texts(display):
+    axes = display.axes_ if hasattr(display, "axes_") else [display.ax_]
+    return " | ".join(text.get_text() for ax in axes for text in ax.texts)
+
+
+# -- a comparison as it is
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_drawn_on_the_axes_given(where, kind):
+    figure, ax = plt.subplots()
+    display = GapDisplay(where).plot(kind, ax)
+    assert display.ax_ is ax
+    assert display.figure_ is figure
+    assert display.plot(kind) is display
+    assert display.ax_ is not ax
+    for panel in display.axes_:
+        assert panel.lines
+        assert panel.get_ylabel() or kind == "families"
+    figure.canvas.draw()
+
+
+def test_the_hum_is_flagged_and_as_many_marks_are_drawn_as_rows_are_flagged(where):
+    lines = flagged_rows(where, "lobe lines", "shaft lines")
+    assert any(found.cell.name == "input order 6" for found in lines)
+    assert len(GapDisplay(where).plot("orders").flags_) == len(lines)
+    bands = flagged_rows(where, "spectrum")
+    assert bands
+    display = GapDisplay(where).plot("spectrum")
+    assert len(display.flags_) == len(bands)
+    assert_allclose(
+        [flag.get_extents().transformed(display.axes_[0].transData.inverted()).x0 for flag in display.flags_],
+        [found.cell.low_hz for found in bands],
+    )
+    overview = GapDisplay(where).plot("families")
+    families = {row.cell.family for row in where.rows}
+    assert len(overview.flags_) == sum(where.family_p[name] <= where.alpha for name in families)
+    phases = GapDisplay(where).plot("phase", phase="input")
+    assert len(phases.flags_) == int(where.phase["input"].flagged.sum())
+
+
+def test_levels_and_spreads_are_those_of_the_recordings(located, where):
+    """Against means and standard deviations taken count by count from the summaries."""
+    display = GapDisplay(where)
+    band = next(found for found in where.means() if found.cell.name == "third octave at 50.1 Hz")
+    column = next(c for c, cell in enumerate(located.cells) if cell.name == "third octave at 50.1 Hz")
+    values, counts = located.simulated[:, column], located.bank.counts
+    left = np.concatenate([values[counts == c] - values[counts == c].mean() for c in (0, 3)])
+    assert band.simulated_spread == pytest.approx(left.std(ddof=1))
+    assert band.mean == pytest.approx(located.measured.values[:, column].mean())
+    simulated = np.mean([values[counts == c].mean() for c in (0, 3)])
+    dashed = next(line for line in display.plot("spectrum").axes_[0].lines if line.get_linestyle() == "--")
+    drawn = dict(zip(np.round(dashed.get_xdata(), 1), dashed.get_ydata(), strict=True))
+    # The model at the recordings' own speed and load, within the prior's reach of the model's mean.
+    assert drawn[50.1] == pytest.approx(band.mean - band.effect)
+    assert drawn[50.1] == pytest.approx(simulated, abs=0.5)
+
+
+def test_names_and_words_of_the_clearest_are_in_the_pictures(where):
+    assert "input order 6: " in all_texts(GapDisplay(where).plot("orders"))
+    assert "50.1 Hz: " in all_texts(GapDisplay(where).plot("spectrum"))
+    families = GapDisplay(where).plot("families")
+    labels = [label.get_text() for label in families.ax_.get_yticklabels()]
+    assert "lines of the input shaft" in labels
+    assert len(labels) == len({row.cell.family for row in where.rows})
+    assert "input order 6: " in all_texts(families)
+
+
+def test_surrogates_are_called_so(where):
+    for kind in KINDS:
+        display = GapDisplay(where, label="surrogate").plot(kind)
+        texts = [
+            *(ax.get_xlabel() + ax.get_ylabel() for ax in display.axes_),
+            *(
+                text.get_text()
+                for ax in display.axes_
+                if ax.get_legend()
+                for text in ax.get_legend().get_texts()
+            ),
+        ]
+        assert any("surrogate" in text for text in texts)
+        assert not any("measured" in text for text in texts)
+
+
+# -- made-up tables
+
+
+def test_differences_have_their_intervals_at_their_orders():
+    rows = [
+        row("lobe lines", "lobe line 1 (order 1.07)", 1.0, 0.5, hz=SPEED * 16 / 15),
+        row("shaft lines", "input order 6", 20.0, 0.001, hz=SPEED * 6),
+    ]
+    display = display_of(rows).plot("orders")
+    dots = {
+        float(line.get_xdata()[0]): line
+        for line in display.ax_.lines
+        if line.get_marker() in ("o", "s") and len(line.get_xdata()) == 1
+    }
+    assert_allclose(sorted(dots), [16 / 15, 6])
+    assert [dots[x].get_ydata()[0] for x in sorted(dots)] == [1.0, 20.0]
+    assert dots[min(dots)].get_markerfacecolor() == "none"
+    assert dots[max(dots)].get_markerfacecolor() == "C1"
+    ranges = sorted(tuple(c.get_segments()[0][:, 1]) for c in display.ax_.collections)
+    assert ranges == [(-1.0, 3.0), (18.0, 22.0)]
+    assert all_texts(display) == "input order 6: 20 dB more"
+
+
+def test_neighbouring_bands_of_one_sign_are_told_once():
+    hz = 100 * 10 ** (np.arange(8) / 10)
+    effects = [0.0, -3.0, -9.0, -4.0, 0.0, 5.0, 0.0, 0.0]
+    rows = [
+        row(name=f"third octave at {f:.3g} Hz", effect=e, p=0.01 if e else 1.0, hz=f)
+        for f, e in zip(hz, effects, strict=True)
+    ]
+    display = display_of(rows).plot("spectrum")
+    assert len(display.flags_) == 4
+    assert sorted(text.get_text() for text in display.axes_[0].texts) == [
+        "158 Hz: 9.0 dB less",
+        "316 Hz: 5.0 dB more",
+    ]
+
+
+def test_other_spreads_are_marked_but_not_as_other_means():
+    rows = [row(p=1.0), row(p=0.01, of="spread", effect=6.0206)]
+    display = display_of(rows, family_p={"spectrum": 0.01}).plot("spectrum")
+    assert (len(display.flags_), len(display.spread_flags_)) == (0, 1)
+    assert display.spread_flags_[0].get_xdata()[0] == pytest.approx(np.sqrt(360 * 440))
+    assert "varies 2.0 times as much from one recording to the next" in all_texts(display.plot("families"))
+
+
+def test_families_are_placed_by_spreads_of_one_recording():
+    rows = [row(effect=-6.0), row("floor", "around order 2", 0.5, 0.9)]
+    display = display_of(rows, family_p={"spectrum": 0.01, "floor": 0.9}).plot("families")
+    dots = [line for line in display.ax_.lines if line.get_marker() == "o"]
+    assert_allclose([dot.get_xdata()[0] for dot in dots], [6.0, 0.5])
+    assert display.flags_ == dots[:1]
+    ticks = [line.get_xdata()[0] for line in display.ax_.lines if line.get_marker() == "|"]
+    assert_allclose(ticks, 3.0)  # the least that would most likely be found
+
+
+def test_phase_has_means_spreads_and_the_difference():
+    fold = phase_map()
+    display = display_of([row()], phase={"lobe": fold}).plot("phase")
+    upper, lower = display.axes_
+    simulated, measured = (line.get_ydata() for line in upper.lines)
+    assert_allclose(measured, fold.measured)
+    assert_allclose(simulated, fold.simulated)
+    difference = next(line.get_ydata() for line in lower.lines if len(line.get_xdata()) == 40)
+    assert_allclose(difference, fold.measured - fold.simulated)
+    assert len(display.flags_) == 5
+    band = upper.collections[1].get_paths()[0].vertices[:, 1]
+    assert band.max() == pytest.approx(np.max(fold.measured + 0.1))
+    assert "Nm" in upper.get_ylabel()
+    with pytest.raises(ValueError, match=r"phase='input' is not among what was compared"):
+        display.plot("phase", phase="input")
+
+
+# -- reduction
+
+COMPARISON = [
+    ProofRow(name, condition, grr, grr - 0.1, grr + 0.05)
+    for name, condition, grr in (
+        ("after", "all", 0.9), ("after", "unseen", 0.8), ("equaliser", "all", 0.7),
+        ("equaliser", "unseen", -3.0), ("placebo", "all", np.nan),
+    )
+]  # fmt: skip
+
+
+def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
+    display = GapReductionDisplay(COMPARISON).plot()
+    assert len(display.drawn_) == 4
+    assert ("equaliser", "unseen", pytest.approx(-300)) in display.drawn_
+    assert all_texts(display) == "-300 %"
+    labels = [label.get_text() for label in display.ax_.get_yticklabels()]
+    assert labels == ["the named effect, added", "equaliser and shaped noise (black box)"]
+    legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
+    assert legend == ["all recordings held out", "counts never seen in the fit"]
+    dots = {
+        float(line.get_xdata()[0]) for line in display.ax_.lines if line.get_marker() in ("o", "s", "D", "<")
+    }
+    assert dots == {90.0, 80.0, 70.0, -100.0}
+
+
+def test_spectra_before_and_after():
+    before = [row(effect=-6.0), row(effect=4.0, hz=500.0)]
+    after = [row(effect=-1.0, p=0.9), row(effect=0.5, p=0.8, hz=500.0)]
+    display = GapReductionDisplay(before=where_with(before), after=where_with(after)).plot("spectrum")
+    curves = {line.get_label(): line.get_ydata() for line in display.ax_.lines}
+    assert_allclose(curves["before correction"], [-6.0, 4.0])
+    assert_allclose(curves["after correction"], [-1.0, 0.5])
+    dots = [len(line.get_xdata()) for line in display.ax_.lines if line.get_marker() == "o"]
+    assert dots == [2, 0]
+    with pytest.raises(ValueError, match="before and after must be given"):
+        GapReductionDisplay(before=where_with(before)).plot("spectrum")
+
+
+# -- words
+
+
+@pytest.mark.parametrize(
+    ("found", "words"),
+    [
+        (row(), "third octave at 400 Hz: 6.0 dB less"),
+        (row(name="third octave at 1.26e+03 Hz", effect=12.3), "third octave at 1260 Hz: 12 dB more"),
+        (row("amplitudes", "mean", 0.514, unit="Nm"), "mean torque: 0.51 Nm more"),
+        (row("amplitudes", "skewness", -0.25, unit="1"), "skewness: 0.25 lower"),
+        (
+            row("amplitudes", "mean", -6.0206, unit="Nm", of="spread"),
+            "mean torque: varies 0.5 times as much from one recording to the next",
+        ),
+    ],
+)
+def test_words(found, words):
+    assert in_words(found) == words
+    assert words.endswith(difference_words(found))
+    assert cell_name(found.cell) in words
+    assert dataclasses.replace(found, effect=6.0).clarity == 2.0
+
+
+# -- colours
+
+
+def lab(colour):
+    """CIE L*a*b* of an sRGB colour, white point D65."""
+    srgb = np.array(to_rgb(colour))
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return lab_of_linear(linear), linear
+
+
+def lab_of_linear(linear):
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
+    scaled = xyz / np.array([0.9505, 1.0, 1.089])
+    f = np.where(scaled > 0.008856, np.cbrt(scaled), 7.787 * scaled + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+# Machado, Oliveira and Fernandes 2009, severity 1.0, on linear RGB.
+DEUTERANOPIA = np.array(
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+)
+
+
+@pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
+def test_roles_are_told_apart_also_by_the_colour_blind(scheme, ground):
+    with matplotlib.rc_context(_themes()[scheme]):
+        display = display_of([row(), row(effect=3.0, p=0.9, hz=500.0)]).plot("spectrum")
+        upper, _ = display.axes_
+        curves = [line for line in upper.lines if line.get_label()[0] != "_"]
+        roles = [*(to_rgb(line.get_color()) for line in curves), to_rgb(display.flags_[0].get_facecolor())]
+    assert len(roles) == 3
+    luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in (ground, *roles)]
+    for own in luminance[1:]:
+        high, low = max(own, luminance[0]), min(own, luminance[0])
+        assert (high + 0.05) / (low + 0.05) > 2.5
+    for seen in (np.eye(3), DEUTERANOPIA):
+        points = [lab_of_linear(np.clip(seen @ lab(colour)[1], 0, 1)) for colour in roles]
+        for i, first in enumerate(points):
+            for second in points[i + 1 :]:
+                assert np.linalg.norm(first - second) > 25
+
+
+# -- refusals
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: display_of([row()]).plot("pie"), "kind must be one of"),
+        (lambda: display_of([row()]).plot("orders"), r"kind='orders' is not .*: families, spectrum"),
+        (lambda: display_of([row()]).plot("phase"), "kind='phase' with phase='lobe' is not"),
+        (lambda: display_of([]).plot("families"), "compared: nothing"),
+        (lambda: GapReductionDisplay().plot(), "finite grr"),
+        (lambda: GapReductionDisplay(comparison=COMPARISON[-1:]).plot(), "finite grr"),
+        (lambda: GapReductionDisplay(comparison=COMPARISON).plot("pie"), "kind must be 'comparison'"),
+    ],
+)
+def test_displays_refuse(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_missing_matplotlib_is_named_with_its_remedy(monkeypatch):
+    displays = display_of([row()]), GapReductionDisplay(comparison=COMPARISON)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    for display in displays:
+        with pytest.raises(ImportError, match=r'pip install "cyclofeat\[plot\]"'):
+            display.plot()

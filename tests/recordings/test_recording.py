@@ -1,0 +1,705 @@
+"""Recordings are checked when made, windows hold whole output turns, angle resampling keeps orders."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestClassifier
+
+from cyclofeat.recordings import Recording, Windower
+from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
+
+RATE = 25_600.0
+TURN = 2 * np.pi
+STEADY = settings(derandomize=True, deadline=None, max_examples=40)
+
+
+def noise(n_samples, seed=0):
+    return 22 + np.random.default_rng(seed).normal(size=n_samples)
+
+
+def record(seconds=2.0, **labels):
+    defaults = {"assembly": "A", "defect_count": 0, "speed_rpm": 500}
+    return Recording(noise(round(seconds * RATE)), RATE, **{**defaults, **labels})
+
+
+def steady_angle(seconds, start=0.0, speed=500 / 60, rate=RATE):
+    return start + TURN * speed * np.arange(round(seconds * rate)) / rate
+
+
+# -- Recording
+
+
+def test_recording_states_its_size():
+    recording = record(2.0)
+    assert recording.n_samples == 51_200
+    assert recording.duration == 2.0
+    assert recording.input_speed_hz == pytest.approx(500 / 60)
+    assert record(speed_rpm=None).input_speed_hz is None
+
+
+def test_what_was_checked_cannot_change_afterwards():
+    mine = noise(100)
+    recording = Recording(mine, RATE)
+    mine[0] = np.nan
+    assert np.isfinite(recording.torque[0])
+    with pytest.raises(ValueError, match="read-only"):
+        recording.torque[0] = np.nan
+    with pytest.raises(AttributeError):
+        recording.sampling_rate = 1.0
+
+
+def test_numbers_of_numpy_become_plain_ones():
+    # else labels could not be written as JSON
+    recording = Recording(
+        [1, 2], np.float32(10), assembly=np.int64(3), defect_count=np.int8(2), worn_lobes=np.array([4, 0])
+    )
+    assert type(recording.sampling_rate) is float
+    assert type(recording.assembly) is int
+    assert recording.worn_lobes == (0, 4)
+    assert all(type(lobe) is int for lobe in recording.worn_lobes)
+    assert recording.torque.dtype == np.float64
+
+
+def test_defect_count_follows_from_the_lobes():
+    assert record(defect_count=None, worn_lobes=(0, 4)).defect_count == 2
+    assert record(defect_count=None, worn_lobes=()).defect_count == 0
+    assert record(defect_count=3).worn_lobes is None
+    assert Recording([1, 2], RATE).defect_count is None
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "words"),
+    [
+        ({"torque": np.zeros((2, 3))}, ValueError, ["torque", "1-D", "(2, 3)"]),
+        ({"torque": [1.0]}, ValueError, ["torque", "at least 2 samples", "got 1"]),
+        ({"torque": []}, ValueError, ["torque", "at least 2 samples", "got 0"]),
+        ({"torque": [1.0, np.nan, 2.0]}, ValueError, ["torque", "finite", "nan", "sample 1"]),
+        ({"torque": [1.0, 2.0, -np.inf]}, ValueError, ["torque", "finite", "-inf", "sample 2"]),
+        ({"torque": [1j, 2.0]}, TypeError, ["torque", "real", "complex128"]),
+        ({"torque": ["1", "2"]}, TypeError, ["torque", "real", "<U1"]),
+        ({"torque": [True, False]}, TypeError, ["torque", "real", "bool"]),
+        ({"torque": [None, 1.0]}, TypeError, ["torque", "real", "object"]),
+        ({"sampling_rate": 0}, ValueError, ["sampling_rate", "positive", "got 0"]),
+        ({"sampling_rate": np.inf}, ValueError, ["sampling_rate", "finite", "inf"]),
+        ({"sampling_rate": "25600"}, TypeError, ["sampling_rate", "number", "'25600'"]),
+        ({"sampling_rate": True}, TypeError, ["sampling_rate", "number", "True"]),
+        ({"angle": [0.0, 1.0]}, ValueError, ["angle", "torque's length", "got 2 for 3"]),
+        ({"angle": [0.0, 1.0, 1.0]}, ValueError, ["angle", "rise strictly", "sample 1", "unwrap"]),
+        ({"angle": [2.0, 1.0, 0.0]}, ValueError, ["angle", "rise strictly"]),
+        ({"angle": [0.0, 2.0, 1.0], "angle_of": "disc"}, ValueError, ["angle", "rise strictly", "sample 1"]),
+        ({"angle": [2.0, 0.0, 1.0], "angle_of": "disc"}, ValueError, ["angle", "fall strictly", "sample 1"]),
+        ({"angle": [0.0, np.nan, 1.0]}, ValueError, ["angle", "finite", "sample 1"]),
+        ({"angle_of": "output"}, ValueError, ["angle_of", "'input' or 'disc'", "'output'"]),
+        ({"angle_is_absolute": True}, ValueError, ["angle_is_absolute", "no angle"]),
+        ({"angle_is_absolute": 1}, TypeError, ["angle_is_absolute", "True or False", "1"]),
+        ({"assembly": 1.5}, TypeError, ["assembly", "text or a whole number", "1.5"]),
+        ({"assembly": ""}, ValueError, ["assembly", "printable", "''"]),
+        ({"assembly": "A\n1"}, ValueError, ["assembly", "printable"]),
+        ({"assembly": 2**63}, ValueError, ["assembly", "64 bits"]),
+        ({"run": False}, TypeError, ["run", "text or a whole number"]),
+        ({"source": 3}, TypeError, ["source", "text", "3"]),
+        ({"defect_count": -1}, ValueError, ["defect_count", "at least 0", "-1"]),
+        ({"defect_count": 1.0}, TypeError, ["defect_count", "whole number", "1.0"]),
+        ({"worn_lobes": (0, 0)}, ValueError, ["worn_lobes", "distinct", "(0, 0)"]),
+        ({"worn_lobes": (-1,)}, ValueError, ["worn_lobes", "at least 0", "-1"]),
+        ({"worn_lobes": 3}, TypeError, ["worn_lobes", "sequence", "3"]),
+        ({"worn_lobes": "04"}, TypeError, ["worn_lobes", "sequence", "'04'"]),
+        ({"worn_lobes": (0, 1), "defect_count": 3}, ValueError, ["defect_count", "got 3 and 2 lobes (0, 1)"]),
+        ({"speed_rpm": -500}, ValueError, ["speed_rpm", "positive", "-500"]),
+        ({"load_nm": np.nan}, ValueError, ["load_nm", "finite", "nan"]),
+        ({"meta": [1]}, TypeError, ["meta", "mapping", "[1]"]),
+        ({"meta": {1: 2}}, TypeError, ["meta", "text as keys", "1"]),
+    ],
+)
+def test_each_bad_value_gives_its_one_error(change, kind, words):
+    with pytest.raises(kind) as caught:
+        Recording(**{"torque": [1.0, 2.0, 3.0], "sampling_rate": RATE, **change})
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("angle_of", "wrong"),
+    [
+        ("input", np.rad2deg(steady_angle(0.1))),
+        ("disc", steady_angle(0.1)),
+        ("disc", np.rad2deg(steady_angle(0.1)) / 15),
+    ],
+    ids=["degrees", "input's angle as the disc's", "degrees of the disc"],
+)
+def test_an_angle_that_contradicts_the_nominal_speed_is_an_error(angle_of, wrong):
+    with pytest.raises(ValueError, match=r"angle must agree with speed_rpm.*in rad"):
+        record(0.1, angle=wrong, angle_of=angle_of)
+
+
+def test_a_start_from_rest_does_not_contradict_the_nominal_speed():
+    time = np.arange(2_560) / RATE
+    record(0.1, angle=130 * time**2 + 1e-9 * time)
+
+
+def test_equality_compares_samples_and_labels():
+    recording = record(meta={"rig": 1}, angle=steady_angle(2.0))
+    assert recording == record(meta={"rig": 1}, angle=steady_angle(2.0))
+    for change in (
+        {"torque": noise(51_200, seed=1)},
+        {"angle": None},
+        {"run": "r"},
+        {"meta": {"rig": 2}},
+        {"assembly": 3},
+    ):
+        assert recording != recording.replace(**change)
+    assert recording != "recording"
+    assert record(assembly=1) != record(assembly="1")
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda r: pickle.loads(pickle.dumps(r))])
+def test_recordings_travel_between_processes(copied):
+    recording = record(angle=steady_angle(2.0), angle_is_absolute=True, worn_lobes=(1,), defect_count=1)
+    assert copied(recording) == recording
+
+
+def test_the_representation_is_short():
+    assert len(repr(record(angle=steady_angle(2.0)))) < 300
+
+
+def run_of(worn=(), removed=(), n=2_560):
+    defects = SimpleNamespace(worn_lobes=worn, removed_lobes=removed, defect_count=len(worn) + len(removed))
+    gearbox = SimpleNamespace(input_speed=500 * TURN / 60, load_torque=22.0)
+    return SimpleNamespace(
+        torque_out=noise(n),
+        sampling_rate=RATE,
+        input_angle=steady_angle(n / RATE),
+        defects=defects,
+        gearbox=gearbox,
+    )
+
+
+def test_a_run_brings_its_labels():
+    recording = Recording.from_run(run_of((0, 4)), assembly="A1", run="r1")
+    assert recording.worn_lobes == (0, 4)
+    assert recording.defect_count == 2
+    assert recording.speed_rpm == 500
+    assert recording.load_nm == 22
+    assert recording.source == "simulated"
+    assert (recording.assembly, recording.run) == ("A1", "r1")
+    assert recording.angle_is_absolute
+    assert recording.angle_of == "input"
+    np.testing.assert_array_equal(recording.angle, run_of().input_angle)
+
+
+def test_a_run_can_be_recorded_without_a_tachometer():
+    recording = Recording.from_run(run_of((1,)), with_angle=False)
+    assert recording.angle is None
+    assert not recording.angle_is_absolute
+
+
+def test_labels_that_are_given_replace_those_of_the_run():
+    run = run_of((0, 4))
+    assert Recording.from_run(run, source="surrogate").source == "surrogate"
+    assert Recording.from_run(run, speed_rpm=505).speed_rpm == 505
+    assert Recording.from_run(run, worn_lobes=(1, 2, 3)).defect_count == 3
+    assert Recording.from_run(run, defect_count=5).worn_lobes is None
+    assert not Recording.from_run(run, angle_is_absolute=False).angle_is_absolute
+    with pytest.raises(TypeError, match="colour"):
+        Recording.from_run(run, colour="red")
+
+
+def test_removed_lobes_count_but_are_not_called_worn():
+    recording = Recording.from_run(run_of((1,), removed=(5, 6)), meta={"rig": "R0"})
+    assert recording.defect_count == 3
+    assert recording.worn_lobes is None
+    assert recording.meta == {"rig": "R0", "worn_lobes": [1], "removed_lobes": [5, 6]}
+
+
+# -- angles
+
+
+def test_the_disc_turns_against_the_input():
+    phi = steady_angle(1.0, start=0.3)
+    theta = -(phi + np.pi) / 15  # rest position
+    np.testing.assert_allclose(input_angle_from_disc(theta), phi, atol=1e-12)
+    np.testing.assert_allclose(input_angle_from_disc(-(phi + np.pi) / 13, reduction=13), phi, atol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1, -1], ids=["theta_1 itself", "counted in the disc's own direction"])
+def test_both_counts_of_the_disc_give_the_same_input_angle(sign):
+    phi = steady_angle(2.0, start=0.3)
+    recording = record(angle=-sign * (phi + np.pi) / 15, angle_of="disc")
+    np.testing.assert_allclose(recording.input_angle(), phi, atol=1e-11)
+    assert np.all(np.diff(recording.input_angle()) > 0)
+
+
+def chirp(order, seconds=4.0, slow=4.0, fast=12.0):
+    """Torque of one order while the speed rises from slow to fast turns per second."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    phi = TURN * (slow * time + (fast - slow) / (2 * seconds) * time**2)
+    return 22 + np.cos(order * phi), phi
+
+
+@STEADY
+@given(
+    samples_per_turn=st.sampled_from([64, 100, 512, 3_072, 8_000]),
+    share=st.floats(0.01, 0.39),
+    slow=st.floats(2.0, 6.0),
+    fast=st.floats(6.0, 12.0),
+)
+def test_an_order_keeps_its_amplitude_while_the_speed_changes(samples_per_turn, share, slow, fast):
+    # below 0.4 samples_per_turn by the filter, far below the rate by the spline (at the record's ends too)
+    order = min(share * samples_per_turn, 0.05 * RATE / fast)
+    torque, phi = chirp(order, slow=slow, fast=fast)
+    resampled, grid = resample_by_angle(torque, phi, samples_per_turn, RATE)
+    assert np.max(np.abs(resampled - 22 - np.cos(order * grid))) < 1e-3
+    assert grid[0] < phi[0] + TURN * 28 / samples_per_turn
+    assert grid[-1] > phi[-1] - TURN * 28 / samples_per_turn
+
+
+@STEADY
+@given(samples_per_turn=st.sampled_from([64, 100, 256]), share=st.floats(0.5, 1.9))
+def test_orders_beyond_the_new_nyquist_do_not_fold_back(samples_per_turn, share):
+    torque, phi = chirp(share * samples_per_turn)
+    resampled, _ = resample_by_angle(torque, phi, samples_per_turn, RATE)
+    assert np.max(np.abs(resampled - 22)) < 2e-4
+
+
+def test_picking_samples_instead_would_fold_them_back():
+    # what the test above guards against: the same order, interpolated without a filter
+    torque, phi = chirp(100)
+    grid = np.arange(1_900) * TURN / 64
+    assert np.std(np.interp(grid, phi, torque)) > 0.5
+
+
+@pytest.mark.parametrize("samples_per_turn", [64, 512, 3_072, 5_000])
+def test_a_constant_stays_constant_up_to_both_ends(samples_per_turn):
+    resampled, _ = resample_by_angle(np.full(51_200, 22.0), steady_angle(2.0), samples_per_turn, RATE)
+    np.testing.assert_allclose(resampled, 22.0, rtol=1e-13)
+
+
+def test_the_grid_lies_on_multiples_of_the_step_of_the_absolute_angle():
+    _, grid = resample_by_angle(noise(51_200), steady_angle(2.0, start=1.234), 360, RATE)
+    steps = grid / (TURN / 360)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    np.testing.assert_allclose(np.diff(grid), TURN / 360, rtol=1e-9)
+
+
+def test_a_start_from_rest_keeps_its_order_too():
+    time = np.arange(25_600) / RATE
+    phi = np.where(time < 0.2, 130.9 * time**2, 52.36 * (time - 0.1)) + 1e-9 * time
+    resampled, grid = resample_by_angle(np.cos(16 * phi), phi, 512, RATE)
+    assert np.max(np.abs(resampled - np.cos(16 * grid))) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("torque", "angle", "samples_per_turn", "words"),
+    [
+        (np.zeros(4), np.arange(3.0), 64, "equal length"),
+        (np.zeros(4), np.array([0, 1, 1, 2.0]), 64, "sample 1"),
+        (np.array([0, np.nan, 0, 0]), np.arange(4.0), 64, "torque must be finite"),
+        (
+            noise(200),
+            np.arange(200) * TURN / 3_072,
+            512,
+            "angle covers 0.0648 turns, too few .* needed are 0.105",
+        ),
+        (noise(5_000), steady_angle(5_000 / RATE), 1, "samples_per_turn must be at least 2, got 1"),
+        (noise(5_000), steady_angle(5_000 / RATE), 2.5, "samples_per_turn must be a whole number"),
+    ],
+)
+def test_resampling_says_what_is_wrong(torque, angle, samples_per_turn, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        resample_by_angle(torque, angle, samples_per_turn, RATE)
+
+
+def test_a_standstill_is_an_error_not_a_giant_grid():
+    phi = np.concatenate([np.linspace(0, 1, 50_000), 1 + steady_angle(2.0)[1:]])
+    with pytest.raises(ValueError, match=r"nearly stands still at t = .*skip_s"):
+        resample_by_angle(noise(phi.size), phi, 64, RATE)
+
+
+# -- Windower, by time
+
+
+def test_a_window_is_one_whole_output_turn():
+    # 15 input turns: 1.8 s at 500 RPM, 2.25 s at 400 RPM
+    assert Windower().windows(record(2.0)).X.shape == (1, 46_080)
+    assert Windower().windows(record(3.0, speed_rpm=400)).X.shape == (1, 57_600)
+    assert Windower(2).windows(record(4.0)).X.shape == (1, 92_160)
+    assert Windower(input_speed_hz=10, reduction=13).windows(record(2.0, speed_rpm=None)).X.shape == (
+        1,
+        33_280,
+    )
+    assert Windower(duration=0.6).windows(record(2.0)).X.shape == (3, 15_360)
+
+
+def test_transform_labels_every_window():
+    records = [
+        record(4.0, assembly="A", worn_lobes=(2,), defect_count=1),
+        record(2.0, assembly="B", defect_count=3),
+    ]
+    X, y, groups = Windower().transform(records)
+    assert X.shape == (3, 46_080)
+    assert X.dtype == np.float64
+    assert y.tolist() == [1, 1, 3]
+    assert y.dtype == np.int64
+    assert groups.tolist() == ["A", "A", "B"]
+    found = Windower().windows(records)
+    assert found.recording.tolist() == [0, 0, 1]
+    assert found.start_s.tolist() == [0.0, 1.8, 0.0]
+    assert found.worn_lobes == ((2,), (2,), None)
+    assert found.sampling_rate == RATE
+    assert len(found) == 3
+    np.testing.assert_array_equal(X[1], records[0].torque[46_080:92_160])
+
+
+def test_windows_are_what_scikit_learn_takes():
+    X, y, groups = Windower(duration=0.5).transform(
+        record(2.0, assembly=i, defect_count=i % 2) for i in range(4)
+    )
+    assert groups.dtype == np.int64
+    clone(RandomForestClassifier(3, random_state=0)).fit(X[:, :50], y).predict(X[:, :50])
+
+
+def test_windows_need_no_labels_but_transform_does():
+    bare = Recording(noise(51_200), RATE, speed_rpm=500)
+    found = Windower().windows(bare)
+    assert found.y is None
+    assert found.groups is None
+    assert found.worn_lobes == (None,)
+    assert np.isnan(found.start_angle).all()
+    with pytest.raises(
+        ValueError, match=r"recording 0 has no assembly: windows of one assembly resemble.*folds"
+    ):
+        Windower().transform(bare)
+    with pytest.raises(ValueError, match=r"recording 0 \(assembly 'A'\) has no defect_count.*worn_lobes"):
+        Windower().transform(bare.replace(assembly="A"))
+
+
+@STEADY
+@given(
+    n=st.integers(100, 700),
+    length=st.integers(50, 100),
+    overlap=st.floats(0, 0.95),
+    skip=st.integers(0, 30),
+    remainder=st.sampled_from(["drop", "shift"]),
+)
+def test_windows_are_stretches_of_the_record(n, length, overlap, skip, remainder):
+    recording = Recording(np.arange(n), 100.0, assembly=0, defect_count=0)
+    windower = Windower(duration=length / 100, overlap=overlap, skip_s=skip / 100, remainder=remainder)
+    if n - skip < length:
+        with pytest.raises(ValueError, match="too short"):
+            windower.windows(recording)
+        return
+    found = windower.windows(recording)
+    starts = np.round(found.start_s * 100).astype(int)
+    # torque was the sample's own number, so each window says where it came from
+    np.testing.assert_array_equal(found.X, starts[:, None] + np.arange(length))
+    assert starts[0] == skip
+    hop = max(1, round(length * (1 - overlap)))
+    regular = starts[:-1] if remainder == "shift" else starts
+    assert np.all(np.diff(regular) == hop)
+    end = starts[-1] + length
+    assert end == n if remainder == "shift" else n - hop < end <= n
+
+
+def test_the_remainder_follows_the_policy_that_is_chosen():
+    recording = record(4.0)
+    assert Windower().windows(recording).start_s.tolist() == [0.0, 1.8]
+    shifted = Windower(remainder="shift").windows(recording)
+    np.testing.assert_allclose(shifted.start_s, [0.0, 1.8, 2.2])
+    np.testing.assert_array_equal(shifted.X[-1], recording.torque[-46_080:])
+    with pytest.raises(ValueError, match=r"recording 0 .*leaves 10240 samples.*'drop' or 'shift'"):
+        Windower(remainder="error").windows(recording)
+    whole = record(3.6)
+    for policy in ("drop", "shift", "error"):
+        assert Windower(remainder=policy).windows(whole).start_s.tolist() == [0.0, 1.8]
+
+
+def test_the_error_of_a_short_record_says_what_it_lacks():
+    with pytest.raises(ValueError, match="too short") as caught:
+        Windower(skip_s=0.3).windows([record(3.0), record(1.5, run="r7", meta={"file": "rig.csv"})])
+    message = str(caught.value)
+    for word in (
+        "recording 1",
+        "'rig.csv'",
+        "'r7'",
+        "1.5 s",
+        "38400 samples",
+        "1 output turn",
+        "skip_s = 0.3",
+        "2.1 s",
+    ):
+        assert word in message
+
+
+def test_unknown_speed_names_both_remedies():
+    with pytest.raises(ValueError, match=r"Windower\(input_speed_hz=...\) or Recording\(speed_rpm=...\)"):
+        Windower().windows([record(), record(speed_rpm=None)])
+
+
+def test_mixed_rates_and_speeds_are_errors():
+    slow = Recording(noise(51_200), 12_800, assembly="B", defect_count=0, speed_rpm=500)
+    with pytest.raises(
+        ValueError, match=r"sampling_rate, got 25600 Hz in recording 0.* 12800 Hz in recording 1"
+    ):
+        Windower().windows([record(), slow])
+    with pytest.raises(
+        ValueError, match=r"recording 1 .*speed_rpm = 400, recording 0 .*at 500.*angle_resample"
+    ):
+        Windower().windows([record(3.0), record(3.0, speed_rpm=400)])
+    with pytest.raises(
+        ValueError, match=r"speed_rpm = 400, the windows are meant for input_speed_hz = 8.333"
+    ):
+        Windower(input_speed_hz=500 / 60).windows(record(3.0, speed_rpm=400))
+
+
+def test_assemblies_that_differ_by_a_per_cent_share_the_nominal_speed():
+    records = [record(speed_rpm=rpm) for rpm in (495.0, 500.0, 507.0)]
+    with pytest.raises(ValueError, match="differ little"):
+        Windower().windows(records)
+    assert Windower(input_speed_hz=500 / 60).windows(records).X.shape == (3, 46_080)
+
+
+def test_a_window_without_a_whole_lobe_is_an_error():
+    # 15/16 of an input turn: 0.1125 s at 500 RPM
+    assert len(Windower(duration=0.113).windows(record()))
+    with pytest.raises(ValueError, match=r"duration = 0.11 s is shorter than one lobe period, 0.1125 s"):
+        Windower(duration=0.11).windows(record())
+    assert len(Windower(duration=0.05).windows(record(speed_rpm=None)))  # any speed may be meant
+
+
+def test_a_constant_window_is_an_error_wherever_it_lies():
+    torque = noise(100_000)
+    torque[46_080:] = 3.5
+    broken = Recording(torque, RATE, assembly="A", defect_count=0, speed_rpm=500)
+    with pytest.raises(
+        ValueError, match=r"recording 0 \(assembly 'A'\) is constant \(3.5 Nm\).*1.8 s.*sensor"
+    ):
+        Windower().windows(broken)
+    with pytest.raises(ValueError, match=r"is constant \(3.5 Nm\)"):
+        Windower(angle_resample=True).windows(broken.replace(angle=steady_angle(100_000 / RATE)))
+
+
+def test_what_is_no_recording_is_named():
+    with pytest.raises(ValueError, match="at least one"):
+        Windower().windows([])
+    with pytest.raises(TypeError, match="ndarray"):
+        Windower().windows(noise(10).reshape(1, -1))
+    with pytest.raises(TypeError, match="got int"):
+        Windower().windows(3)
+    with pytest.raises(TypeError, match=r"all text or all whole numbers"):
+        Windower().windows([record(assembly=1), record(assembly="1")])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "kind", "words"),
+    [
+        ({"output_turns": 0}, ValueError, "output_turns must be at least 1, got 0"),
+        ({"output_turns": 0.5}, TypeError, "output_turns must be a whole number, got 0.5"),
+        ({"duration": -1}, ValueError, "duration must be positive"),
+        ({"duration": 0.6, "output_turns": 2}, ValueError, "exclude each other"),
+        ({"duration": 0.6, "angle_resample": True}, ValueError, "exclude each other"),
+        ({"input_speed_hz": 0}, ValueError, "input_speed_hz must be positive"),
+        ({"reduction": 1}, ValueError, "reduction must be at least 2"),
+        ({"skip_s": -0.1}, ValueError, "skip_s must not be negative"),
+        ({"overlap": 1.0}, ValueError, r"overlap must lie in \[0, 1\), got 1.0"),
+        ({"overlap": "half"}, TypeError, "overlap must be a number"),
+        ({"remainder": "pad"}, ValueError, "remainder must be 'drop', 'error' or 'shift', got 'pad'"),
+        ({"angle_resample": "yes"}, TypeError, "angle_resample must be True or False"),
+        ({"samples_per_turn": 512}, ValueError, "samples_per_turn needs angle_resample=True"),
+        ({"samples_per_turn": 1, "angle_resample": True}, ValueError, "samples_per_turn must be at least 2"),
+    ],
+)
+def test_parameters_are_checked(parameters, kind, words):
+    with pytest.raises(kind, match=words):
+        Windower(**parameters)
+
+
+def test_a_window_of_one_sample_is_an_error():
+    with pytest.raises(ValueError, match="duration = 1e-05 s holds 0 samples"):
+        Windower(duration=1e-5).windows(record(speed_rpm=None))
+
+
+# -- Windower, by angle
+
+
+def turning(orders, seconds=6.0, start=0.0, wobble=0.03, rate=RATE, speed=500 / 60, **labels):
+    """Recording of given orders (order -> phase) under a speed that wobbles, with its absolute angle."""
+    time = np.arange(round(seconds * rate)) / rate
+    phi = start + TURN * speed * (time + wobble / TURN * np.sin(TURN * time))
+    torque = 22 + sum(np.cos(order * phi + phase) for order, phase in orders.items())
+    defaults = {"assembly": "A", "defect_count": 0, "angle": phi, "angle_is_absolute": True}
+    return Recording(torque, rate, **{**defaults, **labels})
+
+
+def test_windows_by_angle_hold_whole_turns_whatever_the_speed_does():
+    found = Windower(angle_resample=True, samples_per_turn=512).windows(turning({16: 0.0}))
+    assert found.X.shape[1] == 15 * 512
+    assert found.sampling_rate == 512
+    spectrum = np.abs(np.fft.rfft(found.X - 22, axis=1)) / (15 * 512 / 2)
+    # exactly on line 15 * 16, and nowhere else: no leakage
+    np.testing.assert_allclose(spectrum[:, 240], 1, atol=1e-4)
+    assert np.delete(spectrum, 240, axis=1).max() < 1e-4
+    # by time, the same record smears
+    by_time = Windower(input_speed_hz=500 / 60).windows(turning({16: 0.0})).X[0] - 22
+    assert np.abs(np.fft.rfft(by_time))[240] / (by_time.size / 2) < 0.9
+
+
+@STEADY
+@given(start=st.floats(-200, 200), skip=st.floats(0, 0.5))
+def test_windows_of_an_absolute_angle_start_at_the_same_lobe(start, skip):
+    # Order 1/15 runs once through 15 input turns: its phase tells where in the output turn a window starts.
+    recording = turning({1 / 15: 0.4, 16 / 15: 0.0}, start=start)
+    found = Windower(angle_resample=True, samples_per_turn=128, skip_s=skip).windows(recording)
+    expected = TURN * np.arange(15 * 128) / 128
+    for window in found.X:
+        np.testing.assert_allclose(
+            window - 22, np.cos(expected / 15 + 0.4) + np.cos(expected * 16 / 15), atol=1e-3
+        )
+    turns = found.start_angle / (15 * TURN)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+    assert found.absolute.all()
+    assert found.start_s[0] >= skip
+    np.testing.assert_allclose(
+        np.interp(found.start_s, np.arange(recording.n_samples) / RATE, recording.angle),
+        found.start_angle,
+        atol=1e-6,
+    )
+    # and at the first such place: a turn of the output later at most
+    assert found.start_angle[0] - np.interp(skip * RATE, np.arange(recording.n_samples), recording.angle) < (
+        15 * TURN + TURN * 28 / 128
+    )
+
+
+def test_windows_of_a_relative_angle_start_right_away():
+    recording = turning({3: 0.0}, start=2.5, angle_is_absolute=False)
+    found = Windower(angle_resample=True, samples_per_turn=512, skip_s=0.3).windows(recording)
+    assert 0.3 <= found.start_s[0] < 0.301
+    assert not found.absolute.any()
+
+
+def test_an_absolute_angle_of_the_disc_gives_the_same_windows():
+    recording = turning({1 / 15: 0.4, 16: 0.0}, start=1.0)
+    of_disc = recording.replace(angle=-(recording.angle + np.pi) / 15, angle_of="disc")
+    windower = Windower(angle_resample=True, samples_per_turn=256)
+    np.testing.assert_allclose(windower.windows(of_disc).X, windower.windows(recording).X, atol=1e-8)
+
+
+def test_by_angle_rates_and_speeds_may_be_mixed():
+    records = [
+        turning({16: 0.0}, speed_rpm=500),
+        turning({16: 0.0}, rate=12_800, speed=400 / 60, speed_rpm=400),
+    ]
+    found = Windower(angle_resample=True, samples_per_turn=256).windows(records)
+    assert {0, 1} == set(found.recording.tolist())
+    np.testing.assert_allclose(found.X[0], found.X[-1], atol=2e-3)
+    with pytest.raises(ValueError, match=r"sampling_rate, got 25600 Hz .* 12800 Hz .*samples_per_turn"):
+        Windower(angle_resample=True).windows(records)
+
+
+def test_samples_per_turn_follow_from_rate_and_nominal_speed():
+    assert Windower(angle_resample=True).windows(turning({3: 0.0}, speed_rpm=500)).sampling_rate == 3_072
+    assert Windower(angle_resample=True, input_speed_hz=10).windows(turning({3: 0.0})).sampling_rate == 2_560
+    with pytest.raises(ValueError, match=r"no nominal speed.*samples_per_turn"):
+        Windower(angle_resample=True).windows(turning({3: 0.0}))
+
+
+def test_noise_beyond_the_new_nyquist_order_does_not_enter():
+    windower = Windower(angle_resample=True, samples_per_turn=64)
+    # order 200: about 1700 Hz, far above 32 per turn
+    assert np.std(windower.windows(turning({200: 0.0})).X) < 1e-4
+
+
+def test_by_angle_an_angle_is_needed():
+    with pytest.raises(ValueError, match=r"recording 1 .* has no angle.*angle_resample=True.*tachometer"):
+        Windower(angle_resample=True, samples_per_turn=64).windows([turning({3: 0.0}), record()])
+
+
+def test_an_absolute_start_is_never_given_up_silently():
+    # 2 s hold 16.7 turns, but only 13 of them after the first multiple of 15
+    recording = turning({3: 0.0}, seconds=2.0, start=TURN * 11)
+    windower = Windower(angle_resample=True, samples_per_turn=64)
+    with pytest.raises(
+        ValueError, match=r"too short: it lasts 2 s .*first multiple of 15.*angle_is_absolute=False"
+    ):
+        windower.windows(recording)
+    assert len(windower.windows(recording.replace(angle_is_absolute=False))) == 1
+
+
+def test_windows_of_an_absolute_angle_hop_by_whole_output_turns():
+    recording = turning({3: 0.0}, seconds=12.0)
+    with pytest.raises(ValueError, match=r"overlap = 0.5 of 1 output turns .*absolute"):
+        Windower(overlap=0.5, angle_resample=True, samples_per_turn=64).windows(recording)
+    halves = Windower(2, overlap=0.5, angle_resample=True, samples_per_turn=64).windows(recording)
+    np.testing.assert_allclose(np.diff(halves.start_angle), 15 * TURN)
+    # 12 s are 6.7 output turns: from turn 1 on, two windows of two fit, and a third that is moved back by one
+    shifted = Windower(2, remainder="shift", angle_resample=True, samples_per_turn=64).windows(recording)
+    np.testing.assert_allclose(shifted.start_angle / (15 * TURN), [1, 3, 4])
+    assert (
+        len(Windower(1, remainder="shift", angle_resample=True, samples_per_turn=64).windows(recording)) == 5
+    )
+
+
+def test_a_skip_that_leaves_nothing_is_named():
+    with pytest.raises(ValueError, match=r"lasts 6 s, of which skip_s = 7 s leaves nothing"):
+        Windower(skip_s=7, angle_resample=True, samples_per_turn=64).windows(turning({3: 0.0}))
+
+
+def test_errors_of_the_resampling_name_the_recording():
+    phi = np.concatenate([np.linspace(0, 1, 50_000), 1 + steady_angle(4.0)[1:]])
+    standing = Recording(noise(phi.size), RATE, angle=phi, run="r7")
+    windower = Windower(angle_resample=True, samples_per_turn=64)
+    with pytest.raises(ValueError, match=r"recording 0 \(run 'r7'\): the shaft nearly stands still"):
+        windower.windows(standing)
+    skipping = Windower(angle_resample=True, samples_per_turn=64, skip_s=2.5)
+    assert len(skipping.windows(standing)) == 1
+
+
+def test_two_windowers_with_the_same_parameters_are_equal():
+    # a model has to be able to say which windows it was made for
+    assert Windower(2, skip_s=0.3) == Windower(2, skip_s=0.3)
+    assert Windower(2, skip_s=0.3) != Windower(2, skip_s=0.4)
+    assert pickle.loads(pickle.dumps(Windower(2))) == Windower(2)
+
+
+def test_lobes_that_a_disc_does_not_have_are_errors():
+    with pytest.raises(ValueError, match=r"worn_lobes must lie between 0 and 14 .*got \(3, 15\)"):
+        Recording([1, 2], 1, worn_lobes=(3, 15))
+    with pytest.raises(ValueError, match=r"defect_count must be at most n_lobes = 13, got 14"):
+        Recording([1, 2], 1, defect_count=14, n_lobes=13)
+    assert Recording([1, 2], 1, worn_lobes=(3, 15), n_lobes=16).defect_count == 2
+
+
+def test_a_healthy_disc_states_its_worn_lobes():
+    healthy = Recording([22.0, 22.1], 100.0, defect_count=0)
+    assert healthy.worn_lobes == ()
+    assert Recording([22.0, 22.1], 100.0, defect_count=2).worn_lobes is None
+
+
+def test_recordings_stay_read_only_on_the_way_to_another_process():
+    one = Recording([22.0, 22.1], 100.0, angle=[0.0, 0.1], meta={"gains": np.ones(3), "by": "hand"})
+    copy = pickle.loads(pickle.dumps(one))
+    assert copy == one
+    assert copy != one.replace(meta={"gains": np.zeros(3), "by": "hand"})
+    for values in (copy.torque, copy.angle):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 0
+
+
+def test_windows_and_angles_follow_the_disc_s_own_lobes():
+    torque = np.random.default_rng(0).normal(22, 1, 100_000)
+    of_13 = Recording(torque, 25_600.0, speed_rpm=500, n_lobes=13)
+    assert Windower().windows(of_13).X.shape == (2, 39_936)
+    with pytest.raises(ValueError, match="n_lobes must be the same for all recordings, got 13, 15"):
+        Windower().windows([of_13, of_13.replace(n_lobes=15)])
+    disc = -np.arange(torque.size) / 25_600 * 2 * np.pi * 500 / 60 / 13
+    angle = of_13.replace(angle=disc, angle_of="disc").input_angle()
+    assert (angle[-1] - angle[0]) / (2 * np.pi) == pytest.approx(500 / 60 * (torque.size - 1) / 25_600)

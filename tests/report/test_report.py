@@ -1,0 +1,70 @@
+"""Properties of all pages: whole or not at all, fit for screens and paper, errors before the work."""
+
+import sys
+
+import numpy as np
+import pytest
+from sklearn.naive_bayes import GaussianNB
+
+from cyclofeat.counting import evaluate
+from cyclofeat.report import check_page_path, write_evaluation_report
+
+
+@pytest.fixture(scope="module")
+def content():
+    """Results of a small evaluation."""
+    y = np.repeat(np.arange(30) % 3, 2)
+    groups = np.repeat(np.arange(30), 2)
+    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
+    return {"bayes": evaluate(GaussianNB(), X, y, groups)}
+
+
+@pytest.fixture
+def _no_pictures(monkeypatch):
+    """Pages without the time that their pictures take."""
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_: drawn)
+
+
+@pytest.mark.usefixtures("_no_pictures")
+def test_pictures_follow_the_scheme_of_the_screen_and_not_of_the_printer(content, tmp_path):
+    page = write_evaluation_report(content, tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "@media screen and (prefers-color-scheme: dark)" in page
+    assert "@media (prefers-color-scheme" not in page
+    assert "@media print" in page
+
+
+@pytest.mark.usefixtures("_no_pictures")
+def test_the_same_values_give_the_same_file(content, tmp_path):
+    first, again = (write_evaluation_report(content, tmp_path / name) for name in ("a.html", "b.html"))
+    assert first.read_bytes() == again.read_bytes()
+
+
+@pytest.mark.usefixtures("_no_pictures")
+def test_a_failure_leaves_the_old_report_alone(content, tmp_path, monkeypatch):
+    path = tmp_path / "report.html"
+    path.write_text("old", encoding="utf-8")
+    monkeypatch.setattr("pathlib.Path.replace", lambda *_: (_ for _ in ()).throw(OSError("disk")))
+    with pytest.raises(OSError, match="disk"):
+        write_evaluation_report(content, path)
+    assert path.read_text(encoding="utf-8") == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
+def test_missing_packages_are_named_with_their_remedy(content, module, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r'pip install "cyclofeat\[report\]"'):
+        write_evaluation_report(content, tmp_path / "x.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_that_cannot_be_written_is_an_error_before_the_work(tmp_path, monkeypatch):
+    assert check_page_path(tmp_path / "x.HTM") == tmp_path / "x.HTM"
+    with pytest.raises(FileNotFoundError, match="nowhere does not exist"):
+        check_page_path(tmp_path / "nowhere" / "x.html")
+    with pytest.raises(ValueError, match="must end in .html, got 'x.pdf'"):
+        check_page_path(tmp_path / "x.pdf")
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    with pytest.raises(ImportError, match=r'pip install "cyclofeat\[report\]"'):
+        check_page_path(tmp_path / "x.html")

@@ -1,0 +1,242 @@
+"""The report of a count: the answer first, escaped, whole, and honest about what it rests on."""
+
+import json
+import time
+import weakref
+
+import numpy as np
+import pytest
+from pages import parse, without_pictures, words
+from small_model import recording, small_model, unlike_training
+
+from cyclofeat.counting import ConformalCounter, LobeModel
+from cyclofeat.recordings import Windower
+from cyclofeat.report import CountedRecording, summarise_count, write_count_report
+
+
+@pytest.fixture(scope="module")
+def model():
+    return small_model()
+
+
+@pytest.fixture(scope="module")
+def counted(model):
+    found = {
+        "<b>worn</b>.npz": recording((4, 5, 6), seed=100, turns=2),
+        "healthy.npz": recording((), seed=102),
+        "strange.npz": unlike_training(),
+    }
+    return [CountedRecording(name, one, model.count(one)) for name, one in found.items()]
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """What would have been drawn, in place of pictures."""
+    made = []
+
+    def picture(draw, size, alt):
+        made.append(alt)
+        return {"light": "data:,", "dark": "data:,", "alt": alt, "width": 1, "height": 1}
+
+    monkeypatch.setattr("cyclofeat.report._figures.picture", picture)
+    return made
+
+
+@pytest.fixture(scope="module")
+def page(model, counted, tmp_path_factory):
+    path = tmp_path_factory.mktemp("count") / "count.html"
+    write_count_report(model, counted[:1], path, settings={"model file": "<model>"})
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_count_comes_before_all_evidence(page):
+    text = words(parse(page))
+    order = [
+        "Worn lobes: <b>worn</b>.npz", "All recordings are SURROGATE", "3 worn lobes probability",
+        "5, 6, 7 as numbered on the disc", "Against the training Inside", "the count agrees",
+        "probabilities are not calibrated", "Evidence", "The disc", "How sure", "Torque", "Spectrum",
+        "Orders", "Distance from the training windows", "Strength of the lobe lines", "What the words mean",
+        "Not calibrated: it ranks the counts", "In the code: lobe_slot_rms , std of the whitened",
+        "The model", "bursts <i>by hand</i>", "Made from",
+        "model file <model>",
+    ]  # fmt: skip
+    places = [text.find(part) for part in order]
+    assert -1 not in places, [part for part, place in zip(order, places, strict=True) if place < 0]
+    assert places == sorted(places)
+
+
+def test_the_page_is_whole_and_escaped(page):
+    assert len(page) < 2e6
+    bare = without_pictures(page)
+    assert "<b>worn" not in bare
+    assert "<model>" not in bare
+    assert "http" not in bare.replace('http-equiv="Content-Security-Policy"', "")
+    assert "<script" not in bare
+    parsed = parse(page)
+    images = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "src")]
+    # disc, torque, spectrum, orders, distance and four kinds of features, each for two schemes
+    assert len(images) == 2 * 9
+    assert all(image.startswith("data:image/svg+xml;base64,") for image in images)
+
+
+def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
+    path = write_count_report(
+        model, counted, tmp_path / "all.html", failures={"bad.csv": "bad.csv: <i>empty</i>"}
+    )
+    text = words(parse(path.read_text(encoding="utf-8")))
+    tiles = [
+        "Counted 2 of 4 1 with no worn lobe, 1 with 3 worn lobes", "Worst 3 worn lobes <b>worn</b>.npz",
+        "Refused 1 not reliable: strange.npz", "Could not be counted 1 bad.csv",
+        "Recording Worn lobes",
+    ]  # fmt: skip
+    assert sorted(tiles, key=text.index) == tiles
+    assert "strange.npz - - - - refused , would be" in text
+    assert "2 of 3 recordings are SURROGATE" in text
+    assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
+    assert text.index("strange.npz") < text.index("Against the training")
+    refused = text[text.rindex("strange.npz") :]
+    assert refused.index("Refused Why:") < refused.index("outside what I was trained on")
+    assert "Against the training Outside" in refused
+
+
+def test_sections_go_first_to_recordings_that_need_a_look(model, counted, drawn):
+    found = summarise_count(model, counted, most_sections=1)
+    assert [section["name"] for section in found["sections"]] == ["strange.npz"]
+    assert found["n_more"] == 2
+    assert [bool(row["anchor"]) for row in found["rows"]] == [False, False, True]
+    assert len(drawn) == 3
+    json.dumps(found)
+
+
+def test_only_recordings_with_a_section_stay_in_memory(model, drawn):
+    alive, most = [], []
+
+    def arriving():
+        for seed in range(6):
+            one = recording((), seed=200 + seed)
+            alive.append(weakref.ref(one))
+            counted = CountedRecording(str(seed), one, model.count(one))
+            del one
+            yield counted
+            del counted
+            most.append(sum(made() is not None for made in alive))
+
+    found = summarise_count(model, arriving(), most_sections=2)
+    assert [row["name"] for row in found["rows"]] == list("012345")
+    assert len(found["sections"]) == 2
+    assert max(most) <= 3  # those with a section, and the one in hand
+
+
+def test_failures_may_be_entered_while_recordings_are_counted(model, counted, drawn):
+    failures = {}
+
+    def arriving():
+        yield counted[0]
+        failures["late.csv"] = "empty"
+
+    found = summarise_count(model, arriving(), failures=failures)
+    assert found["failures"] == [{"name": "late.csv", "reason": "empty"}]
+
+
+@pytest.fixture
+def displays(monkeypatch, drawn):
+    """What the pictures of a recording would have been made of."""
+    given = []
+    monkeypatch.setattr(
+        "cyclofeat.report._figures.recording_pictures",
+        lambda torque, spectrum, orders=None, lobe_map=None: given.append((spectrum, orders, lobe_map)),
+    )
+    return given
+
+
+def test_a_refused_recording_of_unknown_speed_has_no_lobe_lines(model, displays):
+    strange, worn = unlike_training(), recording((4, 5, 6), seed=100)
+    counted = [CountedRecording(name, one, model.count(one)) for name, one in (("s", strange), ("w", worn))]
+    refused, sound = summarise_count(model, counted)["sections"]
+    assert (refused["refused"], refused["speed_known"], refused["features"]) == (True, False, [])
+    assert dict(refused["recorded"])["speed measured"] == "not found: refused, and without a tachometer"
+    assert (sound["refused"], sound["speed_known"], len(sound["features"])) == (False, True, 4)
+    (spectrum, orders, lobe_map), marked = displays
+    assert spectrum.input_speed_hz is orders is lobe_map is None
+    assert None not in marked
+    assert marked[0].input_speed_hz == pytest.approx(500 / 60, rel=1e-3)
+
+
+def test_a_refused_recording_with_a_tachometer_keeps_its_lines(model, displays):
+    strange = unlike_training()
+    turning = strange.replace(
+        angle=2 * np.pi * 500 / 60 * np.arange(strange.n_samples) / strange.sampling_rate
+    )
+    (section,) = summarise_count(model, [CountedRecording("s", turning, model.count(turning))])["sections"]
+    assert (section["refused"], section["speed_known"]) == (True, True)
+    assert displays[0][0].input_speed_hz == pytest.approx(500 / 60)
+
+
+def test_speeds_stated_and_measured_stand_apart(model, drawn):
+    by_tachometer = recording((4, 5, 6), seed=100, slowing=0.01)
+    without = by_tachometer.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
+    counted = [CountedRecording("a", one, model.count(one)) for one in (by_tachometer, without)]
+    first, second = (dict(section["recorded"]) for section in summarise_count(model, counted)["sections"])
+    assert first["speed stated"] == "500 RPM, the nominal speed by file or option"
+    assert first["speed measured"] == "497.5 RPM, by the tachometer"
+    assert second["speed stated"] == "none: taken as the model's 500 RPM"
+    speed, by = second["speed measured"].split(" RPM, ")
+    assert float(speed) == pytest.approx(497.5, abs=1.5)
+    assert by == "by the lobe lines"
+
+
+def test_lobes_without_an_absolute_angle_are_said_to_be_relative(model, drawn):
+    turned = recording((4, 5, 6), seed=100).replace(angle=None, angle_is_absolute=False)
+    (section,) = summarise_count(model, [CountedRecording("a", turned, model.count(turned))])["sections"]
+    assert section["relative"]
+    assert any("relative" in warning for warning in section["warnings"])
+
+
+def test_a_wrong_count_stands_out(model, drawn):
+    one = recording((4, 5, 6), seed=100)
+    mislabelled = one.replace(worn_lobes=None, defect_count=0)
+    (row,) = summarise_count(model, [CountedRecording("a", mislabelled, model.count(one))])["rows"]
+    assert (row["count"], row["stated"], row["wrong"]) == (3, "0", True)
+
+
+def test_sets_of_counts_are_those_of_the_counter(model, drawn):
+    made = [recording(tuple(range(k % 2 * 3)), seed=k) for k in range(40)]
+    windows = Windower().windows(made)
+    conformal = ConformalCounter(model.counter, coverage=0.8).fit(windows.X, windows.y, windows.groups)
+    with_sets = LobeModel.of_counter(conformal, sampling_rate=2000.0)
+    one = recording((1, 2, 3), seed=77, turns=3)
+    found = summarise_count(with_sets, [CountedRecording("a", one, with_sets.count(one))])
+    (section,) = found["sections"]
+    sets = conformal.predict_counts(Windower().windows([one]).X)
+    assert section["sets"]["coverage"] == "80 %"
+    assert {text.split(" (")[0] for text in section["sets"]["sets"]} == {str(answer) for answer in sets}
+    assert section["lobe_table"] == []
+
+
+def test_what_spoils_a_count_is_told(model, drawn):
+    one = recording((4, 5, 6), seed=100)
+    clipped = one.replace(torque=np.minimum(one.torque, 22.3))
+    (section,) = summarise_count(model, [CountedRecording("a", clipped, model.count(clipped))])["sections"]
+    assert any("clipped" in warning for warning in section["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"counted": []}, "counted must hold"), ({"most_sections": -1}, "most_sections must not be negative")],
+)
+def test_reports_refuse(model, counted, options, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        write_count_report(model, **({"counted": counted[:1], "path": tmp_path / "a.html"} | options))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_folder_is_found_out_before_the_work(model, counted, tmp_path):
+    began = time.process_time()
+    with pytest.raises(FileNotFoundError, match="make it first"):
+        write_count_report(model, counted, tmp_path / "no" / "a.html")
+    assert time.process_time() - began < 1
+
+
+def test_only_failures_make_a_page_too(model, tmp_path):
+    path = write_count_report(model, [], tmp_path / "a.html", failures={"x.csv": "x.csv: empty"})
+    assert "x.csv could not be counted: x.csv: empty" in words(parse(path.read_text(encoding="utf-8")))

@@ -1,0 +1,121 @@
+"""The report of an evaluation: the score with its interval first, and how it came about."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from pages import parse, words
+from sklearn.naive_bayes import GaussianNB
+
+from cyclofeat.counting import ConformalCounter, evaluate
+from cyclofeat.report import _figures, summarise_evaluation, write_evaluation_report
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Sixty assemblies of two windows, three counts that overlap."""
+    random = np.random.default_rng(0)
+    y = np.repeat(np.arange(60) % 3, 2)
+    groups = np.repeat([f"A<{k}>" for k in range(60)], 2)
+    X = y[:, np.newaxis] + random.normal(0, 0.5, (120, 1))
+    return X, y, groups
+
+
+@pytest.fixture(scope="module")
+def results(data):
+    return {
+        "bayes & co": evaluate(GaussianNB(), *data),
+        "with sets": evaluate(ConformalCounter(GaussianNB()), *data),
+    }
+
+
+@pytest.fixture(scope="module")
+def page(data, results, tmp_path_factory):
+    path = tmp_path_factory.mktemp("evaluation") / "evaluation.html"
+    write_evaluation_report(
+        results, path, sources=["surrogate"] * 60, folds="5 folds, seed 0", settings={"files": "x"}
+    )
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_score_comes_first_with_its_interval(page, results):
+    text = words(parse(page))
+    result = results["bayes & co"]
+    low, high = result.accuracy_interval
+    order = [
+        "All recordings are SURROGATE", f"Accuracy {result.accuracy:.3f} {low:.3f} to {high:.3f}",
+        "120 windows of 60 assemblies", "Methods on the same folds", "with sets",
+        "Details of bayes & co", "Confusion", "On the diagonal they are right as often as stated",
+        "Each count by itself", "Assemblies counted wrong", "How the folds were made",
+        "stratified; 5 folds, seed 0", "What the words mean", "Made from",
+    ]  # fmt: skip
+    places = [text.find(part) for part in order]
+    assert -1 not in places, [part for part, place in zip(order, places, strict=True) if place < 0]
+    assert places == sorted(places)
+    assert "A<" not in page
+
+
+def test_each_count_is_that_of_the_confusion_matrix(data, results):
+    _, y, groups = data
+    found = summarise_evaluation(results)
+    said = results["bayes & co"].predictions
+    for row in found["classes"]:
+        count = int(row["label"])
+        assert row["windows"] == np.sum(y == count)
+        assert row["assemblies"] == 20
+        assert float(row["found"]) == pytest.approx(np.mean(said[y == count] == count), abs=5e-4)
+        assert float(row["right"]) == pytest.approx(np.mean(y[said == count] == count), abs=5e-4)
+    wrong = {name for name in np.unique(groups) if np.any(said[groups == name] != y[groups == name])}
+    assert len(found["wrong"]) + found["n_more_wrong"] == len(wrong)
+    assert {row["assembly"] for row in found["wrong"]} <= wrong
+    assert found["guess"] == pytest.approx(1 / 3)
+    json.dumps(found)
+
+
+def test_calibration_is_drawn_as_it_is(data, results, monkeypatch):
+    y = data[1]
+    drawn = []
+    monkeypatch.setattr("cyclofeat.report._figures.calibration_picture", lambda *sums: drawn.append(sums))
+    summarise_evaluation(results)
+    ((said, was, weight),) = drawn
+    result = results["bayes & co"]
+    probability = result.probabilities.max(axis=1)
+    bins = np.minimum((10 * probability).astype(int), 9)
+    for k, b in enumerate(np.unique(bins)):
+        assert said[k] == pytest.approx(probability[bins == b].mean())
+        assert was[k] == pytest.approx((result.predictions == y)[bins == b].mean())
+    assert weight.sum() == pytest.approx(1)
+    assert float(np.sum(weight * np.abs(said - was))) == pytest.approx(result.calibration_error)
+
+
+def test_the_calibration_says_what_its_axes_and_its_diagonal_are(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(_figures, "picture", lambda draw, *_: drawn.append(draw))
+    _figures.calibration_picture(np.array([0.6, 0.9]), np.array([0.5, 0.95]), np.array([0.25, 0.75]))
+    ax = Figure().subplots()
+    drawn[0](ax, "light")
+    assert ax.get_xlabel() == "probability that the counter gave its answer"
+    assert ax.get_ylabel() == "share of these answers that were right"
+    (diagonal,) = (line for line in ax.lines if line.get_label() == "right as often as stated")
+    assert diagonal.get_xydata().tolist() == [[0, 0], [1, 1]]
+    texts = {text.get_text().split(":")[0]: text.get_position() for text in ax.texts}
+    assert texts["too careful"][1] > texts["too careful"][0]
+    assert texts["too sure"][1] < texts["too sure"][0]
+
+
+def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):
+    _, y, groups = data
+    perfect = evaluate(GaussianNB(), y[:, np.newaxis] + 1e-3 * np.arange(120)[:, np.newaxis] / 120, y, groups)
+    path = write_evaluation_report({"a": perfect}, tmp_path / "a.html")
+    text = words(parse(path.read_text(encoding="utf-8")))
+    assert "None: every window of every assembly was counted right" in text
+    assert "SURROGATE" not in text
+
+
+def test_reports_refuse(data, results, tmp_path):
+    with pytest.raises(ValueError, match="results must hold"):
+        write_evaluation_report({}, tmp_path / "a.html")
+    fewer = evaluate(GaussianNB(), *(values[6:] for values in data))
+    with pytest.raises(ValueError, match="same windows, but 'fewer' is of others than 'bayes & co'"):
+        write_evaluation_report(results | {"fewer": fewer}, tmp_path / "a.html")

@@ -1,0 +1,249 @@
+"""Input speed without a tachometer, order lines and synchronous averages."""
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from cyclofeat.features import LobeMap, OrderSpectrum
+from cyclofeat.signal.lobes import lobe_frequency
+from cyclofeat.signal.orders import (
+    COMBS,
+    FOLDS,
+    comb_lines,
+    estimate_input_speed,
+    lines_per_input_turn,
+    order_lines,
+    synchronous_average,
+)
+
+RATE = 25_600.0
+SPEED = 500 / 60
+N_SAMPLES = 46_080
+
+
+def orders(amplitudes, speed=SPEED, n_samples=N_SAMPLES, rate=RATE, seed=0):
+    """Sum of cosines at orders of the input speed, of random phase: {order: amplitude}."""
+    phase = 2 * np.pi * speed * np.arange(n_samples) / rate
+    start = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(amplitudes))
+    pairs = zip(amplitudes.items(), start, strict=True)
+    return sum(amplitude * np.cos(order * phase + begin) for (order, amplitude), begin in pairs)
+
+
+# Input speed
+
+
+@settings(max_examples=25, derandomize=True, deadline=None, database=None)
+@given(st.floats(-0.0145, 0.0145), st.integers(0, 1000), st.sampled_from(COMBS))
+def test_speed_is_found_to_three_hundredths_of_a_percent(deviation, seed, comb):
+    speed = SPEED * (1 + deviation)
+    lines = {16: 1.0, 32: 1.0}
+    if comb == "lobe":
+        lines |= {16 / 15 * k: 0.2 for k in range(1, 45) if k % 15}
+    torque = 22 + orders(lines, speed, seed=seed) + np.random.default_rng(seed).normal(size=N_SAMPLES)
+    found = estimate_input_speed(torque[np.newaxis], RATE, SPEED, comb=comb)
+    assert found[0] == pytest.approx(speed, rel=3e-4)
+
+
+def test_speed_is_that_of_the_lobe_map():
+    X = 22 + np.random.default_rng(1).normal(size=(3, N_SAMPLES))
+    lobe_map = LobeMap(RATE).fit(X)
+    assert_array_equal(estimate_input_speed(X, RATE, SPEED), lobe_map.lines(X).input_speed_hz)
+
+
+def test_speed_of_windows_without_any():
+    assert_array_equal(estimate_input_speed(np.ones((2, 100)), RATE, SPEED), SPEED)
+    assert_array_equal(estimate_input_speed(np.ones((2, N_SAMPLES)), RATE, SPEED, tolerance=0), SPEED)
+    found = estimate_input_speed(np.zeros((1, N_SAMPLES)), RATE, SPEED)
+    assert abs(found[0] / SPEED - 1) <= 0.0151
+
+
+def test_comb_is_cut_to_what_the_sampling_rate_holds():
+    assert comb_lines(RATE, SPEED, 0.015) == 44
+    assert comb_lines(400.0, SPEED, 0.015) == int(200 / (lobe_frequency(SPEED) * 1.015))
+    torque = 22 + orders({16 / 15 * k: 1.0 for k in range(1, 21)}, SPEED * 1.01, 720, 400.0)
+    assert estimate_input_speed(torque[np.newaxis], 400.0, SPEED)[0] == pytest.approx(SPEED * 1.01, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"tolerance": 0.3}, "tolerance must be from 0 to 0.2 .*, got 0.3"),
+        ({"tolerance": -0.1}, "got -0.1"),
+        ({"nominal_hz": 0.0}, "nominal_hz must be positive and finite, got 0.0"),
+        ({"comb": "pin"}, "comb must be 'lobe' or 'mesh', got 'pin'"),
+        ({"sampling_rate": 50.0}, "sampling_rate=50 is too low .* at least 54.1"),
+        ({"sampling_rate": 200.0, "comb": "mesh"}, "sampling_rate=200 is too low .* at least 270.6"),
+        ({"X": np.ones(100)}, r"shape \(n_windows, n_samples\), got \(100,\)"),
+        ({"X": np.full((1, 9), np.nan)}, "finite"),
+    ],
+)
+def test_bad_arguments_of_the_speed(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        estimate_input_speed(
+            **{"X": np.ones((1, 100)), "sampling_rate": RATE, "nominal_hz": SPEED, **arguments}
+        )
+
+
+# Order lines
+
+
+@pytest.mark.parametrize("fold_by", FOLDS)
+@pytest.mark.parametrize("n_samples", [1, 2, 7, 60, 150, 301])
+def test_lines_against_brute_force(fold_by, n_samples):
+    # 200 samples an output turn: what fits is 0, 1 or 1.5 turns of it, and many of the others.
+    X = 22 + np.random.default_rng(2).normal(size=(3, n_samples))
+    speeds = np.array([0.98, 1.0, 1.015])
+    rate = 200 / 15
+    n_lines = 50 if fold_by == "output" else 5  # so many that nothing is thinned out
+    lines = order_lines(X, rate, speeds, n_lines, fold_by)
+    for x, speed, row in zip(X, speeds, lines, strict=True):
+        step = 2 * np.pi * speed * lines_per_input_turn(fold_by) / rate
+        assert_allclose(row, naive.order_lines(x.tolist(), step, n_lines), atol=1e-10)
+
+
+@pytest.mark.parametrize("fold_by", FOLDS)
+def test_thinning_out_changes_nothing(fold_by):
+    """Lines read at a reduced rate are those of an explicit sum over all samples, to 100 dB and rounding."""
+    x = 22 + np.random.default_rng(3).normal(size=N_SAMPLES)
+    speed, n_lines = 8.4, 30
+    step = 2 * np.pi * speed * lines_per_input_turn(fold_by) / RATE
+    turns = round(N_SAMPLES * step / (2 * np.pi))
+    length = min(N_SAMPLES, round(turns * 2 * np.pi / step))
+    kernel = np.exp(-1j * step * np.outer(np.arange(1, n_lines + 1), np.arange(length)))
+    explicit = 2 / length * kernel @ (x[:length] - x[:length].mean())
+    lines = order_lines(x[np.newaxis], RATE, [speed], n_lines, fold_by)[0]
+    assert_allclose(lines, explicit, atol=1e-4 * np.abs(explicit).max())
+
+
+def test_lines_of_whole_turns_do_not_disturb_each_other():
+    amplitudes = {k / 15: 1.0 + k % 3 for k in (1, 14, 15, 16, 239, 240, 241)}
+    torque = 22 + orders(amplitudes)
+    found = np.abs(order_lines(torque[np.newaxis], RATE, [SPEED], 260)[0])
+    expected = np.zeros(260)
+    expected[[0, 13, 14, 15, 238, 239, 240]] = list(amplitudes.values())
+    assert_allclose(found, expected, atol=1e-4 * 3)
+
+
+def test_what_does_not_repeat_with_the_turn_averages_out():
+    """Run-out repeats with the input turn, a lobe's passage does not: two output turns tell them apart."""
+    torque = orders({1: 1.0, 16 / 15: 1.0}, n_samples=2 * N_SAMPLES)[np.newaxis]
+    for fold_by, line in (("input", 1), ("lobe", 1), ("output", 15)):
+        lines = np.abs(order_lines(torque, RATE, [SPEED], 2 * line, fold_by)[0])
+        assert lines[line - 1] == pytest.approx(1, abs=0.01)
+        assert lines[2 * line - 1] == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"fold_by": "pin"}, "fold_by must be one of 'output', 'input', 'lobe', got 'pin'"),
+        ({"input_speed_hz": [1.0, 2.0]}, r"got \(1, 100\) and \(2,\)"),
+        ({"input_speed_hz": [0.0]}, "input_speed_hz must be positive, got 0.0"),
+        ({"input_speed_hz": [np.nan]}, "got nan"),
+        ({"n_lines": 0}, "n_lines must be at least 1, got 0"),
+        ({"input_speed_hz": [8000.0], "n_lines": 30}, "line 30 lies at 16000, beyond .* 12800"),
+        ({"X": np.ones(100)}, r"got \(100,\)"),
+    ],
+)
+def test_bad_arguments_of_lines(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        order_lines(
+            **{
+                "X": np.ones((1, 100)),
+                "sampling_rate": RATE,
+                "input_speed_hz": [SPEED],
+                "n_lines": 3,
+                **arguments,
+            }
+        )
+
+
+def test_synchronous_average_is_the_mean_over_turns():
+    # 128 samples an input turn; band-limited to half of them, the average is that of brute force
+    rate, n_points = 128 * SPEED, 128
+    x = 22 + np.random.default_rng(4).normal(size=12 * 128 + 5)
+    average = synchronous_average(order_lines(x[np.newaxis], rate, [SPEED], 63, "input"), n_points)[0]
+    expected = np.array(naive.synchronous_average(x.tolist(), 128))
+    spectrum = np.fft.rfft(expected - x[: 12 * 128].mean())
+    spectrum[-1] = 0
+    assert_allclose(average, np.fft.irfft(spectrum), atol=1e-9)
+    with pytest.raises(ValueError, match="n_points must be at least 1, got 0"):
+        synchronous_average(np.ones((1, 63), dtype=complex), 0)
+
+
+# The transformer
+
+
+def test_features_are_the_amplitudes_of_the_named_lines():
+    torque = 22 + orders({16 / 15 * k: 0.1 for k in range(1, 45)} | {16: 1.0, 15: 0.3, 17: 0.2}, SPEED * 1.01)
+    transformer = OrderSpectrum(RATE).fit(torque[np.newaxis])
+    names = transformer.get_feature_names_out().tolist()
+    amplitudes = dict(zip(names, transformer.transform(torque[np.newaxis])[0], strict=True))
+    assert len(names) == 48 + 2 * 33
+    for k, amplitude in ((16, 0.1), (225, 0.3), (240, 1.0), (255, 0.2), (480, 0.1)):
+        assert amplitudes[f"order_amplitude_nm(output;k{k:03d};v2)"] == pytest.approx(amplitude, abs=0.02)
+    for k in (1, 230, 250, 470):
+        assert amplitudes[f"order_amplitude_nm(output;k{k:03d};v2)"] < 0.03
+
+
+def test_lines_kept():
+    X = np.zeros((1, 100))
+
+    def kept(**parameters):
+        names = OrderSpectrum(RATE, **parameters).fit(X).get_feature_names_out()
+        return [int(name.split(";k")[1].split(";")[0]) for name in names]
+
+    assert kept(n_lines=3, n_mesh_lines=0) == [1, 2, 3]
+    assert kept(n_lines=1, n_mesh_lines=2, n_sidebands=1) == [1, 239, 240, 241, 479, 480, 481]
+    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=1, fold_by="input") == [1, 15, 16, 17]
+    assert kept(n_lines=15, n_mesh_lines=1, n_sidebands=1, fold_by="lobe") == list(range(1, 17))
+    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=20, fold_by="lobe") == list(range(1, 36))
+    assert kept(n_lines=1, n_mesh_lines=1, n_sidebands=0, n_lobes=13) == [1, 14 * 13]
+
+
+def test_equal_steps_of_the_angle():
+    """At 512 samples an input turn, lines are read without any search for the speed."""
+    turns = np.arange(15 * 512) / 512
+    torque = 22 + 3 * np.cos(2 * np.pi * 16 / 15 * turns)
+    transformer = OrderSpectrum(512, input_speed_hz=1, speed_tolerance=0, n_mesh_lines=0)
+    amplitudes = transformer.fit_transform(torque[np.newaxis])[0]
+    assert_allclose(amplitudes, 3.0 * (np.arange(1, 49) == 16), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            {"sampling_rate": 500.0},
+            "sampling_rate=500 holds frequencies up to 250, but line 496 .* reaches 279",
+        ),
+        ({"sampling_rate": 30.0, "n_lines": 3, "n_mesh_lines": 0}, "sampling_rate=30 is too low"),
+        ({"fold_by": "pin"}, "'fold_by' parameter of OrderSpectrum .* Got 'pin' instead"),
+        ({"n_lines": 0}, "'n_lines' parameter .* Got 0 instead"),
+    ],
+)
+def test_bad_parameters(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        OrderSpectrum(**{"sampling_rate": RATE, **parameters}).fit(np.zeros((1, 100)))
+
+
+@settings(max_examples=20, derandomize=True, deadline=None, database=None)
+@given(
+    scale=st.sampled_from([0.25, 2.0, 1024.0]),
+    offset=st.integers(-100_000, 100_000).map(lambda number: number / 1024),
+    seed=st.integers(0, 1000),
+)
+def test_amplitudes_grow_with_the_scale_and_do_not_see_the_mean(scale, offset, seed):
+    X = np.round(1024 * np.random.default_rng(seed).normal(size=(2, 3000))) / 1024
+    transformer = OrderSpectrum(1000.0).fit(X)
+    before = transformer.transform(X)
+    assert_allclose(transformer.transform(X * scale), before * scale, rtol=1e-9)
+    assert_allclose(transformer.transform(X + offset), before, atol=1e-9)
+
+
+def test_constant_windows_have_no_lines():
+    for n_samples in (1, 2, 100, N_SAMPLES):
+        assert_array_equal(OrderSpectrum(RATE).fit_transform(np.full((2, n_samples), 22.1)), 0)

@@ -1,0 +1,429 @@
+"""Simulated rigs: order of effects, seeds, and that a record is what its steps are."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from cyclofeat.simulators import (
+    BrakeRotor,
+    Clearance,
+    ClockError,
+    ContactDampingScale,
+    ContactStiffnessScale,
+    Courses,
+    CycloidalGearbox,
+    Gain,
+    Hum,
+    LoadDrift,
+    LobeDefects,
+    Noise,
+    Offset,
+    PinErrors,
+    Quantisation,
+    Rig,
+    SensorDrift,
+    SpeedWander,
+    TorqueMeterLowPass,
+    effect_library,
+    settling_time,
+    simulate,
+)
+from cyclofeat.simulators.effects import Effect, Place, TorqueContext
+
+STEEL = CycloidalGearbox.steel()
+FS = 12_800.0
+SHORT = {"duration": 0.05, "sampling_rate": FS}
+CHAIN = [
+    Clearance(10e-6),
+    ContactStiffnessScale(1.2),
+    LoadDrift(1.0, 5.0),
+    TorqueMeterLowPass(400.0),
+    Gain(1.1),
+    Offset(-0.5),
+    Hum(0.3, phase=0.2),
+    Quantisation(0.125),
+]
+
+
+# The chain
+
+
+def test_the_order_given_does_not_matter_between_places():
+    shuffled = [CHAIN[k] for k in (7, 3, 4, 0, 5, 2, 6, 1)]  # the sensor's three stay in turn
+    assert Rig(STEEL, shuffled).effects == tuple(CHAIN)
+    one, other = (Rig(STEEL, effects).simulate(**SHORT) for effects in (CHAIN, shuffled))
+    assert one.torque_out.tobytes() == other.torque_out.tobytes()
+
+
+def test_effects_of_one_place_are_applied_in_the_order_given():
+    plain = Rig(STEEL).simulate(**SHORT).torque_out
+    for effects, expected in (
+        ([Gain(2.0), Offset(1.0)], 2 * plain + 1),
+        ([Offset(1.0), Gain(2.0)], 2 * (plain + 1)),
+    ):
+        np.testing.assert_array_equal(Rig(STEEL, effects).simulate(**SHORT).torque_out, expected)
+
+
+def test_every_pair_of_the_library_is_sorted_by_place():
+    for one, other in itertools.permutations(effect_library().values(), 2):
+        places = [effect.place for effect in Rig(STEEL, [one(), other()]).effects]
+        assert places == sorted(places)
+
+
+def test_effects_added_to_a_rig_come_after_its_own():
+    own = Rig(STEEL, [Noise(0.3), Offset(1.0)])
+    added = own.with_added(Quantisation(0.25), Gain(2.0))
+    assert added.effects == (Noise(0.3), Offset(1.0), Gain(2.0), Quantisation(0.25))
+    before = own.simulate(**SHORT).torque_out
+    found = added.simulate(**SHORT).torque_out
+    np.testing.assert_allclose(found, 0.25 * np.rint(2 * before / 0.25), atol=1e-12)
+
+
+# It is what its steps are
+
+
+def generator(seed, *key):
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def test_the_composite_is_simulate_and_the_steps_by_hand():
+    """All by hand but the hooks: seeds, settling, the sum of the loads, the cut."""
+    seed, n = 6, 640
+    drift, second = LoadDrift(1.0, 5.0), LoadDrift(0.5, 20.0)
+    effects = [Noise(0.2), second, Hum(0.3), TorqueMeterLowPass(400.0), PinErrors(5e-6), BrakeRotor(), drift]
+    keys = {id(effect): (*effect.effect_id.encode(), 0, int(effect is drift)) for effect in effects}
+    noise, _, hum, low_pass, pins, brake, _ = effects
+    gearbox = pins.change_gearbox(STEEL, generator(seed, *keys[id(pins)], 1))
+    gearbox = brake.change_gearbox(gearbox, generator(seed, *keys[id(brake)], 1))
+    assert Rig(STEEL, effects).draw(seed).gearbox == gearbox
+    skipped = math.ceil(settling_time(gearbox) * FS)
+    loads = [
+        one.load_fluctuation(gearbox, (skipped + n) / FS + 64 / FS, generator(seed, *keys[id(one)], 2))
+        for one in (second, drift)
+    ]
+    run = simulate(
+        gearbox,
+        LobeDefects.worn(2),
+        duration=(skipped + n) / FS,
+        sampling_rate=FS,
+        start_angle=generator(seed, 2).uniform(0, 30 * np.pi),
+        courses=Courses(load_fluctuation=lambda t: loads[0](t) + loads[1](t)),
+    )
+    torque = run.torque_out[skipped:]
+    for effect in (low_pass, noise, hum):
+        context = TorqueContext(gearbox, run.input_angle[skipped:])
+        torque = effect.change_torque(torque, FS, generator(seed, *keys[id(effect)], 4), context)
+    found = Rig(STEEL, effects).simulate(
+        LobeDefects.worn(2), duration=n / FS, sampling_rate=FS, random_state=seed
+    )
+    assert found.gearbox == gearbox
+    assert found.defects == LobeDefects.worn(2)
+    np.testing.assert_array_equal(found.torque_out, torque)
+    np.testing.assert_array_equal(found.input_angle, run.input_angle[skipped:])
+    np.testing.assert_array_equal(found.torque_in, run.torque_in[skipped:])
+
+
+@pytest.mark.parametrize("effects", [[], [kind().neutral() for kind in effect_library().values()]], ids=len)
+def test_without_effects_and_from_rest_it_is_simulate(effects):
+    options = {"duration": 0.1, "sampling_rate": FS, "start_angle": 0.7, "forces": True}
+    found = Rig(STEEL, effects).simulate(LobeDefects.worn(1), settled=False, **options)
+    plain = simulate(STEEL, LobeDefects.worn(1), **options)
+    for item in dataclasses.fields(plain):
+        if isinstance(getattr(plain, item.name), np.ndarray):
+            assert getattr(found, item.name).tobytes() == getattr(plain, item.name).tobytes(), item.name
+    assert found.gearbox == plain.gearbox
+
+
+def test_from_rest_the_low_pass_starts_at_rest():
+    run = Rig(STEEL, [TorqueMeterLowPass(20.0)]).simulate(settled=False, duration=0.1, sampling_rate=FS)
+    plain = simulate(STEEL, duration=0.1, sampling_rate=FS, start_angle=run.input_angle[0])
+    padded = np.r_[np.full(20_000, plain.torque_out[0]), plain.torque_out]
+    context = TorqueContext(from_rest=True)
+    expected = TorqueMeterLowPass(20.0).change_torque(padded, FS, np.random.default_rng(0), context)[20_000:]
+    np.testing.assert_allclose(run.torque_out, expected, atol=1e-9)
+
+
+def test_the_record_begins_settled_by_default():
+    run = Rig(STEEL).simulate(**SHORT)
+    assert run.torque_out.size == run.input_angle.size == 640
+    assert abs(run.torque_out.mean() - 22) < 0.1
+    assert Rig(STEEL).simulate(settled=False, **SHORT).torque_out.mean() < 6
+
+
+# Each effect in the whole
+
+
+def test_brake_rotor_is_the_gearbox_with_a_brake():
+    with_effect = Rig(STEEL, [BrakeRotor(0.02, 1e4, 0.1)]).simulate(**SHORT)
+    with_brake = Rig(STEEL.with_brake(0.02, 1e4, 0.1)).simulate(**SHORT)
+    np.testing.assert_array_equal(with_effect.torque_out, with_brake.torque_out)
+
+
+def test_a_drift_of_the_load_reaches_the_gearbox_and_one_of_the_sensor_does_not():
+    plain = Rig(STEEL).simulate(**SHORT)
+    load, sensor = (Rig(STEEL, [kind(3.0)]).simulate(**SHORT) for kind in (LoadDrift, SensorDrift))
+    assert abs(load.torque_in - plain.torque_in).mean() > 0.01
+    np.testing.assert_array_equal(sensor.torque_in, plain.torque_in)
+    assert abs(sensor.torque_out - plain.torque_out).mean() > 0.1
+
+
+def test_clock_error_moves_the_hum_and_leaves_the_length():
+    simulator = Rig(STEEL, [ClockError(0.02), Hum(50.0, 100.0, phase=0.0), Quantisation(0.25)])
+    run = simulator.simulate(duration=0.2, sampling_rate=FS)
+    assert run.torque_out.size == run.input_angle.size == run.torque_in.size == 2560
+    time = np.arange(2560) / FS
+    basis = np.exp(2j * np.pi * 100.0 / 1.02 * time)
+    hum = run.torque_out - run.torque_out.mean()
+    assert abs(np.mean(hum * basis.conj())) == pytest.approx(25.0, rel=0.01)
+    # codes come after the clock
+    np.testing.assert_array_equal(run.torque_out * 4, np.rint(run.torque_out * 4))
+    speed = np.polyfit(time, run.input_angle, 1)[0]
+    assert speed == pytest.approx(STEEL.input_speed / 1.02, rel=1e-9)
+
+
+@pytest.mark.parametrize("relative", [0.03, -0.03])
+def test_the_clock_samples_the_same_noise_at_other_instants(relative):
+    plain, moved = (
+        Rig(STEEL, [Noise(1.0), *more]).simulate(duration=0.2, sampling_rate=FS).torque_out
+        for more in ((), (ClockError(relative),))
+    )
+    assert plain.size == moved.size == 2560
+    at = np.arange(2560) / (1 + relative)
+    known = at < 2559
+    near = np.interp(at[known], np.arange(2560), plain)
+    # straight lines between white samples keep at least 0.8 of the correlation; other noise would have none
+    assert np.corrcoef(near, moved[known])[0, 1] > 0.7
+
+
+@pytest.mark.parametrize("relative", [0.05, -0.05])
+def test_the_last_samples_are_as_true_as_the_others(relative):
+    hum = Hum(50.0, 500.0, phase=0.3)
+    moved, bare = (
+        Rig(STEEL, [ClockError(relative), *more]).simulate(duration=0.1, sampling_rate=FS)
+        for more in ([hum], [])
+    )
+    instants = np.arange(1280) / (1 + relative) / FS
+    expected = 50.0 * np.sin(2 * np.pi * 500.0 * instants + 0.3)
+    found = moved.torque_out - bare.torque_out
+    assert np.abs(found - expected)[60:].max() < 50 * 2e-5  # the first lie at the record's beginning
+
+
+# Seeds
+
+
+def test_the_same_seed_gives_the_same_record():
+    simulator = Rig.r2().with_added(Noise(0.1), Hum())
+    first = simulator.simulate(random_state=3, **SHORT)
+    assert first.torque_out.tobytes() == simulator.simulate(random_state=3, **SHORT).torque_out.tobytes()
+    assert first.torque_out.tobytes() != simulator.simulate(random_state=4, **SHORT).torque_out.tobytes()
+    assert first.gearbox == simulator.draw(3).gearbox
+    sequence = np.random.SeedSequence(3)
+    sequence.spawn(4)
+    again = simulator.simulate(random_state=sequence, **SHORT)
+    assert first.torque_out.tobytes() == again.torque_out.tobytes()
+    assert sequence.n_children_spawned == 4
+
+
+def test_the_assembly_follows_from_its_own_seed_and_drift_and_noise_from_the_runs():
+    rig_of_ranges = Rig(STEEL, [PinErrors((2e-6, 2e-5)), Noise((0.1, 0.5)), LoadDrift(2.0, 20.0)])
+    one, other = (rig_of_ranges.run_machine(random_state=seed, assembly=7, **SHORT) for seed in (1, 2))
+    assert one.machine == other.machine == rig_of_ranges.draw(7)
+    assert one.run.gearbox == other.run.gearbox
+    first, second = (run.record().torque_out - run.run.torque_out[-640:] for run in (one, other))
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.2  # other noise
+    moved = one.run.torque_out[-640:].mean() - other.run.torque_out[-640:].mean()
+    assert abs(moved) > 0.05  # another drift, of the same rms
+
+
+def test_one_effect_more_changes_no_random_number_of_another():
+    base = [Noise(1.0), SensorDrift(2.0)]
+    plain = Rig(STEEL, base).simulate(**SHORT).torque_out
+    for extra in (Hum(0.5), Offset(0.5), Noise(0.1, 1.0)):
+        more = Rig(STEEL, [*base, extra]).simulate(**SHORT).torque_out
+        other = Rig(STEEL, [extra]).simulate(**SHORT).torque_out
+        bare = Rig(STEEL).simulate(**SHORT).torque_out
+        if not isinstance(extra, Noise):  # alone it is the first of its name, there the second
+            np.testing.assert_allclose(more - plain, other - bare, atol=1e-12)
+        np.testing.assert_allclose((more - plain).std(), (other - bare).std(), rtol=0.4, atol=1e-12)
+
+
+def test_two_effects_of_one_kind_are_independent():
+    bare = Rig(STEEL).simulate(duration=0.4, sampling_rate=FS).torque_out
+    both = Rig(STEEL, [Noise(1.0)] * 2).simulate(duration=0.4, sampling_rate=FS).torque_out
+    # twice the same noise would have twice the rms
+    assert (both - bare).std() == pytest.approx(math.sqrt(2), rel=4 / math.sqrt(2 * both.size))
+
+
+def test_ranges_are_drawn_anew_by_each_seed_and_only_they():
+    simulator = Rig(STEEL, [BrakeRotor((0.005, 0.05)), Noise((0.1, 0.5)), ContactDampingScale()])
+    drawn = [simulator.draw(seed).effects for seed in range(30)]
+    inertia = np.array([brake.inertia for _, brake, _ in drawn])
+    noise = np.array([noise.rms_nm for _, _, noise in drawn])
+    assert len(set(inertia)) == 30
+    assert 0.005 < inertia.min() < 0.01 < 0.03 < inertia.max() < 0.05
+    assert abs(np.corrcoef(np.log(inertia), np.log(noise))[0, 1]) < 0.6
+    fixed = simulator.with_parameters({"noise.rms_nm": 0.2}).draw(5).effects
+    assert fixed[1] == drawn[5][1]
+    assert fixed[2] == Noise(0.2)
+
+
+def test_a_longer_record_begins_like_a_shorter_one():
+    simulator = Rig.r1().with_added(Noise(0.2), SensorDrift(), Hum(0.1), Quantisation(0.05))
+    short, long = (simulator.simulate(duration=t, sampling_rate=FS).torque_out for t in (0.05, 0.2))
+    np.testing.assert_array_equal(short, long[: short.size])
+
+
+# Parameters by name
+
+
+def test_parameters_have_names():
+    named = Rig(STEEL, [Hum(0.1), Hum((0.2, 0.3), 150.0), Gain(1.1)])
+    parameters = named.parameters()
+    assert parameters["gearbox.load_torque"] == 22.0
+    assert parameters["hum_2.frequency_hz"] == 150.0
+    assert parameters["hum_2.amplitude_nm"] == (0.2, 0.3)
+    changed = named.with_parameters(
+        {"hum_2.amplitude_nm": 0.7, "gain.factor": 1.2, "gearbox.load_torque": 18.0}
+    )
+    assert changed.effects == (Hum(0.1), Hum(0.7, 150.0), Gain(1.2))
+    assert changed.gearbox == STEEL.replace(load_torque=18.0)
+    assert named.effects[1].amplitude_nm == (0.2, 0.3)
+    with pytest.raises(
+        ValueError, match=r"unknown parameter 'hum.amplitude' of rig 'rig': did you mean 'hum"
+    ):
+        named.with_parameters({"hum.amplitude": 1.0})
+    with pytest.raises(ValueError, match=r"unknown parameter 'zzz' of rig 'rig': known are gearbox.ecc"):
+        named.with_parameters({"zzz": 1.0})
+    with pytest.raises(ValueError, match="amplitude_nm of hum must lie between"):
+        named.with_parameters({"hum.amplitude_nm": -1.0})
+
+
+def test_effects_are_replaced_added_and_taken_away():
+    both = Rig(STEEL, [LoadDrift(1.0), LoadDrift(2.0), Hum()])
+    assert both.with_effects(LoadDrift(3.0), Gain()).effects == (LoadDrift(3.0), Hum(), Gain())
+    assert both.with_added(LoadDrift(3.0)).effects == (LoadDrift(1.0), LoadDrift(2.0), LoadDrift(3.0), Hum())
+    assert both.without("load_drift", "gain").effects == (Hum(),)
+    assert both.effects == (LoadDrift(1.0), LoadDrift(2.0), Hum())
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("gearbox", "effects", "arguments", "message"),
+    [
+        ("R1", (), {}, "gearbox must be of type CycloidalGearbox, got 'R1'"),
+        (STEEL, Hum(), {}, "effects must be a sequence of effects"),
+        (STEEL, [3], {}, "effects must hold effects like Hum.* got 3"),
+        (STEEL, [Gain(-1)], {}, "factor of gain must lie between"),
+        (STEEL, [BrakeRotor(), BrakeRotor()], {}, "one brake_rotor at most, .* got 2 brakes in all"),
+        (STEEL.with_brake(0.02, 1e4, 0.1), [BrakeRotor()], {}, "one brake_rotor at most, .* got 2 brakes"),
+        (STEEL, (), {"duration": -1.0}, "duration must be positive and finite, got -1.0"),
+        (STEEL, (), {"duration": 1e-6}, "duration 1e-06 s is shorter than one sample at 12800 Hz"),
+        (STEEL, (), {"sampling_rate": math.inf}, "sampling_rate must be positive and finite, got inf"),
+        (
+            STEEL,
+            (),
+            {"random_state": None},
+            "random_state must be a whole number .* None",
+        ),
+        (STEEL, (), {"random_state": -1}, "random_state must not be negative, got -1"),
+        (STEEL, (), {"courses": 1.0}, "courses is not taken here"),
+        (STEEL, (), {"zzz": 1.0}, "zzz"),
+        (STEEL, [TorqueMeterLowPass(6400.0)], {}, "below the Nyquist frequency 6400 Hz, got 6400"),
+        (
+            STEEL.replace(contact_damping=0.0).with_brake(0.02, 1e4, 1e-7),
+            (),
+            {},
+            "must have more damping: it settles in",
+        ),
+        (STEEL, (), {"defects": LobeDefects.worn((15,))}, "lobe 15"),
+    ],
+)
+def test_bad_input_is_named(gearbox, effects, arguments, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        Rig(gearbox, effects).simulate(**(SHORT | arguments))
+
+
+def test_an_effect_of_ones_own_takes_its_place():
+    class Square(Effect):
+        """Squares the torque: an effect that the library does not have."""
+
+        effect_id = "square"
+        place = Place.SENSOR
+
+        def __init__(self):
+            pass
+
+        def change_torque(self, torque, sampling_rate, random, context=None):
+            assert context.gearbox.load_torque == 22
+            assert context.input_angle.shape == torque.shape
+            return torque**2
+
+    plain = Rig(STEEL).simulate(**SHORT).torque_out
+    squared = Rig(STEEL, [Quantisation(0.0), Square()]).simulate(**SHORT).torque_out
+    np.testing.assert_array_equal(squared, plain**2)
+
+
+# Speed, last: the input's fluctuation
+
+
+def test_wander_of_the_speed_shows_in_the_angle():
+    """The rate of the input's angle is the mean speed and what the effect says."""
+    wander = SpeedWander(0.01, 3.0)
+    key = (*b"speed_wander", 0, 0, 3)
+    run = Rig(STEEL, [wander]).simulate(duration=0.6, sampling_rate=FS, random_state=4)
+    skipped = math.ceil(settling_time(STEEL) * FS)
+    expected = wander.speed_fluctuation(STEEL, 0.6 + skipped / FS + 64 / FS, generator(4, *key))
+    time = (skipped + np.arange(1, run.input_angle.size - 1)) / FS
+    # a central difference of the angle is the mean speed over two samples
+    found = (run.input_angle[2:] - run.input_angle[:-2]) * FS / 2
+    within = (np.arange(100) + 0.5) / 50 - 1
+    mean = expected((time[:, None] + within / FS).ravel()).reshape(-1, 100).mean(axis=1)
+    np.testing.assert_allclose(found, STEEL.input_speed + mean, rtol=1e-7)
+    assert 0.002 < found.std() / STEEL.input_speed < 0.05
+
+
+@pytest.mark.parametrize("order", [1.0, 6.0])
+def test_ripple_of_the_speed_is_locked_to_the_shaft(order):
+    ripple = SpeedWander(0.005, 2.0, ripple=0.004, ripple_order=order, phase=0.4)
+    without = SpeedWander(0.005, 2.0)
+    both, slow = (
+        Rig(STEEL, [one]).simulate(duration=1.2, sampling_rate=FS, start_angle=0.0)
+        for one in (ripple, without)
+    )
+    speed = np.gradient(both.input_angle, 1 / FS) - np.gradient(slow.input_angle, 1 / FS)
+    # folded over the angle, not over time, it is one pure wave with the phase given
+    turns = (slow.input_angle - slow.input_angle[0]) / (2 * np.pi)
+    whole = turns < np.floor(turns[-1])
+    wave = 2 * np.mean((speed * np.exp(-1j * order * slow.input_angle) * np.gradient(turns))[whole])
+    wave /= np.mean(np.gradient(turns)[whole])
+    expected = 0.004 * STEEL.input_speed * np.exp(1j * (0.4 - np.pi / 2))
+    assert wave == pytest.approx(expected, rel=0.01)
+
+
+def test_speed_wander_has_its_rms_and_adds_no_mean():
+    values = SpeedWander(0.01, 2.0).speed_fluctuation(STEEL, 1500.0, np.random.default_rng(3))(
+        np.arange(0, 1500, 1 / 97)
+    )
+    assert np.mean((values / STEEL.input_speed) ** 2) == pytest.approx(1e-4, rel=4 * math.sqrt(2 / 3000))
+    assert abs(values.mean()) < 4 * 0.01 * STEEL.input_speed / math.sqrt(3000)
+
+
+def test_one_run_of_the_machine_is_recorded_by_several_chains() -> None:
+    """The same, bit for bit, as a simulation for each; and what the gearbox answers is refused."""
+    base = Rig.r1().with_added(Noise(0.05))
+    chains: list[list[Effect]] = [[], [Hum(0.2)], [Offset(0.5), Quantisation(0.05)]]
+    run = base.run_machine(duration=0.2, random_state=4, spare_s=0.02)
+    for chain in chains:
+        alone = base.with_added(*chain).simulate(duration=0.2, random_state=4)
+        assert np.array_equal(run.record(chain).torque_out, alone.torque_out)
+    with pytest.raises(ValueError, match=r"the gearbox answers Clearance"):
+        run.record([Clearance(1e-5)])
+    with pytest.raises(ValueError, match=r"effects need \d+ samples, the machine ran for \d+"):
+        run.record([ClockError(-0.05), ClockError(-0.05), ClockError(-0.05)])
