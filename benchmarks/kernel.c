@@ -129,10 +129,10 @@ INLINE ptrdiff_t lobe_number(double whole, ptrdiff_t n_lobes)
 }
 
 INLINE Turn lobe_direction(
-    const double *lobes, int w, ptrdiff_t lobe, ptrdiff_t n_lobes, double cos_theta, double sin_theta)
+    const double *lobes, int w, ptrdiff_t lobe, double cos_theta, double sin_theta)
 {
-    double error = lobes[(PITCH_ERROR_0 + w) * n_lobes + lobe];
-    double c = lobes[LOBE_COS * n_lobes + lobe], s = lobes[LOBE_SIN * n_lobes + lobe];
+    double error = lobes[PITCH_ERROR + w * COLUMNS + lobe];
+    double c = lobes[LOBE_COS + lobe], s = lobes[LOBE_SIN + lobe];
     double cl = c - error * s, sl = s + error * c;
     return (Turn){sin_theta * cl + cos_theta * sl, cos_theta * cl - sin_theta * sl};
 }
@@ -144,7 +144,7 @@ static size_t describe_edges(
     const Wheel *wheel = &machine->wheel;
     const double *pins = machine->pins, *lobes = machine->lobes;
     ptrdiff_t n_lobes = (ptrdiff_t)wheel->n_lobes;
-    const double *wear = machine->wear + w * n_lobes;
+    const double *wear = machine->wear + w * COLUMNS;
     double *edges = machine->edges;
     double pitch = 2.0 * M_PI / (double)n_lobes;
     double reach = EDGE_REACH * wheel->pin_circle_radius + DISPLACED_REACH * displaced;
@@ -173,14 +173,14 @@ static size_t describe_edges(
         double pin_x = cb * radial - sb * tangential, pin_y = sb * radial + cb * tangential;
         double lever_x = pin_x - cx, lever_y = pin_y - cy;
         if (at_edge) {
-            Turn to = lobe_direction(lobes, w, tip_lobe, n_lobes, cos_theta, sin_theta);
+            Turn to = lobe_direction(lobes, w, tip_lobe, cos_theta, sin_theta);
             double hx = to.cosine * run_x + to.sine * run_y, hy = to.cosine * run_y - to.sine * run_x;
             double side = removed_ahead ? 1.0 : -1.0;
             n = add_edge(w, edges, n, wheel, to.cosine, to.sine, 1.0, 0.0, hx + tip, hy, 0.0, side, side * hy,
                 INFINITY, wheel->tip_radius, 0.0, 0.0, 1.0, j, pin_x, pin_y, lever_x, lever_y, reach);
         }
         if (on_chord) {
-            Turn to = lobe_direction(lobes, w, worn_lobe, n_lobes, cos_theta, sin_theta);
+            Turn to = lobe_direction(lobes, w, worn_lobe, cos_theta, sin_theta);
             double hx = to.cosine * run_x + to.sine * run_y, hy = to.cosine * run_y - to.sine * run_x;
             n = add_edge(w, edges, n, wheel, to.cosine, to.sine, ox, oy, hx + tip, hy, 0.0, 1.0, hy, 0.0,
                 wheel->tip_radius, q - wheel->tip_radius, ox / oy, share, j, pin_x, pin_y, lever_x, lever_y,
@@ -201,12 +201,12 @@ static __attribute__((noinline)) void describe(
 {
     const Wheel *wheel = &machine->wheel;
     const double *restrict pins = machine->pins;
-    const double *restrict mounts = machine->mounts + MOUNT_COLUMNS * w;
+    const double *restrict mounts = machine->mounts + COLUMNS * w;
     const double *lobes = machine->lobes;
     double *restrict feet = machine->feet, *restrict flanks = machine->flanks, *restrict edges = machine->edges;
     double *seen = machine->seen[w];
     ptrdiff_t n_lobes = (ptrdiff_t)wheel->n_lobes;
-    const double *wear = machine->wear + w * n_lobes;
+    const double *wear = machine->wear + w * COLUMNS;
     double e = wheel->eccentricity, inverse_m = 1.0 / wheel->shortening, z = wheel->n_lobes;
     double n_pins = z + 1.0, q = wheel->pin_radius, big_r = wheel->pin_circle_radius;
     double inverse_ez = 1.0 / (e * n_pins), pitch = 2.0 * M_PI / z;
@@ -286,7 +286,7 @@ static __attribute__((noinline)) void describe(
             }
             if (before == 0.0 && beyond == 0.0)
                 continue;
-            Turn to = lobe_direction(lobes, w, ahead, n_lobes, cos_theta, sin_theta);
+            Turn to = lobe_direction(lobes, w, ahead, cos_theta, sin_theta);
             double cl = cb * to.cosine + sb * to.sine, sl = cb * to.sine - sb * to.cosine;
             line_x = cl * direction_x - sl * direction_y;
             line_y = sl * direction_x + cl * direction_y;
@@ -495,7 +495,7 @@ INLINE void derivatives(
     double rate_out = mean_rate + state[6];
     double moment_out = 0.0, torque_in = 0.0;
     for (int w = 0; w < 2; w++) {
-        const double *mounts = machine->mounts + MOUNT_COLUMNS * w;
+        const double *mounts = machine->mounts + COLUMNS * w;
         double side = 1.0 - 2.0 * w, eps = state[w];
         double cx = mounts[CAM_X] * fast.cosine - mounts[CAM_Y] * fast.sine;
         double cy = mounts[CAM_X] * fast.sine + mounts[CAM_Y] * fast.cosine;

@@ -35,7 +35,6 @@ def constants() -> str:
                 found[name] = value if isinstance(value, float) else int(value)
     found["FLANK_ROWS"] = found["FLANK_SIZE"] // found["COLUMNS"]
     found["EDGE_ROWS"] = found["EDGE_SIZE"] // found["EDGE_COLUMNS"]
-    found["MOUNT_COLUMNS"] = found["HAS_FAULTS"] + 1
     return "".join(f"#define {name} {value!r}\n" for name, value in found.items())
 
 
@@ -63,8 +62,6 @@ class CKernel:
         result: np.ndarray,
     ) -> int:
         """Integrate as ``_kernels.integrate``, but for torques only: changes ``state``, fills ``result``."""
-        if tables.mounts.shape[1] != _outline.HAS_FAULTS + 1:
-            raise RuntimeError(f"kernel.c does not know the table of mounts, shape {tables.mounts.shape}")
         tuples = (tables.wheel, tables.joint, tables.contact, tables.joint_contact, tables.body)
         arrays = [*course, state, *(np.array(values, dtype=float) for values in tuples)]
         arrays += [tables.pins, tables.mounts, tables.lobes, tables.wear, tables.sleeves]

@@ -206,8 +206,8 @@ class Kernel:
         )
         last = np.empty((2, self.gearbox.n_pins, 3)), np.empty((2, self.gearbox.n_internal_sleeves, 3))
         finished = _kernels.integrate(
-            2, self.n_steps, DT, *self.course, self.start.copy(), *self.tables, *self.limits, result, kept,
-            self.motion, *nothing, *last,
+            2, self.n_steps, DT, *self.course, self.start.copy(), *self.tables,
+            _kernels.new_memory(self.start), *self.limits, result, kept, self.motion, *nothing, *last,
         )  # fmt: skip
         if finished != self.n_steps:
             raise RuntimeError(f"the kernel stopped at step {finished}")

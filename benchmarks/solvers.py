@@ -75,7 +75,7 @@ def problem(
     duration: float,
 ) -> Problem:
     """Wrap the kernel's right-hand side; the tables are compiled in to make calls fast."""
-    memory = _kernels.new_memory(0)
+    memory = _kernels.new_memory(start)
     speed, load, z = gearbox.input_speed, gearbox.load_torque, float(gearbox.n_lobes)
     (wheel, joint, contact, joint_contact, body, _, pins, mounts, lobes, wear, sleeves) = tuple(
         kernel_input(gearbox, defects)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cyclofeat.simulators._jit import njit
-from cyclofeat.simulators._kernels import N_RESULT, N_STATE, derivatives, new_memory
-from cyclofeat.simulators._outline import CAM_X, CAM_Y, FASTMATH
+from cyclofeat.simulators._jit import addresses, njit
+from cyclofeat.simulators._kernels import N_RESULT, derivatives
+from cyclofeat.simulators._outline import CAM_X, CAM_Y, COLUMNS, FASTMATH
 
 # Of _kernels.py, which has that of _outline.py: numba's cache on disk notices a change of this file only.
-KERNELS_CHECKSUM = 0x41C76FE7
+KERNELS_CHECKSUM = 0xB7F031D1
 
 
 @njit(fastmath=FASTMATH, forceinline=True)
@@ -41,7 +41,7 @@ def _accelerations(
 @njit(fastmath=FASTMATH, nogil=True)
 def integrate_held(
     n_steps, dt, torque, phi, damping, input_inertia, through_meter, state, wheel, joint, contact,
-    joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, limit, every, angle, held,
+    joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, limit, every, angle, held,
 ):  # fmt: skip
     """Midpoint rule over ``n_steps`` steps with the input free.
 
@@ -49,13 +49,15 @@ def integrate_held(
     angle in ``angle`` and the output torque in ``held``. Returns the number of finished steps.
     """
     n_state = state.size
-    memory = new_memory(n_state - N_STATE)
     rates = np.zeros(n_state)
     middle = np.zeros(n_state)
     result = np.zeros(N_RESULT)
+    pins, mounts, lobes, wear, sleeves = addresses((pins, mounts, lobes, wear, sleeves))
+    memory = addresses(memory)
     inertia = input_inertia
     for w in range(2):
-        inertia += body.wheel_mass * (mounts[w, CAM_X] ** 2 + mounts[w, CAM_Y] ** 2)
+        own = np.uintp(w * COLUMNS)
+        inertia += body.wheel_mass * (mounts[own + CAM_X] ** 2 + mounts[own + CAM_Y] ** 2)
     omega = 0.0
     for step in range(n_steps):
         alpha = _accelerations(

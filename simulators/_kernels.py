@@ -23,11 +23,11 @@ from collections import namedtuple
 import numpy as np
 
 from cyclofeat.simulators import _outline as rows
-from cyclofeat.simulators._jit import njit
+from cyclofeat.simulators._jit import addresses, njit
 from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
 # Of _outline.py: numba's cache on disk notices changes of this file only.
-OUTLINE_CHECKSUM = 0x2B9F4510
+OUTLINE_CHECKSUM = 0x6879168
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1
@@ -289,12 +289,13 @@ def _joint_vectors(w, joint, sleeves, carried, cx, cy, cos_out, sin_out, cos_hol
 @njit(fastmath=FASTMATH)
 def gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, n_pins, carried):
     """Force of every pin on wheel ``w``: magnitudes added, and the vector on the wheel in the fixed frame."""
+    own = np.uintp(w * rows.COLUMNS)
     first = np.uintp(w * PIN_FORCE_SIZE)
     for i in range(np.uintp(n_pins)):
         carried[first + P_FORCE + i] = 0.0
         carried[first + P_X + i] = 0.0
         carried[first + P_Y + i] = 0.0
-    for i in range(counts[w, rows.USED_FLANKS]):
+    for i in range(counts[own + rows.USED_FLANKS]):
         k = np.uintp(w * rows.FLANK_SIZE) + i
         j = first + np.uintp(flanks[rows.F_PIN + k])
         carried[P_FORCE + j] += flanks[rows.F_FORCE + k]
@@ -304,7 +305,7 @@ def gather_pin_forces(w, counts, flanks, edges, turned_cos, turned_sin, n_pins, 
         fy = flanks[rows.F_FORCE + k] * (along * flanks[rows.F_NY + k] + tilt * flanks[rows.F_NX + k])
         carried[P_X + j] -= turned_cos * fx - turned_sin * fy
         carried[P_Y + j] -= turned_sin * fx + turned_cos * fy
-    for i in range(counts[w, rows.USED_EDGES]):
+    for i in range(counts[own + rows.USED_EDGES]):
         k = np.uintp(w * rows.EDGE_SIZE) + i
         j = first + np.uintp(edges[rows.E_PIN + k])
         carried[P_FORCE + j] += edges[rows.E_FORCE + k]
@@ -334,7 +335,7 @@ def bearing_friction(speed, coulomb, viscous, friction):
 
 
 @njit(fastmath=FASTMATH)
-def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, spins, torques):
+def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, state, torques):
     """Friction of all pins on wheel ``w``: force and moment on the wheel; adds to the sleeves' torques."""
     q = wheel.pin_radius
     total_x = 0.0
@@ -355,7 +356,7 @@ def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, spi
         ax = pins[rows.PIN_COS + j] * radial - pins[rows.PIN_SIN + j] * tangential - cx - q * mx
         ay = pins[rows.PIN_SIN + j] * radial + pins[rows.PIN_COS + j] * tangential - cy - q * my
         lever = ax * mx + ay * my
-        slip = cvy * mx - cvx * my + rate * lever + q * spins[j]
+        slip = cvy * mx - cvx * my + rate * lever + q * state[np.uintp(N_STATE) + j]
         rub = _sleeve_friction(slip, force, friction)
         total_x += rub * my
         total_y -= rub * mx
@@ -368,7 +369,7 @@ def _pin_friction(w, wheel, friction, pins, carried, cx, cy, cvx, cvy, rate, spi
 
 @njit(fastmath=FASTMATH)
 def _joint_friction(
-    w, n_pins, joint, friction, sleeves, carried, cx, cy, cvx, cvy, cos_out, sin_out, rate_out, rate, spins,
+    w, n_pins, joint, friction, sleeves, carried, cx, cy, cvx, cvy, cos_out, sin_out, rate_out, rate, state,
     torques,
 ):  # fmt: skip
     """Friction of internal sleeves in one wheel's holes: force and moment on it, moment on the output."""
@@ -394,7 +395,7 @@ def _joint_friction(
         ax = sx + q * nx - cx
         ay = sy + q * ny - cy
         lever = ax * nx + ay * ny
-        spin = spins[np.uintp(n_pins) + k]
+        spin = state[np.uintp(N_STATE + n_pins) + k]
         # wheel minus sleeve at the contact, along n turned by a quarter turn
         slip = (cvy * nx - cvx * ny + rate * lever) - rate_out * (sx * nx + sy * ny) - spin * q
         rub = _sleeve_friction(slip, force, friction)
@@ -430,12 +431,14 @@ def derivatives(
     moment_out = 0.0
     torque_in = 0.0
     if friction is not None:
-        torques[:] = 0.0
+        for k in range(np.uintp(wheel.n_lobes + 1 + joint.n_sleeves)):
+            torques[k] = 0.0
     for w in range(2):
+        own = np.uintp(w * rows.COLUMNS)
         side = 1.0 - 2.0 * w
         eps = state[w]
-        cx = mounts[w, rows.CAM_X] * cos_phi - mounts[w, rows.CAM_Y] * sin_phi
-        cy = mounts[w, rows.CAM_X] * sin_phi + mounts[w, rows.CAM_Y] * cos_phi
+        cx = mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi
+        cy = mounts[own + rows.CAM_X] * sin_phi + mounts[own + rows.CAM_Y] * cos_phi
         cvx = -omega * cy
         cvy = omega * cx
         rate = mean_rate + state[4 + w]
@@ -449,25 +452,25 @@ def derivatives(
             describe(
                 w, wheel, pins, mounts, lobes, wear, feet, flanks, edges, seen, counts, phi,
                 eps,
-                cos_hole * mounts[w, rows.REST_COS] - sin_hole * mounts[w, rows.REST_SIN],
-                sin_hole * mounts[w, rows.REST_COS] + cos_hole * mounts[w, rows.REST_SIN],
+                cos_hole * mounts[own + rows.REST_COS] - sin_hole * mounts[own + rows.REST_SIN],
+                sin_hole * mounts[own + rows.REST_COS] + cos_hole * mounts[own + rows.REST_SIN],
                 cx, cy,
                 -side * (cos_phi * lobe_eps_cos + sin_phi * lobe_eps_sin),
                 -side * (sin_phi * lobe_eps_cos - cos_phi * lobe_eps_sin),
             )  # fmt: skip
         # Turned since the description, and cam and its velocity in the axes of that time.
-        st, ct = small_sincos(eps - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
+        st, ct = small_sincos(eps - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
         own_cx = ct * cx + st * cy
         own_cy = ct * cy - st * cx
-        first, n_flanks = np.uintp(w * rows.FLANK_SIZE), counts[w, rows.N_FLANKS]
-        if mounts[w, rows.HAS_FAULTS] != 0.0:
+        first, n_flanks = np.uintp(w * rows.FLANK_SIZE), counts[own + rows.N_FLANKS]
+        if mounts[own + rows.HAS_FAULTS] != 0.0:
             on_cam, moment = _flank_contacts(
                 first, n_flanks, True, contact, flanks, ct, st, own_cx, own_cy, omega, rate
             )
-            if counts[w, rows.N_EDGES] > 0:
+            if counts[own + rows.N_EDGES] > 0:
                 edges_on_cam, edges_moment = _edge_contacts(
-                    np.uintp(w * rows.EDGE_SIZE), counts[w, rows.N_EDGES], contact, edges, wheel.pin_radius,
-                    ct, st, own_cx, own_cy, omega, rate,
+                    np.uintp(w * rows.EDGE_SIZE), counts[own + rows.N_EDGES], contact, edges,
+                    wheel.pin_radius, ct, st, own_cx, own_cy, omega, rate,
                 )  # fmt: skip
                 on_cam += edges_on_cam
                 moment += edges_moment
@@ -486,13 +489,13 @@ def derivatives(
             gather_pin_forces(w, counts, flanks, edges, ct, st, wheel.n_lobes + 1, on_pins)
             _joint_vectors(w, joint, sleeves, on_sleeves, cx, cy, cos_out, sin_out, cos_hole, sin_hole)
             fx, fy, m = _pin_friction(
-                w, wheel, friction, pins, on_pins, cx, cy, cvx, cvy, rate, state[N_STATE:], torques
+                w, wheel, friction, pins, on_pins, cx, cy, cvx, cvy, rate, state, torques
             )
             on_cam += cx * fy - cy * fx
             moment += m
             fx, fy, m, on_output = _joint_friction(
                 w, wheel.n_lobes + 1, joint, friction, sleeves, on_sleeves, cx, cy, cvx, cvy, cos_out,
-                sin_out, rate_out, rate, state[N_STATE:], torques,
+                sin_out, rate_out, rate, state, torques,
             )  # fmt: skip
             on_cam += cx * fy - cy * fx
             moment += m
@@ -557,7 +560,8 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
     seen, counts, _, flanks, edges, on_sleeves, on_pins, _ = memory
     z = float(wheel.n_lobes)
     for w in range(2):
-        st, ct = small_sincos(state[w] - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
+        own = np.uintp(w * rows.COLUMNS)
+        st, ct = small_sincos(state[w] - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
         gather_pin_forces(w, counts, flanks, edges, ct, st, wheel.n_lobes + 1, on_pins)
         first = np.uintp(w * PIN_FORCE_SIZE)
         for j in range(np.uintp(wheel.n_lobes + 1)):
@@ -568,8 +572,8 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
         sin_phi = np.sin(phi)
         _joint_vectors(
             w, joint, sleeves, on_sleeves,
-            mounts[w, rows.CAM_X] * cos_phi - mounts[w, rows.CAM_Y] * sin_phi,
-            mounts[w, rows.CAM_X] * sin_phi + mounts[w, rows.CAM_Y] * cos_phi,
+            mounts[own + rows.CAM_X] * cos_phi - mounts[own + rows.CAM_Y] * sin_phi,
+            mounts[own + rows.CAM_X] * sin_phi + mounts[own + rows.CAM_Y] * cos_phi,
             np.cos(state[2] - phi / z), np.sin(state[2] - phi / z),
             np.cos(state[w] - phi / z), np.sin(state[w] - phi / z),
         )  # fmt: skip
@@ -580,13 +584,12 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
             internal[w, k, 2] = on_sleeves[first + S_Y + k]
 
 
-@njit(fastmath=FASTMATH)
-def new_memory(n_spins):
-    """Working memory of :func:`derivatives`, with nothing described yet."""
+def new_memory(state):
+    """Working memory of :func:`derivatives` for states like ``state``, with nothing described yet."""
     return (
-        np.full((2, 3), np.inf), np.zeros((2, 4), dtype=np.uintp), np.zeros(rows.FEET_SIZE),
-        np.zeros(2 * rows.FLANK_SIZE), np.zeros(2 * rows.EDGE_SIZE), np.zeros(2 * JOINT_SIZE),
-        np.zeros(2 * PIN_FORCE_SIZE), np.zeros(n_spins),
+        np.full(rows.WHEEL_TABLE_SIZE, np.inf), np.zeros(rows.WHEEL_TABLE_SIZE, dtype=np.uintp),
+        np.zeros(rows.FEET_SIZE), np.zeros(2 * rows.FLANK_SIZE), np.zeros(2 * rows.EDGE_SIZE),
+        np.zeros(2 * JOINT_SIZE), np.zeros(2 * PIN_FORCE_SIZE), np.zeros(state.size - N_STATE),
     )  # fmt: skip
 
 
@@ -620,20 +623,21 @@ def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
     stored = 0.0
     taken = 0.0
     for w in range(2):
-        st, ct = small_sincos(state[w] - seen[w, rows.SEEN_EPS] - (phi - seen[w, rows.SEEN_PHI]) / z)
-        cx = mounts[w, rows.CAM_X] * np.cos(phi) - mounts[w, rows.CAM_Y] * np.sin(phi)
-        cy = mounts[w, rows.CAM_X] * np.sin(phi) + mounts[w, rows.CAM_Y] * np.cos(phi)
+        own = np.uintp(w * rows.COLUMNS)
+        st, ct = small_sincos(state[w] - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
+        cx = mounts[own + rows.CAM_X] * np.cos(phi) - mounts[own + rows.CAM_Y] * np.sin(phi)
+        cy = mounts[own + rows.CAM_X] * np.sin(phi) + mounts[own + rows.CAM_Y] * np.cos(phi)
         own_x = ct * cx + st * cy
         own_y = ct * cy - st * cx
         rate = state[4 + w] - omega / z
-        for i in range(counts[w, rows.USED_FLANKS] + counts[w, rows.USED_EDGES]):
-            if i < counts[w, rows.USED_FLANKS]:
+        for i in range(counts[own + rows.USED_FLANKS] + counts[own + rows.USED_EDGES]):
+            if i < counts[own + rows.USED_FLANKS]:
                 k = np.uintp(w * rows.FLANK_SIZE) + i
                 gap, cam_arm, pin_arm, _, radius, weight = flank_contact(
                     flanks, k, True, ct, st, own_x, own_y
                 )
             else:
-                k = np.uintp(w * rows.EDGE_SIZE) + i - counts[w, rows.USED_FLANKS]
+                k = np.uintp(w * rows.EDGE_SIZE) + i - counts[own + rows.USED_FLANKS]
                 gap, cam_arm, pin_arm, _, _, radius, weight = edge_contact(
                     edges, k, wheel.pin_radius, ct, st, own_x, own_y
                 )
@@ -661,8 +665,8 @@ RESYNC = 128
 @njit(fastmath=FASTMATH, nogil=True)
 def integrate(
     stages, n_steps, dt, phi, omega, alpha, load, state, wheel, joint, contact, joint_contact, body, friction,
-    pins, mounts, lobes, wear, sleeves, limit, locked_torque, locked_steps, result, kept, motion, external,
-    internal, last_external, last_internal,
+    pins, mounts, lobes, wear, sleeves, memory, limit, locked_torque, locked_steps, result, kept, motion,
+    external, internal, last_external, last_internal,
 ):  # fmt: skip
     """Integrate over ``n_steps`` steps.
 
@@ -670,19 +674,22 @@ def integrate(
     Adams-Bashforth rule.
 
     ``phi``, ``omega``, ``alpha``, ``load`` hold the driver and load at every half step: (2 n_steps + 1,).
-    ``result`` is (n_steps, 2). ``kept`` (n_kept,) lists the steps, rising, whose state goes into ``motion``
-    (n_kept, 8 or more) and whose forces into ``external`` (n_kept or 0, 2, n_pins, 3) and ``internal``
-    (n_kept or 0, 2, n_internal, 3). Returns the number of finished steps: fewer than ``n_steps`` where a
-    torque exceeded ``limit`` or was not a number, or the input torque ``locked_torque`` for more than
-    ``locked_steps`` steps; ``last_external`` and ``last_internal`` then hold the last forces.
+    ``memory`` comes from :func:`new_memory`. ``result`` is (n_steps, 2). ``kept`` (n_kept,) lists the steps,
+    rising, whose state goes into ``motion`` (n_kept, 8 or more) and whose forces into ``external`` (n_kept or
+    0, 2, n_pins, 3) and ``internal`` (n_kept or 0, 2, n_internal, 3). Returns the number of finished steps:
+    fewer than ``n_steps`` where a torque exceeded ``limit`` or was not a number, or the input torque
+    ``locked_torque`` for more than ``locked_steps`` steps; ``last_external`` and ``last_internal`` then hold
+    the last forces.
     """
     z = float(wheel.n_lobes)
     n_state = state.size
-    memory = new_memory(n_state - N_STATE)
     rates = np.zeros(n_state)
     last_rates = np.zeros(n_state)
     at = state.copy()
     now = np.zeros(N_RESULT)
+    pins, mounts, lobes, wear, sleeves = addresses((pins, mounts, lobes, wear, sleeves))
+    memory = addresses(memory)
+    at_first, rates_first, now_first = addresses((at, rates, now))
     cos_phi = 1.0
     sin_phi = 0.0
     cos_slow = 1.0
@@ -704,8 +711,9 @@ def integrate(
             cos_phi, sin_phi = _turn(cos_phi, sin_phi, turn)
             cos_slow, sin_slow = _turn(cos_slow, sin_slow, -turn / z)
         derivatives(
-            phi[i], cos_phi, sin_phi, cos_slow, sin_slow, omega[i], alpha[i], load[i], at, wheel, joint,
-            contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, rates, now,
+            phi[i], cos_phi, sin_phi, cos_slow, sin_slow, omega[i], alpha[i], load[i], at_first, wheel,
+            joint, contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory,
+            rates_first, now_first,
         )  # fmt: skip
         if i % 2 == 1:
             for k in range(n_state):

@@ -55,16 +55,20 @@ MAX_PINS = 128
 COLUMNS = 136
 EDGE_COLUMNS = 272
 # Contacts are padded to whole blocks of one vector.
-BLOCK = 4
+BLOCK = 8
 
 # Rows of the table of pins.
 PIN_COS, PIN_SIN, PIN_RADIAL_ERROR, PIN_TANGENTIAL_ERROR, PIN_ANGLE = (
     np.uintp(row * COLUMNS) for row in range(5)
 )
 PIN_TABLE_SIZE = 5 * COLUMNS
-# Columns of the mounts (2 wheels, 8), the cam in the input shaft's frame; rows of the lobes (4, n_lobes).
-REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_X, CAM_Y, HAS_FAULTS = range(8)
-LOBE_COS, LOBE_SIN, PITCH_ERROR_0, PITCH_ERROR_1 = range(4)
+# Rows of the table of lobes; from PITCH_ERROR on, one for each wheel.
+LOBE_COS, LOBE_SIN, PITCH_ERROR = (np.uintp(row * COLUMNS) for row in range(3))
+LOBE_TABLE_SIZE = 4 * COLUMNS
+# Mounts, wear, descriptions and numbers of contacts have one row for each wheel.
+WHEEL_TABLE_SIZE = 2 * COLUMNS
+# Columns of the mounts, the cam in the input shaft's frame.
+REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_X, CAM_Y, HAS_FAULTS = (np.uintp(k) for k in range(8))
 
 # Rows of working memory: the foot's parameter, the pin's displacement, the lobe's pitch error and its slope.
 STEP, DISPLACED_X, DISPLACED_Y, TURNED, TURNED_SLOPE = (np.uintp(row * COLUMNS) for row in range(5))
@@ -85,8 +89,8 @@ FLANK_SIZE = 21 * COLUMNS
 ) = (np.uintp(row * EDGE_COLUMNS) for row in range(18))  # fmt: skip
 EDGE_SIZE = 18 * EDGE_COLUMNS
 # Per wheel, at the description: input angle, deviation from rest, cell; numbers of contacts, padded and used.
-SEEN_PHI, SEEN_EPS, SEEN_CELL = range(3)
-N_FLANKS, N_EDGES, USED_FLANKS, USED_EDGES = range(4)
+SEEN_PHI, SEEN_EPS, SEEN_CELL = (np.uintp(k) for k in range(3))
+N_FLANKS, N_EDGES, USED_FLANKS, USED_EDGES = (np.uintp(k) for k in range(4))
 
 # A description holds inside one of 672 cells of the input turn (a multiple of many numbers of pins: records
 # stay periodic) and for this deviation of the wheel in rad. Pins slide by at most 0.03 mm in that; the
@@ -126,8 +130,9 @@ def _cell(phi):
 @njit(fastmath=FASTMATH, inline="always")
 def moved_on(seen, w, wheel, phi, eps):
     """Return True if the description of wheel ``w`` no longer holds; for NaN it never does."""
-    same_cell = _cell(phi) == seen[w, SEEN_CELL]
-    at_rest = abs(eps - seen[w, SEEN_EPS]) < HOLDS_EPS
+    own = np.uintp(w * COLUMNS)
+    same_cell = _cell(phi) == seen[own + SEEN_CELL]
+    at_rest = abs(eps - seen[own + SEEN_EPS]) < HOLDS_EPS
     return not (same_cell and at_rest) or wheel.profile_points > 0
 
 
@@ -294,10 +299,11 @@ def _pitch_error(lobes, w, lobe, n_lobes, part):
 
     The half from tip to pit is displaced as a whole; the other half passes smoothly to the next lobe.
     """
-    here = lobes[PITCH_ERROR_0 + w, lobe]
+    own = np.uintp(w * COLUMNS)
+    here = lobes[own + PITCH_ERROR + np.uintp(lobe)]
     if part < 0.5:
         return here, 0.0
-    change = lobes[PITCH_ERROR_0 + w, (lobe + 1) % n_lobes] - here
+    change = lobes[own + PITCH_ERROR + np.uintp((lobe + 1) % n_lobes)] - here
     x = 2.0 * part - 1.0
     return here + change * x * x * (3.0 - 2.0 * x), change * 12.0 * x * (1.0 - x)
 
@@ -305,9 +311,10 @@ def _pitch_error(lobes, w, lobe, n_lobes, part):
 @njit(fastmath=FASTMATH)
 def _lobe_direction(lobes, w, lobe, cos_theta, sin_theta):
     """Direction of a lobe's tip in the fixed frame, with its pitch error."""
-    error = lobes[PITCH_ERROR_0 + w, lobe]
-    cl = lobes[LOBE_COS, lobe] - error * lobes[LOBE_SIN, lobe]
-    sl = lobes[LOBE_SIN, lobe] + error * lobes[LOBE_COS, lobe]
+    own = np.uintp(w * COLUMNS)
+    error = lobes[own + PITCH_ERROR + np.uintp(lobe)]
+    cl = lobes[LOBE_COS + np.uintp(lobe)] - error * lobes[LOBE_SIN + np.uintp(lobe)]
+    sl = lobes[LOBE_SIN + np.uintp(lobe)] + error * lobes[LOBE_COS + np.uintp(lobe)]
     return cos_theta * cl - sin_theta * sl, sin_theta * cl + cos_theta * sl
 
 
@@ -357,6 +364,7 @@ def _describe_edges(
     A pin rests on the tip's vertex before it lies on the chord. At the re-entrant pit it touches chord and
     the end of the flank. A removed lobe has no surface: the outline ends in the tips on both sides.
     """
+    own = np.uintp(w * COLUMNS)
     n_lobes = wheel.n_lobes
     pitch = 2.0 * np.pi / n_lobes
     reach = EDGE_REACH * wheel.pin_circle_radius + DISPLACED_REACH * displaced
@@ -374,10 +382,10 @@ def _describe_edges(
         whole = np.floor(place + LEAD)
         part = place - whole
         worn_lobe = int(whole) % n_lobes
-        share = wear[w, worn_lobe]
+        share = wear[own + np.uintp(worn_lobe)]
         tip_lobe = int(np.floor(place + 0.5)) % n_lobes
-        removed_ahead = wear[w, tip_lobe] == REMOVED
-        removed_behind = wear[w, (tip_lobe - 1) % n_lobes] == REMOVED
+        removed_ahead = wear[own + np.uintp(tip_lobe)] == REMOVED
+        removed_behind = wear[own + np.uintp((tip_lobe - 1) % n_lobes)] == REMOVED
         at_edge = removed_ahead != removed_behind
         on_chord = 0.0 < share <= 1.0 and part <= CHORD_ENDS
         if not (at_edge or on_chord):
@@ -430,6 +438,7 @@ def describe(
 
     ``c`` is the cam's centre, ``lobe`` = exp(-i z_s theta), ``feet`` (FEET_SIZE,) working memory.
     """
+    own = np.uintp(w * COLUMNS)
     eccentricity = wheel.eccentricity
     inverse_m = 1.0 / wheel.shortening
     n_lobes = wheel.n_lobes
@@ -439,15 +448,15 @@ def describe(
     big_r = wheel.pin_circle_radius
     inverse_ez = 1.0 / (eccentricity * n_pins)
     pitch = 2.0 * np.pi / z
-    theta = eps - phi / z + mounts[w, REST_ANGLE]
-    run_x = cos_theta * mounts[w, RUNOUT_X] - sin_theta * mounts[w, RUNOUT_Y]
-    run_y = sin_theta * mounts[w, RUNOUT_X] + cos_theta * mounts[w, RUNOUT_Y]
+    theta = eps - phi / z + mounts[own + REST_ANGLE]
+    run_x = cos_theta * mounts[own + RUNOUT_X] - sin_theta * mounts[own + RUNOUT_Y]
+    run_y = sin_theta * mounts[own + RUNOUT_X] + cos_theta * mounts[own + RUNOUT_Y]
     # From the foot at rest to the pin's centre: the same for all pins.
     offset_x = -(cx + eccentricity * lobe_cos) - run_x
     offset_y = -(cy + eccentricity * lobe_sin) - run_y
     displaced = np.sqrt(offset_x * offset_x + offset_y * offset_y)
     far = displaced >= wheel.near
-    has_faults = mounts[w, HAS_FAULTS] != 0.0
+    has_faults = mounts[own + HAS_FAULTS] != 0.0
     reach = FLANK_REACH * big_r + DISPLACED_REACH * displaced
     _displaced_pins(w, wheel, pins, lobes, feet, theta, offset_x, offset_y, cx, cy)
     _newton_feet(wheel, pins, feet, lobe_cos, lobe_sin)
@@ -510,7 +519,7 @@ def describe(
         lever_y = pins[PIN_TANGENTIAL_ERROR + j] - (cb * cy - sb * cx)
         if has_faults:
             # The next place where lobes or their halves meet: tip, pit, or the next tip.
-            share = wear[w, lobe]
+            share = wear[own + np.uintp(lobe)]
             if share == REMOVED and 0.25 <= part < 0.75:
                 continue
             ahead = lobe
@@ -524,9 +533,9 @@ def describe(
                 point_x = wheel.pit_x
                 point_y = wheel.pit_y
             else:
-                behind = wear[w, (ahead - 1) % n_lobes]
+                behind = wear[own + np.uintp((ahead - 1) % n_lobes)]
                 before = 0.0 if behind == REMOVED else 1.0
-                beyond = 0.0 if wear[w, ahead] == REMOVED else 1.0 - wear[w, ahead]
+                beyond = 0.0 if wear[own + np.uintp(ahead)] == REMOVED else 1.0 - wear[own + np.uintp(ahead)]
                 direction_x = 0.0
                 direction_y = 1.0
                 point_x = 0.0
@@ -622,10 +631,10 @@ def describe(
             edges[np.uintp(row * EDGE_COLUMNS) + k] = 0.0
         edges[E_V + k] = -2.0 * big_r - 1.0  # far away
         e += 1
-    seen[w, SEEN_PHI] = phi
-    seen[w, SEEN_EPS] = eps
-    seen[w, SEEN_CELL] = _cell(phi)
-    counts[w, N_FLANKS] = n - first
-    counts[w, N_EDGES] = e
-    counts[w, USED_FLANKS] = used
-    counts[w, USED_EDGES] = n_edges
+    seen[own + SEEN_PHI] = phi
+    seen[own + SEEN_EPS] = eps
+    seen[own + SEEN_CELL] = _cell(phi)
+    counts[own + N_FLANKS] = n - first
+    counts[own + N_EDGES] = e
+    counts[own + USED_FLANKS] = used
+    counts[own + USED_EDGES] = n_edges

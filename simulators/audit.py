@@ -176,7 +176,8 @@ class _Account:
         self.phi, self.omega, self.motion = phi, omega, motion
         self.rates = motion[:, 4:8] - omega[:, None] / z  # wheels, output shaft, brake
         self.spins = motion[:, 8:]
-        cams = constants.mounts[:, _outline.CAM_X] + 1j * constants.mounts[:, _outline.CAM_Y]
+        mounts = constants.mounts.reshape(2, _outline.COLUMNS)
+        cams = mounts[:, int(_outline.CAM_X)] + 1j * mounts[:, int(_outline.CAM_Y)]
         self.cams: Complex = cams * np.exp(1j * phi)[:, None]  # (n, 2)
         self.pins: Complex = pin_centres(gearbox)
         sleeves = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
@@ -216,7 +217,7 @@ class _Account:
     def in_pins(self) -> Float:
         """Energy stored in the contacts of pins and wheels, and power that they take: (2, n)."""
         k, z = self.constants, self.gearbox.n_lobes
-        memory = _kernels.new_memory(self.spins.shape[1])
+        memory = _kernels.new_memory(self.motion[0])
         rates, result = np.empty(self.motion.shape[1]), np.empty(_kernels.N_RESULT)
         slow = self.phi / z
         energy_and_power = np.empty((2, self.phi.size))

@@ -11,6 +11,7 @@ from scipy.integrate import trapezoid
 
 from cyclofeat._base.checks import not_negative, number, positive, whole
 from cyclofeat.simulators import _held
+from cyclofeat.simulators._kernels import new_memory
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
 from cyclofeat.simulators.tables import kernel_input, rest_state
@@ -162,10 +163,11 @@ def torque_deflection(
     held_by = gearbox.replace(brake_inertia=1.0 if through_meter else 0.0)
     n_kept = -(-n_steps // every)
     angle, held = np.empty(n_kept), np.empty(n_kept)
+    state = rest_state(gearbox)
     finished = _held.integrate_held(
         n_steps, dt, swing * peak_torque / z, float(input_angle), float(numerical_damping),
-        float(gearbox.input_shaft_inertia), through_meter, rest_state(gearbox),
-        *kernel_input(held_by, defects), ABSURD_TORQUE, every, angle, held,
+        float(gearbox.input_shaft_inertia), through_meter, state, *kernel_input(held_by, defects),
+        new_memory(state), ABSURD_TORQUE, every, angle, held,
     )  # fmt: skip
     if finished < n_steps:
         raise SimulationDiverged(finished * dt, "a contact with the output held", math.nan, dt)

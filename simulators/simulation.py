@@ -397,8 +397,9 @@ class Integration:
         state = state.copy()
         finished = _kernels.integrate(
             _STAGES[self.integrator], n_steps, self.dt, *self.course[:, 2 * begin : 2 * end + 1], state,
-            *self.constants, ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE, LOCKING_TIME / self.dt,
-            torques, instants, motion, external, internal, last_external, last_internal,
+            *self.constants, _kernels.new_memory(state), ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE,
+            LOCKING_TIME / self.dt, torques, instants, motion, external, internal, last_external,
+            last_internal,
         )  # fmt: skip
         return Integrated(
             finished, state, torques, motion, external, internal, last_external[..., 0], last_internal[..., 0]

@@ -80,9 +80,17 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
                 _outline.PIN_ANGLE: pin_angles,
             },
         ),
-        mounts=_mounts(gearbox, wear),
-        lobes=np.vstack([np.cos(lobe_angles), np.sin(lobe_angles), pitch_errors / gearbox.pin_circle_radius]),
-        wear=wear,
+        mounts=_by_wheel(_mounts(gearbox, wear)),
+        lobes=_table(
+            _outline.LOBE_TABLE_SIZE,
+            {
+                _outline.LOBE_COS: np.cos(lobe_angles),
+                _outline.LOBE_SIN: np.sin(lobe_angles),
+                _outline.PITCH_ERROR: pitch_errors[0] / gearbox.pin_circle_radius,
+                _outline.PITCH_ERROR + _outline.COLUMNS: pitch_errors[1] / gearbox.pin_circle_radius,
+            },
+        ),
+        wear=_by_wheel(wear),
         sleeves=_table(
             _kernels.SLEEVE_TABLE_SIZE,
             {_kernels.SLEEVE_COS: np.cos(sleeve_angles), _kernels.SLEEVE_SIN: np.sin(sleeve_angles)},
@@ -96,6 +104,11 @@ def _table(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
     for index, values in rows.items():
         table[int(index) : int(index) + np.size(values)] = values
     return table
+
+
+def _by_wheel(values: Float) -> Float:
+    """Table with one row of COLUMNS numbers for each wheel."""
+    return _table(_outline.WHEEL_TABLE_SIZE, {0: values[0], _outline.COLUMNS: values[1]})
 
 
 def _wheel(gearbox: CycloidalGearbox) -> _outline.WheelConstants:

@@ -118,8 +118,7 @@ class Kernel:
 
     def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, remember: bool = False) -> None:
         self.gearbox = gearbox
-        n_spins = rest_state(gearbox).size - kernels.N_STATE
-        self.memory = kernels.new_memory(n_spins) if remember else None
+        self.memory = kernels.new_memory(rest_state(gearbox)) if remember else None
         self.constants = tuple(kernel_input(gearbox, defects))
 
     def __call__(
@@ -132,7 +131,7 @@ class Kernel:
         rates, torques = np.zeros(start.size), np.zeros(kernels.N_RESULT)
         external = np.zeros((2, self.gearbox.n_pins, 3))
         internal = np.zeros((2, self.gearbox.n_internal_sleeves, 3))
-        memory = kernels.new_memory(start.size - kernels.N_STATE) if self.memory is None else self.memory
+        memory = kernels.new_memory(start) if self.memory is None else self.memory
         kernels.derivatives(
             phi, math.cos(phi), math.sin(phi), math.cos(phi / z), -math.sin(phi / z), omega, alpha, load,
             start, *self.constants, memory, rates, torques,

@@ -98,7 +98,7 @@ class Spinning(Kernel):
     def rates(self, state: np.ndarray, at: State) -> tuple[np.ndarray, dict[str, Any]]:
         rates = np.zeros(state.size)
         torques = np.zeros(2)
-        memory = kernels.new_memory(N_SLEEVES)
+        memory = kernels.new_memory(state)
         z = self.gearbox.n_lobes
         kernels.derivatives(
             at.phi, np.cos(at.phi), np.sin(at.phi), np.cos(at.phi / z), -np.sin(at.phi / z), at.omega,

@@ -168,8 +168,8 @@ def run_both(
     external, internal = np.empty((n_steps, 2, 16, 3)), np.empty((n_steps, 2, 8, 3))
     finished = kernels.integrate(
         2, n_steps, dt, phi + SPEED * times, steady, 0 * times, np.full_like(times, 22.0), state,
-        *kernel_input(gearbox, defects), 1e4, 1e4, 1e4, torques, np.arange(n_steps), motion, external,
-        internal, np.zeros((2, 16, 3)), np.zeros((2, 8, 3)),
+        *kernel_input(gearbox, defects), kernels.new_memory(state), 1e4, 1e4, 1e4, torques,
+        np.arange(n_steps), motion, external, internal, np.zeros((2, 16, 3)), np.zeros((2, 8, 3)),
     )  # fmt: skip
     assert finished == n_steps
     reference = reference_of(gearbox, defects)

@@ -68,7 +68,7 @@ def test_an_old_description_is_as_good_as_a_new_one(
 
 def test_descriptions_are_renewed_by_angle_and_by_deviation() -> None:
     wheel = Kernel(STEEL, LobeDefects.healthy()).constants[0]
-    seen = np.full((2, 3), np.inf)
+    seen = np.full(_outline.WHEEL_TABLE_SIZE, np.inf)
     assert _outline.moved_on(seen, 0, wheel, 1.0, 0.0)
     kernel = Kernel(STEEL, LobeDefects.healthy(), remember=True)
     kernel(np.zeros(8), 1.0)
