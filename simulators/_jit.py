@@ -6,8 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba import types
+import numba.types
 from numba.core.extending import intrinsic
+
+_types: Any = numba.types
+_config: Any = numba.config
 
 
 def njit(**options: Any) -> Any:
@@ -37,7 +40,7 @@ def _addresses(typingctx: Any, arrays: Any) -> Any:
         ]
         return context.make_tuple(builder, signature.return_type, found)
 
-    return types.Tuple([types.CPointer(array.dtype) for array in arrays])(arrays), code
+    return _types.Tuple([_types.CPointer(array.dtype) for array in arrays])(arrays), code
 
 
 def _arrays_themselves(arrays: Any) -> Any:
@@ -45,4 +48,4 @@ def _arrays_themselves(arrays: Any) -> Any:
     return arrays
 
 
-addresses: Any = _arrays_themselves if numba.config.DISABLE_JIT else intrinsic(_addresses)
+addresses: Any = _arrays_themselves if _config.DISABLE_JIT else intrinsic(_addresses)

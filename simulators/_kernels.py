@@ -19,8 +19,10 @@ of pins and wheels.
 from __future__ import annotations
 
 from collections import namedtuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat.simulators import _outline as rows
 from cyclofeat.simulators._jit import addresses, njit
@@ -584,7 +586,7 @@ def gather(wheel, joint, mounts, sleeves, memory, phi, state, external, internal
             internal[w, k, 2] = on_sleeves[first + S_Y + k]
 
 
-def new_memory(state):
+def new_memory(state: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
     """Working memory of :func:`derivatives` for states like ``state``, with nothing described yet."""
     return (
         np.full(rows.WHEEL_TABLE_SIZE, np.inf), np.zeros(rows.WHEEL_TABLE_SIZE, dtype=np.uintp),
