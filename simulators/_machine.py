@@ -42,22 +42,24 @@ class Machine:
         With all effects of this machine on it.
     effects : tuple of Effect
         The rig's effects in the order of the chain, with the numbers of this machine.
+    random_state : numpy.random.SeedSequence
+        Seed of the assembly.
     """
 
     gearbox: CycloidalGearbox
     effects: tuple[Effect, ...]
-    seed: np.random.SeedSequence = dataclasses.field(repr=False, compare=False)
+    random_state: np.random.SeedSequence = dataclasses.field(repr=False, compare=False)
 
     @classmethod
     def drawn(
-        cls, gearbox: CycloidalGearbox, effects: Sequence[Effect], seed: np.random.SeedSequence
+        cls, gearbox: CycloidalGearbox, effects: Sequence[Effect], random_state: np.random.SeedSequence
     ) -> Machine:
         """Draw the machine of a seed from a nominal gearbox and a rig's effects."""
-        effects = _drawn(effects, seed)
+        effects = _drawn(effects, random_state)
         for effect, key in zip(effects, library.stream_keys(effects), strict=True):
             if effect.overrides("change_gearbox"):
-                gearbox = effect.change_gearbox(gearbox, library.stream(seed, *key, library.GEARBOX))
-        return cls(gearbox, effects, seed)
+                gearbox = effect.change_gearbox(gearbox, library.stream(random_state, *key, library.GEARBOX))
+        return cls(gearbox, effects, random_state)
 
     def true_values(self) -> dict[str, float]:
         """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
@@ -86,7 +88,7 @@ class Machine:
         for effect in effects:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
-        added = _drawn(effects, self.seed, self.effects)
+        added = _drawn(effects, self.random_state, self.effects)
         every = sorted((*self.effects, *added), key=lambda effect: effect.place)
         return dataclasses.replace(self, effects=tuple(every))
 
@@ -96,12 +98,12 @@ class Machine:
             n_samples = effect.samples_needed(n_samples)
         return n_samples
 
-    def fluctuations(self, seed: np.random.SeedSequence, duration: float) -> Courses:
+    def fluctuations(self, random_state: np.random.SeedSequence, duration: float) -> Courses:
         """Return the sums of what the effects add to load and speed in one run."""
         totals: dict[str, Fluctuation] = {}
         for name, hook in (("load_fluctuation", library.LOAD), ("speed_fluctuation", library.SPEED)):
             parts = [
-                getattr(effect, name)(self.gearbox, duration, library.stream(seed, *key, hook))
+                getattr(effect, name)(self.gearbox, duration, library.stream(random_state, *key, hook))
                 for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True)
                 if effect.overrides(name)
             ]
@@ -110,7 +112,11 @@ class Machine:
         return Courses(**totals)
 
     def measured(
-        self, channels: dict[str, Float], sampling_rate: float, seed: np.random.SeedSequence, from_rest: bool
+        self,
+        channels: dict[str, Float],
+        sampling_rate: float,
+        random_state: np.random.SeedSequence,
+        from_rest: bool,
     ) -> dict[str, Float]:
         """Return the channels of one run after all effects on the torque."""
         for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True):
@@ -118,7 +124,10 @@ class Machine:
                 continue
             context = TorqueContext(self.gearbox, channels["input_angle"], from_rest)
             torque = effect.change_torque(
-                channels["torque_out"], sampling_rate, library.stream(seed, *key, library.TORQUE), context
+                channels["torque_out"],
+                sampling_rate,
+                library.stream(random_state, *key, library.TORQUE),
+                context,
             )
             channels = {name: effect.resample(values, sampling_rate) for name, values in channels.items()}
             channels["torque_out"] = torque
@@ -134,7 +143,7 @@ class MachineRun:
     machine : Machine
     run : SimulationRun
         Channels from the start on, settling included.
-    seed : numpy.random.SeedSequence
+    random_state : numpy.random.SeedSequence
         Seed of the run.
     n_samples, n_settling : int
         Length of a record, and number of samples before it.
@@ -144,7 +153,7 @@ class MachineRun:
 
     machine: Machine
     run: SimulationRun = dataclasses.field(repr=False)
-    seed: np.random.SeedSequence = dataclasses.field(repr=False)
+    random_state: np.random.SeedSequence = dataclasses.field(repr=False)
     n_samples: int
     n_settling: int
     from_rest: bool
@@ -183,7 +192,7 @@ class MachineRun:
                 f"{(needed - ran) / rate:.3g} s longer"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
-        measured = machine.measured(channels, rate, self.seed, self.from_rest)
+        measured = machine.measured(channels, rate, self.random_state, self.from_rest)
         changes: dict[str, Any] = {
             name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
         }
@@ -191,12 +200,14 @@ class MachineRun:
 
 
 def _drawn(
-    effects: Sequence[Effect], seed: np.random.SeedSequence, before: Sequence[Effect] = ()
+    effects: Sequence[Effect], random_state: np.random.SeedSequence, before: Sequence[Effect] = ()
 ) -> tuple[Effect, ...]:
     """Return the effects with numbers drawn for a machine that has those before."""
     keys = library.stream_keys((*before, *effects))[len(before) :]
     return tuple(
-        effect.for_assembly(library.stream(seed, *key, library.RANGES)) if effect.has_spread else effect
+        effect.for_assembly(library.stream(random_state, *key, library.RANGES))
+        if effect.has_spread
+        else effect
         for effect, key in zip(effects, keys, strict=True)
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -197,8 +198,9 @@ class Rig:
         Returns
         -------
         dict
-            ``"gearbox.<field>"`` to numbers; ``"<effect>.<parameter>"``, like ``"hum.amplitude_nm"`` or, for
-            the second of a kind, ``"hum_2.amplitude_nm"``, to numbers, ranges and distributions.
+            ``"gearbox.<field>"`` to numbers; ``"<effect>.<parameter>"``, like ``"hum.amplitude_nm"``, to
+            numbers, ranges and distributions. The second hum is ``"hum_2"``; a :class:`GearboxParameter` is
+            ``"gearbox_parameter_<field>"``.
 
         Examples
         --------
@@ -212,10 +214,15 @@ class Rig:
 
     def labelled_effects(self) -> dict[str, Effect]:
         """Return the effects by their labels in :meth:`parameters`."""
-        return {
-            effect.effect_id + (f"_{count + 1}" if count else ""): effect
-            for (*_, count), effect in zip(library.stream_keys(self.effects), self.effects, strict=True)
-        }
+        seen: Counter[str] = Counter()
+        labelled = {}
+        for effect in self.effects:
+            label = effect.effect_id
+            if isinstance(effect, GearboxParameter):
+                label += f"_{effect.parameter}"
+            seen[label] += 1
+            labelled[label if seen[label] == 1 else f"{label}_{seen[label]}"] = effect
+        return labelled
 
     def with_parameters(self, values: Mapping[str, Any]) -> Rig:
         """Return a copy with single parameters changed.

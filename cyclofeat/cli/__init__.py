@@ -30,7 +30,7 @@ import sys
 from collections.abc import Collection, Sequence
 
 from cyclofeat import __version__
-from cyclofeat.cli._printing import print_results, warn
+from cyclofeat.cli._printing import run_and_print, warn
 from cyclofeat.cli._table import COMMANDS
 
 __all__ = ["main", "make_parser"]
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     called = next((word for word in words if not word.startswith("-")), "")
     arguments = make_parser([called]).parse_args(words)
     try:
-        failed = print_results(COMMANDS[arguments.command], arguments)
+        failed = run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe: write nothing more, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

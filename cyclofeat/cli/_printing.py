@@ -12,7 +12,7 @@ from cyclofeat.cli._rigs import load_own_effects
 from cyclofeat.cli._table import Command
 
 
-def print_results(command: Command, arguments: Namespace) -> bool:
+def run_and_print(command: Command, arguments: Namespace) -> bool:
     """Run a command, print each result as soon as it is known, and return True if one failed."""
     module = command.module()
     load_own_effects(arguments)

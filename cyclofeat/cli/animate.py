@@ -13,6 +13,8 @@ from cyclofeat.cli._table import Printed
 if TYPE_CHECKING:
     from cyclofeat.simulators import SimulationRun
 
+__all__ = ["add_arguments", "printed", "run"]
+
 # Forces of every sample at the papers' rate would fill the memory while the machine settles.
 _SAMPLING_RATE = 6400.0
 _LONGEST = 20.0

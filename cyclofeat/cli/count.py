@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount
     from cyclofeat.recordings import Recording
 
+__all__ = ["Counted", "add_arguments", "printed", "run"]
+
 
 class Counted(NamedTuple):
     """Answer for one recording, length of a window, and time at the end that fills no window (both in s)."""

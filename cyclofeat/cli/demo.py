@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
     from cyclofeat.report import CountedRecording
 
+__all__ = ["Demonstration", "add_arguments", "demonstrate", "printed", "run"]
+
 _TRAINING_SEED = 1
 _FILE_SEED = 2
 _SECTIONS = 4  # recordings with pictures on the page of the counts

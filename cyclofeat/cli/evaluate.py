@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation, Protocol
     from cyclofeat.recordings import Recording
 
+__all__ = ["add_arguments", "cross_validated", "printed", "run"]
+
 _MAIN, _BY_LOBE, _PAPERS = "lobe map", "lobes one by one", "Shannon entropy (papers)"
 
 

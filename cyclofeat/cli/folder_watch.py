@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+__all__ = ["DoneList", "FolderWatch"]
+
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
 _PATIENCE = 5
 _BEGINNING = b'{"file": '  # of the list of files that are done

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording, Windower
     from cyclofeat.simulators import Rig
 
+__all__ = ["add_arguments", "printed", "run"]
+
 _VERDICTS = {
     "disagree": "model and measurement disagree",
     "equivalent": "model and measurement agree within the margins",
@@ -40,7 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cache", metavar="FOLDER", help="folder that keeps simulations and fits, so that a new run resumes"
     )
-    parser.add_argument("--effects", metavar="NAMES", help="effects considered, with commas (default: all)")
+    parser.add_argument(
+        "--effects",
+        metavar="NAMES",
+        help="effects considered, with commas (default: all that the model can have)",
+    )
     add_effects(parser)
     parser.add_argument(
         "--max-effects", type=int, default=2, choices=(1, 2), help="missing effects at most (default 2)"
@@ -101,7 +107,7 @@ def run(arguments: argparse.Namespace) -> GapResult:
         settings = {
             "model": arguments.simulator or "paper B's gearbox",
             "spread between assemblies": _spread(model),
-            "effects considered": "all" if library is None else ", ".join(library),
+            "effects considered": "all that the model can have" if library is None else ", ".join(library),
             "parameter sets per effect": f"{arguments.draws}",
             "recordings": f"{len(recordings)}",
         }

@@ -17,6 +17,8 @@ from cyclofeat.cli._reading import (
 )
 from cyclofeat.cli._table import Printed
 
+__all__ = ["add_arguments", "printed", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)

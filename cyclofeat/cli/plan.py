@@ -12,6 +12,8 @@ from cyclofeat.cli._table import Printed
 if TYPE_CHECKING:
     from cyclofeat.counting import RecordingPlan
 
+__all__ = ["add_arguments", "printed", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--worn", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1")

@@ -11,6 +11,8 @@ from cyclofeat.cli._table import Printed
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
+__all__ = ["add_arguments", "printed", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", required=True, help="file to write, .csv or .npz")

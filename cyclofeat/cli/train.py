@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
     from cyclofeat.recordings import Recording
 
+__all__ = ["add_arguments", "printed", "run"]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(

@@ -29,6 +29,8 @@ from cyclofeat.cli.folder_watch import DoneList, FolderWatch
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
 
+__all__ = ["add_arguments", "printed", "run"]
+
 _DAY_S = 86_400
 
 

@@ -28,6 +28,9 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with 
 ``TrainingDomain`` and the speed check refuse.
 """
 
+from cyclofeat.counting._assembly_folds import aligned_proba as aligned_proba
+from cyclofeat.counting._assembly_folds import fit_grouped as fit_grouped
+from cyclofeat.counting._assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 
@@ -39,10 +42,6 @@ from cyclofeat.counting._conformal import conformal_threshold as conformal_thres
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep, train_and_test
 from cyclofeat.counting._evaluation_summary import Evaluation, score_text
-from cyclofeat.counting._folds import aligned_proba as aligned_proba
-from cyclofeat.counting._folds import fit_grouped as fit_grouped
-from cyclofeat.counting._folds import grouped_folds as grouped_folds
-from cyclofeat.counting._folds import pool_weights as pool_weights
 from cyclofeat.counting._ladder import EntropyLadder
 from cyclofeat.counting._lobe_sets import best_sets as best_sets
 from cyclofeat.counting._lobe_sets import inclusion as inclusion
@@ -56,6 +55,7 @@ from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counte
 from cyclofeat.counting._plan import RecordingPlan, plan_recording
 from cyclofeat.counting._plan import Trial as Trial
 from cyclofeat.counting._plan import detection_table as detection_table
+from cyclofeat.counting._pooling import pool_weights as pool_weights
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed as other_speed
 

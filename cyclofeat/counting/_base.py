@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat.counting._folds import Int, ordered_classes
+from cyclofeat.counting._assembly_folds import Int, ordered_classes
 
 
 class PoorOnArbitraryData:

@@ -12,9 +12,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting._base import Counter
-from cyclofeat.counting._combine import learn_dependence
-from cyclofeat.counting._folds import (
+from cyclofeat.counting._assembly_folds import (
     Float,
     Int,
     aligned_proba,
@@ -23,10 +21,10 @@ from cyclofeat.counting._folds import (
     fit_grouped,
     grouped_folds,
     held_out_proba,
-    pool_weights,
-    pooled,
-    safe_log,
 )
+from cyclofeat.counting._base import Counter
+from cyclofeat.counting._combine import learn_dependence
+from cyclofeat.counting._pooling import pool_weights, pooled, safe_log
 from cyclofeat.counting.scores import shares
 
 

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 from sklearn.base import BaseEstimator
 
-from cyclofeat.counting._folds import Float, Int, of_windows, safe_log, softmax
+from cyclofeat.counting._assembly_folds import Float, Int, of_windows
+from cyclofeat.counting._pooling import safe_log, softmax
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting._base import Counter
-from cyclofeat.counting._domain import TrainingDomain
-from cyclofeat.counting._folds import (
+from cyclofeat.counting._assembly_folds import (
     Float,
     Int,
     aligned_proba,
@@ -24,6 +22,8 @@ from cyclofeat.counting._folds import (
     grouped_folds,
     held_out_proba,
 )
+from cyclofeat.counting._base import Counter
+from cyclofeat.counting._domain import TrainingDomain
 
 Bool = NDArray[np.bool_]
 

@@ -12,7 +12,14 @@ from sklearn.covariance import LedoitWolf
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting._folds import Float, Int, assemblies_of, drawn_seed, grouped_folds, of_windows
+from cyclofeat.counting._assembly_folds import (
+    Float,
+    Int,
+    assemblies_of,
+    drawn_seed,
+    grouped_folds,
+    of_windows,
+)
 
 
 class TrainingDomain(OutlierMixin, BaseEstimator):
@@ -104,7 +111,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         farthest = np.zeros(n_assemblies)
         for train, test in folds:
             self._place(features[train], rank[train])
-            np.maximum.at(farthest, member[test], self._distance(features[test]))
+            np.maximum.at(farthest, member[test], self._class_distances(features[test]).min(axis=1))
         k = min(int(np.ceil((1 - self.false_refusal) * (n_assemblies + 1) - 1e-9)), n_assemblies)
         self._place(features, rank)
         self.threshold_ = float(np.sort(farthest)[k - 1])
@@ -125,15 +132,19 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         if np.any(residual):
             self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
 
-    def _distance(self, X: Float) -> Float:
+    def _class_distances(self, X: Float) -> Float:
         offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
         squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
-        return np.asarray(np.sqrt(np.maximum(squared.min(axis=1), 0.0)))
+        return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+
+    def class_distances(self, X: ArrayLike) -> Float:
+        """Distance to each class of training, (n_windows, n_classes), of features (n_windows, n_features)."""
+        check_is_fitted(self)
+        return self._class_distances(validate_data(self, X, reset=False, dtype=np.float64))
 
     def distance(self, X: ArrayLike) -> Float:
         """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
-        check_is_fitted(self)
-        return self._distance(validate_data(self, X, reset=False, dtype=np.float64))
+        return np.asarray(self.class_distances(X).min(axis=1))
 
     def score_samples(self, X: ArrayLike) -> Float:
         """Return ``-distance(X)``, shape (n_windows,): lower for windows less like those of training."""

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import has_fit_parameter
 
+from cyclofeat.counting._assembly_folds import Int
 from cyclofeat.counting._evaluation_summary import Answers, Evaluation, summarise
-from cyclofeat.counting._folds import Int
 from cyclofeat.counting._protocols import Protocol, Windows, folds_of, training_windows, windows_of
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from cyclofeat.counting._folds import Float, Int, aligned_proba
+from cyclofeat.counting._assembly_folds import Float, Int, aligned_proba
 from cyclofeat.counting._protocols import Protocol, Windows
 from cyclofeat.counting.scores import (
     N_BINS,

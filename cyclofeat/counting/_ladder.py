@@ -12,7 +12,7 @@ from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._base import Counter
-from cyclofeat.counting._folds import Float, softmax
+from cyclofeat.counting._pooling import Float, softmax
 
 
 class EntropyLadder(Counter):

@@ -11,7 +11,7 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cyclofeat.counting._folds import Float, Int
+from cyclofeat.counting._assembly_folds import Float, Int
 from cyclofeat.counting._lobe_sets import Bool
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from cyclofeat.counting._folds import Float, Int, softmax
+from cyclofeat.counting._pooling import Float, Int, softmax
 
 Bool = NDArray[np.bool_]
 

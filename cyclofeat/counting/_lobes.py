@@ -13,8 +13,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting._base import Counter
-from cyclofeat.counting._folds import (
+from cyclofeat.counting._assembly_folds import (
     Float,
     Folds,
     Int,
@@ -23,11 +22,8 @@ from cyclofeat.counting._folds import (
     drawn_seed,
     grouped_folds,
     of_windows,
-    pool_weights,
-    pooled,
-    safe_log,
-    softmax,
 )
+from cyclofeat.counting._base import Counter
 from cyclofeat.counting._lobe_network import (
     begins_by_mesh,
     lobe_logits,
@@ -38,6 +34,7 @@ from cyclofeat.counting._lobe_network import (
     views_of_lobes,
 )
 from cyclofeat.counting._lobe_sets import Bool, best_sets, inclusion, log_counts, turned
+from cyclofeat.counting._pooling import pool_weights, pooled, safe_log, softmax
 from cyclofeat.counting.scores import shares
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat.counting._folds import of_windows
+from cyclofeat.counting._assembly_folds import of_windows
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes

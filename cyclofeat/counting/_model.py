@@ -12,12 +12,12 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
-from cyclofeat.counting._folds import fewest_assemblies
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
@@ -286,7 +286,7 @@ class LobeModel:
         """
         self.check(recording)
         windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
-        combined, features, lines = self._combined(windows.X)
+        combined, features, lines = self._window_answers(windows.X)
         probability = combined.probability[0]
         count = int(combined.counts[0])
         notes = []
@@ -295,13 +295,7 @@ class LobeModel:
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
         distance, n_outside = self._distance(features)
-        # The speed first: it explains why windows lie outside.
-        reason = self._another_speed(windows.X) if recording.angle is None else ""
-        if not reason and n_outside > len(windows) / 2:
-            reason = OUTSIDE
-        if not reason and hasattr(self.counter, "predict_set"):
-            n_empty = int(np.sum(~self.counter.predict_set(windows.X).any(axis=1)))
-            reason = NO_CLASS if n_empty > len(windows) / 2 else ""
+        reason = self._refusal(windows.X, n_outside, has_angle=recording.angle is not None)
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -335,12 +329,15 @@ class LobeModel:
             distance=distance,
         )
 
-    def _combined(self, X: Float) -> tuple[RecordingCounts, Float | None, LobeLines | None]:
-        """Return the combined counts, the features that the domain knows, and lobe lines if made."""
+    def _window_answers(self, X: Float) -> tuple[RecordingCounts, Float | None, LobeLines | None]:
+        """Count one recording from all its windows.
+
+        Also return the features in which the domain measures distances, and the lobe lines: they take most of
+        the time, so that locator and domain reuse those of the counter. None where the counter has none.
+        """
         lines, features = None, None
         deciding, seen = self.counter, X
         if isinstance(self.counter, Pipeline) and isinstance(self.counter[0], LobeMap):
-            # Lobe lines are most of the work: made once for counter, domain and locator.
             lines = self.counter[0].lines(X)
             features = self.counter[0].from_lines(lines)
             deciding, seen = self.counter[1:], features
@@ -358,6 +355,19 @@ class LobeModel:
             deciding, seen, np.zeros(len(X), dtype=int), dependence=1.0 if learned is None else learned
         )
         return combined, features, lines
+
+    def _refusal(self, X: Float, n_outside: int, *, has_angle: bool) -> str:
+        """Return why the recording is refused; empty if it is not."""
+        # First the speed: a wrong one explains windows outside the domain.
+        if not has_angle and (reason := self._another_speed(X)):
+            return reason
+        if n_outside > len(X) / 2:
+            return OUTSIDE
+        if hasattr(self.counter, "predict_set"):
+            n_empty = int(np.sum(~self.counter.predict_set(X).any(axis=1)))
+            if n_empty > len(X) / 2:
+                return NO_CLASS
+        return ""
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""

@@ -13,8 +13,8 @@ from scipy.special import expit, log_expit
 from sklearn.exceptions import ConvergenceWarning
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat.counting._assembly_folds import Float
 from cyclofeat.counting._base import Counter
-from cyclofeat.counting._folds import Float
 
 
 class OrdinalCounter(Counter):

@@ -13,7 +13,7 @@ from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_array, check_consistent_length
 
 from cyclofeat._base.checks import one_of, short
-from cyclofeat.counting._folds import Float, Folds, of_windows
+from cyclofeat.counting._assembly_folds import Float, Folds, of_windows
 
 HOLD_OUT = ("stratified", "leave-one-assembly-out", "leave-one-condition-out")
 _LEAK = (

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.counting._folds import Float, Int
+from cyclofeat.counting._assembly_folds import Float, Int
 
 __all__ = [
     "N_BINS",

@@ -12,7 +12,7 @@ room               question
 ``comparison``     Which model, which conditions? (:class:`Comparison`, the first argument of all stages)
 ``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
 ``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
-``_workflow``      The four stages in turn (:func:`find_gap`); ``_prove`` compares the alternatives
+``_workflow``      The four stages in turn (:func:`find_gap`)
 =================  =========================================================================================
 
 :func:`find_gap` runs all four stages for a :class:`Comparison` and returns a :class:`GapResult`.
@@ -20,18 +20,17 @@ room               question
 torque-deflection loops with the output held.
 """
 
-from cyclofeat.gap._prove import prove
-from cyclofeat.gap._result import GapResult, RankedEffect, Where, WhereRow, where_of
+from cyclofeat.gap._result import EffectProbability, GapResult, Where, WhereRow, where_of
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap._workflow import find_gap, prepare_ranker
 from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
 from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
-from cyclofeat.gap.proof import DistanceRow, DownstreamGain, Proof, ProofRow, downstream_gain
+from cyclofeat.gap.proof import DistanceRow, DownstreamGain, Proof, ProofRow, downstream_gain, prove
 from cyclofeat.gap.published import PublishedGap, PublishedSettings, find_published_gap
 from cyclofeat.gap.simulations import Bank, Population
 from cyclofeat.gap.size import FittedEffects, FittedParameter, fit_effects
 from cyclofeat.gap.summaries import Cell, Conditions, Measured, PhaseMap, summarise
-from cyclofeat.gap.what import EffectRanker, EffectTable, Ranked, Ranking, learn_effects
+from cyclofeat.gap.what import EffectRanker, EffectTable, RankedEffect, Ranking, learn_effects
 from cyclofeat.gap.where import LocatedGap, Row, locate
 
 __all__ = [
@@ -42,6 +41,7 @@ __all__ = [
     "Conditions",
     "DistanceRow",
     "DownstreamGain",
+    "EffectProbability",
     "EffectRanker",
     "EffectTable",
     "FittedEffects",
@@ -59,7 +59,6 @@ __all__ = [
     "ProofRow",
     "PublishedGap",
     "PublishedSettings",
-    "Ranked",
     "RankedEffect",
     "Ranking",
     "Row",

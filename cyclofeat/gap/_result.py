@@ -39,7 +39,7 @@ class WhereRow(Row):
     @property
     def clarity(self) -> float:
         """Size of the difference over the smallest one that would most likely be found."""
-        return abs(self.effect) / self.detectable if self.detectable > 0 else 0.0
+        return abs(self.difference) / self.detectable if self.detectable > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -150,14 +150,16 @@ def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
 
 
 @dataclass(frozen=True)
-class RankedEffect:
-    """An effect of the library and its probability.
+class EffectProbability:
+    """Probability that an effect of the library is the missing one, after the fits.
 
     Attributes
     ----------
     effect : str
+        Name of the effect.
     probability : float
-        That it is what is missing, given that the library holds it.
+        Given that the library holds the missing effect. Where effects were fitted, the ranker's probability
+        (:class:`RankedEffect`) is weighted by how well they fit.
     """
 
     effect: str
@@ -174,7 +176,7 @@ class GapResult:
         Recordings against the model as it was.
     where_after : Where or None
         The same recordings against the corrected model; None where nothing was added.
-    ranking : tuple of RankedEffect
+    ranking : tuple of EffectProbability
         The most probable first; empty where nothing disagrees.
     effects : tuple of Effect
         What was added to the model, with its parameters.
@@ -202,7 +204,7 @@ class GapResult:
     where: Where
     rig: Rig
     where_after: Where | None = None
-    ranking: tuple[RankedEffect, ...] = ()
+    ranking: tuple[EffectProbability, ...] = ()
     effects: tuple[Effect, ...] = ()
     parameters: tuple[FittedParameter, ...] = ()
     tie_group: tuple[str, ...] = ()

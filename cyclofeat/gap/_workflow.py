@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_array
 
 from cyclofeat.gap._doubts import doubts_about
-from cyclofeat.gap._prove import prove
-from cyclofeat.gap._result import GapResult, RankedEffect, where_of
+from cyclofeat.gap._result import EffectProbability, GapResult, where_of
 from cyclofeat.gap._settings import GapSettings, Windows, checked
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.proof import Proof, check_held_out
+from cyclofeat.gap.proof import Proof, check_held_out, prove
 from cyclofeat.gap.size import FittedEffects, fit_effects
 from cyclofeat.gap.summaries import mixed
 from cyclofeat.gap.what import EffectRanker, Ranking, learn_effects
@@ -201,10 +200,7 @@ class _Search:
             self.comparison, library=self.settings.library, n_draws=self.settings.n_draws,
             n_null=self.settings.n_null,
         )  # fmt: skip
-        if self.ranker.unavailable:
-            self.warnings.append(
-                f"this model cannot have {', '.join(self.ranker.unavailable)} at this rate: not considered"
-            )
+        self.warnings += not_considered(self.ranker.in_model, self.ranker.unavailable)
         if self.ranker.table.n_failed:
             self.warnings.append(
                 f"{self.ranker.table.n_failed} simulations of the table of effects failed and are left out"
@@ -265,7 +261,7 @@ class _Search:
             **common,
             where_after=None if self.after is None else where_of(self.after, pictures=False),
             ranking=tuple(
-                RankedEffect(name, share)
+                EffectProbability(name, share)
                 for name, share in sorted(probability.items(), key=lambda item: -item[1])
             ),
             effects=effects,
@@ -389,6 +385,16 @@ def is_unknown(chosen: Candidate, outside_library: bool) -> bool:
     """Return whether even the chosen effects leave too much; less is allowed outside the library."""
     loss = chosen.fitted.loss
     return bool(loss > _UNEXPLAINED or (outside_library and loss > _DOUBTFUL))
+
+
+def not_considered(in_model: Sequence[str], unavailable: Sequence[str]) -> list[str]:
+    """Warnings of effects that cannot be named as missing."""
+    warnings = []
+    if in_model:
+        warnings.append(f"{', '.join(in_model)} cannot be named as missing: the model already has it")
+    if unavailable:
+        warnings.append(f"this model cannot have {', '.join(unavailable)} at this rate: not considered")
+    return warnings
 
 
 def few_held_out(n: int) -> list[str]:

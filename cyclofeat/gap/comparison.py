@@ -162,7 +162,7 @@ class Comparison:
         stated = dataclasses.astuple(self.conditions), self.defect_counts, self.tachometer, self.n_bank
         return repr((self.rig.to_text(), self.population.text, stated, self.random_state))
 
-    def rig_with(self, effects: Iterable[Effect]) -> Rig:
+    def corrected_rig(self, effects: Iterable[Effect]) -> Rig:
         """Model with effects added, on top of what may differ anyway of the same kinds."""
         added = tuple(effects)
         kinds = {effect.effect_id for effect in added}

@@ -227,11 +227,11 @@ class GapDisplay:
 
         rows = self.where.means("spectrum")
         hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
-        effects: Float = np.array([row.effect for row in rows])
+        differences: Float = np.array([row.difference for row in rows])
         upper, lower = self._panels(0.54)
         level: Float = np.array([row.mean for row in rows])
         spreads: Float = np.array([(row.measured_spread, row.simulated_spread) for row in rows])
-        self._two_lines(upper, hz, level, level - effects, list(spreads.T))
+        self._two_lines(upper, hz, level, level - differences, list(spreads.T))
         for row in rows:
             if row.p <= self.where.alpha:
                 self.flags_.append(self._shade(upper, row.cell.low_hz, row.cell.high_hz))
@@ -357,7 +357,7 @@ class GapDisplay:
             ax.vlines(place, row.low, row.high, color=shown, linewidth=1.5 if flagged else 0.8,
                       alpha=1.0 if flagged else 0.6, zorder=2)  # fmt: skip
             (dot,) = ax.plot(
-                place, row.effect, marker, color=shown, markersize=6 if flagged else 4,
+                place, row.difference, marker, color=shown, markersize=6 if flagged else 4,
                 markerfacecolor=shown if flagged else "none", zorder=4 if flagged else 3,
             )  # fmt: skip
             if flagged and collect:
@@ -378,11 +378,11 @@ class GapDisplay:
         for k, row in enumerate(rows):
             if row.p > self.where.alpha:
                 continue
-            if runs and groups and groups[-1][-1] == k - 1 and row.effect * rows[k - 1].effect > 0:
+            if runs and groups and groups[-1][-1] == k - 1 and row.difference * rows[k - 1].difference > 0:
                 groups[-1].append(k)
             else:
                 groups.append([k])
-        largest = [max(group, key=lambda k: abs(rows[k].effect)) for group in groups]
+        largest = [max(group, key=lambda k: abs(rows[k].difference)) for group in groups]
         chosen = sorted(largest, key=lambda k: -rows[k].clarity)[:_N_WORDS]
         low, high = ax.get_ylim()
         if chosen:

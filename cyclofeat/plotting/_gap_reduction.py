@@ -194,10 +194,10 @@ class GapReductionDisplay:
         ):
             rows = where.means("spectrum")
             x: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
-            effects: Float = np.array([row.effect for row in rows])
-            ax.plot(x, effects, style, color=colour, linewidth=1.6, label=f"{name} correction")
+            differences: Float = np.array([row.difference for row in rows])
+            ax.plot(x, differences, style, color=colour, linewidth=1.6, label=f"{name} correction")
             flagged = np.array([row.p <= where.alpha for row in rows])
-            ax.plot(x[flagged], effects[flagged], "o", color=colour, markersize=5)
+            ax.plot(x[flagged], differences[flagged], "o", color=colour, markersize=5)
         ax.set(
             xscale="log", xlabel="frequency (Hz)",
             xlim=(bands[0].cell.low_hz, bands[-1].cell.high_hz),

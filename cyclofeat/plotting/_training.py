@@ -155,9 +155,6 @@ class TrainingDisplay:
         model.check(recording)
         windows = Windower(input_speed_hz=model.input_speed_hz, reduction=model.n_lobes).windows([recording])
         features = np.asarray(features_seen(model.counter, windows.X))
-        scaled = (features - domain.location_) / domain.scale_
-        offset = scaled[:, np.newaxis] - domain.means_
-        squared = np.einsum("nci,ij,ncj->nc", offset, domain.precision_, offset, optimize=True)
         names = feature_definitions(model.counter)["columns"]
         return cls(
             features=features,
@@ -167,7 +164,7 @@ class TrainingDisplay:
                 domain.means_ * domain.scale_ + domain.location_,
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             ),
-            distances=np.sqrt(np.maximum(squared, 0.0)) / max(domain.threshold_, np.finfo(float).tiny),
+            distances=domain.class_distances(features) / max(domain.threshold_, np.finfo(float).tiny),
             slot_lobes=_slot_lobes(model, windows),
             absolute=bool(windows.absolute[0]),
         )

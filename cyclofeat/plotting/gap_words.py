@@ -76,12 +76,12 @@ def short_name(cell: Cell) -> str:
 
 def difference_words(row: Row) -> str:
     """The difference in words: ``6.0 dB less``."""
-    size = abs(row.effect)
+    size = abs(row.difference)
     if row.of == "spread":
-        return f"varies {_rounded(10 ** (row.effect / 20))} times as much from one recording to the next"
+        return f"varies {_rounded(10 ** (row.difference / 20))} times as much from one recording to the next"
     if row.cell.unit == "1":
-        return f"{_rounded(size)} {'lower' if row.effect < 0 else 'higher'}"
-    return f"{_rounded(size)} {row.cell.unit} {'less' if row.effect < 0 else 'more'}"
+        return f"{_rounded(size)} {'lower' if row.difference < 0 else 'higher'}"
+    return f"{_rounded(size)} {row.cell.unit} {'less' if row.difference < 0 else 'more'}"
 
 
 def in_words(row: Row) -> str:

@@ -101,8 +101,8 @@ class Campaign:
     >>> [plan.defect_count for plan in campaign.plans(0, 4)]
     [0, 3, 0, 3]
     >>> campaign.explored[0]
-    'gearbox_parameter.value'
-    >>> all(15 <= plan.values["gearbox_parameter.value"] <= 25 for plan in campaign.plans())
+    'gearbox_parameter_load_torque.value'
+    >>> all(15 <= plan.values["gearbox_parameter_load_torque.value"] <= 25 for plan in campaign.plans())
     True
     """
 

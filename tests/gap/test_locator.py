@@ -54,12 +54,12 @@ def test_maximum_of_one_cell_is_the_permutation_test_of_one_cell() -> None:
     assert found == pytest.approx(exact.pvalue, abs=0.02)
 
 
-def test_effects_and_errors_are_those_of_the_t_test() -> None:
+def test_differences_and_errors_are_those_of_the_t_test() -> None:
     rng = np.random.default_rng(2)
     a, b = rng.normal(1, 2, (6, 5)), rng.normal(0, 2, (20, 5))
     found = Permuted(a, b, 19, rng)
     expected = stats.ttest_ind(a, b)
-    assert found.effects[:5] == pytest.approx(a.mean(axis=0) - b.mean(axis=0))
+    assert found.differences[:5] == pytest.approx(a.mean(axis=0) - b.mean(axis=0))
     assert found.t[0, :5] == pytest.approx(np.abs(expected.statistic))
 
 
@@ -69,7 +69,7 @@ def test_spreads_are_ratios_about_their_median() -> None:
     tested = Permuted(a, b, 1999, rng)
     plain = 10 * np.log10(a.var(axis=0, ddof=1) / b.var(axis=0, ddof=1))
     # Variances of 6 values lean to small ones, by 10 log10 of the F distribution's median.
-    assert tested.effects[2:4] - plain == pytest.approx(-10 * np.log10(stats.f.median(5, 59)), abs=0.4)
+    assert tested.differences[2:4] - plain == pytest.approx(-10 * np.log10(stats.f.median(5, 59)), abs=0.4)
 
 
 def test_a_larger_spread_is_no_larger_mean_and_the_other_way_round() -> None:
@@ -254,7 +254,7 @@ def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> 
     located = compared(comparison, recordings([], 6, 101, simulations))
     assert located.verdict == "unresolved"
     assert min(located.p_global.values()) > 0.01
-    assert all(row.low <= row.effect <= row.high for row in located.table)
+    assert all(row.low <= row.difference <= row.high for row in located.table)
     assert all(row.detectable > 0 for row in located.table if row.spread > 0)
 
 
@@ -330,7 +330,7 @@ def test_a_tachometer_adds_its_cells(comparison: Comparison, simulations: Path) 
         located = compared(comparison.replace(tachometer=True), bank, angle=factor * angle)
         row = next(row for row in located.table if row.cell.name == name)
         assert (row.p <= 0.05) == flagged
-        assert row.effect == pytest.approx(100 * (1 / factor - 1), abs=0.1)
+        assert row.difference == pytest.approx(100 * (1 / factor - 1), abs=0.1)
     assert all(name != row.cell.name for row in compared(comparison, bank).table)
 
 

@@ -180,8 +180,8 @@ def test_what_may_differ_is_added_where_a_model_does_not_state_it() -> None:
 
 def test_a_correction_comes_on_top_of_what_may_differ() -> None:
     comparison = short(rig=BASE)
-    assert comparison.rig_with([Offset(1.0)]) == BASE.with_added(Offset(1.0))
-    of_pins = comparison.rig_with([PinErrors(20e-6)])
+    assert comparison.corrected_rig([Offset(1.0)]) == BASE.with_added(Offset(1.0))
+    of_pins = comparison.corrected_rig([PinErrors(20e-6)])
     assert of_pins == BASE.with_added(PinErrors(5e-6), PinErrors(20e-6))
 
 

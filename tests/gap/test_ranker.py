@@ -24,7 +24,7 @@ from cyclofeat.gap import (
 from cyclofeat.gap.simulations import Population
 from cyclofeat.gap.what import Typical, _ranker, make_table, sharpened
 from cyclofeat.gap.what._learned import _SETS_PER_DRAW, _sets, _temperature, _ties
-from cyclofeat.gap.what._ranker import _names, _together
+from cyclofeat.gap.what._ranker import _in_model, _names, _together
 from cyclofeat.gap.what._table import _used
 from cyclofeat.simulators import (
     Effect,
@@ -109,6 +109,7 @@ def test_a_library_of_unknown_effects_is_refused(comparison: Comparison) -> None
 def test_a_rig_with_a_brake_has_no_second_one(comparison: Comparison) -> None:
     assert "brake_rotor" not in _names(comparison.rig, None)
     assert "brake_rotor" in _names(Rig.r0(), None)
+    assert (_in_model(comparison.rig), _in_model(Rig.r0())) == (("brake_rotor",), ())
 
 
 # The table

@@ -110,6 +110,14 @@ def test_few_recordings_held_out_are_warned_of(done: Done) -> None:
         assert [text.partition(":")[0] for text in _workflow.few_held_out(n)] == expected
 
 
+def test_effects_that_cannot_be_named_are_warned_of() -> None:
+    assert _workflow.not_considered((), ()) == []
+    assert _workflow.not_considered(("brake_rotor",), ("hum", "gain")) == [
+        "brake_rotor cannot be named as missing: the model already has it",
+        "this model cannot have hum, gain at this rate: not considered",
+    ]
+
+
 def test_the_result_is_what_the_command_prints(done: Done) -> None:
     plain = done.result.to_dict()
     assert set(plain) == {
@@ -132,7 +140,7 @@ def test_tables_of_the_result(done: Done) -> None:
     result = done.result
     where = result.to_frame()
     assert len(where) == len(result.where.rows) == 2 * result.where.n_cells
-    assert {"family", "name", "effect", "p", "mean"} <= set(where.columns)
+    assert {"family", "name", "difference", "p", "mean"} <= set(where.columns)
     assert result.to_frame("parameters")["value"].tolist() == [row.value for row in result.parameters]
     assert result.to_frame("ranking")["effect"].tolist() == [row.effect for row in result.ranking]
     assert len(result.to_frame("proof")) == len(result.proof.rows)
@@ -388,7 +396,7 @@ def test_a_wrong_condition_is_a_finding(
     assert where.family_p[family] <= 0.03
     row = next(row for row in where.means(family) if row.cell.name == cell)
     assert row.p <= 0.03
-    assert row.effect == pytest.approx(size, rel=0.1)
+    assert row.difference == pytest.approx(size, rel=0.1)
 
 
 # Whole chains that take longer

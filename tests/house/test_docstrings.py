@@ -32,7 +32,7 @@ LONG = {
     "cyclofeat.gap.proof._downstream",
     "cyclofeat.gap.size._fit",
     "cyclofeat.gap.what._ranker",
-    "cyclofeat.gap._prove",
+    "cyclofeat.gap.proof._prove",
     "cyclofeat.report._gap",
 }
 

@@ -45,12 +45,12 @@ def located(compared_hum):
 
 
 def row(
-    family="spectrum", name="third octave at 400 Hz", effect=-6.0, p=0.01, unit="dB", of="mean", hz=400.0
+    family="spectrum", name="third octave at 400 Hz", difference=-6.0, p=0.01, unit="dB", of="mean", hz=400.0
 ):
     cell = Cell(family, name, unit, hz * 0.9, hz * 1.1)
     return WhereRow(
-        cell=cell, effect=effect, low=effect - 2, high=effect + 2, p=p, detectable=3.0, spread=1.0, of=of,
-        mean=0.0, measured_spread=1.0, simulated_spread=1.0,
+        cell=cell, difference=difference, low=difference - 2, high=difference + 2, p=p, detectable=3.0,
+        spread=1.0, of=of, mean=0.0, measured_spread=1.0, simulated_spread=1.0,
     )  # fmt: skip
 
 
@@ -138,7 +138,7 @@ def test_levels_and_spreads_are_those_of_the_recordings(located, where):
     dashed = next(line for line in display.plot("spectrum").axes_[0].lines if line.get_linestyle() == "--")
     drawn = dict(zip(np.round(dashed.get_xdata(), 1), dashed.get_ydata(), strict=True))
     # The model at the recordings' own speed and load, within the prior's reach of the model's mean.
-    assert drawn[50.1] == pytest.approx(band.mean - band.effect)
+    assert drawn[50.1] == pytest.approx(band.mean - band.difference)
     assert drawn[50.1] == pytest.approx(simulated, abs=0.5)
 
 
@@ -195,7 +195,7 @@ def test_neighbouring_bands_of_one_sign_are_told_once():
     hz = 100 * 10 ** (np.arange(8) / 10)
     effects = [0.0, -3.0, -9.0, -4.0, 0.0, 5.0, 0.0, 0.0]
     rows = [
-        row(name=f"third octave at {f:.3g} Hz", effect=e, p=0.01 if e else 1.0, hz=f)
+        row(name=f"third octave at {f:.3g} Hz", difference=e, p=0.01 if e else 1.0, hz=f)
         for f, e in zip(hz, effects, strict=True)
     ]
     display = display_of(rows).plot("spectrum")
@@ -207,7 +207,7 @@ def test_neighbouring_bands_of_one_sign_are_told_once():
 
 
 def test_other_spreads_are_marked_but_not_as_other_means():
-    rows = [row(p=1.0), row(p=0.01, of="spread", effect=6.0206)]
+    rows = [row(p=1.0), row(p=0.01, of="spread", difference=6.0206)]
     display = display_of(rows, family_p={"spectrum": 0.01}).plot("spectrum")
     assert (len(display.flags_), len(display.spread_flags_)) == (0, 1)
     assert display.spread_flags_[0].get_xdata()[0] == pytest.approx(np.sqrt(360 * 440))
@@ -215,7 +215,7 @@ def test_other_spreads_are_marked_but_not_as_other_means():
 
 
 def test_families_are_placed_by_spreads_of_one_recording():
-    rows = [row(effect=-6.0), row("floor", "around order 2", 0.5, 0.9)]
+    rows = [row(difference=-6.0), row("floor", "around order 2", 0.5, 0.9)]
     display = display_of(rows, family_p={"spectrum": 0.01, "floor": 0.9}).plot("families")
     dots = [line for line in display.ax_.lines if line.get_marker() == "o"]
     assert_allclose([dot.get_xdata()[0] for dot in dots], [6.0, 0.5])
@@ -268,8 +268,8 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
 
 
 def test_spectra_before_and_after():
-    before = [row(effect=-6.0), row(effect=4.0, hz=500.0)]
-    after = [row(effect=-1.0, p=0.9), row(effect=0.5, p=0.8, hz=500.0)]
+    before = [row(difference=-6.0), row(difference=4.0, hz=500.0)]
+    after = [row(difference=-1.0, p=0.9), row(difference=0.5, p=0.8, hz=500.0)]
     display = GapReductionDisplay(before=where_with(before), after=where_with(after)).plot("spectrum")
     curves = {line.get_label(): line.get_ydata() for line in display.ax_.lines}
     assert_allclose(curves["before correction"], [-6.0, 4.0])
@@ -287,7 +287,7 @@ def test_spectra_before_and_after():
     ("found", "words"),
     [
         (row(), "third octave at 400 Hz: 6.0 dB less"),
-        (row(name="third octave at 1.26e+03 Hz", effect=12.3), "third octave at 1260 Hz: 12 dB more"),
+        (row(name="third octave at 1.26e+03 Hz", difference=12.3), "third octave at 1260 Hz: 12 dB more"),
         (row("amplitudes", "mean", 0.514, unit="Nm"), "mean torque: 0.51 Nm more"),
         (row("amplitudes", "skewness", -0.25, unit="1"), "skewness: 0.25 lower"),
         (
@@ -300,7 +300,7 @@ def test_words(found, words):
     assert in_words(found) == words
     assert words.endswith(difference_words(found))
     assert cell_name(found.cell) in words
-    assert dataclasses.replace(found, effect=6.0).clarity == 2.0
+    assert dataclasses.replace(found, difference=6.0).clarity == 2.0
 
 
 # -- colours
@@ -329,7 +329,7 @@ DEUTERANOPIA = np.array(
 @pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
 def test_roles_are_told_apart_also_by_the_colour_blind(scheme, ground):
     with matplotlib.rc_context(_themes()[scheme]):
-        display = display_of([row(), row(effect=3.0, p=0.9, hz=500.0)]).plot("spectrum")
+        display = display_of([row(), row(difference=3.0, p=0.9, hz=500.0)]).plot("spectrum")
         upper, _ = display.axes_
         curves = [line for line in upper.lines if line.get_label()[0] != "_"]
         roles = [*(to_rgb(line.get_color()) for line in curves), to_rgb(display.flags_[0].get_facecolor())]

@@ -16,11 +16,11 @@ from pages import parse, words
 
 from cyclofeat.gap import (
     DistanceRow,
+    EffectProbability,
     FittedParameter,
     GapResult,
     Proof,
     ProofRow,
-    RankedEffect,
     where_of,
 )
 from cyclofeat.report import summarise_gap, write_gap_report
@@ -83,7 +83,11 @@ def result(locators):
         where=dataclasses.replace(locators.before, family_p=locators.before.family_p | {"spectrum": 0.018}),
         rig=BASE.with_added(Hum(2.0)),
         where_after=locators.null,
-        ranking=(RankedEffect("pin_errors", 0.9), RankedEffect("hum", 0.62), RankedEffect(LOW_PASS, 0.31)),
+        ranking=(
+            EffectProbability("pin_errors", 0.9),
+            EffectProbability("hum", 0.62),
+            EffectProbability(LOW_PASS, 0.31),
+        ),
         effects=(Hum(2.0), PinErrors(1.2e-5)),
         parameters=(
             FittedParameter("hum", "amplitude_nm", 1.987, 1.91, 2.06, "Nm"),
@@ -175,7 +179,7 @@ def test_the_answer_comes_before_all_else(parsed):
 def test_the_clearest_difference_is_told_in_words(parsed, locators):
     line = next(row for row in locators.before.means() if row.cell.name == "input order 6")
     assert line.p <= 0.05
-    assert re.search(rf"input order 6 {line.effect:.0f} dB more \+\d+ to \+\d+ dB", words(parsed))
+    assert re.search(rf"input order 6 {line.difference:.0f} dB more \+\d+ to \+\d+ dB", words(parsed))
 
 
 def test_surrogates_are_called_so_and_nothing_measured(page):
@@ -309,7 +313,7 @@ def test_the_least_there_can_be(locators, bare, tmp_path):
 
 
 def test_an_effect_outside_the_library_keeps_its_name(result, bare, tmp_path):
-    ranking = (RankedEffect("loose_bolt", 0.9),)
+    ranking = (EffectProbability("loose_bolt", 0.9),)
     text = bare(dataclasses.replace(result, ranking=ranking, tie_group=("hum", "loose_bolt")), tmp_path)
     assert text.count("loose bolt") == 2
 
@@ -364,7 +368,7 @@ def test_a_number_that_differs_in_two_ways_counts_once(result, locators, bare, t
     first = [row.of for row in null.rows if row.cell == null.rows[0].cell]
     assert first == ["mean", "spread"]
     rows = tuple(
-        dataclasses.replace(row, p=1e-3 if row.cell == null.rows[0].cell else 1.0, effect=6.0206)
+        dataclasses.replace(row, p=1e-3 if row.cell == null.rows[0].cell else 1.0, difference=6.0206)
         for row in null.rows
     )
     both = dataclasses.replace(null, rows=rows)

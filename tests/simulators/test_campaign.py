@@ -45,7 +45,7 @@ from cyclofeat.simulators.campaign import Shards, _run, _store, _workers
 
 # Starts fast, hence settles fast: a run takes a hundredth of a second.
 QUICK = Rig.r0().replace(name="quick", gearbox=CycloidalGearbox.steel(ramp_time=0.02))
-LOAD = "gearbox_parameter.value"
+LOAD = "gearbox_parameter_load_torque.value"
 SMALL = Campaign(
     name="small",
     rig=QUICK.with_effects(GearboxParameter("load_torque", (15.0, 25.0))),
@@ -314,7 +314,7 @@ def test_load_gives_windows_labels_groups_and_parameters(whole: Path) -> None:
     assert (frame["depth"][data.y == 0] == 0).all()
     assert frame["depth"][data.y > 0].between(0.3, 1.0).all()
     # The load is that explored, within the assembly's 3 %, and the torque's mean is near it.
-    assert (abs(frame["true_load_nm"] / frame["effects.gearbox_parameter.value"] - 1) <= 0.03).all()
+    assert (abs(frame["true_load_nm"] / frame[f"effects.{LOAD}"] - 1) <= 0.03).all()
     quiet = load_campaign(whole)
     np.testing.assert_array_equal(np.asarray(quiet.X), np.asarray(data.X))
 

@@ -113,8 +113,8 @@ class Population:
         """All that decides about a recording besides its count and its random numbers."""
         return json.dumps([self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels])
 
-    def with_effects(self, *effects: Effect) -> Population:
-        """Population with effects added to the rig."""
+    def with_added(self, *effects: Effect) -> Population:
+        """Return a copy with effects added to those of the rig."""
         return dataclasses.replace(self, rig=self.rig.with_added(*effects))
 
     def run_machine(

@@ -230,7 +230,7 @@ def _fitted(
     reach = np.maximum(reach * math.sqrt(max(loss, 1.0)), np.abs(line - best))
     return FittedEffects(
         effects=model.space.effects(best),
-        rig=comparison.rig_with(model.space.effects(best)),
+        rig=comparison.corrected_rig(model.space.effects(best)),
         parameters=_parameters(model.space, best, reach),
         loss=loss,
         n_calls=model.n_calls,

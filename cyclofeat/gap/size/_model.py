@@ -82,7 +82,7 @@ class FitModel:
         parted = [self._parted(place) for place in places]
         records = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
             joblib.delayed(_recorded)(
-                on_torque, *self._task(self.population.with_effects(*in_machine), first + k, int(counts[k]))
+                on_torque, *self._task(self.population.with_added(*in_machine), first + k, int(counts[k]))
             )
             for k, (in_machine, on_torque) in enumerate(parted)
         )
@@ -113,7 +113,7 @@ class FitModel:
             # Parameters left behind are not asked for again: one set of runs is kept.
             self._runs = {key: self._runs[key]} if key in self._runs else {}
         runs = self._runs.setdefault(key, [])
-        population, missing = self.population.with_effects(*effects), range(len(runs), n)
+        population, missing = self.population.with_added(*effects), range(len(runs), n)
         made = joblib.Parallel(n_jobs=self.comparison.n_jobs)(
             joblib.delayed(_machine_run)(*self._task(population, i, int(self.counts[i % len(self.counts)])))
             for i in missing

@@ -7,14 +7,14 @@ measurement that tells them apart.
 
 from cyclofeat.gap.what._learned import Typical as Typical
 from cyclofeat.gap.what._learned import sharpened as sharpened
-from cyclofeat.gap.what._ranker import EffectRanker, Ranked, RankedPair, Ranking, learn_effects
+from cyclofeat.gap.what._ranker import EffectRanker, RankedEffect, RankedPair, Ranking, learn_effects
 from cyclofeat.gap.what._table import EffectTable
 from cyclofeat.gap.what._table import make_table as make_table
 
 __all__ = [
     "EffectRanker",
     "EffectTable",
-    "Ranked",
+    "RankedEffect",
     "RankedPair",
     "Ranking",
     "learn_effects",

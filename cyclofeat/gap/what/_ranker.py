@@ -26,8 +26,8 @@ _REFINED = 20  # pairs of draws whose distance is taken in all combinations of c
 
 
 @dataclass(frozen=True)
-class Ranked:
-    """Effect with its probability.
+class RankedEffect:
+    """One row of a :class:`Ranking`: an effect and its probability before any fit.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class Ranked:
     summary : str
         Description in one line.
     probability : float
-        Among the effects of the library, given that something is missing.
+        Given that one effect of the library is missing.
     look_alikes : tuple of str
-        Effects that these measurements do not tell from it.
+        Effects that such recordings cannot distinguish from it.
     next_measurement : str
-        Measurement that would tell it from them.
+        Measurement that would distinguish it from them.
     """
 
     effect_id: str
@@ -76,7 +76,7 @@ class Ranking:
 
     Attributes
     ----------
-    rows : tuple of Ranked
+    rows : tuple of RankedEffect
         Most probable first.
     conformal_p : dict from str to float
         How typical the disagreement is of each effect of the library.
@@ -84,7 +84,7 @@ class Ranking:
         Whether it is typical of no effect that was considered.
     """
 
-    rows: tuple[Ranked, ...]
+    rows: tuple[RankedEffect, ...]
     conformal_p: dict[str, float]
     unknown: bool
 
@@ -97,14 +97,18 @@ class EffectRanker:
     ----------
     comparison : Comparison
     table : EffectTable
+    in_model : tuple of str
+        Effects of the default library that the model already has and cannot have twice. They are not
+        considered.
     unavailable : tuple of str
-        Effects of the default library that this model cannot have, or not at this rate.
+        Other effects of the default library that this model cannot have, or not at this sampling rate.
     alpha : float
         Level of the refusal, and of the gate: an effect is learned from the sets in which it would be found.
     """
 
     comparison: Comparison
     table: EffectTable = field(repr=False)
+    in_model: tuple[str, ...]
     unavailable: tuple[str, ...]
     alpha: float
     _learned: dict[int, Learned] = field(default_factory=dict, repr=False, compare=False)
@@ -151,7 +155,7 @@ class EffectRanker:
         p = learned.typical.conformal_p(features)[0]
         kinds = effect_library()
         rows = tuple(
-            Ranked(
+            RankedEffect(
                 effect_id=self.names[k],
                 summary=kinds[self.names[k]].summary(),
                 probability=float(votes[k]),
@@ -286,6 +290,7 @@ def learn_effects(
     whole("n_simulations", n_simulations, 2)
     whole("n_null", n_null, 16)
     names = _names(comparison.rig, library)
+    in_model = _in_model(comparison.rig) if library is None else ()
     table = make_table(comparison, names, n_draws=n_draws, n_recordings=n_simulations, n_null=n_null)
     made = [name for name in names if table.simulated(name).size >= _FEWEST_DRAWS]
     unavailable = tuple(name for name in names if name not in made)
@@ -293,14 +298,18 @@ def learn_effects(
         raise ValueError(
             f"library must hold effects that this model and rate can have, got {', '.join(unavailable)}"
         )
-    return EffectRanker(comparison, table.of(made), unavailable, alpha)
+    return EffectRanker(comparison, table.of(made), in_model, unavailable, alpha)
 
 
 def _names(rig: Rig, library: Sequence[str] | None) -> list[str]:
-    known = effect_library()
     if library is not None:
-        return list(different_names(library, known, "library"))
-    return [name for name in known if not (rig.has_brake and name == "brake_rotor")]
+        return list(different_names(library, effect_library(), "library"))
+    return [name for name in effect_library() if name not in _in_model(rig)]
+
+
+def _in_model(rig: Rig) -> tuple[str, ...]:
+    """Effects of the rig that it cannot have twice."""
+    return ("brake_rotor",) if rig.has_brake else ()
 
 
 def _together(first: NDArray[Any], second: NDArray[Any], in_db: NDArray[np.bool_]) -> NDArray[Any]:

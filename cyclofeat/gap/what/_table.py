@@ -137,7 +137,7 @@ def _summaries(
 ) -> Float | None:
     """Summaries of one run by each chain, NaN where a chain is impossible; None where the run fails."""
     number, effect, chains = job
-    changed = population if effect is None else population.with_effects(effect)
+    changed = population if effect is None else population.with_added(effect)
     seed = np.random.SeedSequence(random_state, spawn_key=(number,))
     try:
         run = changed.run_machine(count, seed, spare=SPARE if effect is None else 0.0)

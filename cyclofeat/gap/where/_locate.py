@@ -49,21 +49,21 @@ class Row:
     cell : Cell
     of : {"mean", "spread"}
         Compared quantity: the mean over recordings, or the spread of single recordings.
-    effect : float
-        Measured minus simulated, in the cell's unit; of spreads their ratio in dB.
+    difference : float
+        Measured minus simulated mean, in the cell's unit; for spreads, their ratio in dB.
     low, high : float
-        Its interval, simultaneous within the family, at 1 - alpha.
+        Its interval at 1 - alpha, simultaneous within the family.
     p : float
         Adjusted within the family (Westfall-Young, step-down) and across families (Holm).
     detectable : float
-        Smallest effect that would have been found with a chance of 0.8.
+        Smallest difference that would have been found with a probability of 0.8.
     spread : float
         Standard deviation of one recording, in the cell's unit; of spreads that of the ratio in dB.
     """
 
     cell: Cell
     of: str
-    effect: float
+    difference: float
     low: float
     high: float
     p: float
@@ -91,7 +91,7 @@ class LocatedGap:
     table : tuple of Row
         All cells: means in the order of the families, then spreads, then all means together. Spreads and
         all together are tested one-sidedly: only the lower end of their intervals holds at 1 - alpha, the
-        upper end lies as far above the effect and bounds nothing.
+        upper end lies as far above the difference and bounds nothing.
     family_p : dict from str to float
         Smallest p of each family, adjusted within and across families; ``"spreads"`` and ``"together"`` are
         families of their own.
@@ -286,13 +286,13 @@ def _tested(located: LocatedGap, compared: tuple[Float, Float]) -> tuple[tuple[R
         raw[family] = float(adjusted.min())
         reach = statistics.largest_quantile(at, 1 - located.alpha)
         for k, p in zip(at, adjusted, strict=True):
-            effect, error = float(statistics.effects[k]), float(statistics.errors[k])
+            difference, error = float(statistics.differences[k]), float(statistics.errors[k])
             row = Row(
                 cell=TOGETHER if family == TOGETHER.family else cells[k % n],
                 of="spread" if family == SPREADS else "mean",
-                effect=effect,
-                low=effect - reach * error,
-                high=effect + reach * error,
+                difference=difference,
+                low=difference - reach * error,
+                high=difference + reach * error,
                 p=float(p),
                 detectable=(reach + _POWER_Z) * error,
                 spread=float(statistics.spreads[k]),

@@ -41,13 +41,13 @@ class Permuted:
             row[random.choice(total, first, replace=False)] = 1
         sums = choices @ deviations
         # mean over the chosen minus mean over the rest, the deviations adding up to zero
-        effects = sums / first + sums / (total - first)
-        between = effects**2 / share
+        differences = sums / first + sums / (total - first)
+        between = differences**2 / share
         variances = np.maximum(squares - between, 0.0) / (total - 2)
         floor = np.square(smallest)
         with np.errstate(invalid="ignore", divide="ignore"):
             errors = np.sqrt((variances + floor) * share)
-            t = np.where(errors > 1e-9 * np.sqrt(squares + 1e-300), effects / errors, 0.0)
+            t = np.where(errors > 1e-9 * np.sqrt(squares + 1e-300), differences / errors, 0.0)
         chosen = choices @ deviations**2
         inside = np.maximum(chosen - sums**2 / first, 0.0) / (first - 1)
         outside = np.maximum(squares - chosen - sums**2 / (total - first), 0.0) / (total - first - 1)
@@ -62,12 +62,12 @@ class Permuted:
         turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
         # Permuted sets are of many assemblies, the measured one perhaps of one.
         t[0] /= wider
-        in_scales = effects / np.where(scale > 0, scale, 1.0)
+        in_scales = differences / np.where(scale > 0, scale, 1.0)
         in_scales[0] /= wider
         together = np.sqrt(np.mean((in_scales @ turn) ** 2, axis=1) / share)
         together = (together - np.median(together[1:]))[:, np.newaxis]
         beyond = max(float(together[1:].std()), 1e-9)
-        self.effects = np.concatenate([effects[0], ratios[0], together[0]])
+        self.differences = np.concatenate([differences[0], ratios[0], together[0]])
         self.errors = np.concatenate([errors[0] * wider, deviation, [beyond]])
         ratios = np.where(deviation > 1e-6, ratios / deviation, 0.0)
         # One-sided: recordings that share speed, load or assembly spread less, and that is no disagreement.

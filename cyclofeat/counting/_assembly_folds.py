@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize
-from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_random_state
@@ -17,9 +15,6 @@ from sklearn.utils.validation import has_fit_parameter
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
-
-# A tree ensemble's zero is "never seen among the trees", not "impossible".
-LEAST_PROBABILITY = 1e-3
 
 
 def drawn_seed(random_state: int | None) -> int:
@@ -108,45 +103,3 @@ def held_out_proba(
         fitted = fit_grouped(clone(estimator), X[train], y[train], member[train])
         proba[test] = aligned_proba(fitted, X[test], classes)
     return proba
-
-
-def safe_log(proba: Float) -> Float:
-    """Logarithm of probabilities, those below 0.001 raised to it."""
-    return np.asarray(np.log(np.maximum(proba, LEAST_PROBABILITY)))
-
-
-def softmax(scores: Float) -> Float:
-    """Probabilities, shape as given, from their logarithms up to a constant per row."""
-    powers = np.exp(scores - scores.max(axis=-1, keepdims=True))
-    return np.asarray(powers / powers.sum(axis=-1, keepdims=True))
-
-
-def pooled(logs: Float, weights: Float) -> Float:
-    """Probabilities of several opinions (m, n, c) weighted in the logarithm: the product of their powers."""
-    return softmax(np.tensordot(weights, logs, axes=1))
-
-
-def pool_weights(logs: Float, rank: Int, importance: Float, n_assemblies: int) -> Float:
-    """Exponents, not negative, at which the pooled opinions are most likely; with one opinion: 1/temperature.
-
-    ``logs`` are logarithms of held-out probabilities, shape (n_opinions, n_windows, n_classes), ``rank`` is
-    the column of each window's true class. By Laplace's rule of succession one of ``n_assemblies + 2`` is
-    taken for wrong, since the likelihood of no errors would ask for certainty.
-    """
-    n_opinions, n_windows, n_classes = logs.shape
-    wrong = 1.0 / (n_assemblies + 2)
-    target = np.full((n_windows, n_classes), wrong / max(n_classes - 1, 1))
-    target[np.arange(n_windows), rank] = 1 - wrong
-    importance = importance / importance.sum()
-
-    def loss(weights: Float) -> tuple[float, Float]:
-        scores = np.tensordot(weights, logs, axes=1)
-        normaliser = logsumexp(scores, axis=1, keepdims=True)
-        surplus = importance[:, np.newaxis] * (np.exp(scores - normaliser) - target)
-        value = float(importance @ (normaliser[:, 0] - np.sum(target * scores, axis=1)))
-        return value, np.tensordot(logs, surplus, axes=([1, 2], [0, 1]))
-
-    start = np.full(n_opinions, 1.0 / n_opinions)
-    # convex in the weights: any local method finds the minimum
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=[(0.0, None)] * n_opinions)
-    return np.asarray(found.x)

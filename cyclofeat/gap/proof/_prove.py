@@ -8,17 +8,9 @@ import numpy as np
 
 from cyclofeat.gap._settings import GapSettings, Windows, checked
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.proof import (
-    AFTER,
-    BASELINES,
-    BEFORE,
-    Alternative,
-    Proof,
-    Sample,
-    Simulated,
-    describe,
-    score_alternatives,
-)
+from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
+from cyclofeat.gap.proof._distance import Sample, describe
+from cyclofeat.gap.proof._scores import AFTER, BEFORE, Proof, score_alternatives
 from cyclofeat.gap.summaries import per_recording
 from cyclofeat.simulators import CycloidalGearbox, Rig
 
