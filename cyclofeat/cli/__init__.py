@@ -8,6 +8,8 @@ module              job
 ``_reading``        options of commands that read recordings, and their work file by file
 ``_rigs``           options of commands that simulate
 ``_models``         options of commands that count with a stored model
+``_targets``        options that name files to write, checked before any work
+``_idle``           errors for options that have no effect
 ``folder_watch``    files that arrive in a folder
 each other module   one command
 ==================  =====================================================================
@@ -30,7 +32,7 @@ import sys
 from collections.abc import Collection, Sequence
 
 from cyclofeat import __version__
-from cyclofeat.cli._printing import run_and_print, warn
+from cyclofeat.cli._printing import run_and_print
 from cyclofeat.cli._table import COMMANDS
 
 __all__ = ["main", "make_parser"]
@@ -48,24 +50,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         0 on success; 2 for bad input, with one line on standard error that says what is wrong; 130 after
-        Ctrl-C.
+        Ctrl-C; 141 if standard output was closed.
     """
     words = sys.argv[1:] if argv is None else list(argv)
     # No option before the command takes a value, so the first other word is the command.
     called = next((word for word in words if not word.startswith("-")), "")
-    arguments = make_parser([called]).parse_args(words)
     try:
+        arguments = make_parser([called]).parse_args(words)
         failed = run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe: write nothing more, not even at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return 141
     except KeyboardInterrupt:
         print("cyclofeat: interrupted", file=sys.stderr)
         return 130
-    except _expected_errors() as error:
-        warn(error)
-        return 2
     return 2 if failed else 0
 
 
@@ -82,11 +81,5 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
         subparser.add_argument("--json", action="store_true", help="print JSON for programs")
         if name in complete:
             command.module().add_arguments(subparser)
+            subparser.set_defaults(default_of=subparser.get_default)
     return parser
-
-
-def _expected_errors() -> tuple[type[Exception], ...]:
-    """Errors of input and surroundings; any other is a defect of the toolkit and keeps its traceback."""
-    from cyclofeat.simulators import SimulationFailed
-
-    return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed

@@ -9,31 +9,50 @@ from collections.abc import Iterator
 
 from cyclofeat.cli._reading import error_text
 from cyclofeat.cli._rigs import load_own_effects
-from cyclofeat.cli._table import Command
+from cyclofeat.cli._table import Command, Printed
+from cyclofeat.cli._targets import check_targets
 
 
 def run_and_print(command: Command, arguments: Namespace) -> bool:
-    """Run a command, print each result as soon as it is known, and return True if one failed."""
-    module = command.module()
-    load_own_effects(arguments)
-    outcome = module.run(arguments)
+    """Run a command, print each result as soon as it is known, and return True if one failed.
+
+    Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
+    traceback.
+    """
     failed = False
     documents = []
-    for result in outcome if isinstance(outcome, Iterator) else (outcome,):
-        printed = module.printed(arguments, result)
-        failed = failed or printed.failed
-        if printed.error:
-            warn(printed.error)
-        if not arguments.json:
-            if printed.text:
-                print(printed.text, flush=True)
-        elif command.output == "lines":
-            print(json.dumps(printed.json), flush=True)
-        else:
-            documents.append(printed.json)
-    if arguments.json and command.output != "lines":
-        print(json.dumps(documents if command.output == "list" else documents[0], indent=2))
+    try:
+        for printed in _results(command, arguments):
+            failed = failed or printed.failed
+            if printed.error:
+                warn(printed.error)
+            if not arguments.json:
+                if printed.text:
+                    print(printed.text, flush=True)
+            elif command.output == "lines":
+                print(json.dumps(printed.json), flush=True)
+            else:
+                documents.append(printed.json)
+    finally:
+        # What is finished is printed although the work was interrupted.
+        if documents:
+            print(json.dumps(documents if command.output == "list" else documents[0], indent=2))
     return failed
+
+
+def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
+    """Run a command and yield what is printed of each result, and of the error that ends it."""
+    from cyclofeat.simulators import SimulationFailed
+
+    try:
+        check_targets(arguments)
+        load_own_effects(arguments)
+        module = command.module()
+        outcome = module.run(arguments)
+        for result in outcome if isinstance(outcome, Iterator) else (outcome,):
+            yield module.printed(arguments, result)
+    except (ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed) as error:
+        yield Printed("", {"error": error_text(error)}, error_text(error), failed=True)
 
 
 def note(message: str) -> None:
@@ -41,6 +60,6 @@ def note(message: str) -> None:
     print(message, file=sys.stderr, flush=True)
 
 
-def warn(error: Exception | str) -> None:
+def warn(error: str) -> None:
     """Print an error as one line on standard error."""
-    note(f"cyclofeat: error: {error if isinstance(error, str) else error_text(error)}")
+    note(f"cyclofeat: error: {error}")

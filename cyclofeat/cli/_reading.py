@@ -47,6 +47,9 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
     group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
 
 
+READING = (*(name for name in _OPTIONS if name != "sampling_rate"), "no_angle")
+
+
 def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of ``read_recording`` that were typed."""
     typed = {argument: getattr(arguments, argument) for argument in _OPTIONS}

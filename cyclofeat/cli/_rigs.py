@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cyclofeat.cli._idle import refuse_idle
+
 if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
 
@@ -15,10 +17,11 @@ _RIGS = ("r0", "r1", "r2", "published")
 def add_machine(parser: argparse.ArgumentParser) -> None:
     """Add the options that state which gearbox is simulated, with which lobes worn."""
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--worn", metavar="LOBES", help="worn lobes: a count (3) or a list from 0 (0,4)")
-    kind.add_argument("--removed", metavar="LOBES", help="removed lobes: a count or a list from 0")
+    kind.add_argument("--worn-count", type=int, metavar="N", help="number of worn lobes, side by side")
+    kind.add_argument("--worn-lobes", metavar="LOBES", help="worn lobes, counted from 1, like 1,5")
+    kind.add_argument("--removed-lobes", metavar="LOBES", help="removed lobes, counted from 1")
     parser.add_argument(
-        "--wheels", choices=("both", "0", "1"), default="both", help="wheels with these lobes (default: both)"
+        "--wheels", choices=("both", "1", "2"), default="both", help="wheels with these lobes (default: both)"
     )
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0 to 1 (default 1)")
     parser.add_argument(
@@ -64,23 +67,28 @@ def defects_of(arguments: argparse.Namespace) -> LobeDefects:
     """Return the worn or removed lobes."""
     from cyclofeat.simulators import LobeDefects
 
-    wheels = {"both": (0, 1), "0": (0,), "1": (1,)}[arguments.wheels]
-    if arguments.removed is not None:
-        return LobeDefects.removed(_lobes(arguments.removed), wheels=wheels)
-    if arguments.worn is not None:
-        return LobeDefects.worn(_lobes(arguments.worn), wheels=wheels, depth=arguments.depth)
+    wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
+    if arguments.removed_lobes is not None:
+        refuse_idle(arguments, ("depth",), "with --removed-lobes")
+        return LobeDefects.removed(_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
+    if arguments.worn_lobes is not None:
+        worn = _lobes("--worn-lobes", arguments.worn_lobes)
+        return LobeDefects.worn(worn, wheels=wheels, depth=arguments.depth)
+    if arguments.worn_count is not None:
+        return LobeDefects.worn(arguments.worn_count, wheels=wheels, depth=arguments.depth)
+    refuse_idle(arguments, ("depth", "wheels"), "without --worn-count, --worn-lobes or --removed-lobes")
     return LobeDefects.healthy()
 
 
-def _lobes(text: str) -> int | tuple[int, ...]:
-    """Return a count ("3") or lobes counted from 0 ("0,4")."""
+def _lobes(option: str, text: str) -> tuple[int, ...]:
+    """Return lobes counted from 0, which the option counts from 1."""
     try:
-        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+        numbers = tuple(int(part) - 1 for part in text.split(","))
     except ValueError:
         numbers = ()
-    if not numbers:
-        raise ValueError(f"lobes must be a count like 3 or a list counted from 0 like 0,4, got {text!r}")
-    return numbers[0] if "," not in text else numbers
+    if not numbers or min(numbers) < 0:
+        raise ValueError(f"{option} must list lobes counted from 1, like 1,5, got {text!r}")
+    return numbers
 
 
 def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
@@ -93,9 +101,9 @@ def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
 def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
     if arguments.simulator is None and arguments.rig is None:
+        refuse_idle(arguments, ("seed", "effects_from"), "without --rig or --simulator")
         return None
-    if arguments.material != "steel":
-        raise ValueError("--material goes without --rig and --simulator: these state their own gearbox")
+    refuse_idle(arguments, ("material",), "with --rig and --simulator, which state their own gearbox")
     return rig_of(arguments)
 
 

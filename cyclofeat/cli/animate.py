@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import SimulationRun
@@ -21,7 +22,7 @@ _LONGEST = 20.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", required=True, metavar="FILE.html", help="page to write")
+    add_target(parser, "--out", "page", required=True, metavar="FILE.html", help="page to write")
     add_machine(parser)
     parser.add_argument("--duration", type=float, help="seconds of the machine (default: one output turn)")
     parser.add_argument("--frames", type=int, default=720, help="moments at which forces are shown (720)")
@@ -29,10 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> SimulationRun:
     """Simulate the assembly that ``simulate`` makes of the same options, and write the page."""
-    from cyclofeat.report import check_page_path, write_animation
+    from cyclofeat.report import write_animation
     from cyclofeat.simulators import Rig
 
-    check_page_path(arguments.out)  # an error now rather than after the simulation
     rig = rig_of_machine(arguments)
     machine = Rig(gearbox_of(arguments)) if rig is None else rig
     duration = arguments.duration

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.progress import Progress
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import Campaign, CampaignData
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
-    parser.add_argument("--example", metavar="FILE", help="write a design to edit, and do nothing else")
+    add_target(parser, "--example", metavar="FILE", help="write a design to edit, and do nothing else")
     parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")
     add_effects(parser)
 
@@ -41,11 +42,8 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
             if other != alone and (given := getattr(arguments, other)) is not None:
                 raise ValueError(f"--{alone} goes alone, got {other} {given!r} too")
     if arguments.example is not None:
-        path = Path(arguments.example)
-        if path.exists():
-            raise FileExistsError(f"{path}: exists already; give a new name")
         campaign = example()
-        campaign.to_json(path)
+        campaign.to_json(arguments.example)
         return campaign
     if arguments.verify is not None:
         return load_campaign(arguments.verify, verify=True)

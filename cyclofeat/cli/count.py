@@ -18,6 +18,7 @@ from cyclofeat.cli._reading import (
     reading_arguments,
 )
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount
@@ -37,17 +38,15 @@ class Counted(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="+", metavar="FILE", help=FILES)
     add_model_options(parser)
-    parser.add_argument("--report", metavar="FILE.html", help="page to write: the counts and their evidence")
+    add_target(
+        parser, "--report", "page", metavar="FILE.html", help="page to write: the counts and their evidence"
+    )
     add_reading_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     """Count file by file, then write the report."""
     model = read_model(arguments)
-    if arguments.report:
-        from cyclofeat.report import check_page_path
-
-        check_page_path(arguments.report)  # an error now rather than after the counts
     files, options = entries(arguments.files), reading_arguments(arguments)
     window = round(
         model.n_lobes / model.input_speed_hz, 9

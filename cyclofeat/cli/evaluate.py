@@ -12,6 +12,7 @@ from cyclofeat._base.progress import Progress
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import add_reading_options, nominal_speed, read_all
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation, Protocol
@@ -29,8 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=int, default=-1, help="processes that fit folds side by side (default: all cores)"
     )
-    parser.add_argument(
+    add_target(
+        parser,
         "--report",
+        "page",
         metavar="FILE.html",
         help="page to write; takes longer: it has calibrated probabilities and, where files state worn lobes "
         "and an absolute angle, results for each lobe",
@@ -44,10 +47,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
         raise ValueError("evaluate needs labelled recording files")
     from cyclofeat.counting import Protocol
 
-    if arguments.report:
-        from cyclofeat.report import check_page_path
-
-        check_page_path(arguments.report)  # an error now rather than after the folds
     recordings = read_all(arguments.files, arguments)
     protocol = Protocol(n_splits=arguments.folds, random_state=arguments.seed, n_jobs=arguments.jobs)
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import add_reading_options, read_all
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Comparison, GapResult, ProofRow, Windows
@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER|SHARE",
         help="recordings on which the corrected model is judged: a folder, or a share of MEASURED like 0.4",
     )
-    parser.add_argument("--out", metavar="FILE", help="report to write, .html")
-    parser.add_argument("--save-simulator", metavar="FILE", help="corrected model to write, .json")
+    add_target(parser, "--out", "page", metavar="FILE", help="report to write, .html")
+    add_target(parser, "--save-simulator", metavar="FILE", help="corrected model to write, .json")
     parser.add_argument(
         "--cache", metavar="FOLDER", help="folder that keeps simulations and fits, so that a new run resumes"
     )
@@ -72,7 +72,6 @@ def run(arguments: argparse.Namespace) -> GapResult:
     from cyclofeat import gap
     from cyclofeat.simulators import Rig, effect_library
 
-    _check_targets(arguments)
     library = None
     if arguments.effects is not None:
         library = different_names(arguments.effects.split(","), effect_library(), "--effects")
@@ -116,20 +115,6 @@ def run(arguments: argparse.Namespace) -> GapResult:
         sources = [recording.source for recording in recordings]
         write_gap_report(result, arguments.out, sources=sources, settings=settings)
     return result
-
-
-def _check_targets(arguments: argparse.Namespace) -> None:
-    """Raise errors of the files to write now rather than after hours."""
-    for option in ("out", "save_simulator"):
-        path = getattr(arguments, option)
-        if path is not None and not Path(path).parent.is_dir():
-            raise FileNotFoundError(
-                f"folder {Path(path).parent} for --{option.replace('_', '-')} does not exist"
-            )
-    if arguments.out is not None:
-        from cyclofeat.report import check_page_path
-
-        check_page_path(arguments.out)
 
 
 def _comparison(

@@ -16,7 +16,9 @@ __all__ = ["add_arguments", "printed", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--worn", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1")
+    parser.add_argument(
+        "--worn-count", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1"
+    )
     parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
     parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
@@ -29,7 +31,7 @@ def run(arguments: argparse.Namespace) -> RecordingPlan:
     if not (math.isfinite(arguments.speed) and arguments.speed > 0):
         raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
     return plan_recording(
-        arguments.worn,
+        arguments.worn_count,
         noise_nm=arguments.noise,
         confidence=arguments.confidence,
         depth=arguments.depth,

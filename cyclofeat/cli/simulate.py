@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
@@ -15,7 +16,7 @@ __all__ = ["add_arguments", "printed", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", required=True, help="file to write, .csv or .npz")
+    add_target(parser, "--out", required=True, help="file to write, .csv or .npz")
     add_machine(parser)
     parser.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
     parser.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")

@@ -7,10 +7,12 @@ import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
+from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import add_reading_options, nominal_speed, read_all
+from cyclofeat.cli._reading import READING, add_reading_options, nominal_speed, read_all
 from cyclofeat.cli._rigs import add_rig, rig_of
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
@@ -18,11 +20,14 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "printed", "run"]
 
+_SIMULATION = ("assemblies", "windows", "max_count", "lobes", "jobs", "rig", "simulator", "effects_from")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--out", required=True, help="model file to write: model.skops (safe) or model.joblib (a pickle)"
-    )
+    add_target(
+        parser, "--out", "model", required=True,
+        help="model file to write: model.skops (safe) or model.joblib (a pickle)",
+    )  # fmt: skip
     parser.add_argument(
         "recordings", nargs="*", help="labelled recordings or folders (default: simulated ones)"
     )
@@ -45,10 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> LobeModel:
     """Read or simulate recordings, train on them, and write the model."""
     from cyclofeat.counting import LobeModel
-    from cyclofeat.models import check_model_path, save_model
+    from cyclofeat.models import save_model
 
-    check_model_path(arguments.out)  # an error now rather than after the simulation
     if arguments.recordings:
+        refuse_idle(arguments, _SIMULATION, "with recordings from files")
         recordings = read_all(arguments.recordings, arguments)
         nominal_speed(recordings)  # an error that names the option
         origin = f"{len(recordings)} recordings from files"
@@ -65,6 +70,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.datasets import make_rig_recordings
 
+    refuse_idle(arguments, READING, "without recordings: it is the rig's")
     rig = rig_of(arguments, default="r2")
     if arguments.windows < 1:
         raise ValueError(f"--windows must be at least 1, got {arguments.windows}")

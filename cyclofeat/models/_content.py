@@ -206,6 +206,6 @@ def the_skops() -> Any:
         import skops.io.exceptions
     except ImportError:
         raise ImportError(
-            "skops is needed for .skops files: pip install 'cyclofeat[export]' (.joblib needs nothing more)"
+            "skops is needed for .skops files: pip install skops (.joblib needs nothing more)"
         ) from None
     return skops

@@ -14,7 +14,7 @@ class                    picture
 
 ``from_recording`` (or ``from_estimator``) makes a display, ``plot(ax=None)`` draws it, sets ``ax_`` and
 ``figure_`` and returns the display. Those of the gap draw at once, by ``from_result``. Only drawing needs
-matplotlib (``pip install "cyclofeat[plot]"``). For confusion matrices use
+matplotlib (``pip install matplotlib``). For confusion matrices use
 ``sklearn.metrics.ConfusionMatrixDisplay``.
 """
 

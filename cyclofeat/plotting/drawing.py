@@ -27,12 +27,12 @@ __all__ = [
 ]
 
 
-def require_matplotlib(extra: str = "plot") -> None:
-    """Raise ``ImportError`` that names the ``extra`` to install, where matplotlib is missing."""
+def require_matplotlib() -> None:
+    """Raise ``ImportError`` that says what to install, where matplotlib is missing."""
     try:
         import_module("matplotlib.figure")
     except ImportError as error:
-        raise ImportError(f'drawing needs matplotlib: pip install "cyclofeat[{extra}]"') from error
+        raise ImportError("drawing needs matplotlib: pip install matplotlib") from error
 
 
 def axes_for(ax: Axes | None, figsize: tuple[float, float]) -> tuple[Figure | SubFigure, Axes]:

@@ -11,7 +11,7 @@ function                       page
 =============================  ================================================================
 
 A report is first summarised to a dictionary of plain values (:func:`summarise_count` and its like), then
-rendered by a template that escapes all of them. Needs ``pip install "cyclofeat[report]"``.
+rendered by a template that escapes all of them. Needs jinja2.
 """
 
 from cyclofeat.report._animation import summarise_animation, write_animation

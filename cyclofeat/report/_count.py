@@ -133,7 +133,7 @@ def summarise_count(
     """
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
-    require_matplotlib("report")
+    require_matplotlib()
     rows: list[dict[str, Any]] = []
     sources: list[str | None] = []
     urgent: list[tuple[int, CountedRecording]] = []

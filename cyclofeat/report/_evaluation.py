@@ -99,7 +99,7 @@ def summarise_evaluation(
     for name, result in results.items():
         if not (np.array_equal(result.labels, first.labels) and np.array_equal(result.groups, first.groups)):
             raise ValueError(f"results must be of the same windows, but {name!r} is of others than {main!r}")
-    require_matplotlib("report")
+    require_matplotlib()
     from cyclofeat.report._figures import calibration_picture, confusion_picture
 
     _, surrogate, said_of_origin = origin(sources)

@@ -111,7 +111,7 @@ def summarise_gap(
     ImportError
         If matplotlib is not installed.
     """
-    require_matplotlib("report")
+    require_matplotlib()
     where = result.where
     label, surrogate, text_of_origin = origin(sources)
     display = GapDisplay(where, label=label)

@@ -51,7 +51,7 @@ def environment() -> jinja2.Environment:
     try:
         import jinja2
     except ImportError as error:
-        raise ImportError('reports need jinja2: pip install "cyclofeat[report]"') from error
+        raise ImportError("reports need jinja2: pip install jinja2") from error
     return jinja2.Environment(
         loader=jinja2.PackageLoader("cyclofeat.report"),
         autoescape=True,

@@ -306,5 +306,5 @@ def whole_rate(step_s: float) -> float:
 
 
 def missing_library(suffix: str, library: str) -> ImportError:
-    """Return the error for a library of the extra that is not installed."""
-    return ImportError(f"reading {suffix} files needs {library}: pip install 'cyclofeat[io]'")
+    """Return the error for a library that is not installed."""
+    return ImportError(f"reading {suffix} files needs {library}: pip install {library}")

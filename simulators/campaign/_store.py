@@ -50,7 +50,7 @@ def parquet() -> tuple[Any, Any]:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise ImportError("campaigns need pyarrow for their tables: pip install 'cyclofeat[io]'") from None
+        raise ImportError("campaigns need pyarrow for their tables: pip install pyarrow") from None
     return pyarrow, pyarrow.parquet
 
 

@@ -60,7 +60,7 @@ def _on_cluster(
         from distributed import Client
     except ImportError:
         raise ImportError(
-            "a scheduler needs dask.distributed: pip install 'cyclofeat[cluster]', there and here"
+            "a scheduler needs dask.distributed: pip install distributed, there and here"
         ) from None
     if isinstance(scheduler, Client):
         yield from _from_client(campaign, plans, scheduler)

@@ -31,8 +31,8 @@ from cyclofeat.simulators import (
 # Arguments without which a command is not understood.
 NEEDED = {
     "simulate": ["--out", "x"], "animate": ["--out", "x"], "inspect": ["x"], "train": ["--out", "x"],
-    "count": ["x", "--model", "m"], "watch": ["x", "--model", "m"], "plan": ["--worn", "1", "--noise", "1"],
-    "gap": ["x"],
+    "count": ["x", "--model", "m"], "watch": ["x", "--model", "m"], "gap": ["x"],
+    "plan": ["--worn-count", "1", "--noise", "1"],
 }  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_the_module_is_the_command():
 def test_simulate_writes_what_it_says(capsys, tmp_path):
     file = tmp_path / "worn.npz"
     code, out, _ = run(
-        capsys, "simulate", "--worn", "0,4", "--wheels", "0", "--duration", "0.5", "--out", file
+        capsys, "simulate", "--worn-lobes", "1,5", "--wheels", "1", "--duration", "0.5", "--out", file
     )
     assert code == 0
     assert str(file) in out
@@ -110,7 +110,7 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
 
 def test_animate_writes_a_page(capsys, tmp_path):
     page = tmp_path / "gearbox.html"
-    options = ["--worn", "0,4", "--duration", 0.05, "--frames", 20, "--out", page]
+    options = ["--worn-lobes", "1,5", "--duration", 0.05, "--frames", 20, "--out", page]
     code, out, err = run(capsys, "animate", *options, "--json")
     assert code == 0, err
     assert json.loads(out) == {"file": str(page), "defect_count": 2, "duration_s": 0.05, "frames": 20}
@@ -119,7 +119,7 @@ def test_animate_writes_a_page(capsys, tmp_path):
 
 def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
     Rig.r1().without("noise").to_json(tmp_path / "rig.json")
-    machine = ["--rig", tmp_path / "rig.json", "--worn", 2, "--seed", 3, "--duration", 0.05]
+    machine = ["--rig", tmp_path / "rig.json", "--worn-count", 2, "--seed", 3, "--duration", 0.05]
     assert run(capsys, "simulate", *machine, "--sampling-rate", 6400, "--out", tmp_path / "a.npz")[0] == 0
     assert run(capsys, "animate", *machine, "--frames", 2, "--out", tmp_path / "a.html")[0] == 0
     recorded = read_recording(tmp_path / "a.npz")
@@ -131,7 +131,7 @@ def test_animate_shows_the_assembly_that_simulate_records(capsys, tmp_path):
 
 
 def test_rigs_are_named_in_capitals_or_not(capsys, tmp_path):
-    quick = ["--duration", 0.01, "--worn", 1]
+    quick = ["--duration", 0.01, "--worn-count", 1]
     for name in ("R0", "r0"):
         assert run(capsys, "simulate", "--rig", name, *quick, "--out", tmp_path / f"{name}.npz")[0] == 0
     torques = [read_recording(tmp_path / f"{name}.npz").torque for name in ("R0", "r0")]
@@ -143,7 +143,7 @@ def test_simulate_on_a_rig_from_its_description(capsys, tmp_path):
     same, other = (tmp_path / name for name in ("a.npz", "b.csv"))
     for file in (same, other):
         code, out, _ = run(
-            capsys, "simulate", "--worn", 2, "--simulator", tmp_path / "rig.json", "--seed", 3,
+            capsys, "simulate", "--worn-count", 2, "--simulator", tmp_path / "rig.json", "--seed", 3,
             "--duration", 0.2, "--no-angle", "--json", "--out", file,
         )  # fmt: skip
         assert code == 0
@@ -196,7 +196,7 @@ def test_a_rig_names_effects_of_the_user(capsys, mine, tmp_path):
     assert run(capsys, "simulate", "--rig", rig, *quick, "--out", turned)[0] == 0
     np.testing.assert_array_equal(read_recording(plain).torque, -read_recording(turned).torque)
     unregister_effect("upside_down")
-    code, _, err = run(capsys, "simulate", "--rig", rig, "--out", turned)
+    code, _, err = run(capsys, "simulate", "--rig", rig, "--out", turned, "--force")
     assert code == 2
     assert "upside_down" in err
     load_effects(mine)
@@ -390,14 +390,33 @@ def test_a_folder_counts_as_its_files(capsys, folder):
     assert code in (0, 2)  # the folder holds the other tests' bad files too
 
 
+def test_no_file_is_overwritten_unasked(capsys, folder, tmp_path):
+    quick = ["simulate", "--duration", 0.01, "--out", tmp_path / "x.npz"]
+    assert run(capsys, *quick)[0] == 0
+    first = (tmp_path / "x.npz").read_bytes()
+    code, text, err = run(capsys, *quick, "--worn-count", 3, "--json")
+    assert code == 2
+    assert "x.npz exists: give --out another name, or --force to overwrite it" in err
+    assert json.loads(text)["error"] in err
+    assert (tmp_path / "x.npz").read_bytes() == first
+    assert run(capsys, *quick, "--worn-count", 3, "--force")[0] == 0
+    assert (tmp_path / "x.npz").read_bytes() != first
+    page = tmp_path / "page.html"
+    page.mkdir()
+    for command in (["count", "--model", "m"], ["evaluate"]):
+        code, _, err = run(capsys, *command, folder / "worn.csv", "--report", page)
+        assert code == 2
+        assert "--report must name a file" in err
+
+
 @pytest.mark.slow
-def test_a_closed_pipe_is_no_error(folder):
-    command = [sys.executable, "-m", "cyclofeat", "plan", "--worn", "3", "--noise", "0.5"]
+def test_a_closed_pipe_prints_no_error(folder):
+    command = [sys.executable, "-m", "cyclofeat", "plan", "--worn-count", "3", "--noise", "0.5"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     with process.stderr as err:
         assert err.read() == b""
-    assert process.wait() == 0
+    assert process.wait() == 141  # as of a program that the signal of a broken pipe has ended
 
 
 def wrong_column(folder):
@@ -472,11 +491,12 @@ def test_bad_recordings(capsys, folder, make, message):
             "is no model file: those end in .skops or .joblib",
         ),
         (
-            ["simulate", "--worn", "three", "--out", "x.npz"],
-            "count like 3 or a list counted from 0 like 0,4, got 'three'",
+            ["simulate", "--worn-lobes", "three", "--out", "x.npz"],
+            "--worn-lobes must list lobes counted from 1, like 1,5, got 'three'",
         ),
-        (["simulate", "--worn", "16", "--out", "x.npz"], "lobe 15"),
-        (["simulate", "--worn", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
+        (["simulate", "--worn-lobes", "0,3", "--out", "x.npz"], "counted from 1, like 1,5, got '0,3'"),
+        (["simulate", "--worn-count", "16", "--out", "x.npz"], "lobe 15"),
+        (["simulate", "--worn-count", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),
@@ -486,7 +506,7 @@ def test_bad_recordings(capsys, folder, make, message):
         ),
         (["train", "--rig", "r3", "--out", "x.joblib"], "--rig must be .*, published or .* no such file: r3"),
         (["simulate", "--rig", "{folder}/worn.csv", "--out", "x.npz"], "worn.csv: is not valid JSON"),
-        (["train", "--out", "absent/model.joblib"], "folder absent does not exist"),
+        (["train", "--out", "absent/model.joblib"], "folder absent for --out does not exist"),
         (["train", "absent", "--out", "{folder}/x.joblib"], "no such file: absent"),
         (["evaluate"], "labelled recording files"),
         (["animate", "--out", "{folder}/no/a.html"], "make it first"),
@@ -494,7 +514,22 @@ def test_bad_recordings(capsys, folder, make, message):
             ["animate", "--out", "{folder}/a.html", "--duration", "0"],
             "--duration must be above 0 and up to 20",
         ),
-        (["animate", "--out", "{folder}/a.html", "--material", "abs", "--rig", "r1"], "--material goes"),
+        (
+            ["animate", "--out", "{folder}/a.html", "--material", "abs", "--rig", "r1"],
+            "--material has no effect",
+        ),
+        (["simulate", "--out", "x.npz", "--seed", "3"], "--seed has no effect without --rig"),
+        (["simulate", "--out", "x.npz", "--wheels", "1"], "--wheels has no effect without --worn-count"),
+        (
+            ["simulate", "--out", "x.npz", "--removed-lobes", "2", "--depth", "0.5"],
+            "--depth has no effect with --removed-lobes",
+        ),
+        (["train", "--out", "x.skops", "--speed", "300"], "--speed has no effect without recordings"),
+        (["train", "--out", "x.skops", "--no-angle"], "--no-angle has no effect without recordings"),
+        (
+            ["train", "--out", "x.skops", "--max-count", "3", "{folder}/worn.csv"],
+            "--max-count has no effect with recordings",
+        ),
         (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
     ],
 )

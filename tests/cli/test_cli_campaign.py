@@ -65,7 +65,7 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
     assert Campaign.from_json(file) == example()
     code, _, err = run(capsys, "campaign", "--example", file)
     assert code == 2
-    assert "exists already; give a new name" in err
+    assert "exists: give --example another name" in err
     edited = json.loads(file.read_text()) | {"repeats": 1, "defect_counts": [0, 1], "duration": 0.01}
     file.write_text(json.dumps(edited))
     code, text, err = run(capsys, "campaign", file, "--out", tmp_path / "out", "--jobs", 1, "--json")

@@ -60,5 +60,5 @@ def test_a_model_that_cannot_be_written_is_told_before_anything_is_simulated(
 ):
     monkeypatch.setitem(sys.modules, "skops", None)
     assert main(["demo", "--out", str(tmp_path / "demo")]) == 2
-    assert "pip install 'cyclofeat[export]'" in capsys.readouterr().err
+    assert "pip install skops" in capsys.readouterr().err
     assert made == []

@@ -48,7 +48,7 @@ def test_what_helps_where_no_recording_is_long_enough(made_up):
 
 
 def test_the_longest_recording_is_named_by_its_length(capsys):
-    question = ["plan", "--worn", "4", "--noise", "8", "--depth", "0.1", "--confidence", "0.9"]
+    question = ["plan", "--worn-count", "4", "--noise", "8", "--depth", "0.1", "--confidence", "0.9"]
     assert main([*question, "--speed", "250"]) == 0
     first, second, *_ = capsys.readouterr().out.splitlines()
     assert first.endswith("the table's longest recording, 4 output turns (14.4 s), is not enough for 0.9")
@@ -98,26 +98,32 @@ def test_deeper_wear_and_longer_recordings_are_better_on_the_whole():
 
 
 def test_command_says_how_long(capsys):
-    assert main(["plan", "--worn", "3", "--noise", "0.2", "--confidence", "0.9"]) == 0
+    assert main(["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9"]) == 0
     text = capsys.readouterr().out
     assert text.startswith(
         "to tell 3 from 4 worn lobes at 0.2 Nm noise, depth 1: record 1 output turn (1.8 s)"
     )
     assert "simulated" in text
-    assert main(["plan", "--worn", "3", "--noise", "0.2", "--confidence", "0.9", "--json"]) == 0
+    assert main(["plan", "--worn-count", "3", "--noise", "0.2", "--confidence", "0.9", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == plan_recording(3, noise_nm=0.2, confidence=0.9).to_dict()
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--worn", "7", "--noise", "1"], "worn must lie between 0 and 6, the table's largest n, got 7"),
-        (["--worn", "3", "--noise", "99"], "noise_nm must be at most"),
-        (["--worn", "3", "--noise", "-1"], "noise_nm must be positive and finite, got -1.0"),
-        (["--worn", "3", "--noise", "1", "--depth", "0.01"], "depth must lie between 0.1"),
-        (["--worn", "3", "--noise", "1", "--confidence", "1"], "confidence must lie above 0.5 (guessing)"),
         (
-            ["--worn", "3", "--noise", "1", "--speed", "0"],
+            ["--worn-count", "7", "--noise", "1"],
+            "worn must lie between 0 and 6, the table's largest n, got 7",
+        ),
+        (["--worn-count", "3", "--noise", "99"], "noise_nm must be at most"),
+        (["--worn-count", "3", "--noise", "-1"], "noise_nm must be positive and finite, got -1.0"),
+        (["--worn-count", "3", "--noise", "1", "--depth", "0.01"], "depth must lie between 0.1"),
+        (
+            ["--worn-count", "3", "--noise", "1", "--confidence", "1"],
+            "confidence must lie above 0.5 (guessing)",
+        ),
+        (
+            ["--worn-count", "3", "--noise", "1", "--speed", "0"],
             "--speed must be positive (RPM of the input shaft), got 0",
         ),
     ],

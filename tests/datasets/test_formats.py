@@ -686,7 +686,7 @@ def test_a_broken_tdms_lead_in(good, tmp_path, offset, value, words):
 @pytest.mark.parametrize(
     ("name", "library"), [("rig.tdms", "nptdms"), ("rig.parquet", "pyarrow.parquet"), ("rig.mat", "h5py")]
 )
-def test_a_missing_library_names_the_extra(good, tmp_path, monkeypatch, name, library):
+def test_a_missing_library_is_named(good, tmp_path, monkeypatch, name, library):
     source = {"rig.tdms": "tdms.tdms", "rig.parquet": "parquet.parquet", "rig.mat": "v73.mat"}[name]
     (tmp_path / name).write_bytes(good[source])
     real = builtins.__import__
@@ -697,5 +697,5 @@ def test_a_missing_library_names_the_extra(good, tmp_path, monkeypatch, name, li
         return real(module, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=r"needs (npTDMS|pyarrow|h5py): pip install 'cyclofeat\[io\]'"):
+    with pytest.raises(ImportError, match=r"needs (npTDMS|pyarrow|h5py): pip install \1"):
         read_recording(tmp_path / name, sampling_rate=RATE)

@@ -126,7 +126,7 @@ def _model_is_taken_elsewhere(
     rig = Rig.from_json(model)
     assert rig.effects == (Hum(amplitude),)
     assert rig.gearbox == Rig().gearbox
-    arguments = ["simulate", "--simulator", model, "--worn", "2", "--duration", "0.3", "--out"]
+    arguments = ["simulate", "--simulator", model, "--worn-count", "2", "--duration", "0.3", "--out"]
     assert main([str(argument) for argument in (*arguments, folder / "one.npz")]) == 0
     assert "surrogate" in capsys.readouterr().out
     one = read_recording(folder / "one.npz")

@@ -54,7 +54,7 @@ def test_a_failure_leaves_the_old_report_alone(content, tmp_path, monkeypatch):
 @pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
 def test_missing_packages_are_named_with_their_remedy(content, module, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=r'pip install "cyclofeat\[report\]"'):
+    with pytest.raises(ImportError, match="pip install " + module.partition(".")[0]):
         write_evaluation_report(content, tmp_path / "x.html")
     assert not list(tmp_path.iterdir())
 
@@ -66,5 +66,5 @@ def test_a_page_that_cannot_be_written_is_an_error_before_the_work(tmp_path, mon
     with pytest.raises(ValueError, match="must end in .html, got 'x.pdf'"):
         check_page_path(tmp_path / "x.pdf")
     monkeypatch.setitem(sys.modules, "jinja2", None)
-    with pytest.raises(ImportError, match=r'pip install "cyclofeat\[report\]"'):
+    with pytest.raises(ImportError, match="pip install jinja2"):
         check_page_path(tmp_path / "x.html")

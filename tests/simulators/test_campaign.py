@@ -596,7 +596,7 @@ def test_two_processes_do_not_write_to_one_folder(copied: Path) -> None:
 
 def test_without_pyarrow_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ImportError, match=r"pip install 'cyclofeat\[io\]'"):
+    with pytest.raises(ImportError, match="pip install pyarrow"):
         run_campaign(SMALL, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -732,7 +732,7 @@ def test_no_scheduler_no_workers_no_dask(tmp_path: Path, monkeypatch: pytest.Mon
     ):
         run_campaign(SMALL, tmp_path / "out", scheduler=made.scheduler_address)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ImportError, match=r"pip install 'cyclofeat\[cluster\]'"):
+    with pytest.raises(ImportError, match="pip install distributed"):
         run_campaign(SMALL, tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
