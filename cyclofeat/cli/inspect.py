@@ -49,7 +49,11 @@ def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -
 def _speed_text(facts: dict[str, Any]) -> str:
     nominal, measured = facts["speed_rpm"], facts["speed_measured_rpm"]
     if measured is None:
-        return "unknown" if nominal is None else f"nominal {nominal:g} RPM, not to be seen in the record"
+        if nominal is None:
+            return "unknown"
+        return (
+            f"nominal {nominal:g} RPM; no lobe lines near it: a healthy disc, another speed or no gear signal"
+        )
     by = f"{measured:.5g} RPM by its {facts['speed_from']}"
     if nominal is None:
         return by

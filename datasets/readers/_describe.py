@@ -133,8 +133,6 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
             f"the input turns at {speed:.5g} RPM by its {facts['speed_from']}, {100 * deviation:+.2g} % off "
             f"the nominal {60 * nominal:.5g} RPM"  # type: ignore[operator]
         )
-    if nominal is not None and speed is None and facts["whole_output_turns"]:
-        notes.append("no lobe lines near the nominal speed: another speed, or no signal of a gear")
     known = nominal if speed is None else speed / 60
     if known is not None:
         needed = 2 * _LINES * (reduction + 1) / reduction * known * (1 + _SPEED_TOLERANCE)

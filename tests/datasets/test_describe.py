@@ -87,13 +87,13 @@ def test_the_speed_by_lobe_lines(share):
 
 
 def test_records_without_lobe_lines_have_no_speed():
-    found_in = 0
+    """No warning either: a healthy disc has none."""
     for seed in range(40):
         noise = 22 + np.random.default_rng(seed).normal(size=N // 2)
         found = describe(Recording(noise, RATE, speed_rpm=500))
-        found_in += found["speed_measured_rpm"] is not None
-        assert found_in or warned(found, "no lobe lines near the nominal speed")
-    assert found_in == 0
+        assert found["speed_measured_rpm"] is None
+        assert found["speed_from"] is None
+        assert not warned(found, "lobe")
 
 
 def test_the_angle_tells_the_speed_without_a_nominal_one():
