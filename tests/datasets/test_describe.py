@@ -93,7 +93,7 @@ def test_records_without_lobe_lines_have_no_speed():
         found = describe(Recording(noise, RATE, speed_rpm=500))
         assert found["speed_measured_rpm"] is None
         assert found["speed_from"] is None
-        assert not warned(found, "lobe")
+        assert not warned(found, "no lobe lines")
 
 
 def test_the_angle_tells_the_speed_without_a_nominal_one():
