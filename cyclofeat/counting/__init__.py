@@ -4,23 +4,23 @@
 name                         job
 ===========================  ====================================================================
 ``make_lobe_counter``        counter of worn lobes of a chosen kind, ready to fit to windows
-``make_entropy_counter``     the papers' best feature in the same place, for comparison
+``make_entropy_counter``     the same with the papers' best feature, for comparison
 ``LobeCounter``              count and positions together, from a probability per lobe
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
 ``OrdinalCounter``           cumulative logit: ordinal regression on features
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
 ``ConformalCounter``         sets of counts at a chosen coverage, and refusals
-``TrainingDomain``           whether windows are like those trained on
+``TrainingDomain``           test of whether windows resemble those of training
 ``predict_recordings``       one count from the windows of each recording
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
 ``learning_curve``           evaluation against the number of training assemblies
 ``noise_sweep``              evaluation against noise
 ``LobeLocator``              probability per lobe of being worn
 ``LobeModel``                counter and locator for whole recordings
-``plan_recording``           how long to record to tell n worn lobes from n + 1
-``Protocol``                 what is held out, and how intervals are made
-``train_and_test``           evaluation on windows trained elsewhere
-``features_seen``            the features on which a fitted counter decides
+``plan_recording``           length of a recording that tells n worn lobes from n + 1
+``Protocol``                 choice of what is held out, and of how intervals are computed
+``train_and_test``           evaluation on other windows than those of training
+``features_seen``            features that a fitted counter uses
 ===========================  ====================================================================
 
 The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with trees
@@ -34,7 +34,7 @@ from cyclofeat.counting._assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 
-# For benchmarks and counters of one's own: the parts that counters are made of.
+# Parts of counters, for benchmarks and for counters of users.
 from cyclofeat.counting._combine import combine_proba as combine_proba
 from cyclofeat.counting._combine import learn_dependence as learn_dependence
 from cyclofeat.counting._conformal import ConformalCounter, CountSet, features_seen

@@ -18,7 +18,7 @@ Folds = list[tuple[NDArray[np.intp], NDArray[np.intp]]]
 
 
 def drawn_seed(random_state: int | None) -> int:
-    """Return one number for all that is random, however often it is used."""
+    """Return a seed, so that several steps can use the same random numbers."""
     return int(check_random_state(random_state).randint(2**31 - 1))
 
 
@@ -29,7 +29,7 @@ def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
         raise ValueError(
             f"{name} must hold one value per window, shape ({n_windows},), got shape {array.shape}"
         )
-    # Also among the objects of a data frame's column.
+    # A column of a data frame may hold objects.
     for where, value in enumerate(array.tolist() if array.dtype.kind in "fcO" else []):
         if value is None or (isinstance(value, (float, complex)) and not np.isfinite(value)):
             raise ValueError(f"{name} must hold a value for every window, got {value} at window {where}")
@@ -37,7 +37,7 @@ def of_windows(name: str, values: ArrayLike, n_windows: int) -> NDArray[Any]:
 
 
 def ordered_classes(y: NDArray[Any]) -> tuple[NDArray[Any], Int]:
-    """Classes in order, and the rank of each window's; ``ValueError`` where there is one only."""
+    """Return the sorted classes and the index of each window's class; ``ValueError`` for a single class."""
     check_classification_targets(y)
     classes, rank = np.unique(y, return_inverse=True)
     if classes.size < 2:
@@ -53,19 +53,18 @@ def assemblies_of(groups: ArrayLike | None, n_windows: int) -> Int:
 
 
 def fewest_assemblies(member: Int, y: NDArray[Any]) -> int:
-    """Assemblies of the class that has the fewest."""
+    """Return the number of assemblies of the class that has the fewest."""
     return min(np.unique(member[y == label]).size for label in np.unique(y))
 
 
 def grouped_folds(y: NDArray[Any], member: Int, n_splits: int, random_state: int | None) -> Folds:
-    """Hold out whole assemblies in turn, classes shared out evenly; [] if a class has only one assembly.
+    """Return folds that hold out whole assemblies, with even classes; [] if a class has only one assembly.
 
-    There are ``n_splits`` folds or, where that is less, as many as the rarest class has assemblies.
+    There are at most ``n_splits`` folds, and no more than the rarest class has assemblies.
     """
     possible = min(n_splits, fewest_assemblies(member, y))
     if possible < 2:
         return []
-    # StratifiedGroupKFold wants a seed or nothing
     folds = StratifiedGroupKFold(possible, shuffle=True, random_state=random_state)
     return [(train, test) for train, test in folds.split(np.zeros(len(y)), y, member) if test.size]
 
@@ -94,7 +93,7 @@ def held_out_proba(
     classes: NDArray[Any],
     folds: Folds,
 ) -> Float:
-    """Probabilities of each window by a copy of the estimator that has not seen its assembly.
+    """Return the probabilities of each window by a copy of the estimator trained without its assembly.
 
     Shape (n_windows, n_classes); NaN for windows that no fold holds out.
     """

@@ -13,7 +13,7 @@ from cyclofeat.counting._assembly_folds import Int, ordered_classes
 
 
 class PoorOnArbitraryData:
-    """Tags of classifiers of torque, which scikit-learn cannot test for accuracy on two coordinates."""
+    """Tags of classifiers of torque, whose accuracy scikit-learn cannot test on two coordinates."""
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()  # type: ignore[misc]
@@ -29,17 +29,17 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     _kinds: ClassVar[list[type]] = [np.float64, np.float32]
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
-        """Most probable class of each window, shape (n_windows,); the first of equally probable ones."""
+        """Return the most probable class of each window, shape (n_windows,), the first one in a tie."""
         proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 
     def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
-        """Checked windows and labels to fit to, and the rank of each label; keeps the classes."""
+        """Check windows and labels, store the classes; return windows, labels and class indices."""
         windows, labels = validate_data(self, X, y, dtype=self._kinds)
         self.classes_, rank = ordered_classes(labels)
         return windows, labels, rank
 
     def _windows(self, X: ArrayLike) -> NDArray[Any]:
-        """Checked windows to answer about, once fitted."""
+        """Return checked windows for a prediction by a fitted counter."""
         check_is_fitted(self)
         return np.asarray(validate_data(self, X, reset=False, dtype=self._kinds))

@@ -65,9 +65,9 @@ class GroupCalibratedCounter(Counter):
 
     Notes
     -----
-    Probabilities below 0.001 count as 0.001: a forest's zero means "not among these trees". Every assembly
-    has the same weight. By Laplace's rule of succession one of n + 2 assemblies is taken for wrong. Where a
-    class has a single assembly, probabilities stay as they are.
+    Probabilities below 0.001 count as 0.001, because a zero of a forest only means that no tree has seen the
+    class there. Every assembly has the same weight. By Laplace's rule of succession one of n + 2 assemblies
+    is assumed to be wrong. If a class has a single assembly, probabilities are not changed.
 
     Examples
     --------
@@ -140,7 +140,7 @@ class GroupCalibratedCounter(Counter):
         weights = shares(np.unique(member, return_inverse=True)[1])
         if self.method == "temperature":
             power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]
-            # power 0: the counter tells nothing, all classes are equally probable
+            # Exponent 0: the counter is uninformative, and all classes are equally probable.
             self.temperature_ = float(1 / max(power, 1e-6))
         else:
             self.steps_ = [
@@ -155,7 +155,7 @@ class GroupCalibratedCounter(Counter):
         if not self.steps_:
             return pooled(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
         stepped = np.column_stack([step.predict(proba[:, k]) for k, step in enumerate(self.steps_)])
-        # where every class says "never", the counter's own word stands
+        # If all classes have probability 0, use those of the counter.
         total = stepped.sum(axis=1, keepdims=True)
         return np.where(total > 0, stepped / np.where(total > 0, total, 1.0), proba)
 

@@ -55,7 +55,7 @@ class RecordingCounts:
 
 
 def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
-    """Probabilities of recordings, shape (n_recordings, n_classes), from those of their windows."""
+    """Return probabilities of recordings, shape (n_recordings, n_classes), from those of their windows."""
     size = np.bincount(member)
     sums = np.zeros((size.size, proba.shape[1]))
     np.add.at(sums, member, safe_log(proba))
@@ -63,9 +63,9 @@ def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
 
 
 def learn_dependence(proba: Float, rank: Int, member: Int) -> float | None:
-    """The dependence under which held-out recordings' combined probabilities are most likely.
+    """Return the dependence with the highest likelihood for held-out recordings.
 
-    None where no recording has several windows. ``rank`` is the column of each window's true class.
+    None if no recording has several windows. ``rank`` is the column of each window's true class.
     """
     _, first, member = np.unique(member, return_index=True, return_inverse=True)
     if np.bincount(member).max() < 2:
@@ -118,9 +118,10 @@ def predict_recordings(
     Notes
     -----
     log p(c) = (1/(1 + (W - 1) rho)) sum over W windows of log p_w(c), up to a constant: the product of the
-    windows' probabilities, tempered to the number of independent windows W/(1 + (W - 1) rho) that W equally
-    correlated ones are worth (Kish, Survey Sampling, 1965). Classes are taken for equally frequent; the
-    tempering changes probabilities, not the count. One window's probability below 0.001 counts as 0.001.
+    windows' probabilities, tempered because W windows with equal correlation rho carry the information of
+    W/(1 + (W - 1) rho) independent ones (Kish, Survey Sampling, 1965). Classes are assumed to be equally
+    frequent. The tempering changes probabilities, not the count. Probabilities of windows below 0.001 count
+    as 0.001.
 
     Examples
     --------

@@ -107,9 +107,9 @@ class ConformalCounter(Counter):
 
     Notes
     -----
-    *Threshold.* Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its windows,
-    and infinity has the same; the threshold is the quantile of that distribution at ``coverage``, which makes
-    the coverage at least that asked for (Lee, Barber and Willett, arXiv:2306.06342).
+    *Threshold.* Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its windows;
+    infinity has the same mass. The threshold is the quantile of that distribution at ``coverage``. The
+    coverage is then at least ``coverage`` (Lee, Barber and Willett, arXiv:2306.06342).
 
     *Refusals* are empty sets. They count as misses: over windows like those in training, coverage can fall
     short by as much as ``domain.false_refusal``. ``predict`` and ``predict_proba`` of a refused window are
@@ -224,7 +224,7 @@ class ConformalCounter(Counter):
         sums = np.cumsum(np.take_along_axis(proba, order, axis=1), axis=1)
         result = np.empty_like(proba)
         np.put_along_axis(result, order, sums, axis=1)
-        # the most probable class is in every set
+        # The most probable class is in every set.
         np.put_along_axis(result, order[:, :1], 0.0, axis=1)
         return result
 
@@ -277,7 +277,7 @@ class ConformalCounter(Counter):
 
 
 def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool) -> float:
-    """Quantile of the scores at ``coverage``; each assembly weighs 1: all its windows, or its worst one."""
+    """Return the quantile of scores at ``coverage``; each assembly weighs 1, by all windows or the worst."""
     if scores.size == 0:
         return float("inf")
     _, which, size = np.unique(member, return_inverse=True, return_counts=True)
@@ -293,7 +293,7 @@ def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool
 
 
 def features_seen(counter: Any, X: NDArray[Any]) -> Float:
-    """Return the features on which a fitted counter decides, or the windows if it has no such step."""
+    """Return the features that a fitted counter uses, or the windows if it has no step for features."""
     inner = getattr(counter, "counter_", None)
     if inner is not None:
         return features_seen(inner, X)

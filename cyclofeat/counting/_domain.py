@@ -50,8 +50,8 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     Notes
     -----
     The threshold is the k-th smallest of the n assemblies' largest held-out distances, k = ceil((1 -
-    false_refusal)(n + 1)): a new assembly with as many windows, exchangeable with them, exceeds it with a
-    chance of at most ``false_refusal_``. Inside is no promise of a right count.
+    false_refusal)(n + 1)). A new assembly that is exchangeable with them and has as many windows exceeds it
+    with a probability of at most ``false_refusal_``. A window inside the domain can still be counted wrong.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         if y is not None:
             rank = np.asarray(np.unique(of_windows("y", y, n_windows), return_inverse=True)[1])
         seed = drawn_seed(self.random_state)
-        # where a class has a single assembly, folds regardless of class
+        # If a class has a single assembly, the folds ignore the classes.
         folds = grouped_folds(rank, member, self.n_splits, seed)
         folds = folds or grouped_folds(np.zeros_like(rank), member, self.n_splits, seed)
         farthest = np.zeros(n_assemblies)
@@ -122,7 +122,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     def _place(self, X: Float, rank: Int) -> None:
         self.location_ = X.mean(axis=0)
         spread = X.std(axis=0)
-        # a feature that never varied is left as it is: any change of it is then a change by its own unit
+        # A constant feature is not scaled: its changes then count in its own unit.
         self.scale_ = np.where(spread > 1e-12 * np.maximum(np.abs(self.location_), 1e-300), spread, 1.0)
         scaled = (X - self.location_) / self.scale_
         present, which = np.unique(rank, return_inverse=True)

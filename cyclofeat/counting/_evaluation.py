@@ -69,7 +69,7 @@ def evaluate(
     """
     protocol = protocol or Protocol()
     data = Windows.checked(X, y, groups, lobes)
-    protocol.conditions_of(len(data.y))  # raises where there is not one per window
+    protocol.conditions_of(len(data.y))  # raises unless there is one per window
     folds = folds_of(protocol, data)
     answers = Answers.empty(data)
     fits = joblib.Parallel(n_jobs=protocol.n_jobs, return_as="generator")(
@@ -225,7 +225,7 @@ def noise_sweep(
         if not (np.isfinite(value) and value >= 0):
             raise ValueError(f"noise_nm must hold finite numbers from 0 on, got {float(value)!r}")
     folds = folds_of(protocol, data)
-    # One pattern of noise, scaled: what changes from level to level is the level alone.
+    # The same noise, scaled, so that only the level differs.
     test_noise, train_noise = (
         np.random.default_rng([protocol.random_state, k]).standard_normal(data.X.shape) for k in (1, 2)
     )
@@ -243,7 +243,7 @@ def noise_sweep(
 
 
 def _fit(counter: BaseEstimator, data: Windows, train: Int) -> BaseEstimator:
-    """Fit a copy of the counter to some windows, with whatever else its ``fit`` takes."""
+    """Fit a copy of the counter to some windows, with the further arguments that its ``fit`` accepts."""
     fitted = clone(counter)
     taken = {}
     for name in ("groups", "worn", "passage"):

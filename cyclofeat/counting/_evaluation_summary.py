@@ -1,4 +1,4 @@
-"""Scores, with intervals, of counters on windows that they have not seen."""
+"""Scores, with intervals, of counters on held-out windows."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def score_text(scores: Mapping[str, Any]) -> str:
 
 @dataclass
 class Answers:
-    """Answers of counters about windows that they have not seen."""
+    """Answers of counters for held-out windows."""
 
     classes: NDArray[Any]
     predictions: NDArray[Any]
@@ -175,17 +175,17 @@ class Answers:
 
     @classmethod
     def empty(cls, data: Windows) -> Answers:
-        """Return answers to be entered, for the classes of ``data``."""
+        """Return empty answers for the windows of ``data``."""
         classes = np.unique(data.y)
         return cls(classes, np.empty_like(data.y), np.full((len(data.y), classes.size), np.nan))
 
     def enter(self, fitted: BaseEstimator, data: Windows, test: NDArray[np.intp]) -> None:
-        """Ask a fitted counter about some windows and keep the answers."""
+        """Store the answers of a fitted counter for some windows."""
         X = data.X[test]
         self.predictions[test] = fitted.predict(X)
         known = getattr(fitted, "classes_", None)
         if known is not None and not np.isin(known, self.classes).all():
-            # trained elsewhere, on counts that the test does not hold
+            # The counter may know counts that the test does not contain.
             self._widen(np.union1d(known, self.classes))
         if hasattr(fitted, "predict_proba"):
             self.proba[test] = aligned_proba(fitted, X, self.classes)
@@ -215,7 +215,7 @@ def summarise(data: Windows, answers: Answers, protocol: Protocol) -> Evaluation
     # Unsigned numbers would wrap around.
     errors = np.abs(data.y.astype(float) - predictions.astype(float))
     error, error_interval = sample.score(ratio_of_sums, np.column_stack([errors, np.ones(errors.size)]))
-    if error == 0:  # what none wrong is compatible with, each wrong by one
+    if error == 0:  # upper limit by the rule of three, with errors of one lobe
         error_interval = (0.0, rule_of_three(sample.groups.size, protocol.confidence))
     more: dict[str, Any] = {}
     if np.isfinite(answers.proba).all():
@@ -251,7 +251,7 @@ def summarise(data: Windows, answers: Answers, protocol: Protocol) -> Evaluation
 
 @dataclass(frozen=True)
 class _Bootstrap:
-    """Assemblies of the windows, and how often each bootstrap draw takes them."""
+    """Assemblies of the windows, and their weights in the bootstrap draws."""
 
     groups: NDArray[Any]
     member: Int
@@ -265,11 +265,11 @@ class _Bootstrap:
         return cls(groups, member, drawn, protocol.confidence)
 
     def score(self, score: Callable[[Float], Float], values: NDArray[Any]) -> tuple[float, Interval]:
-        """Score of sums of the values of windows, with its interval."""
+        """Return a score of sums over windows, with its interval."""
         return interval(score, sums_by_assembly(values, self.member), self.drawn, self.confidence)
 
     def share(self, hits: NDArray[np.bool_]) -> tuple[float, Interval]:
-        """Share of windows; at 0 or 1 with the rule of three over assemblies."""
+        """Return a share of windows with its interval; at 0 or 1 by the rule of three over assemblies."""
         value, limits = self.score(ratio_of_sums, np.column_stack([hits, np.ones(hits.size)]))
         return value, at_the_ends(value, limits, self.groups.size, self.confidence)
 

@@ -49,8 +49,8 @@ class EntropyLadder(Counter):
     Notes
     -----
     The rungs are the isotonic regression of the feature on the class (pool adjacent violators), rising or
-    falling, whichever leaves the smaller sum of squares. Probabilities take each class for a Gaussian about
-    its rung with the common ``spread_`` and all classes for equally frequent. Of classes on one rung the
+    falling, whichever gives the smaller sum of squares. For the probabilities, each class is a Gaussian about
+    its rung with the common ``spread_``, and all classes are equally frequent. If classes share a rung, the
     first is predicted.
 
     Examples
@@ -100,7 +100,7 @@ class EntropyLadder(Counter):
             IsotonicRegression(increasing=up).fit_transform(np.arange(means.size), means, sample_weight=size)
             for up in (True, False)
         )
-        # a tie is a single rung for all: then the direction says nothing
+        # A tie means one rung for all classes: the direction is then irrelevant.
         self.increasing_ = bool(np.sum(size * (rising - means) ** 2) <= np.sum(size * (falling - means) ** 2))
         self.rungs_ = np.asarray(rising if self.increasing_ else falling, dtype=np.float64)
         self.thresholds_ = (self.rungs_[:-1] + self.rungs_[1:]) / 2
@@ -111,7 +111,7 @@ class EntropyLadder(Counter):
     def predict_proba(self, X: ArrayLike) -> Float:
         """Probability of each class, shape (n_windows, n_classes), by distance to the rungs."""
         z = self._read(self._windows(X))
-        # Windows of a class all alike leave no spread: then the nearest rung is as good as certain.
+        # Without any spread within classes the nearest rung is practically certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)
         return softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2)
 

@@ -1,4 +1,4 @@
-"""Small network that tells worn lobes from sound ones, and where the fold begins."""
+"""Small network that detects worn lobes, and where the slots of a fold begin."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from cyclofeat.counting._lobe_sets import Bool
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
-# Probabilities of lobes nearer to 0 or 1 than this are no surer than it.
+# Probabilities of lobes are limited to this distance from 0 and 1.
 _LEAST_LOBE = 1e-4
-# Places within a lobe at which the first slot is tried to begin where no tachometer tells.
+# Number of places within a lobe at which the first slot may begin, if there is no tachometer.
 _BEGINNINGS = 8
-# Windows tried at all those places at once, so that their views do not fill the memory.
+# Windows that are tried at all these places at once, to limit the memory.
 _BLOCK = 256
-# Phase of the mesh line, in turns, at the passage of a worn lobe on the assumed rigs: it settles where slots
+# Phase of the mesh line, in turns, at the passage of a worn lobe on the assumed rigs. It defines where slots
 # begin in training without a tachometer.
 _MESH_PHASE = 0.5
-# Examples that the network sees at once, and least number of times that it sees some in each epoch.
+# Batch size, and least number of batches in each epoch.
 _BATCH, _STEPS = 200, 48
-# The kind of a view begun between two lobes, beside sound (0) and worn (1) ones, and how far between.
+# Class of a view that begins between two lobes (sound is 0, worn 1), and how far between.
 _BETWEEN = 2
 _BESIDE = (0.25, 0.75)
 
 
 def views_of_lobes(lines: Complex, begins: Float, n_lobes: int, points_per_lobe: int) -> Float:
-    """The fold seen from each lobe: (n_windows, n_lobes, n_lobes * points_per_lobe), of unit std."""
+    """Return the fold rotated to each lobe: (n_windows, n_lobes, n_lobes * points_per_lobe), of unit std."""
     folded = lobes.fold(lobes.shift(lines, begins), n_lobes, 16)
     points = folded.reshape(len(lines), n_lobes, points_per_lobe, -1).mean(axis=3)
     scale = points.std(axis=(1, 2), keepdims=True)
@@ -45,7 +45,7 @@ def views_of_lobes(lines: Complex, begins: Float, n_lobes: int, points_per_lobe:
 def training_views(
     lines: Complex, begins: Float, worn: Bool, points_per_lobe: int, random_state: int
 ) -> tuple[Float, Int]:
-    """Views to train a network on, and their kinds: sound lobe, worn lobe, begun between two lobes."""
+    """Return views for training, and their classes: sound lobe, worn lobe, between two lobes."""
     n_lobes = worn.shape[1]
     beside = begins + np.random.default_rng(random_state).uniform(*_BESIDE, len(lines)) / n_lobes
     X = np.concatenate([views_of_lobes(lines, at, n_lobes, points_per_lobe) for at in (begins, beside)])
@@ -63,13 +63,13 @@ def train_network(X: Float, kind: Int, n_hidden: int, n_epochs: int, random_stat
         random_state=random_state,
     )
     with warnings.catch_warnings():
-        # It learns for a set time; to converge would be to learn the noise.
+        # A fixed number of epochs: at convergence the network would overfit.
         warnings.simplefilter("ignore", ConvergenceWarning)
         return make_pipeline(StandardScaler(), network).fit(X, kind)
 
 
 def lobe_logits(network: Pipeline | None, views: Float) -> tuple[Float, Float]:
-    """Logit of each lobe, (n_windows, n_lobes), and log-likelihood of where slots begin, (n_windows,).
+    """Return the logits of lobes, (n_windows, n_lobes), and log-likelihood of their beginning, (n_windows,).
 
     NaN without a network.
     """
@@ -83,7 +83,7 @@ def lobe_logits(network: Pipeline | None, views: Float) -> tuple[Float, Float]:
 
 
 def logits_anywhere(network: Pipeline | None, lines: Complex, n_lobes: int, points_per_lobe: int) -> Float:
-    """Logits of the lobes with slots begun where they look most like slots."""
+    """Return the logits of the lobes for the most likely beginning of the slots."""
     places = np.arange(_BEGINNINGS) / (_BEGINNINGS * n_lobes)
     found = np.empty((len(lines), n_lobes))
     for k in range(0, len(lines), _BLOCK):

@@ -12,13 +12,13 @@ Bool = NDArray[np.bool_]
 
 
 def turned(worn: Bool, slots: Int) -> Bool:
-    """Turn each row by its number of slots: lobe 0 moves to that place."""
+    """Rotate each row by its number of slots, which is the new index of lobe 0."""
     n_lobes = worn.shape[1]
     return np.asarray(np.take_along_axis(worn, (np.arange(n_lobes) - slots[:, np.newaxis]) % n_lobes, axis=1))
 
 
 def symmetric(odds: Float) -> Float:
-    """Elementary symmetric polynomials e_0 ... e_n of n odds in the last axis: sums of products over sets."""
+    """Return the elementary symmetric polynomials e_0 ... e_n of n odds: sums of products over sets."""
     sums = np.zeros((*odds.shape[:-1], odds.shape[-1] + 1))
     sums[..., 0] = 1.0
     for k in range(odds.shape[-1]):
@@ -46,7 +46,7 @@ def inclusion(logits: Float, pattern: str) -> Float:
     if pattern == "any":
         odds = np.exp(logits)
         others = np.stack([np.delete(odds, k, axis=1) for k in range(n_lobes)], axis=1)
-        # sets of n with lobe k: lobe k, and n - 1 of the others
+        # Sets of n lobes with lobe k: lobe k and n - 1 of the others.
         with_lobe = odds[:, :, np.newaxis] * symmetric(others)
         result = np.zeros((len(logits), n_lobes + 1, n_lobes))
         result[:, 1:] = with_lobe.transpose(0, 2, 1) / symmetric(odds)[:, 1:, np.newaxis]

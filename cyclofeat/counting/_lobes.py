@@ -41,9 +41,9 @@ from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
-# Logits of lobes beyond this say no more than "sure"; 15 of them still multiply without overflow.
+# Limit of the logits of lobes: practically certain, and the product of 15 odds does not overflow.
 _SURE = 9.0
-# Rounds in which the places of worn lobes are guessed anew where only their number is known.
+# Rounds in which the positions of worn lobes are estimated again, if only their number is known.
 _GUESSES = 3
 
 
@@ -104,19 +104,19 @@ class LobeCounter(Counter):
     proportion to the product over S of p_k/(1 - p_k) (the conditional Bernoulli law; Chen and Liu, Statistica
     Sinica 7 (1997) 875). For ``"consecutive"`` the n_lobes rows of n neighbours share it.
 
-    *Where a slot begins.* A tachometer that tells the passage of lobe 0 fixes it. Otherwise the fold is begun
-    at eight places within a lobe, and the network, trained on folds begun beside a lobe too, says which of
-    them looks least like those. (The phase of the mesh line is off by up to half a slot if every other lobe
-    is worn.) Lobes are then numbered from the one whose slot is the first to begin in the window. The count
-    is always made this way, with or without a tachometer.
+    *Where a slot begins.* It is known if a tachometer states the passage of lobe 0. Otherwise the fold is
+    computed from eight places within a lobe. The network is also trained on folds that begin between two
+    lobes, and the place that looks least like those is chosen. (The phase of the mesh line would be wrong by
+    up to half a slot if every other lobe is worn.) Lobes are then numbered from the first slot that begins in
+    the window. The count never uses a tachometer.
 
-    *Neighbours or not.* Contact zones of neighbouring lobes overlap, so that the effect of a row of worn
-    lobes is not the sum of the effects of each. Where both rows and lobes apart are to be counted, both must
-    be trained on; ``make_rig_recordings(lobes="mixed")`` makes such recordings.
+    *Neighbours or not.* The contact zones of neighbouring lobes overlap, so the effect of a row of worn lobes
+    is not the sum of their single effects. To count both rows and separate lobes, train on both;
+    ``make_rig_recordings(lobes="mixed")`` makes such recordings.
 
-    *Without known lobes* (``worn`` not given) worn lobes are assumed to be neighbours, at first about the
-    centre of the fold's energy, then thrice where held-out networks see them most. The positions are then not
-    reliable: rows can be off by some lobes, differently for each count.
+    *Without known lobes* (``worn`` not given) worn lobes are assumed to be neighbours: first around the
+    centre of the fold's energy, then in three rounds where held-out networks find them most probable. Such
+    positions are not reliable: rows can be off by some lobes, differently for each count.
 
     Examples
     --------
@@ -282,11 +282,11 @@ class LobeCounter(Counter):
         return proba, self._logits(found, _begins(passage, len(found.lines)))
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
-        """Probability that each lobe is worn, whatever the count, from lobe lines made already."""
+        """Return the probability that each lobe is worn, whatever the count, from given lobe lines."""
         return np.asarray(expit(self._logits(found, _begins(passage, len(found.lines)))))
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
-        windows = self._windows(X)  # raises NotFittedError before lobe_map_ is missed
+        windows = self._windows(X)  # raises NotFittedError before lobe_map_ is used
         lines: lobes.LobeLines = self.lobe_map_.lines(windows)
         return lines
 
@@ -328,13 +328,13 @@ class LobeCounter(Counter):
         return train_network(X, kind, self.n_hidden, self.n_epochs, seed)
 
     def _lobe_logits(self, network: Pipeline | None, lines: Complex, begins: Float | None) -> Float:
-        """Logits of the lobes by the network, slots begun at ``begins`` or where the network sees them."""
+        """Return the logits of the lobes, with slots from ``begins`` on or where the network finds them."""
         if begins is None:
             return logits_anywhere(network, lines, self.n_lobes, self.points_per_lobe)
         return lobe_logits(network, views_of_lobes(lines, begins, self.n_lobes, self.points_per_lobe))[0]
 
     def _guess(self, lines: Complex, begins: Float, n_worn: Int, folds: Folds, seed: int) -> Bool:
-        """Neighbours worn where the fold has its energy, then where held-out networks see them."""
+        """Estimate the worn row, first at the energy of the fold, then where held-out networks find it."""
         begun = lobes.fold(lobes.shift(lines, begins), self.n_lobes)
         first = np.round(lobes.energy_centre(begun) * self.n_lobes - n_worn / 2).astype(int)
         worn = turned(np.arange(self.n_lobes) < n_worn[:, np.newaxis], first)
@@ -360,7 +360,7 @@ class LobeCounter(Counter):
     def _weigh(
         self, features: Float, rank: Int, member: Int, folds: Folds, held_out: Float | None, seed: int
     ) -> Float:
-        """Exponents of the two opinions, learned where neither has seen the assembly."""
+        """Learn the exponents of the two opinions on held-out assemblies."""
         by_map = np.full((rank.size, self.classes_.size), np.nan)
         for train, test in folds:
             trees = CountingTrees(self.n_trees, random_state=seed).fit(features[train], rank[train])
@@ -380,7 +380,7 @@ def _begins(passage: ArrayLike, n_windows: int) -> Float:
 
 
 def _counts(classes: NDArray[Any], n_lobes: int) -> Int | None:
-    """Classes as whole numbers from 0 to n_lobes; None where they are something else."""
+    """Return the classes as whole numbers from 0 to n_lobes; None if they are something else."""
     if classes.dtype.kind not in "iuf":
         return None
     counts = classes.astype(np.int64)

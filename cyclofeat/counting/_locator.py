@@ -110,12 +110,12 @@ class LobeLocator(BaseEstimator):
         return self._from_lines(self.lobe_map_.lines(windows), passage)
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
-        """Probability of each lobe from lobe lines that are at hand."""
+        """Return the probability of each lobe from given lobe lines."""
         proba = self.trees_.predict_proba(self._views(found, passage))[:, 1]
         return np.asarray(proba.reshape(len(found.lines), self.n_lobes))
 
     def _views(self, found: lobes.LobeLines, passage: ArrayLike) -> NDArray[np.float64]:
-        """The fold seen from each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
+        """Return the fold rotated to each lobe, shape (n_windows * n_lobes, 2 * n_lobes)."""
         begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
         folded = lobes.fold(lobes.shift(found.lines, begins), self.n_lobes)
         slots = np.stack([folded.mean(axis=2), folded.std(axis=2)], axis=1)

@@ -28,7 +28,7 @@ from cyclofeat.recordings import Recording, Windower, WindowSet, common_n_lobes,
 from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
 from cyclofeat.signal.windows import Float
 
-# Places between two lobes at which a recording without an absolute angle is assumed to begin.
+# Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
 
@@ -173,7 +173,7 @@ class LobeModel:
         windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
         if windows.y is None:
             raise ValueError("recordings must all state their defect_count to train on, some do not")
-        assert speed is not None  # the windower would have raised
+        assert speed is not None  # otherwise the windower raises
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         made_for = {
@@ -249,7 +249,7 @@ class LobeModel:
 
     def check(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's sampling rate, lobes or speed do not suit the model."""
-        # Recordings that say nothing of their lobes have 15.
+        # 15 is the default of recordings that do not state their lobes.
         if recording.n_lobes not in (15, self.n_lobes):
             raise ValueError(
                 f"n_lobes of the recording is {recording.n_lobes}, but the model was trained for discs of "
@@ -261,7 +261,7 @@ class LobeModel:
                 f"trained at {self.sampling_rate:g} Hz: resample the recording or train a model at its rate"
             )
         stated = {"speed_rpm of the recording is": recording.input_speed_hz}
-        # Speed by the tachometer, whatever the label says; in the middle half, away from a run-up.
+        # Speed by the tachometer too, in the middle half, away from a run-up.
         middle = recording.part(0.25 * recording.duration, 0.75 * recording.duration)
         stated["the angle of the recording turns at"] = middle.mean_input_speed(self.n_lobes)
         for source, speed in stated.items():
@@ -383,7 +383,7 @@ class LobeModel:
         )
 
     def _distance(self, features: Float | None) -> tuple[float, int]:
-        """Median distance of windows in units of the largest inside, and how many are outside."""
+        """Return the median distance of windows in units of the largest inside, and how many are outside."""
         if self.domain is None or features is None:
             return float("nan"), 0
         largest = max(self.domain.threshold_, np.finfo(float).tiny)
@@ -391,15 +391,15 @@ class LobeModel:
         return float(np.median(distance)), int(np.sum(distance > 1))
 
     def _lobe_probability(self, windows: WindowSet, lines: LobeLines | None, absolute: bool) -> Float:
-        """Mean over windows of each lobe's probability, numbered as on the disc or from the first sample."""
+        """Return the mean probability of each lobe, numbered as on the disc or from the first sample."""
         assert self.locator is not None
         if lines is None:
             lines = self.locator.lobe_map_.lines(windows.X)
         if absolute:
             passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
             return np.asarray(self.locator._from_lines(lines, passage).mean(axis=0))
-        # The lobe that passes at the first sample passes again after whole periods of the lobe frequency.
-        # Where between two lobes the recording begins is not known: the most decided answer tells.
+        # Windows are aligned by the turns between them. Where between two lobes the recording begins is
+        # unknown: take the place with the most decided answer.
         again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, lines.input_speed_hz)
         begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
         shares = self.locator._from_lines(lines.repeated(_BEGINNINGS), begins.ravel())
@@ -410,7 +410,7 @@ class LobeModel:
 def _fitted(
     windows: WindowSet, made_for: dict[str, Any], protocol: Protocol | None
 ) -> tuple[BaseEstimator, LobeLocator | LobeCounter | None, dict[str, Any] | None, Float]:
-    """Fitted counter and locator (where worn lobes are known), cross-validated scores, and features."""
+    """Fit counter and locator (if worn lobes are known); return them, cross-validated scores and features."""
     member = windows.recording if windows.groups is None else windows.groups
     n_lobes = made_for["n_lobes"]
     worn = windows.worn_table(n_lobes)
@@ -421,9 +421,10 @@ def _fitted(
         counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
         return counter, counter, scores, features_seen(counter, windows.X)
     plain = make_lobe_counter(windows.sampling_rate, **made_for)
-    # A lobe map learns nothing from other windows: made once, it serves every fold.
+    # A lobe map learns nothing from other windows, so that all folds can share it.
     features = np.asarray(plain["lobe_map"].fit_transform(windows.X))
-    # One power of all probabilities never changes the count: the plain trees' scores are the model's.
+    # Calibration raises all probabilities to one power, which never changes the count: the scores of the
+    # uncalibrated trees are those of the model.
     scores = _cross_validation(plain["trees"], features, windows, protocol)
     random_state = made_for["random_state"]
     trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
@@ -444,18 +445,18 @@ def _cross_validation(
     protocol: Protocol | None,
     lobes: tuple[Any, Any] | None = None,
 ) -> dict[str, Any] | None:
-    """Scores of counts with whole assemblies held out; None where too few are known."""
+    """Return scores with whole assemblies held out; None if there are too few assemblies."""
     if protocol is None or windows.y is None or windows.groups is None:
         return None
     if fewest_assemblies(windows.groups, windows.y) < protocol.n_splits:
         return None
     scores = evaluate(clone(counter), X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
-    # that of plain trees is not the model's
+    # the calibration error of uncalibrated trees is not that of the model
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
 
 
 def _turned(windows: WindowSet, speed_hz: Float) -> Float:
-    """Input turns from the first window's beginning to that of each, of one recording."""
+    """Return the input turns from the start of a recording's first window to the start of each."""
     if np.isfinite(windows.start_angle).all():
         return np.asarray((windows.start_angle - windows.start_angle[0]) / (2 * np.pi))
     between = np.diff(windows.start_s) * (speed_hz[1:] + speed_hz[:-1]) / 2

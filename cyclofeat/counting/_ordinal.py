@@ -45,9 +45,8 @@ class OrdinalCounter(Counter):
 
     Notes
     -----
-    With two classes this is logistic regression with C = 1/alpha. Without penalty, classes that a weighted
-    sum separates have no finite maximum of the likelihood; the fit then ends with a warning or at a very
-    steep solution.
+    With two classes this is logistic regression with C = 1/alpha. Without a penalty, the likelihood of
+    separable classes has no finite maximum; the fit then ends with a warning or at a very steep solution.
 
     Examples
     --------
@@ -94,7 +93,7 @@ class OrdinalCounter(Counter):
         """
         features, _, rank = self._labelled(X, y)
         n_features = features.shape[1]
-        # From weights 0, where the thresholds of the largest likelihood are the logits of the shares.
+        # Start at weights 0, where the maximum-likelihood thresholds are the logits of the shares.
         below = np.cumsum(np.bincount(rank))[:-1] / rank.size
         first = np.log(below / (1 - below))
         start = np.concatenate([np.zeros(n_features), first[:1], np.log(np.diff(first))])
@@ -123,13 +122,13 @@ class OrdinalCounter(Counter):
         features = self._windows(X)
         distance = self.thresholds_ - (features @ self.coef_)[:, np.newaxis]
         at_most = expit(distance)
-        # the last class from the other tail: 1 - (1 - tiny) would leave nothing
+        # The last class from the other tail: 1 - (1 - tiny) would be 0.
         proba = np.hstack([np.diff(at_most, axis=1, prepend=0.0), expit(-distance[:, -1:])])
         return np.asarray(proba / proba.sum(axis=1, keepdims=True))
 
 
 def _thresholds(parameters: Float) -> Float:
-    """Increasing thresholds of the first one and the logarithms of the steps."""
+    """Return increasing thresholds from the first one and the logarithms of the steps."""
     return np.asarray(parameters[0] + np.concatenate([[0.0], np.cumsum(np.exp(parameters[1:]))]))
 
 
@@ -137,7 +136,7 @@ def _loss(parameters: Float, X: Float, rank: NDArray[Any], alpha: float) -> tupl
     """Mean penalised negative log-likelihood and its gradient."""
     n, n_features = X.shape
     weights, free = parameters[:n_features], parameters[n_features:]
-    # infinite ends would give inf - inf in the difference of two neighbours
+    # Infinite ends would give inf - inf in the differences.
     thresholds = np.concatenate([[-np.inf], _thresholds(free), [np.inf]])
     score = X @ weights
     upper, lower = thresholds[rank + 1] - score, thresholds[rank] - score
@@ -155,7 +154,7 @@ def _loss(parameters: Float, X: Float, rank: NDArray[Any], alpha: float) -> tupl
     n_thresholds = free.size
     of_threshold = np.bincount(rank, by_upper, minlength=n_thresholds + 1)[:-1]
     of_threshold = of_threshold + np.bincount(rank, by_lower, minlength=n_thresholds + 1)[1:]
-    # threshold j holds the first one and all steps up to j
+    # Threshold j is the sum of the first one and all steps up to j.
     later = np.cumsum(of_threshold[::-1])[::-1]
     of_free = np.concatenate([later[:1], later[1:] * np.exp(free[1:])])
     gradient = np.concatenate([X.T @ gradient_score - alpha * weights, of_free])

@@ -186,7 +186,7 @@ def plan_recording(
     fine = [t.noise_nm for t in at_depth if t.turns == longest and t.probability >= confidence]
 
     def seconds(turns: int) -> float:
-        # Rounded: the speed in turns per second is no round number.
+        # Rounded, because the speed in turns per second is not a round number.
         return round(turns * _LOBES / float(input_speed_hz), 9)
 
     return RecordingPlan(

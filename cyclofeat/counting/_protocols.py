@@ -1,4 +1,4 @@
-"""Windows to evaluate on, and the protocol: which of them are held out together, and the intervals."""
+"""Protocol of an evaluation, and its windows."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class Windows:
         if not all(isinstance(label, Real) for label in labels.tolist()):
             raise ValueError(f"y must hold defect counts (numbers), got {labels.tolist()[0]!r}")
         constant = np.flatnonzero(windows.max(axis=1) == windows.min(axis=1))
-        if constant.size and windows.shape[1] > 1:  # a single feature may well stand in place of a window
+        if constant.size and windows.shape[1] > 1:  # a single feature instead of a window may be constant
             raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
         if lobes is None:
             return cls(windows, labels, assemblies, None, None)

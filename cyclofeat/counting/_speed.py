@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency
 from cyclofeat.signal.windows import Float
 
-# Speeds of the search, as multiples of the nominal one; over one output turn lines of neighbours overlap.
+# Speeds of the search, as multiples of the nominal one; lines of adjacent speeds overlap.
 _LOWEST, _HIGHEST, _STEP = 0.75, 1.25, 0.0008
 _FIRST_LINE, _LINES, _FEWEST_LINES = 5, 35, 15
-# No line counts for more than this ratio of power, so that few strong ones are no comb; those within a
-# spectrum line's width of a harmonic of the mains do not count at all, and 12 others have to be left.
+# The power ratio of a line is limited to this, so that a few strong lines do not look like a comb. Lines
+# within the resolution of a mains harmonic are ignored; at least 12 others are needed.
 _MOST, _MAINS_HZ, _WIDTH, _FEWEST_COUNTED = 4.0, (50.0, 60.0), 2.0, 12
-# How far above 1 the mean ratio of 31 lines has to stand (noise reaches 0.93 at the best of 625 speeds), and
-# how much higher than the nominal speed's.
+# The mean ratio of 31 lines must exceed 1 by this (noise alone reaches 0.93 at the best of 625 speeds), and
+# must exceed that of the nominal speed by this factor.
 _STANDING_OUT, _CLEARLY = 0.95, 1.4
 _MOST_WINDOWS = 8
 
@@ -28,8 +28,8 @@ def other_speed(
     ``X`` holds windows of one recording, shape (n_windows, n_samples), in Nm; the result is in turns per
     second. Deviations up to the relative ``tolerance`` are none.
 
-    The lines of the input shaft at the nominal speed coincide with the lobe lines of a speed z_s/(z_s + 1) as
-    high. They count as lines of the shaft; a recording at exactly that speed is therefore not detected.
+    The lines of the input shaft at the nominal speed coincide with the lobe lines at z_s/(z_s + 1) times that
+    speed. They count as lines of the shaft, so that a recording at exactly that speed is not detected.
     Anything else that repeats 0.8 to 1.3 times per turn of the input looks like lobes at another speed.
     """
     fitting = int(sampling_rate / 2 / highest_frequency(input_speed_hz, n_lobes, 1, _HIGHEST - 1))
@@ -44,7 +44,7 @@ def other_speed(
     counted = _apart_from_mains(lines, _WIDTH * sampling_rate / X.shape[1])
     n_counted = counted.sum(axis=1)
     above = ((np.minimum(ratios, _MOST).mean(axis=0) - 1) * counted).sum(axis=1) / np.maximum(n_counted, 1)
-    # Of fewer lines the mean scatters more.
+    # The mean of fewer lines scatters more.
     standing_out = above * np.sqrt(n_counted / (_LINES - _FIRST_LINE + 1))
     known = n_counted >= _FEWEST_COUNTED
     of_shaft = n_lobes / (n_lobes + 1)

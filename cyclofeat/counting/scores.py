@@ -1,7 +1,7 @@
 """Scores of a counter's answers with their intervals: pure functions.
 
-Sums over the windows of each assembly come first; every score is a ratio of such sums, so that a bootstrap
-over assemblies is a matter of drawing rows.
+Every score is a ratio of sums over the windows of each assembly, so that a bootstrap over assemblies only
+draws rows of these sums.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ N_BINS = 10
 
 
 def rule_of_three(n: int, confidence: float) -> float:
-    """Largest share that is still compatible with none among ``n``: 1 - (1 - confidence)^(1/n), about 3/n."""
+    """Return the largest share compatible with none among ``n``: 1 - (1 - confidence)^(1/n), about 3/n."""
     return float(1 - (1 - confidence) ** (1 / n))
 
 
@@ -66,7 +66,7 @@ def interval(
 
 
 def shares(member: Int) -> Float:
-    """Weight of each window such that every assembly weighs 1."""
+    """Return weights of the windows with sum 1 for each assembly."""
     return np.asarray(1.0 / np.bincount(member)[member])
 
 

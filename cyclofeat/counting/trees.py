@@ -17,15 +17,15 @@ from cyclofeat.counting._base import PoorOnArbitraryData
 
 __all__ = ["CountingTrees", "TreeTable"]
 
-# Paths through trees up to which scikit-learn's overhead outweighs its faster loop.
+# Paths through trees up to which scikit-learn's overhead dominates its time.
 _MOST_PATHS = 200_000
 
 
 class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
     """Extremely randomised trees over features of windows; parameters as in scikit-learn.
 
-    A few windows go through all trees in one compiled loop: scikit-learn's overhead of some 80 us per tree
-    would be most of the time of a single window.
+    For few windows all trees are evaluated in one compiled loop, because scikit-learn's overhead of some 80
+    us per tree would dominate the time.
     """
 
     def fit(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> Self:
@@ -35,18 +35,18 @@ class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
         return self
 
     def make_table(self) -> None:
-        """Make the table of all nodes anew from the fitted trees, as after they were read from a file."""
+        """Make the table of all nodes from the fitted trees, also after reading them from a file."""
         self.table_ = TreeTable.of(self) if self.n_outputs_ == 1 else None
 
     def predict_proba(self, X: ArrayLike) -> Any:
-        """Return the probabilities that scikit-learn gives, equal but for rounding."""
+        """Return the probabilities of scikit-learn, except for rounding."""
         check_is_fitted(self)
         table = self.table_
         if table is None or issparse(X):
             return super().predict_proba(X)
         features = validate_data(self, X, reset=False, dtype=np.float32, ensure_all_finite=False)
         few = len(features) * len(self.estimators_) <= _MOST_PATHS
-        # those that are not finite are refused, or sent the way of missing values
+        # scikit-learn refuses values that are not finite, or treats them as missing
         if not few or not np.isfinite(features).all():
             return super().predict_proba(X)
         return table.predict_proba(features)
@@ -121,7 +121,7 @@ def _mean_share(
     share: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     mean = np.zeros((X.shape[0], share.shape[1]))
-    for root in roots:  # all windows through one tree, while it is in the processor's cache
+    for root in roots:  # one tree after the other: it stays in the processor's cache
         for i in range(X.shape[0]):
             node = root
             while lower[node] != node:

@@ -1,4 +1,4 @@
-"""Doubts about recordings: properties that limit what can be said of them."""
+"""Properties of recordings that limit what can be concluded from them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording 
 def doubts_about(
     windows: NDArray[Any], y: ArrayLike | None, groups: ArrayLike | None, angle: ArrayLike | None
 ) -> list[str]:
-    """Sentences on the properties of recordings that limit what can be said of them."""
+    """Return a sentence on each property of the recordings that limits the conclusions."""
     of_window, counts = recordings_of(len(windows), y, groups)
     n = int(of_window.max()) + 1
     doubts = []

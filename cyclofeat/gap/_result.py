@@ -1,4 +1,4 @@
-"""The result of the gap: what disagrees, what is missing, and how far the correction helps."""
+"""Result of the gap: the disagreement, the missing effects, and the reduction of the gap."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class WhereRow(Row):
 
     @property
     def clarity(self) -> float:
-        """Size of the difference over the smallest one that would most likely be found."""
+        """Size of the difference relative to ``detectable``."""
         return abs(self.difference) / self.detectable if self.detectable > 0 else 0.0
 
 
@@ -125,7 +125,7 @@ def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
     mean = located.measured.values.mean(axis=0)
     rows = []
     for row in located.table:
-        # The test of all numbers together has no column.
+        # The row of all cells together has no column.
         k = columns.get((row.cell.family, row.cell.name))
         if k is not None:
             rows.append(WhereRow(**vars(row), mean=float(mean[k]), measured_spread=float(measured[k]),
@@ -168,7 +168,7 @@ class EffectProbability:
 
 @dataclass(frozen=True)
 class GapResult:
-    """Where model and recordings disagree, what is missing, how large it is, and how far it helps.
+    """Result of :func:`find_gap`: disagreement, missing effects, their sizes, and the reduction of the gap.
 
     Attributes
     ----------

@@ -26,21 +26,21 @@ Progress = Callable[[str], None]
 Starts = list[tuple[Effect, ...]]
 
 _FEW_HELD_OUT = 10  # recordings below which the range of the gap reduction ratio is itself uncertain
-_SURE = 0.98  # probability from which no other candidate is fitted
-_LIKELY = 0.7  # probability from which others are fitted only if it fits badly
+_SURE = 0.98  # probability from which no further candidate is fitted
+_LIKELY = 0.7  # probability from which further candidates are fitted only if this one fits badly
 _NEGLIGIBLE = 0.03  # probability below which a candidate is not fitted
-_EVIDENCE = 4.0  # weight of the fit's mean square against the ranker's odds
+_EVIDENCE = 4.0  # odds are multiplied by exp(-_EVIDENCE * loss of the fit)
 _PLACEBO_SIMS = 100
 _STARTS = 3  # places from which a fit is searched
-_EXPLAINED = 0.75  # share of the loss to which a second effect has to bring it
-# Loss from which the best effects leave too much unexplained, and from which they do so if the ranker has not
-# seen such a case either.
+_EXPLAINED = 0.75  # a second effect must reduce the loss to this share
+# Loss above which the disagreement counts as unexplained, and the lower limit that applies if the ranker
+# calls the disagreement unknown.
 _UNEXPLAINED, _DOUBTFUL = 2.5, 1.6
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Explanation that was fitted, with its probability among the candidates."""
+    """Fitted explanation and its probability among all candidates."""
 
     names: tuple[str, ...]
     probability: float
@@ -49,7 +49,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Proposal:
-    """Explanation before it is fitted: its probability, and places to search from."""
+    """Explanation to be fitted: its probability, and the starts of the search."""
 
     probability: float
     starts: Starts
@@ -156,7 +156,7 @@ def prepare_ranker(
 
 
 class _Search:
-    """The stages on one set of recordings, and the results that each hands on to the next."""
+    """The four stages for one set of recordings, and what they share."""
 
     before: LocatedGap
     ranker: EffectRanker
@@ -194,7 +194,7 @@ class _Search:
             self.warnings.append(f"{self.before.bank.n_failed} simulations of the model itself failed")
 
     def name(self, ranker: EffectRanker | None) -> None:
-        """Name, fit and add what is missing."""
+        """Name and fit the missing effects."""
         self.say("naming what is missing")
         self.ranker = ranker or learn_effects(
             self.comparison, library=self.settings.library, n_draws=self.settings.n_draws,
@@ -303,7 +303,7 @@ class _Search:
         return proposals
 
     def _pairs(self, first: Candidate) -> list[_Proposal]:
-        """First effect with the best match of the rest, and the pairs that match all of the disagreement."""
+        """Pairs to fit: the nearest to the disagreement, and the first effect with the best for the rest."""
         assert self.after is not None
         ranked = self.ranker.nearest_pairs(self.before)
         starts = {frozenset(pair.names): [pair.effects] for pair in ranked[: self.settings.n_candidates]}
@@ -312,13 +312,13 @@ class _Search:
         if names not in starts:
             seconds = self.ranker.nearest(rest.effect_id, self.after, _STARTS)
             starts[names] = [(*first.fitted.effects, second) for second in seconds]
-        # Distances decide what is worth a fit; among the fitted ones, the fits decide.
+        # The distances only select the pairs to fit; the losses of the fits then decide.
         chosen = [pair for pair in ranked if frozenset(pair.names) in starts]
         total = sum(pair.probability for pair in chosen)
         return [_Proposal(pair.probability / total, starts[frozenset(pair.names)]) for pair in chosen]
 
     def _fitted(self, proposals: list[_Proposal]) -> list[Candidate]:
-        """Proposals with their sizes; the most probable first, by odds and fit."""
+        """Fit the proposals; most probable first, by the odds and the loss of the fit."""
         fits = []
         for proposal in proposals:
             names = " and ".join(proposal.names)
@@ -329,7 +329,7 @@ class _Search:
                 self.warnings.append(f"{names} could not be fitted: {failure}")
                 continue
             fits.append((proposal, fitted))
-            # A likely proposal that fits leaves nothing for others to explain.
+            # If a likely proposal fits well, the others are not needed.
             if proposal.probability >= _LIKELY and fitted.loss < _DOUBTFUL:
                 break
         if not fits:
@@ -337,7 +337,7 @@ class _Search:
         losses = np.array([fitted.loss for _, fitted in fits])
         odds = np.array([proposal.probability for proposal, _ in fits])
         weights = odds * np.exp(-_EVIDENCE * (losses - losses.min()))
-        # Effects that were not fitted keep their share.
+        # Effects that were not fitted keep their probability.
         weights = weights / weights.sum() * odds.sum()
         return [Candidate(fits[k][0].names, float(weights[k]), fits[k][1]) for k in np.argsort(-weights)]
 
@@ -348,7 +348,7 @@ class _Search:
         )  # fmt: skip
 
     def _placebo(self) -> Rig | None:
-        """Rig of the most probable wrong explanation by one effect, fitted."""
+        """Fitted rig of the most probable single effect that is wrong; None if there is none."""
         named = set(self.candidates[0].names)
         ranking = self.ranking.rows
         excluded = named | {other for row in ranking if row.effect_id in named for other in row.look_alikes}
@@ -367,10 +367,10 @@ class _Search:
 
 
 def chosen_pair(single: Candidate, pairs: Sequence[Candidate]) -> Candidate | None:
-    """Return the best pair that is worth its second effect, or None.
+    """Return the best pair whose second effect is justified, or None.
 
-    The recordings have to fix a parameter of both effects, unless one effect cannot explain what two can; and
-    the pair has to leave clearly less than the single effect.
+    Both effects must have an identifiable parameter, unless the pair fits and the single effect does not. The
+    loss of the pair must be clearly smaller than that of the single effect.
     """
     alone = single.fitted.loss
     worth = [
@@ -382,7 +382,7 @@ def chosen_pair(single: Candidate, pairs: Sequence[Candidate]) -> Candidate | No
 
 
 def is_unknown(chosen: Candidate, outside_library: bool) -> bool:
-    """Return whether even the chosen effects leave too much; less is allowed outside the library."""
+    """Return True if the loss is too large; the limit is lower if the ranker calls the case unknown."""
     loss = chosen.fitted.loss
     return bool(loss > _UNEXPLAINED or (outside_library and loss > _DOUBTFUL))
 
@@ -398,7 +398,7 @@ def not_considered(in_model: Sequence[str], unavailable: Sequence[str]) -> list[
 
 
 def few_held_out(n: int) -> list[str]:
-    """Warning of a number of recordings held out that makes the share uncertain."""
+    """Warning if so few recordings are held out that the reduction of the gap is uncertain."""
     if n >= _FEW_HELD_OUT:
         return []
     return [
@@ -408,6 +408,6 @@ def few_held_out(n: int) -> list[str]:
 
 
 def _fixes_both(fitted: FittedEffects) -> bool:
-    """Return whether the recordings fix a parameter of every effect."""
+    """Return True if every effect has an identifiable parameter."""
     fixed = {row.effect for row in fitted.parameters if row.identifiable}
     return all(effect.effect_id in fixed for effect in fitted.effects)

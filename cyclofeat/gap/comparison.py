@@ -1,4 +1,4 @@
-"""What all stages of the gap share: model, what may differ anyway, conditions, and their simulations."""
+"""Input that all stages of the gap share: model, allowed differences, conditions, and simulations."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = ["MAY_DIFFER", "Comparison"]
 Float = NDArray[np.float64]
 T = TypeVar("T")
 
-SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations")  # folders whose code decides about simulations
+SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations")  # folders whose code affects simulations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ class Comparison:
             raise ValueError(f"wheels must hold at least one of (0,), (1,) and (0, 1), got {self.wheels!r}")
         for wheels in self.wheels:
             LobeDefects.worn(0, wheels=wheels)
-        # By RPM, so that 500 RPM are 500 / 60 Hz to the last digit.
+        # Rounded in RPM, so that 500 RPM give exactly 500 / 60 Hz.
         of_model = round(checked["rig"].gearbox.input_speed * 30 / np.pi, 9) / 60
         speed = of_model if self.input_speed_hz is None else positive("input_speed_hz", self.input_speed_hz)
         if abs(of_model / speed - 1) > SPEED_TOLERANCE:
@@ -158,19 +158,19 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """Text of all that decides about simulated recordings and their summaries."""
+        """Text of everything that affects simulated recordings and their summaries."""
         stated = dataclasses.astuple(self.conditions), self.defect_counts, self.tachometer, self.n_bank
         return repr((self.rig.to_text(), self.population.text, stated, self.random_state))
 
     def corrected_rig(self, effects: Iterable[Effect]) -> Rig:
-        """Model with effects added, on top of what may differ anyway of the same kinds."""
+        """Return the model with effects added, after the ``may_differ`` effects of the same kinds."""
         added = tuple(effects)
         kinds = {effect.effect_id for effect in added}
         rig = with_may_differ(self.rig, [effect for effect in self.may_differ if effect.effect_id in kinds])
         return rig.with_added(*added)
 
     def replace(self, **changes: Any) -> Comparison:
-        """Copy with some parameters changed, checked anew; both share what was simulated so far."""
+        """Return a checked copy with some parameters changed; both share their simulations."""
         if "cache" in changes:
             changes["_memory"] = None
         return dataclasses.replace(self, **changes)

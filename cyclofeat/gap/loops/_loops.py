@@ -1,4 +1,4 @@
-"""The gap in torque-deflection loops: which of clearance, friction and compliance a drive's model lacks."""
+"""The gap in torque-deflection loops: missing clearance, friction and compliance of a drive's model."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from cyclofeat.simulators import CycloidalGearbox
 
 Float = NDArray[np.float64]
 
-_STAGES = 8  # among which the Coulomb friction is spread
+_STAGES = 8  # friction elements that share the Coulomb friction
 
-# Bounds of each effect's parameters, fitted in their logarithm.
+# Bounds of the parameters of each effect, which are fitted on a logarithmic scale.
 LOOP_EFFECTS: dict[str, dict[str, tuple[float, float]]] = {
     "clearance": {"clearance": (1e-6, 4e-4)},
     "friction": {"coulomb_nm": (0.01, 10.0), "spread": (0.01, 1.0), "load_share": (1e-3, 0.9)},
@@ -68,7 +68,7 @@ class Subset:
 
 
 class _LoopEstimator(RegressorMixin, BaseEstimator):
-    """Loops as an estimator takes them, and its score."""
+    """Base of the estimators: checks of loops, and the score."""
 
     n_points: int
 
@@ -78,7 +78,7 @@ class _LoopEstimator(RegressorMixin, BaseEstimator):
         return -float(np.mean([relative_error(x, self.predict(t)) for t, x in self._pairs(loops)]))
 
     def _pairs(self, loops: Sequence[Any]) -> list[tuple[Float, Float]]:
-        """Torque and deflection of each loop, checked, at evenly spaced points."""
+        """Check loops; return the torque and deflection of each at evenly spaced points."""
         pairs = [evenly_spaced(*checked_loop(loop.torque, loop.deflection), self.n_points) for loop in loops]
         if not pairs:
             raise ValueError("loops must hold at least one loop, got none")
@@ -133,7 +133,7 @@ class LoopModel(_LoopEstimator):
     Notes
     -----
     The fit minimises the mean relative error of the loops (:func:`relative_error`) by differential evolution
-    over the logarithms of the parameters: play makes the error a rough function.
+    over the logarithms of the parameters, because play makes the error a rough function.
 
     Examples
     --------
@@ -307,11 +307,12 @@ def find_loop_gap(
 
     Notes
     -----
-    The p over n transfers is never below 2^-n: fewer than 5 can name no effect at the default ``alpha``.
+    The p over n transfers is never below 2^-n, so at the default ``alpha`` at least 5 are needed to name an
+    effect.
 
-    The search begins with the subset of the smallest mean error, if it predicts better than no effect at all
-    at ``alpha``, and removes effects as long as the others do not predict worse. It does not begin with
-    single effects: some show only together.
+    The search begins with the subset of the smallest mean error, if that predicts significantly better than
+    no effect. It then removes effects as long as the others do not predict worse. It does not begin with
+    single effects, because some have an influence only together.
     """
     n, fewest = len(transfers), fewest_units(alpha)
     if not 2 <= n <= 20:
@@ -355,8 +356,8 @@ def find_loop_gap(
 
 
 def _smallest(errors: Mapping[tuple[str, ...], Float], alpha: float) -> tuple[str, ...]:
-    """Smallest subset that predicts no worse than the best one."""
-    # From above: play shows only behind friction, and friction only before something compliant.
+    """Return the smallest subset that predicts no worse than the best one."""
+    # Backward: play has an influence only behind friction, and friction only before a compliance.
     named = min(errors, key=lambda key: float(errors[key].mean()))
     if named and sign_flip_p(errors[()] - errors[named], "greater") > alpha:
         return ()
@@ -373,7 +374,7 @@ def _less(named: tuple[str, ...], name: str) -> tuple[str, ...]:
 
 
 class LoopSmoother(_LoopEstimator):
-    """The black box to beat: a Gaussian process of deflection over torque and its direction.
+    """Black box for comparison: a Gaussian process of deflection over torque and its direction.
 
     Deflection is a straight line plus a smooth function of torque, of its direction and of the loop's largest
     torque, and noise; it knows nothing of clearance or friction.
@@ -409,7 +410,7 @@ class LoopSmoother(_LoopEstimator):
         )
         self.process_ = GaussianProcessRegressor(kernel, random_state=self.random_state)
         with warnings.catch_warnings():
-            # A length scale at its bound means a direction or a largest torque that does not vary.
+            # A length scale at its bound belongs to a direction or a largest torque that does not vary.
             warnings.simplefilter("ignore", ConvergenceWarning)
             self.process_.fit(X, x / self.unit_)
         return self

@@ -1,4 +1,4 @@
-"""Torque-deflection loops: their shape, friction as a play operator, and the contacts' curve."""
+"""Parts of torque-deflection loops: shape, friction as a play operator, and curve of the contacts."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from cyclofeat.simulators import CycloidalGearbox, torque_deflection
 
 Float = NDArray[np.float64]
 
-# Clearances in m of which the contacts' curve is simulated; it is taken as straight between them.
+# Clearances in m for which the curve of the contacts is simulated; linear interpolation between them.
 _CLEARANCES = (0.0, 2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4)
-# Torque in Nm up to which contacts are simulated: softer or more loaded ones slip over the pins.
+# Torque in Nm up to which contacts are simulated; beyond it they may slip over the pins.
 LARGEST_TORQUE = 115.0
-_HERTZ = 2 / 3  # deflection grows with this power of the torque where contacts begin to carry
-_HERTZ_BELOW = 0.5  # Nm below which that law takes the simulation's place
+_HERTZ = 2 / 3  # exponent of the deflection over the torque where contacts begin to carry
+_HERTZ_BELOW = 0.5  # Nm below which that law replaces the simulation
 _GRID = 400
 
 
 @dataclass(frozen=True)
 class LoopShape:
-    """What a test bench states of a loop.
+    """Numbers that a test bench states of a loop.
 
     Attributes
     ----------
@@ -80,15 +80,15 @@ def loop_shape(torque: ArrayLike, deflection: ArrayLike) -> LoopShape:
 def relative_error(measured: ArrayLike, predicted: ArrayLike) -> Float:
     """Rms of the difference of two deflections over the rms of the first, each centred between its extremes.
 
-    The zero of a deflection is arbitrary. 0 is perfect, 1 is a prediction of no deflection. ``measured`` has
-    the shape (n,), ``predicted`` (..., n).
+    They are centred because the zero of a deflection is arbitrary. The error of a prediction of 0 is 1.
+    ``measured`` has the shape (n,), ``predicted`` (..., n).
     """
     first, second = centred(np.asarray(measured)), centred(np.asarray(predicted))
     return np.asarray(np.sqrt(np.mean((first - second) ** 2, axis=-1) / np.mean(first**2)))
 
 
 def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike) -> Float:
-    r"""Torque that the elastic parts carry behind friction, over one closed cycle: (..., n).
+    r"""Return the torque of the elastic parts behind friction, over one closed cycle: (..., n).
 
     .. math:: |T - E| \le T_c + \mu |E|,
 
@@ -109,7 +109,7 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
     array([-1.,  4.,  1., -4.])
     """
     t = np.asarray(torque, dtype=np.float64)
-    # At the largest torque of a closed cycle the drive has slipped as far as it ever does.
+    # At the largest torque of a closed cycle the drive has slipped farthest.
     top = int(np.argmax(t))
     rolled = np.roll(t, -top)
     friction, share = (np.asarray(x, dtype=np.float64)[..., np.newaxis] for x in (coulomb, load_share))
@@ -123,7 +123,7 @@ def elastic_torque(torque: ArrayLike, coulomb: ArrayLike, load_share: ArrayLike)
 
 
 def _slipping(torque: Float, coulomb: Float, load_share: Float) -> Float:
-    """E with E + T_c + mu |E| = T: where the drive slips while the torque rises."""
+    """Solve E + T_c + mu |E| = T for E, the elastic torque of a drive that slips while the torque rises."""
     left = torque - coulomb
     return left / np.where(left > 0, 1 + load_share, 1 - load_share)
 
@@ -176,7 +176,7 @@ def contact_deflection(
 @lru_cache(maxsize=8)
 def _curves(gearbox: CycloidalGearbox) -> Float:
     """Deflections in rad, (n_clearances, n), at torques evenly spaced in their square root."""
-    # Finer towards zero, where the curve is steep.
+    # Finer near zero, where the curve is steep.
     grid = LARGEST_TORQUE * np.linspace(0, 1, _GRID) ** 2
     curves = []
     for clearance in _CLEARANCES:
@@ -196,7 +196,7 @@ def _curves(gearbox: CycloidalGearbox) -> Float:
 
 
 def without_effects(gearbox: CycloidalGearbox) -> CycloidalGearbox:
-    """Drive without clearance, friction and compliance behind it."""
+    """Return the drive without clearance, friction and compliance."""
     return gearbox.replace(
         clearance=0.0, pin_clearance=0.0, brake_inertia=0.0, meter_stiffness=0.0, meter_damping=0.0,
         sleeve_friction=0.0, sleeve_static_friction=0.0, sleeve_viscous_friction=0.0, journal_friction=0.0,
@@ -220,7 +220,7 @@ def checked_loop(torque: ArrayLike, deflection: ArrayLike) -> tuple[Float, Float
 
 
 def branches(torque: Float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Samples where the torque rises and where it falls, from extreme to extreme, in the order of time."""
+    """Return the samples of rising and of falling torque, from extreme to extreme, in order of time."""
     top, bottom = int(np.argmax(torque)), int(np.argmin(torque))
     index = np.arange(torque.size)
     first, last = min(top, bottom), max(top, bottom)
@@ -230,9 +230,9 @@ def branches(torque: Float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def evenly_spaced(torque: Float, deflection: Float, n: int) -> tuple[Float, Float]:
-    """A loop at points evenly spaced along the path of its torque, extremes kept by the path itself."""
+    """Return a loop at points evenly spaced along the path of its torque."""
     path = np.r_[0.0, np.cumsum(np.abs(np.diff(torque)))]
-    # A torque that stands still has one deflection: the last.
+    # Of samples at equal torque the last one counts.
     keep = np.r_[np.diff(path) > 0, True]
     at = np.linspace(0, path[-1], n)
     return np.interp(at, path[keep], torque[keep]), np.interp(at, path[keep], deflection[keep])

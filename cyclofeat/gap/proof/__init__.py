@@ -1,7 +1,7 @@
 """The fourth stage of the gap: how far it shrank on recordings held out.
 
-Distances between measured and simulated recordings, the alternatives that a named effect has to beat, and the
-worth of the corrected model to a counter that is trained on it (:func:`downstream_gain`).
+:func:`prove` compares distances between measured and simulated recordings for the corrected model and its
+alternatives. :func:`downstream_gain` measures how a counter improves that is trained on the corrected model.
 """
 
 from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated

@@ -1,4 +1,4 @@
-"""Alternatives to a named effect: simulators and black boxes that close the gap otherwise."""
+"""Alternatives to the corrected model: other simulators, and black boxes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from cyclofeat.simulators import ContactDampingScale, ContactStiffnessScale
 Float = NDArray[np.float64]
 Counts = Sequence[int] | None
 
-_SEGMENT_S = 0.25  # of the averaged spectra, which resolve the lines of lobes and shaft
-_MOST_GAIN = 2.0  # of the equaliser; power that the model lacks beyond it is added as noise
+_SEGMENT_S = 0.25  # length of a segment of the averaged spectra, which resolve the lines of lobes and shaft
+_MOST_GAIN = 2.0  # limit of the gain of the equaliser; power that is still missing is added as noise
 _BANDS_PER_OCTAVE = 6
 _LOWEST_HZ = 6.0
-_RETUNED_SIMS = 100  # two parameters
+_RETUNED_SIMS = 100
 _FEWEST_PER_COUNT = 4
 _POWER_FLOOR = 1e-18  # Nm^2/Hz
 
@@ -40,11 +40,11 @@ class Alternative(Protocol):
         """Fit to the measured recordings."""
 
     def records(self, comparison: Comparison, counts: Counts) -> Bank:
-        """Records of the wanted counts, gone through in turn."""
+        """Return records that take the wanted counts in turn."""
 
 
 class Simulated:
-    """Simulator as it is: the comparison's model or another ``rig``; at least 4 recordings of each count."""
+    """Unchanged simulator: the model or another ``rig``; at least 4 recordings of each count."""
 
     def __init__(self, n_bank: int, rig: Any = None) -> None:
         self.n_bank, self.rig = n_bank, rig
@@ -61,7 +61,7 @@ class Simulated:
 
 
 class Retuned(Simulated):
-    """Model with stiffness and damping of all contacts fitted: the first thing that an engineer tries."""
+    """Model with the stiffness and damping of all contacts fitted, as an engineer would try first."""
 
     def fit(self, comparison: Comparison, measured: Measured) -> Self:
         """Fit both factors by :func:`cyclofeat.gap.fit_effects`."""
@@ -72,7 +72,7 @@ class Retuned(Simulated):
 
 
 class _Filtered(Simulated):
-    """Black box behind the model: its records, changed."""
+    """Black box that changes the records of the model."""
 
     def fit(self, comparison: Comparison, measured: Measured) -> Self:
         """Fit to the difference between averaged spectra and means, count by count where counts are known."""
@@ -101,7 +101,7 @@ class _Filtered(Simulated):
         return self
 
     def records(self, comparison: Comparison, counts: Counts) -> Bank:
-        """The model's records, changed."""
+        """Return changed records of the model."""
         bank, state = super().records(comparison, counts), comparison.random_state
         changed = [
             self._changed(np.asarray(x, dtype=np.float64), int(c), np.random.default_rng([state, i]))
@@ -121,9 +121,9 @@ class _Filtered(Simulated):
 class Equaliser(_Filtered):
     """FIR equaliser with shaped noise and an offset behind the model, the same for every count.
 
-    |H|^2 is the ratio of the measured to the simulated averaged density, the geometric mean over counts; a
-    gain above 2 is cut, and the power that is still missing is added as Gaussian noise of that density.
-    Linear phase without delay, of 0.25 s; the offset is the mean difference of the mean torques.
+    |H|^2 is the ratio of the measured to the simulated averaged density, as the geometric mean over counts.
+    The gain is limited to 2, and the power that is still missing is added as Gaussian noise of that density.
+    The filter has 0.25 s, linear phase and no delay. The offset is the mean difference of the mean torques.
     """
 
     def _learn(
@@ -152,10 +152,11 @@ class Equaliser(_Filtered):
 class GaussianProcessGap(_Filtered):
     """Gaussian process of the spectrum's error, over log frequency and count, behind the model.
 
-    The discrepancy model of Kennedy and O'Hagan (2001) for the level of the density in sixths of an octave: a
-    squared-exponential kernel with one length per input, its sizes by maximum likelihood; applied to the
-    simulator's records as a filter of zero phase. The mean torque's difference is a Gaussian process over the
-    count. Where counts are not known (or there is one), frequency is the only input.
+    This is the discrepancy model of Kennedy and O'Hagan (2001) for the level of the density in sixths of an
+    octave. The kernel is squared-exponential with one length per input, fitted by maximum likelihood. The
+    result is applied to the records of the simulator as a zero-phase filter. The difference of the mean
+    torque is a Gaussian process over the count. If counts are unknown, or there is only one, frequency is the
+    only input.
     """
 
     def _learn(
@@ -213,10 +214,10 @@ def averaged_psd(X: NDArray[Any], sampling_rate: float) -> tuple[Float, Float]:
 
 
 def _linear_phase(frequencies: Float, gain: Float, sampling_rate: float) -> Float:
-    """Taps of an FIR of odd length around its middle with the gain given on an even grid up to Nyquist."""
+    """Return the taps of a symmetric FIR filter with a gain given on an even grid up to Nyquist."""
     grid = np.linspace(0, sampling_rate / 2, frequencies.size)
     values = np.interp(grid, frequencies, gain)
-    # The removal of the mean distorts the lowest lines: they take their neighbours' gain.
+    # The removal of the mean distorts the lowest lines: use the gain beside them.
     values[:2] = values[2]
     n_taps = 2 * (frequencies.size - 1) // 2 * 2 + 1
     return np.asarray(signal.firwin2(n_taps, grid, values, fs=sampling_rate, window="hann"))
@@ -238,11 +239,11 @@ def _octave_bands(frequencies: Float) -> tuple[Float, Float]:
 def _fitted_process(
     inputs: Float, values: Float, lengths: list[float], bounds: list[tuple[float, float]]
 ) -> GaussianProcessRegressor:
-    # The values are scaled to mean 0 and variance 1: so is the kernel.
+    # The values are scaled to mean 0 and variance 1, so the kernel has a variance of about 1.
     kernel = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(lengths, bounds) + WhiteKernel(0.1, (1e-4, 10.0))
     process = GaussianProcessRegressor(kernel, normalize_y=True)
     with warnings.catch_warnings():
-        # A length at its bound means that the input does not matter.
+        # A length at its bound means that the input has no influence.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(inputs, values)
     return process

@@ -1,4 +1,4 @@
-"""Distances between measured and simulated recordings, in spreads of one recording, and their floor."""
+"""Distances between measured and simulated recordings, and the floor that replication leaves."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _FAMILY_OF = {
     "speed": "orders", "lobe lines": "orders", "shaft lines": "orders", "averages": "averages",
 }  # fmt: skip
 _SHAPE = "shape"
-_SHARES = (np.arange(256) + 0.5) / 256  # of the quantile function, midpoints of equal parts
-# The spread of a few measured recordings is steadied by the bank's, as by so many degrees of freedom (Smyth
-# 2004): without it the cell whose few values happen to agree would decide the distance.
+_SHARES = (np.arange(256) + 0.5) / 256  # probabilities of the quantile function
+# The variance of the bank counts as this many degrees of freedom in that of few measured recordings (Smyth
+# 2004): otherwise cells whose few values happen to agree would dominate the distance.
 _STEADIED_BY = 4.0
-# Two recordings tell little of their spread, and one drawn of them less: counts with fewer are pooled.
+# Counts with fewer recordings than this are pooled: two do not determine a spread.
 POOLED_BELOW = 3
-_LEAST_SPREAD = 0.05  # of the median spread of the cells of the same part and unit
+_LEAST_SPREAD = 0.05  # least spread, as a share of the median of the cells of the same part and unit
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviations that replication leaves, shape (n, n_cells), counts, and degrees of freedom."""
+    """Deviations between replicates, shape (n, n_cells), counts, and degrees of freedom."""
 
     values: Float
     counts: NDArray[Any]
@@ -75,7 +75,7 @@ class Deviations:
 def describe(
     X: NDArray[Any], conditions: Conditions, speeds: Float | None = None
 ) -> tuple[Float, list[Part]]:
-    """Numbers per window that distances are made of, (n_windows, n_cells), and the part of each cell.
+    """Return the numbers of each window for the distances, (n_windows, n_cells), and the part of each cell.
 
     They are those of :func:`cyclofeat.gap.summarise`, with other amplitudes: the mean in Nm, the level of the
     ripple in dB and the quantile function of the standardised torque. The squared difference of two averaged
@@ -116,10 +116,10 @@ def families_of(parts: list[Part]) -> list[str]:
 
 
 def strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int = 2) -> Int:
-    """Number the sets of recordings that may replace each other: of one count, or pooled from rare counts.
+    """Number the strata of recordings that can replace each other: of one count, or pooled from rare counts.
 
-    Counts with fewer than ``least`` recordings are pooled, where ``apart`` is given only within equal values
-    of it.
+    Counts with fewer than ``least`` recordings are pooled; if ``apart`` is given, only within equal values of
+    it.
     """
     alone = lone(counts, least)
     pools = np.zeros(len(counts)) if apart is None else np.asarray(apart)
@@ -130,23 +130,23 @@ def strata(counts: NDArray[Any], apart: NDArray[Any] | None = None, least: int =
 
 
 def lone(counts: NDArray[Any], least: int = 2) -> NDArray[np.bool_]:
-    """Mask of recordings with fewer than ``least`` of their count; by default those that are alone."""
+    """Mask of recordings whose count has fewer than ``least`` recordings, by default one."""
     return np.array([np.sum(counts == count) < least for count in counts], dtype=bool)
 
 
 def deviations(measured: Sample, simulated: Sample) -> Deviations:
-    """Deviations that replication leaves.
+    """Return the deviations between replicates.
 
-    A recording deviates from the mean of its count. One that is alone with its count deviates from the
-    simulated mean of that count, less the mean of these differences over all that are alone: an error of the
-    simulator that is the same in all counts is no replication, one in some of them passes for it.
+    The deviation of a recording is taken from the mean of its count. For the only recording of a count it is
+    taken from the simulated mean of that count, and the mean of such differences is subtracted: an error of
+    the simulator that is equal in all counts drops out, but one in single counts counts as replication.
     """
     values, counts = measured.values.copy(), measured.counts
     alone = lone(counts)
     if alone.any():
         means = class_means(simulated.values, simulated.counts)
         values[alone] = less_class_means(values[alone], counts[alone], means)
-        # The simulated mean of M recordings has an error too, which is no spread of the measured one.
+        # Correct for the error of the simulated mean of M recordings.
         sizes = np.array([np.sum(simulated.counts == count) for count in counts[alone]])
         values[alone] /= np.sqrt(1 + 1 / sizes)[:, None]
     groups = strata(counts)
@@ -157,10 +157,11 @@ def deviations(measured: Sample, simulated: Sample) -> Deviations:
 def replicate_spread(measured: Sample, simulated: Sample, parts: list[Part]) -> Float:
     """Standard deviation of one measured recording around its count, shape (n_cells,).
 
-    s^2 = (n_free v + 4 v_bank) / (n_free + 4), v the variance of :func:`deviations` and v_bank that of the
-    simulated recordings around their counts. The cells of the shape of the amplitudes share their root mean
-    square, so that theirs is a Wasserstein distance; no cell's is smaller than 1/20 of the median of its part
-    and unit. Cells of a part and unit without any spread get infinity and play no part.
+    s^2 = (n_free v + 4 v_bank) / (n_free + 4), where v is the variance of :func:`deviations` and v_bank that
+    of the simulated recordings around their counts. All cells of the shape of the amplitudes get their root
+    mean square, so that their distance is a Wasserstein distance. No spread is smaller than 1/20 of the
+    median of its part and unit. If a part and unit has no spread at all, its cells get infinity and are
+    ignored.
     """
     of_measured = deviations(measured, simulated)
     squares, of_bank = np.sum(of_measured.values**2, axis=0), _variance_around(simulated)
@@ -194,14 +195,13 @@ def trends(counts: NDArray[Any]) -> Float:
 def distances(measured: Sample, simulated: Sample, scale: Scale, chances: Float | None = None) -> Float:
     """Distance between measured and simulated recordings in each family, (n_draws, n_families).
 
-    Each recording is compared with the simulated mean of its count, and the constant and the linear part of
-    the differences over the counts are taken, so that many counts of few recordings each do not drown them in
-    noise:
+    Each recording is compared with the simulated mean of its count. Only the constant and the linear part of
+    the differences over the counts are used: with many counts of few recordings each, the rest is noise.
 
     D_f^2 = sum_j sum_k w_fk a_jk^2 / s_k^2,  a_jk = (1/n) sum_i q_j(c_i) (x_ik - mean_c_i(simulated)_k).
 
     For one count and for two this is sum_c (n_c/n) sum_k w_fk (mean_c(measured)_k - mean_c(simulated)_k)^2 /
-    s_k^2. ``chances`` (n_draws, n) are weights of the recordings that add up to one; by default one draw with
+    s_k^2. ``chances`` (n_draws, n) are weights of the recordings, each row with sum 1; by default one row of
     equal weights.
     """
     n = len(measured.counts)
@@ -215,7 +215,7 @@ def distances(measured: Sample, simulated: Sample, scale: Scale, chances: Float 
 
 
 def bank_error(counts: NDArray[Any], simulated: Sample, scale: Scale) -> Float:
-    """Expected squared distance of measured counts by the error of the simulated means, shape (n_families,).
+    """Return the expected squared distance due to the error of the simulated means, shape (n_families,).
 
     sum_j sum_c (n_c/n)^2 q_j(c)^2 / M_c sum_k w_fk v_k / s_k^2, v the simulated recordings' variance around
     their counts.
@@ -237,19 +237,19 @@ def floors(
     n_splits: int,
     random: np.random.Generator,
 ) -> Float:
-    """Distance that replication alone would leave in each family, from measured half against measured half.
+    """Return the distance of replicates in each family, from comparing halves of the measured recordings.
 
-    The recordings of a count are split at random into halves of a and b recordings, whose means differ with
-    variance s^2 (1/a + 1/b); recordings alone with their counts are paired, their deviations differing with 2
-    s^2. A coefficient of n measured recordings against a bank's means has the variance s^2/n and the bank's
-    own, so each split gives
+    The recordings of a count are split at random into halves of a and b recordings; the difference of their
+    means has the variance s^2 (1/a + 1/b). Recordings that are alone with their count are paired; the
+    difference of their deviations has the variance 2 s^2. A coefficient of n measured recordings relative to
+    the means of a bank has the variance s^2/n plus that of the bank. So each split gives
 
     D_f^2 = (J/n) mean_p [ c_p sum_k w_fk d_pk^2 / s_k^2 / v_p ] + bank_f,
 
-    over as many pieces p (halved counts and pairs, drawn at random) as the distance has coefficients J
-    (:func:`trends` of ``counts``), with v_p as above and bank_f of :func:`bank_error`. The root is taken per
-    split, as in the distance, and the floor is the mean over splits. c_p of :func:`_studentised` makes up for
-    s being estimated from the halves; it is 1 for pairs.
+    where p runs over pieces (halved counts and pairs, drawn at random), as many as the distance has
+    coefficients J (:func:`trends` of ``counts``); v_p is the factor of s^2 above and bank_f is from
+    :func:`bank_error`. The root is taken for each split, as in the distance, and the floor is the mean over
+    splits. c_p (:func:`_studentised`) corrects for s being estimated from the same halves; it is 1 for pairs.
     """
     groups, alone = strata(replicates.counts), lone(replicates.counts)
     scaled = replicates.values / scale.spread
@@ -275,7 +275,7 @@ def floors(
 
 @functools.cache
 def _studentised(n_free: int) -> float:
-    """Factor by which (d/s)^2 is expected to be larger where d is independent of s than where it went into s.
+    """Return the ratio of the expected (d/s)^2 for d independent of s to that for d used in s.
 
     With s^2 = (q + 4) / (n_free + 4) and q chi-squared with n_free degrees of freedom:
     E[1/s^2] / E[(q/n_free)/s^2] = n_free A / (1 - 4 A), A = E[1/(q + 4)].
@@ -289,11 +289,11 @@ def _studentised(n_free: int) -> float:
 def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) -> Float:
     """Weights of recordings in bootstrap draws, shape (n_draws, n), each row adding up to one.
 
-    Random half-samples within strata (McCarthy 1969; Saigo, Shao and Sitter 2001): of n_h recordings a random
-    a = n_h / 2 (rounded up or down) get the weight 1 + sqrt((n_h - a) / a), the others 1 - sqrt(a / (n_h -
-    a)), over n. A mean then varies with s^2 / n_h and every draw lies as far from the sample, which draws
-    with replacement do not: of few recordings they make the length of a vector of many cells vary too much. A
-    stratum of one stays as it is.
+    Random half-samples within strata (McCarthy 1969; Saigo, Shao and Sitter 2001): of the n_h recordings of a
+    stratum a random a = n_h / 2 (rounded up or down) get the weight 1 + sqrt((n_h - a) / a), the others 1 -
+    sqrt(a / (n_h - a)), over n. A mean then has the variance s^2 / n_h, and all draws are equally far from
+    the sample. Draws with replacement are not: with few recordings the length of a vector of many cells would
+    vary too much. A stratum of one recording keeps its weight.
     """
     n = len(groups)
     chances = np.full((n_draws, n), 1 / n)
@@ -310,20 +310,20 @@ def bootstrap_chances(groups: Int, n_draws: int, random: np.random.Generator) ->
 
 
 def floor_draws(replicates: Deviations, scale: Scale, floor: Float, chances: Float) -> Float:
-    """Floor in bootstrap draws, (n_draws, n_families): it moves as the root mean squared deviation."""
+    """Return the floor in bootstrap draws, (n_draws, n_families): it scales with the rms deviation."""
     groups = strata(replicates.counts)
     sizes = np.bincount(groups)[groups]
     squares = ((replicates.values / scale.spread) ** 2 @ scale.weights.T) * (
         sizes / np.maximum(sizes - 1, 1)
     )[:, None]
     mean = squares.mean(axis=0)
-    # Half-samples give some recordings negative weight: a mean square below zero is none.
+    # Some weights of half-samples are negative: a negative mean square counts as 0.
     drawn = np.maximum(chances @ squares, 0.0)
     return np.asarray(floor * np.sqrt(drawn / np.where(mean > 0, mean, 1.0)))
 
 
 def centred(draws: Float, estimate: Float | float) -> Float:
-    """Draws moved to the estimate: resampling adds noise of its own to every distance and lifts it."""
+    """Shift draws to the estimate: the noise of resampling makes every distance larger."""
     return np.asarray(draws - draws.mean(axis=0) + estimate)
 
 

@@ -1,4 +1,4 @@
-"""Worth of a corrected model to a counter of worn lobes that is trained on its recordings."""
+"""Gain of a counter of worn lobes that is trained on a corrected model."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ def downstream_gain(
 
     Notes
     -----
-    An accuracy of n recordings has a standard error of up to 0.5 / sqrt(n), and a share of the oracle's gain
-    has two of them in its denominator: a dozen recordings tell little, and the interval shows it.
+    The accuracy over n recordings has a standard error of up to 0.5 / sqrt(n). The share of the oracle's gain
+    has two accuracies in its denominator, so a dozen recordings give a wide interval.
 
     Examples
     --------
@@ -102,7 +102,7 @@ def downstream_gain(
     classes = sorted({*comparison.defect_counts, *counts.tolist()})
     models = {"before": comparison.rig, "after": corrected} | ({} if oracle is None else {"oracle": oracle})
     right: dict[str, NDArray[np.bool_]] = {}
-    hits_of: dict[str, NDArray[np.bool_]] = {}  # one counter for models that are the same
+    hits_of: dict[str, NDArray[np.bool_]] = {}  # equal models share a counter
     for name, model in models.items():
         of_model = comparison.replace(rig=model, random_state=comparison.random_state + 2)
         if of_model.text not in hits_of:
@@ -134,7 +134,7 @@ def downstream_gain(
 
 
 def _share(before: Float, after: Float, oracle: Float) -> Float:
-    """(after - before) / (oracle - before); infinite with the sign of the numerator without a gain."""
+    """Return (after - before) / (oracle - before); infinite if the oracle gains nothing."""
     gain, total = after - before, oracle - before
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(total > 0, gain / total, np.where(gain >= 0, np.inf, -np.inf))

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from cyclofeat.gap.summaries import Conditions, check_counts, checked_speeds, recordings_of
 
-_SUFFIX = "_hold"  # of the arguments' names
+_SUFFIX = "_hold"  # end of the names of arguments in errors
 
 
 def check_held_out(

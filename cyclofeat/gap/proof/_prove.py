@@ -1,4 +1,4 @@
-"""How much of the gap a corrected simulator closes on recordings held out, against alternatives."""
+"""Comparison of a corrected simulator with alternatives on recordings held out."""
 
 from __future__ import annotations
 
@@ -62,21 +62,21 @@ def prove(
 
     D_f^2 = sum_k w_k (a_0k^2 + a_1k^2) / s_k^2
 
-    over cells k, where a_0 and a_1 are the constant and the linear part over the counts of the difference
-    between measured recordings and the simulated mean of their count, w_k gives every part of a family the
-    same weight, and s_k is the spread of one measured recording around its count. D is the mean over
-    families, and
+    over cells k. a_0 and a_1 are the constant and the linear part, over the counts, of the difference between
+    measured recordings and the simulated mean of their count. w_k gives all parts of a family equal weight.
+    s_k is the spread of measured recordings of one count. D is the mean over families, and
 
     GRR = 1 - (D_after - D_floor) / (D_before - D_floor),
 
-    D_floor from measured half against measured half, scaled to the numbers on both sides
-    (``cyclofeat/gap/proof/_distance.py`` states how, also where counts have one recording each). The ratio is
-    undefined where D_before - D_floor is less than two standard errors, or with fewer than 4 recordings.
-    Errors and intervals come from random half-samples of recordings within their counts, those of counts with
-    fewer than 3 recordings within their condition, the same for all alternatives. With made-up summaries of
-    4 to 24 recordings, intervals of nominally 90 % held the ratio in 77 to 97 % of cases; of cases without a
-    gap 0 to 4 % got a ratio, with simulated recordings 3 to 8 %, and 20 % with 6 recordings of two counts
-    against a bank of 5 each.
+    where D_floor is the distance between two halves of the measured recordings, scaled to the numbers of
+    recordings compared (``cyclofeat/gap/proof/_distance.py`` has the formula, also for counts with one
+    recording each). The ratio is undefined if D_before - D_floor is less than two standard errors, or with
+    fewer than 4 recordings. Errors and intervals come from random half-samples of the recordings of each
+    count (of each condition, for counts with fewer than 3 recordings), the same for all alternatives.
+
+    In tests with artificial summaries of 4 to 24 recordings, intervals of nominally 90 % contained the ratio
+    in 77 to 97 % of the cases. Of cases without a gap, 0 to 4 % got a ratio; with simulated recordings 3 to
+    8 %, and 20 % with 6 recordings of two counts and a bank of 5 each.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def prove(
     alternatives |= {name: Simulated(n, simulator) for name, simulator in (others or {}).items()}
 
     state = comparison.random_state
-    # Other seeds than in fitting: what an alternative has learned of single simulations is of no use.
+    # Other random numbers than in the fit: an alternative must not profit from single simulations.
     comparison, data = checked(comparison.replace(random_state=state + 1), held_out)
     values, parts = describe(data.windows, data.conditions, data.speeds)
     wanted = None if data.counts is None else np.unique(data.counts).tolist()

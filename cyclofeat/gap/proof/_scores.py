@@ -1,4 +1,4 @@
-"""Shares of the gap that alternatives close on held-out recordings, from summaries alone."""
+"""Reduction of the gap by each alternative on held-out recordings, from summaries alone."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Float = NDArray[np.float64]
 
 BEFORE, AFTER, FLOOR, OVERALL = "nothing", "after", "floor", "overall"
 
-_FEWEST = 4  # recordings below which their spread is not known well enough
-_ERRORS = 2.0  # standard errors by which the gap must stand out of the floor
+_FEWEST = 4  # recordings below which their spread is too uncertain
+_ERRORS = 2.0  # standard errors by which the gap must exceed the floor
 _SPLITS = 100
 _INTERVAL = (0.05, 0.95)
 
@@ -137,9 +137,9 @@ def score_alternatives(
         conditions |= {"seen": seen, "unseen": ~seen}
     before, after = alternatives[BEFORE], alternatives[AFTER]
     scale = distance.Scale(distance.replicate_spread(measured, before, parts), distance.cell_weights(parts))
-    # An error of a simulator in single counts would pass for replication where counts have one recording
-    # each. The floor is taken by the simulator that leaves less of it: a lower floor lowers the ratio of
-    # every alternative.
+    # If counts have one recording each, an error of a simulator in single counts looks like replication. So
+    # the floor is that of the simulator with the smaller one; a lower floor lowers the ratio of every
+    # alternative.
     replicates = min(
         (distance.deviations(measured, simulated) for simulated in (before, after)),
         key=lambda found: float(np.sum((found.values / scale.spread) ** 2 @ scale.weights.T)),
@@ -194,7 +194,7 @@ def _no_gap(before: float, floor: float, error: float) -> str:
 
 
 def _interval(before: Float, after: Float, floor: Float) -> tuple[float, float]:
-    """Interval of the gap reduction ratio from draws. A draw without a gap has no ratio."""
+    """Return the interval of the gap reduction ratio from draws; draws without a gap have no ratio."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = distance.gap_reduction(before, after, floor)
     low, high = np.nanquantile(np.where(before - floor > 0, ratios, np.nan), _INTERVAL)

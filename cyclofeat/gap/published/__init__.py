@@ -1,4 +1,4 @@
-"""The gap in published statistics, where there are no recordings (:func:`find_published_gap`)."""
+"""The gap in published statistics, without recordings (:func:`find_published_gap`)."""
 
 from cyclofeat.gap.published._gap import Discrepancy, HeldOut, PublishedGap, find_published_gap
 from cyclofeat.gap.published._scores import crps as crps

@@ -17,16 +17,16 @@ from cyclofeat.gap.published._rigs import RigTable
 
 Float = NDArray[np.float64]
 
-_DENSE = 512  # rigs between the simulated ones, a power of two
-_NEAR = 4  # simulated rigs whose noise one of them takes
+_DENSE = 512  # interpolated rigs, a power of two
+_NEAR = 4  # simulated rigs from which the noise of an interpolated rig is taken
 
 
 @dataclass(frozen=True)
 class DenseRigs:
-    """Many rigs between the simulated ones.
+    """Many rigs interpolated between the simulated ones.
 
-    ``theta`` (n, n_parameters); ``middle`` (n, n_counts, 4) expected; ``noise`` (n, m, 4) how records
-    of rigs nearby lie around theirs; ``nearest`` (n, k) those rigs; ``log_weight`` (n, n_discs).
+    ``theta`` (n, n_parameters); ``middle`` (n, n_counts, 4) the expected statistics; ``noise`` (n, m, 4) the
+    deviations of single records of nearby rigs; ``nearest`` (n, k) those rigs; ``log_weight`` (n, n_discs).
     """
 
     theta: Float
@@ -39,8 +39,8 @@ class DenseRigs:
 def interpolated(table: RigTable, bounds: Sequence[tuple[float, float, bool]], seed: int) -> DenseRigs:
     """Statistics between the simulated rigs, by a Gaussian process over their parameters.
 
-    The process, its length scales shared by all statistics and counts, is fitted to means over the
-    replicates; the noise is the rest of the records of the nearest rigs.
+    The process is fitted to means over the replicates; all statistics and counts share its length scales.
+    The noise is the residual of the records of the nearest rigs.
     """
     values = table.values
     n, n_replicates, n_counts, n_statistics = values.shape
@@ -64,7 +64,7 @@ def interpolated(table: RigTable, bounds: Sequence[tuple[float, float, bool]], s
     kernel = ConstantKernel(1.0, (0.1, 100.0)) * RBF(np.full(at.shape[1], 0.5), (0.05, 20.0))
     process = GaussianProcessRegressor(kernel + WhiteKernel(0.1, (1e-4, 2.0)))
     with warnings.catch_warnings():
-        # A length scale at its upper bound means a parameter that changes nothing.
+        # A length scale at its upper bound belongs to a parameter without influence.
         warnings.simplefilter("ignore", ConvergenceWarning)
         process.fit(at, scaled)
 
@@ -73,7 +73,7 @@ def interpolated(table: RigTable, bounds: Sequence[tuple[float, float, bool]], s
         return np.asarray(found.reshape(len(places), n_counts, n_statistics))
 
     left = (values - expected(at)[:, np.newaxis]).reshape(n, n_replicates * n_counts, n_statistics)
-    # Between the smallest and the largest values simulated: nothing is extrapolated.
+    # Within the simulated values: nothing is extrapolated.
     low, high = at.min(axis=0), at.max(axis=0)
     shares = qmc.Sobol(at.shape[1], seed=seed).random(_DENSE)
     places = low + (high - low) * shares

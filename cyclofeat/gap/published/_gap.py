@@ -1,4 +1,4 @@
-"""The gap in published statistics: one row of numbers per disc, no recordings."""
+"""The gap in published statistics: one row of numbers per disc, without recordings."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from cyclofeat.simulators import Effect, Rig, effect_library
 
 Float = NDArray[np.float64]
 
-# A clock that is off by parts in a thousand changes no minimum, maximum, mean or deviation.
+# A clock error of some thousandths does not change minimum, maximum, mean or deviation.
 _UNSEEN = ("clock_error",)
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """One statistic, measured against what the simulator alone gives.
+    """Difference between a measured statistic and that of the simulator alone.
 
     Attributes
     ----------
@@ -182,20 +182,20 @@ def find_published_gap(
 
     Notes
     -----
-    A simulated rig has one set of parameters for all its discs; assemblies, first worn lobe, wheel, start
-    and noise differ between discs, with the same random numbers for all effects. Rigs of a set are a Latin
-    hypercube over the priors; between them a Gaussian process gives the statistics that are expected of 512
-    more, and the rigs nearby their noise. A rig's weight is exp(-sum over the discs fitted of the mean CRPS
-    of the four statistics / half the measured spread over the discs): a generalised posterior (Bissiri et al.
-    2016), in which a statistic that no effect reaches does not decide alone as it would in a likelihood. A
-    disc left out is scored by the CRPS of the weighted prediction, each statistic divided by its measured
-    spread over the discs.
+    *Simulations.* A simulated rig has one set of parameters for all its discs. Assemblies, first worn lobe,
+    wheel, start and noise differ between discs, with the same random numbers for all effects. The rigs of a
+    set of effects are a Latin hypercube over the priors. A Gaussian process interpolates the expected
+    statistics of 512 more rigs; their noise is that of the nearest simulated rigs.
 
-    The p over n discs is never below 2^-n: at the default ``alpha``, fewer than 5 discs can name no
-    effect, and ``held_out`` takes one more (``warnings``).
+    *Weights.* The weight of a rig is exp(-sum over the fitted discs of the mean CRPS of the four statistics /
+    half the measured spread over the discs). This is a generalised posterior (Bissiri et al. 2016): unlike a
+    likelihood, it is not dominated by a statistic that no effect reaches. A held-out disc is scored by the
+    CRPS of the weighted prediction, each statistic divided by its measured spread over the discs.
 
-    The p of a step is that of the best of all candidates, hence optimistic; ``held_out`` repeats the whole
-    search without each disc and is not.
+    *p-values.* The p over n discs is never below 2^-n. So at the default ``alpha`` at least 5 discs are
+    needed to name an effect, and at least 6 for ``held_out`` (``warnings``). The p of a step is optimistic,
+    because it is that of the best of all candidates. ``held_out`` is not: it repeats the whole search without
+    each disc.
 
     Examples
     --------
@@ -241,13 +241,13 @@ def find_published_gap(
 
 
 def predicted(search: Search, disc: int, entropies: Float | None = None) -> list[HeldOut]:
-    """Predictions of a disc by the others, the naming repeated without it."""
+    """Predict a disc from the others, with effects named without it."""
     measured, rigs = search.measured, search.rigs
     others = tuple(other for other in range(len(measured)) if other != disc)
     named, _, _ = search.name(others)
     sample, of_rig = search.sample(named, others, disc)
     nothing, _ = search.sample((), others, disc)
-    # Measured value, predictions, the simulator alone, and the other discs.
+    # Measured value, prediction, prediction by the simulator alone, and values of the other discs.
     columns = {
         name: tuple(
             _natural(v, name, rigs.set_point)
@@ -273,7 +273,7 @@ def predicted(search: Search, disc: int, entropies: Float | None = None) -> list
 
 
 def _located(measured: Float, expected: Float) -> tuple[Discrepancy, ...]:
-    """Differences of the statistics from those that are expected of each disc's count."""
+    """Return the differences of the statistics from those expected for the count of each disc."""
     differences = {name: measured[:, k] - expected[:, k] for k, name in enumerate(STATISTICS)}
     ranges = (np.log(np.exp(values[:, 2:]).sum(axis=1)) for values in (measured, expected))
     differences["range"] = np.subtract(*ranges)
@@ -322,7 +322,7 @@ def _natural(values: Float, name: str, set_point: float) -> Float:
 
 
 def _too_few(n: int, alpha: float) -> list[str]:
-    """Warn if n discs can name nothing, or n - 1 of them."""
+    """Return warnings if n discs, or n - 1 of them, are too few to name an effect."""
     fewest = fewest_units(alpha)
     if n < fewest:
         return [
@@ -367,7 +367,7 @@ def _columns(table: Any) -> tuple[NDArray[np.int64], Float, Float, Float, Float]
         stated = np.asarray(table["range_nm"], dtype=np.float64)
     except (KeyError, IndexError, ValueError):
         stated = maximum - minimum
-    # Printed numbers are rounded on their own: to the last of four digits.
+    # Printed numbers are rounded to four digits each.
     if (np.abs(stated - (maximum - minimum)) > 0.02).any():
         raise ValueError("range_nm must be max_nm minus min_nm")
     return counts.astype(np.int64), minimum, maximum, mean, std

@@ -1,4 +1,4 @@
-"""Simulated rigs with sets of effects, and the statistics that would be published of them."""
+"""Simulated rigs with sets of effects, and their statistics."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class RigTable:
 
 
 class SimulatedRigs:
-    """Rigs with sets of effects, each set simulated once for discs of these counts of worn lobes."""
+    """Rigs with sets of effects; each set is simulated once, for discs with given counts of worn lobes."""
 
     def __init__(
         self, comparison: Comparison, counts: NDArray[np.int64], settings: PublishedSettings
@@ -78,7 +78,7 @@ class SimulatedRigs:
         return [(name, parameter) for name in key for parameter in _parameters(name)]
 
     def bounds(self, key: Set) -> list[tuple[float, float, bool]]:
-        """Smallest and largest value of each parameter in the table, and whether it counts in logarithms."""
+        """Return the smallest and largest value of each parameter in the table, and True for a log scale."""
         theta = self.table(key).theta
         kinds = [kind_of(name).parameters[p] for name in key for p in _parameters(name)]
         return [
@@ -137,7 +137,7 @@ class SimulatedRigs:
         return columns
 
     def _n_gear(self, gear: Set) -> int:
-        """Rigs whose gearbox is simulated."""
+        """Return the number of rigs whose gearbox is simulated."""
         n_parameters = sum(len(_parameters(name)) for name in gear)
         if len(gear) > 1:
             return 3 * self.n_draws
@@ -168,9 +168,9 @@ class SimulatedRigs:
         return np.asarray(shannon_entropy(psd, frequencies))
 
     def _records(self, gear: Set) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-        """Torque after the effects in the gearbox, (n_gear, replicates, n_counts, n_samples), and its rigs.
+        """Return the torque of rigs, (n_gear, replicates, n_counts, n_samples), and their indices.
 
-        Another rig replaces one of which a record cannot be simulated; those records are counted.
+        A rig with a record that cannot be simulated is replaced; such records are counted.
         """
         return self.comparison.remember(
             lambda: self._simulated(gear), "published records", self.population.text, self.stated, gear
@@ -250,7 +250,7 @@ def _parameters(name: str) -> list[str]:
 
 
 def simulated_ones(key: Iterable[str]) -> Set:
-    """The effects that the gearbox answers: they have to be simulated."""
+    """Return the effects that change the motion of the gearbox and must be simulated."""
     return tuple(name for name in key if kind_of(name).needs_simulation())
 
 

@@ -14,7 +14,7 @@ STATISTICS = ("mean", "std", "up", "down")
 
 
 def sign_flip_p(differences: ArrayLike, alternative: str = "two-sided") -> float:
-    """Exact p of a mean of zero, all signs of the differences being equally likely.
+    """Exact p of a mean of zero, if all signs of the differences are equally likely.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def fewest_units(alpha: float) -> int:
 
 
 def to_statistics(values: Float, set_point: float) -> Float:
-    """The four numbers that discs are compared by, from minimum, maximum, mean and std, both (..., 4).
+    """Return the four statistics by which discs are compared, from minimum, maximum, mean and std, (..., 4).
 
     Mean minus set-point in Nm, and the natural logarithms of standard deviation, largest excursion upward
     (maximum minus mean) and downward (mean minus minimum), each in Nm.
@@ -85,7 +85,7 @@ def crps(samples: ArrayLike, observed: ArrayLike) -> Float:
 
 
 def student_samples(others: Float, n_samples: int) -> Float:
-    """Student's prediction of one more disc like the others, as equally likely samples."""
+    """Return samples of Student's prediction of one more disc like the others."""
     n = len(others)
     shares = (np.arange(n_samples) + 0.5) / n_samples
     quantiles = stats.t.ppf(shares, n - 1)[:, np.newaxis] * np.sqrt(1 + 1 / n)

@@ -1,4 +1,4 @@
-"""Search for the effects that predict discs left out."""
+"""Search for the effects that predict held-out discs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from cyclofeat.gap.published._settings import PublishedSettings
 
 Float = NDArray[np.float64]
 
-_TOLERANCE = 0.5  # spreads over the discs by which the score grows when a rig's weight falls to 1/e
+_TOLERANCE = 0.5  # increase of the score, in spreads over the discs, that reduces the weight of a rig to 1/e
 _SAMPLES = 400
 
-# Within a group the torque is the same to these statistics: the search continues with the first member.
+# The effects of a group have the same influence on these statistics: the search uses the first.
 _SAME_TORQUE = (("sensor_drift", "load_drift"), ("offset", "gain", SET_POINT))
 
 
@@ -69,7 +69,7 @@ class Tried:
 
 
 class Search:
-    """Scores of sets of effects on discs left out, and the greedy search over them.
+    """Scores of sets of effects on held-out discs, and a greedy search over the sets.
 
     ``measured`` is (n_discs, 4) as of :func:`to_statistics`, ``scales`` (4,) the unit of the scores, by
     default the spread over the discs.
@@ -92,7 +92,7 @@ class Search:
         self._fits: dict[Set, DenseRigs] = {}
 
     def name(self, discs: tuple[int, ...]) -> tuple[Set, tuple[Step, ...], tuple[str, ...]]:
-        """Named set of a greedy search with backward deletion, its steps, and effects taken out again."""
+        """Search greedily with backward deletion; return the effects, the steps, and the deleted effects."""
         named: Set = ()
         steps: list[Step] = []
         dropped: list[str] = []
@@ -118,7 +118,7 @@ class Search:
         )
 
     def rejected(self, named: Set, discs: tuple[int, ...]) -> tuple[Tried, ...]:
-        """Effects that the search would try next, best first."""
+        """Return the effects that were not added, best first."""
         if len(named) >= self.settings.max_effects:
             return ()
         rows = []
@@ -138,7 +138,7 @@ class Search:
         return self._scores[key, discs]
 
     def fitted(self, key: Set) -> DenseRigs:
-        """Rigs between the simulated ones, with their weights by each disc."""
+        """Return the interpolated rigs, with their weights by each disc."""
         if key not in self._fits:
             dense = interpolated(self.rigs.table(key), self.rigs.bounds(key), self.random_state)
             samples = dense.middle[:, :, np.newaxis] + dense.noise[:, np.newaxis]
@@ -147,7 +147,7 @@ class Search:
         return self._fits[key]
 
     def weights(self, key: Set, discs: Sequence[int]) -> Float:
-        """Weights of the rigs by some discs; they add up to 1."""
+        """Return the weights of the rigs by some of the discs; their sum is 1."""
         total = self.fitted(key).log_weight[:, list(discs)].sum(axis=1)
         weights = np.exp(total - total.max())
         return np.asarray(weights / weights.sum())
@@ -156,14 +156,14 @@ class Search:
         """Predictions of one disc by the rigs weighted with others, (n, 4), and the rig of each."""
         dense = self.fitted(key)
         random = np.random.default_rng([self.random_state, disc])
-        # Systematic: each rig as often as its weight says, but for rounding.
+        # Systematic sampling: the number of samples of a rig is its weight times n, rounded.
         at = (np.arange(_SAMPLES) + random.random()) / _SAMPLES
         rigs = np.searchsorted(np.cumsum(self.weights(key, discs)), at).clip(max=len(dense.middle) - 1)
         error = dense.noise[rigs, random.integers(dense.noise.shape[1], size=_SAMPLES)]
         return dense.middle[rigs, disc] + error, rigs
 
     def _next(self, named: Set, dropped: Set, discs: tuple[int, ...]) -> Step | None:
-        """The effect that improves the scores most, or None if none does at ``alpha``."""
+        """Return the effect that improves the scores most, or None if none does significantly."""
         alpha, before = self.settings.alpha, self.score(named, discs)
         scores = {
             name: self.score(self._ordered((*named, name)), discs)
@@ -183,7 +183,7 @@ class Search:
             and sign_flip_p(scores[name] - scores[best]) > alpha
         ]
         chosen = next((group[0] for group in _SAME_TORQUE if best in group and group[0] in alike), best)
-        # Physics says that these are the same here, even if few rigs of one of them were simulated.
+        # They are physically equivalent here, even if few rigs of one of them were simulated.
         same = [name for group in _SAME_TORQUE if chosen in group for name in group if name in self.library]
         return Step(
             effect=chosen,
@@ -195,11 +195,11 @@ class Search:
         )
 
     def _p(self, less: Set, more: Set, discs: tuple[int, ...]) -> float:
-        """One-sided p that the larger set predicts no better."""
+        """Return the one-sided p of the hypothesis that the larger set does not predict better."""
         return sign_flip_p(self.score(less, discs) - self.score(more, discs), "greater")
 
     def _candidates(self, named: Set) -> list[str]:
-        """Effects that may be added: not too many to simulate, one of each group of equal torque."""
+        """Return the effects that may be added: one of each group, within the limit of ``max_simulated``."""
         return [
             name
             for name in self.library

@@ -1,7 +1,7 @@
-"""Recordings that the model alone would have given.
+"""Simulated recordings of the model.
 
-A :class:`Population` is a rig with all that may differ between its recordings. :func:`simulate_bank`
-simulates recordings of it, :class:`Memory` keeps them.
+A :class:`Population` describes recordings of a rig and how they may differ. :func:`simulate_bank` simulates
+them, and :class:`Memory` stores them.
 """
 
 from cyclofeat.gap.simulations._memory import Memory, versions

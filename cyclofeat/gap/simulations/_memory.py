@@ -1,4 +1,4 @@
-"""Results that are computed once: in memory and, where there is a folder, on disk."""
+"""Cache of results, in memory and optionally on disk."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ T = TypeVar("T")
 
 
 class Memory:
-    """Results kept by the content of their arguments and by the version of the code.
+    """Cache of results, by the content of their arguments and the version of the code.
 
-    They stay in this process and, with a ``folder``, on disk: an interrupted run goes on from there. A file
-    that cannot be read is made anew.
+    Results are stored in this process and, with a ``folder``, on disk, so that an interrupted run can
+    continue. A file that cannot be read is replaced.
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
@@ -29,8 +29,8 @@ class Memory:
     def __call__(self, call: Callable[[], T], kind: str, *key: Any, code: tuple[str, ...]) -> T:
         """Return the result of ``call``, computed once for equal ``kind``, ``key`` and code.
 
-        ``kind`` names the subfolder, ``code`` folders of the package whose code decides about the result,
-        besides the simulators.
+        ``kind`` is the name of the subfolder. ``code`` names folders of the package whose code affects the
+        result; the simulators always do.
         """
         name = joblib.hash((kind, key, versions(*code)))
         if name not in self._kept:

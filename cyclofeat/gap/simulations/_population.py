@@ -1,4 +1,4 @@
-"""The recordings that a rig alone would give, and banks of them."""
+"""Recordings that a rig would give, and banks of simulated ones."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from cyclofeat.simulators import (
 Float = NDArray[np.float64]
 Seed = np.random.SeedSequence
 
-# One evaluation per step instead of two; the difference lies below the summaries' resolution.
+# One evaluation per step instead of two; the difference is below the resolution of the summaries.
 _SOLVER = Solver(integrator="adams_bashforth")
-# Errors of what cannot be simulated or built: a filter beyond half of the sampling rate, a gearbox that never
-# settles, an effect that this contact law does not have.
+# Errors of a rig that cannot be built or simulated: a filter above the Nyquist frequency, a gearbox that does
+# not settle, an effect that does not apply to its contact law.
 NO_SUCH_RIG = (SimulationFailed, ValueError)
-SPARE = 0.06  # share by which a machine runs longer, for the slowest converter of the library
+SPARE = 0.06  # share by which a run is longer, for the slowest converter in the library
 
 
 # Assumptions: pin errors of 5 um rms, load +-0.5 %, speed +-0.3 %.
@@ -40,14 +40,14 @@ MAY_DIFFER: tuple[Effect, ...] = (PinErrors(5e-6), LoadScale((0.995, 1.005)), Sp
 
 
 def as_rig(model: Rig | CycloidalGearbox | None) -> Rig:
-    """A rig, or the rig that is nothing but the gearbox given; None: paper B's gearbox."""
+    """Return a rig unchanged, a gearbox as a rig without effects, and paper B's gearbox for None."""
     if isinstance(model, Rig):
         return model
     return Rig(CycloidalGearbox.steel() if model is None else model)
 
 
 def with_may_differ(rig: Rig, effects: Iterable[Effect] = MAY_DIFFER) -> Rig:
-    """The rig with those effects of which it states none of the same kind."""
+    """Return the rig with those of the effects added whose kind it does not have."""
     stated = {effect.effect_id for effect in rig.effects}
     return rig.with_added(*(effect for effect in effects if effect.effect_id not in stated))
 
@@ -87,9 +87,9 @@ class Bank:
 
 @dataclass(frozen=True)
 class Population:
-    """A rig with all that may differ between its recordings, and how they are taken.
+    """Source of simulated recordings: a rig and the conditions under which it is recorded.
 
-    Start angle and first worn lobe are random.
+    Start angle and first worn lobe of each recording are random.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class Population:
 
     @property
     def text(self) -> str:
-        """All that decides about a recording besides its count and its random numbers."""
+        """Text of everything that affects a recording, besides its count and its random numbers."""
         return json.dumps([self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels])
 
     def with_added(self, *effects: Effect) -> Population:
@@ -120,13 +120,13 @@ class Population:
     def run_machine(
         self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
     ) -> MachineRun:
-        """Run the machine once, before anything measures it.
+        """Simulate one run of the machine, without its chain of measurement.
 
-        ``count`` consecutive lobes are worn, the first at random, on wheels at random. Runs with one
-        ``assembly`` seed are of one assembly. The machine runs longer by the share ``spare``, for a slow
-        converter. Raises SimulationFailed or ValueError if the rig cannot be simulated or built.
+        ``count`` consecutive lobes are worn, the first and the wheels at random. Runs with equal ``assembly``
+        seeds are of one assembly. The run is longer by the share ``spare``, for a slow converter. Raises
+        SimulationFailed or ValueError if the rig cannot be simulated or built.
         """
-        # Not spawn(), which counts: the same seed always gives the same recording.
+        # Not spawn(): it counts its calls, and equal seeds must give equal recordings.
         for_defects, for_run = (
             Seed(random_state.entropy, spawn_key=(*random_state.spawn_key, k)) for k in range(2)
         )
@@ -168,7 +168,7 @@ def simulate_bank(
     random_state: int = 0,
     n_jobs: int = 1,
 ) -> Bank:
-    """Simulate n recordings of a population, with ``counts`` of worn lobes gone through in turn.
+    """Simulate n recordings of a population that take the ``counts`` of worn lobes in turn.
 
     Recordings i and i + ``n_assemblies`` are of the same assembly; by default each has its own. Recording i
     depends on ``random_state`` and i alone. Raises SimulationFailed if at least half of the simulations fail.

@@ -1,4 +1,4 @@
-"""Linear calibration: parameters from statistics, with the scatter of both sides."""
+"""Linear calibration: parameters from statistics, with the scatter of measured and simulated recordings."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-_ROUNDS = 20  # of the fixed point, which a few settle
+_ROUNDS = 20  # of the fixed-point iteration, which converges in a few
 
 
 class Calibration:
-    """Statistics T = A(label) + C (theta - centre) + scatter, from recordings of known parameters.
+    """Linear model of statistics, T = A(label) + C (theta - centre) + scatter, and its inversion.
 
-    Multivariate calibration (Brown 1982, J. R. Stat. Soc. B 44, 287-321) with a normal prior of standard
-    deviation ``widths`` about ``centre``. ``slope`` is C, ``scatter`` the covariance of one recording's
-    statistics, ``degrees`` its degrees of freedom. Labels are counts of worn lobes, which move the statistics
-    too.
+    The model is fitted to recordings of known parameters. It is inverted by multivariate calibration (Brown
+    1982, J. R. Stat. Soc. B 44, 287-321) with a normal prior of standard deviation ``widths`` about
+    ``centre``. ``slope`` is C, ``scatter`` the covariance of one recording's statistics, ``degrees`` its
+    degrees of freedom. Labels are counts of worn lobes, which affect the statistics too.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Calibration:
     def solve(self, statistics: Float, labels: Labels) -> tuple[Float, Float]:
         """Parameters of measured recordings, and their covariance.
 
-        Where the scatter of the measured recordings is larger than the simulated one, it takes its place.
+        The scatter of each statistic is the larger one of measured and simulated recordings.
         """
         shares = self._shares(labels)
         apart = statistics - shares @ self._levels
@@ -48,7 +48,7 @@ class Calibration:
         shift: Float = np.zeros(len(prior))
         covariance: Float = np.zeros_like(prior)
         for _ in range(_ROUNDS):
-            # The line is known the worse, the further from the centre the answer may lie.
+            # The uncertainty of the line grows with the distance from the centre.
             at = np.r_[shares.mean(axis=0), shift]
             of_slope = self._inverse[-len(prior) :, -len(prior) :]
             unsure = at @ self._inverse @ at + np.sum(of_slope * covariance)
@@ -64,7 +64,7 @@ class Calibration:
 def slopes(places: Float, values: Float, labels: Labels, weights: Float) -> Float:
     """Slopes (n_values, n_parameters) of weighted straight lines, with a level for each label."""
     levels = _one_hot(labels, np.unique(labels))
-    # Around their middle, for the sake of the numbers.
+    # Centred, for numerical accuracy.
     design = np.column_stack([levels, places - places.mean(axis=0)])
     root = np.sqrt(weights)[:, None]
     coefficients = np.linalg.lstsq(root * design, root * values, rcond=None)[0]

@@ -24,9 +24,9 @@ OneOrMore = Effect | Sequence[Effect]
 
 _RANDOM_STARTS = 2
 _CORRECTIONS = 2
-_FITS = 2.0  # loss below which the search ends
-_FAR = 2.0  # standard deviations from which a correction is repeated
-# A parameter is identifiable where its interval is narrower than this share of the prior's.
+_FITS = 2.0  # the search ends at a loss below this
+_FAR = 2.0  # a correction of more standard deviations than this is repeated
+# A parameter is identifiable if its interval is narrower than this share of the prior's.
 _NARROWER = 0.7
 
 
@@ -99,7 +99,7 @@ def fit_effects(
     n_sims: int = 400,
     n_interval: int = 144,
 ) -> FittedEffects:
-    """Fit the parameters of effects to measured recordings, on summaries and never sample by sample.
+    """Fit the parameters of effects to the summaries of measured recordings.
 
     Parameters
     ----------
@@ -130,22 +130,24 @@ def fit_effects(
 
     Notes
     -----
-    With S the mean summary of the measured recordings and s(theta) that of simulated ones of the same counts,
-    always from the same random numbers, theta minimises sum rho(L^-1 (S - s(theta))): rho grows linearly
-    beyond three standard errors, and L L' is the covariance of recordings without effect (shrunk towards the
-    diagonal: Ledoit and Wolf 2004). Then 32 recordings at the optimum give a better mean and each cell's
-    scatter with the effect, for one more Gauss-Newton step theta + H L^-1 (S - s), H = (J'J)^-1 J', J the
-    whitened derivative.
+    *Search.* Let S be the mean summary of the measured recordings and s(theta) that of simulated recordings
+    with the same counts, always from the same random numbers. Theta minimises sum rho(L^-1 (S - s(theta))).
+    The loss rho is linear beyond three standard errors; L L' is the covariance of recordings without effect,
+    shrunk towards the diagonal (Ledoit and Wolf 2004). Then 32 recordings are simulated at the optimum. They
+    give a better mean, and the scatter of each cell with the effect, for one more Gauss-Newton step theta + H
+    L^-1 (S - s), where H = (J'J)^-1 J' and J is the whitened derivative.
 
-    J comes from few simulations and rough ones, so the step's own error is no measure of theta's. The
-    interval rests on ``n_interval`` recordings of known parameters, spread evenly over three boxes: around
-    the optimum, and around what the box before said. T = H L^-1 s, one statistic for each parameter with the
-    derivative from all boxes before and the search, is measured, and a straight line through the T of the
-    box, with a level for each count, is turned around (linear calibration: Brown 1982). Theta's covariance
-    then has the scatter of single recordings, measured or simulated, whichever is larger, and the line's own
-    uncertainty. Intervals take Student's t with the line's degrees of freedom, and are widened by the root of
-    the loss where that is above 1 (Birge 1932). The loss is that of 32 recordings simulated at theta; where
-    it is above 2 there and lower where the search ended, theta is that place, and the interval holds both.
+    *Interval.* J comes from few, noisy simulations, so the error of the step does not measure the error of
+    theta. Instead ``n_interval`` recordings of known parameters are simulated, spread evenly over three
+    boxes: the first around the optimum, each other around the estimate of the box before. Each recording is
+    reduced to one statistic per parameter, T = H L^-1 s, with the derivative from the search and all boxes
+    before. A straight line through the T of the box, with a level for each count, is inverted (linear
+    calibration: Brown 1982). The covariance of theta contains the scatter of single recordings (the larger
+    one of measured and simulated) and the uncertainty of the line. Intervals use Student's t with the degrees
+    of freedom of the line, and are widened by the root of the loss if that is above 1 (Birge 1932).
+
+    *Loss.* It is computed from 32 recordings simulated at theta. If it is above 2 and smaller at the end of
+    the search, theta is the end of the search, and the interval contains both.
 
     Examples
     --------
@@ -204,7 +206,7 @@ def _fitted(
         places = [FitSpace(start).given for start in starts]
     for place in (model.space.given, *places):
         search.visit(place)
-    # Weights by the scatter of recordings with about this effect: under drift the slow part varies far more.
+    # Weights from the scatter of recordings with about this effect: a drift scatters the slow part more.
     start = search.best(weigh(null))
     whitener = weigh(model.centred(model.summaries(start, AT_OPTIMUM // 2)))
     optimum, estimate = _optimum(search, weigh, whitener, measured.n_recordings, n_sims)
@@ -216,7 +218,7 @@ def _fitted(
         loss = misfit(best)
     line = best
     if not loss <= _FITS:
-        # Where summaries are far from linear in a box, the line may end beside the optimum of the search.
+        # If the summaries are far from linear in a box, the line may miss the optimum of the search.
         try:
             of_optimum = misfit(optimum)
         except SimulationFailed:
@@ -225,8 +227,8 @@ def _fitted(
             of_optimum = math.inf
         if of_optimum < loss:
             best, loss = optimum, of_optimum
-    # The Birge ratio: residuals beyond the scatter show that it is not the only error. Where line and search
-    # disagree, the interval holds both.
+    # Birge ratio: residuals larger than the scatter show that there are other errors. If line and search
+    # disagree, the interval contains both.
     reach = np.maximum(reach * math.sqrt(max(loss, 1.0)), np.abs(line - best))
     return FittedEffects(
         effects=model.space.effects(best),
@@ -241,17 +243,17 @@ def _fitted(
 def _optimum(
     search: Search, weigh: Callable[[Float], Whitener], whitener: Whitener, n_measured: int, n_sims: int
 ) -> tuple[Float, Estimate]:
-    """Search and correct, repeated from the end of the search while the fit is bad and simulations remain."""
+    """Search and correct; repeat from the end of the search while the fit is bad and simulations remain."""
     model, space, ends = search.model, search.space, []
     while True:
         place = search.run(whitener, n_sims)
         for _ in range(_CORRECTIONS):
-            # A mean of more recordings than the search had, and weights by their scatter. Correlations are
-            # those of recordings without effect, of which there are more.
+            # A mean of more recordings than in the search, and weights from their scatter. The correlations
+            # are those of the recordings without effect, which are more numerous.
             simulated = model.summaries(place, AT_OPTIMUM)
             scatter = model.centred(simulated)
-            # Weights by one half, the step's error by the other: weights fitted to the same recordings
-            # would promise too much.
+            # Weights from one half, the error of the step from the other: with the same recordings the error
+            # would be too small.
             half = _every_other(model.counts[: len(scatter)])
             whitener = weigh(scatter[half])
             _, slope = search.line(place)
@@ -291,7 +293,7 @@ def _parameters(space: FitSpace, best: Float, reach: Float) -> tuple[FittedParam
 
 
 def _misfit(model: FitModel, measured: Float, weigh: Callable[[Float], Whitener], place: Float) -> float:
-    """Mean square of the whitened difference of the means, 1 where only scatter is left."""
+    """Mean square of the whitened difference of the means; 1 if it is due to scatter alone."""
     simulated = model.summaries(place, AT_OPTIMUM)
     whitener = weigh(model.centred(simulated))
     left = whitener(measured.mean(axis=0) - simulated.mean(axis=0))
@@ -299,6 +301,6 @@ def _misfit(model: FitModel, measured: Float, weigh: Callable[[Float], Whitener]
 
 
 def _every_other(counts: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Every other recording of each count: both halves have all counts in equal shares."""
+    """Mask of every other recording of each count, so that both halves have equal shares of all counts."""
     earlier = [int(np.sum(counts[:i] == count)) for i, count in enumerate(counts)]
     return np.asarray(np.array(earlier) % 2 == 0)

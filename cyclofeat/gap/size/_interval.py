@@ -1,4 +1,4 @@
-"""Intervals of a fit, by recordings of known parameters in boxes around the optimum."""
+"""Intervals of a fit, from recordings of known parameters in boxes around the optimum."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from cyclofeat.simulators import SimulationFailed
 
 Float = NDArray[np.float64]
 
-BOXES = 3  # in which recordings are spread
-_FIRST_BOX = 0.15  # half its width, in widths of the prior
+BOXES = 3  # one after the other
+_FIRST_BOX = 0.15  # half width of the first box, in widths of the prior
 _LEAST_BOX, _WIDEST_BOX = 0.01, 0.5
-_REACH = 3.0  # half the width of the next box, in standard deviations
-_FIRST_NUMBER = 10_000  # of these recordings, beyond those of the search
-CONFIDENCE = 0.9  # of the intervals
+_REACH = 3.0  # half width of the next box, in standard deviations
+_FIRST_NUMBER = 10_000  # number of the first of these recordings, above those of the search
+CONFIDENCE = 0.9
 
 
 def calibrated(
     search: Search, estimate: Estimate, best: Float, measured: Measured, n: int, random: np.random.Generator
 ) -> tuple[Float, Float]:
-    """Parameters of measured recordings, and half the width of their intervals, each (n_parameters,).
+    """Return the parameters of measured recordings and half the widths of their intervals, (n_parameters,).
 
     ``n`` recordings are simulated around the optimum ``best`` of the search, weighted by the ``estimate`` of
     its last step. Raises SimulationFailed if too few of them succeed.
@@ -51,7 +51,7 @@ def calibrated(
             )
         drawn, values = np.vstack([drawn, places]), np.vstack([values, simulated])
         labels = np.r_[labels, of_simulated]
-        # Means over the recordings of the search have a level of their own, and weigh as many.
+        # Means over PER_STEP recordings of the search get a level of their own, and their number as weight.
         searched, means = search.within(low, high)
         slope = slopes(
             np.vstack([drawn, searched]),
@@ -60,15 +60,16 @@ def calibrated(
             np.r_[np.ones(len(drawn)), np.full(len(searched), PER_STEP)],
         )
         following = np.asarray(np.linalg.pinv(slope), dtype=float)
-        # Statistics chosen by these very recordings would promise too much, but for the first step.
+        # Statistics of the box before (in the first box its own): with those chosen by the same recordings,
+        # the intervals would be too narrow.
         turn = following if turn is None else turn
         line = Calibration(places, simulated @ turn.T, of_simulated, best, space.widths / 2)
         solved, covariance = line.solve(observed @ turn.T, counts)
         deviation = np.sqrt(np.diag(covariance))
-        # A line holds in its box.
+        # The line is valid in its box only.
         best = np.clip(solved, low, high)
         if box > 0:
-            # Wide where the recordings do not fix a parameter: its unknown slope would blur the others.
+            # Wide in poorly identified parameters: in a narrow box the slopes would be too uncertain.
             radius = np.clip(_REACH * deviation, _LEAST_BOX * space.widths, _WIDEST_BOX * space.widths)
         turn = following
     return best, float(stats.t.ppf((1 + CONFIDENCE) / 2, line.degrees)) * deviation

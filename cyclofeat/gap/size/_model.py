@@ -20,17 +20,16 @@ Float = NDArray[np.float64]
 # Arguments of Population.run_machine in a worker: the population, the count and the seed.
 _Task = tuple[Population, int, np.random.SeedSequence]
 
-AT_OPTIMUM = 32  # recordings that correct the optimum and weigh the cells there
-PER_STEP = 4  # simulated recordings behind one evaluation
-_BEYOND_PRIOR = 1.0  # search range beyond the prior's ends, in widths of the prior on a fitter's scale
-AT_BOUND = 0.01  # share of the searched range
+AT_OPTIMUM = 32  # recordings at the optimum, for its correction and the weights of the cells
+PER_STEP = 4  # simulated recordings per evaluation
+_BEYOND_PRIOR = 1.0  # search range beyond the ends of the prior, in widths of the prior
+AT_BOUND = 0.01  # distance to a bound that counts as at the bound, as a share of the searched range
 
 
 class FitModel:
     """Mean summaries of simulated recordings as a function of the effects' parameters.
 
-    ``n_calls``, ``n_asked`` and ``n_failed`` count the recordings that were simulated, that the search asked
-    for, and whose simulation failed.
+    ``n_calls`` recordings were simulated, ``n_asked`` were requested by the search, ``n_failed`` failed.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class FitModel:
         self._runs: dict[bytes, list[MachineRun | None]] = {}
 
     def mean(self, place: Float) -> Float:
-        """Mean over the recordings behind one evaluation, NaN if none could be simulated."""
+        """Mean summary of the PER_STEP recordings at a place; NaN if none could be simulated."""
         self.n_asked += PER_STEP
         values = self._values(place, PER_STEP)
         return np.asarray(values.mean(axis=0)) if len(values) else np.full(1, np.nan)
@@ -94,7 +93,7 @@ class FitModel:
         return self._summarised([record for record in records if record is not None]), done, counts[done]
 
     def _parted(self, place: Float) -> tuple[tuple[Effect, ...], tuple[Effect, ...]]:
-        """Effects that the gearbox answers, and those on the torque alone."""
+        """Return the effects in the machine, and those on the torque signal only."""
         effects = self.space.effects(place)
         return (
             tuple(effect for effect in effects if effect.needs_simulation()),
@@ -107,10 +106,10 @@ class FitModel:
         return summarise(X, self.comparison.conditions, speeds)[0]
 
     def _machines(self, effects: tuple[Effect, ...], n: int) -> list[MachineRun | None]:
-        """The first n runs of the machine with these effects, each made once."""
+        """Return the first n runs of the machine with these effects; each is simulated once."""
         key = repr([effect.to_dict() for effect in effects]).encode()
         if effects:
-            # Parameters left behind are not asked for again: one set of runs is kept.
+            # The search does not return to earlier parameters: one set of runs is enough.
             self._runs = {key: self._runs[key]} if key in self._runs else {}
         runs = self._runs.setdefault(key, [])
         population, missing = self.population.with_added(*effects), range(len(runs), n)
@@ -127,7 +126,7 @@ class FitModel:
         return population, count, np.random.SeedSequence([self.comparison.random_state, 1], spawn_key=(i,))
 
 
-# Functions of the module and no methods: with a method, a worker would be sent all runs that the model keeps.
+# Functions, not methods: a method would be sent to a worker with all runs that the model stores.
 
 
 def _machine_run(population: Population, count: int, seed: np.random.SeedSequence) -> MachineRun | None:
@@ -169,24 +168,24 @@ class FitSpace:
 
     @property
     def given(self) -> Float:
-        """Place of the effects as given, moved off the bounds."""
+        """Parameters of the effects as given, moved off the bounds."""
         values = []
         for effect in self._effects:
             try:
                 values.append(effect.to_vector())
-            except ValueError:  # neutral in a logarithm: the middle of the prior instead
+            except ValueError:  # the logarithm of a neutral value: take the middle instead
                 values.append(np.full(len(effect.vector_names()), np.nan))
         middle = (self.low + self.high) / 2
         given = np.concatenate(values)
         return self.inside(np.where(np.isfinite(given), given, middle))
 
     def from_prior(self, random: np.random.Generator) -> Float:
-        """A place drawn from the priors."""
+        """Parameters drawn from the priors."""
         drawn = [effect.draw_parameters(random).to_vector() for effect in self._effects]
         return self.inside(np.concatenate(drawn))
 
     def inside(self, place: Float) -> Float:
-        """Place moved off the bounds by a hundredth of the range, for the start of a search."""
+        """Return parameters moved off the bounds by about a hundredth of the range, to start a search."""
         margin = 1.1 * AT_BOUND * (self.high - self.low)
         return np.clip(place, self.low + margin, self.high - margin)
 
@@ -206,21 +205,21 @@ class FitSpace:
 
 
 def less_own_means(values: Float, counts: NDArray[Any]) -> Float:
-    """Values less the mean of their count, scaled up for the variance that the mean of few takes out."""
+    """Return values less the mean of their count, scaled to the variance about the true mean."""
     sizes = np.array([np.sum(counts == count) for count in counts])
     around = less_class_means(values, counts, class_means(values, counts))
     return np.asarray(around * np.sqrt(sizes / np.maximum(sizes - 1, 1))[:, None])
 
 
 def matched_counts(known: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Counts of n simulated recordings; every beginning holds the known ones in about their shares."""
-    # Shifted so that the first four are the middles of the quarters.
+    """Return counts for n simulated recordings, in about the shares of the known ones from the first on."""
+    # Shifted so that the first four values are the middles of the quarters.
     shares = (qmc.Halton(1, scramble=False).random(n)[:, 0] + 0.5 / PER_STEP) % 1
     return np.asarray(np.sort(known)[(shares * len(known)).astype(int)])
 
 
 def _prior_ends(parameter: EffectParameter) -> tuple[float, float]:
-    """Ends of nearly all of a prior, on a fitter's scale."""
+    """Return the ends of nearly all of a prior, on the scale of the fit."""
     prior = parameter.prior
     assert prior is not None
     low, high = (float(end) for end in prior.support())

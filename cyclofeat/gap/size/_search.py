@@ -1,4 +1,4 @@
-"""Search for the parameters of effects: weights, straight lines through rough summaries, steps."""
+"""Search for the parameters of effects, by straight lines through noisy summaries."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from cyclofeat.simulators import SimulationFailed
 
 Float = NDArray[np.float64]
 
-_OUTLIER = 3.0  # whitened residual from which a cell counts less
+_OUTLIER = 3.0  # whitened residual from which the weight of a cell falls
 _ROUNDS = 4
 _PER_ROUND = 3
 _WIDEST = 0.25  # radius of the first round, in widths of the prior
-_NEAR = 0.01  # distance below which places have about equal weights
-_LEAST_SCATTER = 0.3  # of a cell, as a share of its scatter without the effect
-_LEAST_LEFT = 0.5  # of variance: few recordings do not show that a cell hardly scatters at all
-_FAILED = 50.0  # whitened residual of every cell where the simulation fails
+_NEAR = 0.01  # distance, in widths of the prior, below which weights level off
+_LEAST_SCATTER = 0.3  # least scatter of a cell, as a share of its scatter without the effect
+_LEAST_LEFT = 0.5  # least variance after whitening: few recordings cannot show a smaller one
+_FAILED = 50.0  # whitened residual of every cell if the simulation fails
 
 
 class Whitener:
-    """Deviations in standard deviations of one recording, uncorrelated."""
+    """Conversion of deviations to uncorrelated ones, in standard deviations of one recording."""
 
     def __init__(self, correlated: Float, scatter: Float, cells: list[Cell]) -> None:
         smallest = smallest_spreads(cells)
-        # A filter may leave a cell all but exact, and rounding would then decide about it.
+        # A filter may make a cell almost constant: without a limit, rounding errors would be significant.
         least = _LEAST_SCATTER**2 * correlated.var(axis=0)
         self._scale = np.sqrt(np.maximum(scatter.var(axis=0), least) + smallest**2)
         self._turn = uncorrelating(correlated / np.sqrt(correlated.var(axis=0) + smallest**2))
-        # Cells may be correlated otherwise with the effect.
+        # With the effect the correlations may differ.
         left = np.mean(self(scatter) ** 2, axis=0)
         self._turn = self._turn / np.sqrt(np.maximum(left, _LEAST_LEFT))
 
     def __call__(self, values: Float) -> Float:
-        """Whitened along the last axis, which is that of the cells."""
+        """Whiten along the last axis, that of the cells."""
         return np.asarray((values / self._scale) @ self._turn)
 
 
 class Estimate:
-    """One more Gauss-Newton step, and its standard deviation."""
+    """Gauss-Newton step with its standard deviation."""
 
     def __init__(
         self, whitener: Whitener, derivative: Float, difference: Float, scatter: Float, variance: float
@@ -65,15 +65,15 @@ class Estimate:
 
 
 def _weights(residuals: Float) -> Float:
-    """Weights of least squares that stand for a loss linear in far outliers."""
+    """Return weights with which least squares has a loss that is linear for outliers."""
     return np.asarray((1 + (residuals / _OUTLIER) ** 2) ** -0.25)
 
 
 class Search:
-    """Search by rounds of places around the best so far, and straight lines through their mean summaries.
+    """Search in rounds: places around the best one so far, and a straight line through their mean summaries.
 
-    Contacts make the summaries rough on the scale of a finite difference: a line through several places shows
-    the descent, a difference of two neighbours does not.
+    Contacts make the summaries noisy on the scale of a finite difference, so the slope comes from a line
+    through several places instead of a difference of two.
     """
 
     def __init__(self, model: FitModel, target: Float, random: np.random.Generator) -> None:
@@ -83,7 +83,7 @@ class Search:
         self._means: list[Float] = []
 
     def visit(self, place: Float) -> None:
-        """Simulate at a place, if it is a new one."""
+        """Simulate at a place, unless it is known."""
         place = self.space.clipped(place)
         if not any(np.array_equal(place, known) for known in self._places):
             self._places.append(place)
@@ -102,12 +102,12 @@ class Search:
         )
 
     def best(self, whitener: Whitener) -> Float:
-        """The place of the smallest loss so far."""
+        """Return the known place with the smallest loss."""
         losses = [_loss(whitener(self.target - mean) * math.sqrt(PER_STEP)) for mean in self._means]
         return self._places[int(np.argmin(losses))]
 
     def run(self, whitener: Whitener, n_sims: int) -> Float:
-        """Search in rounds with a radius that shrinks, and return the best place."""
+        """Search in rounds of decreasing radius, and return the best place."""
         self.radius = _WIDEST * self.space.widths
         size = self.space.widths.size
         for _ in range(_ROUNDS):
@@ -142,6 +142,6 @@ class Search:
 
 
 def _loss(residuals: Float) -> float:
-    """Sum of a loss that is linear in far outliers; residuals are large where the simulation failed."""
+    """Sum of a loss that is linear for outliers; failed simulations count as large residuals."""
     usable = np.where(np.isfinite(residuals), residuals, _FAILED)
     return float(np.sum(2 * (np.sqrt(1 + (usable / _OUTLIER) ** 2) - 1)))

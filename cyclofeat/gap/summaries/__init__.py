@@ -1,8 +1,8 @@
 """Numbers by which recordings are compared.
 
-A recording becomes numbers in families of cells (:func:`summarise`). Measured windows are checked, cut to
-whole output turns and collected by recording (:class:`Measured`). Torque is folded over the turn for pictures
-(:func:`phase_maps`).
+A recording is reduced to numbers, the cells, which form families (:func:`summarise`). Measured windows are
+checked, cut to whole output turns and collected by recording (:class:`Measured`). Torque is folded over the
+turn for pictures (:func:`phase_maps`).
 """
 
 from cyclofeat.gap.summaries._phase import PhaseMap, phase_maps

@@ -1,4 +1,4 @@
-"""Synchronous averages of measured and simulated torque, bin by bin of the turn."""
+"""Synchronous averages of measured and simulated torque over the turn, for pictures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Float = NDArray[np.float64]
 
 _BINS = 240
 _ROUNDS = 3  # of alignment
-# The search takes the same number of steps for any tolerance: finer steps draw a sharper picture.
+# The search has a fixed number of steps: a smaller tolerance gives a finer speed and a sharper picture.
 _FINE_TOLERANCE = SPEED_TOLERANCE / 2
 
 
@@ -37,7 +37,7 @@ class PhaseMap:
     phase : ndarray, shape (n_bins,)
         Share of the turn at the middle of each bin.
     measured, simulated : ndarray, shape (n_bins,)
-        Mean ripple in Nm over recordings, each turned to where it fits the others best.
+        Mean ripple in Nm over recordings, each shifted in phase to fit the others best.
     measured_spread, simulated_spread : ndarray, shape (n_bins,)
         Standard deviation of one recording in Nm.
     flagged : ndarray of bool, shape (n_bins,)
@@ -90,7 +90,7 @@ def phase_maps(
 
 
 def _fine_speeds(X: NDArray[Any], conditions: Conditions) -> Float:
-    """Mean input speed of each window in Hz, as far from the nominal one as summaries look for it."""
+    """Return the mean input speed of each window in Hz, with finer steps near the nominal speed."""
     rate, nominal_hz, n_lobes = conditions.sampling_rate, conditions.input_speed_hz, conditions.n_lobes
     near = estimate_input_speed(X, rate, nominal_hz, _FINE_TOLERANCE, comb="mesh", n_lobes=n_lobes)
     far = speeds_by_mesh(np.asarray(X, dtype=np.float64), rate, nominal_hz, n_lobes)
@@ -103,13 +103,13 @@ def _folded(X: NDArray[Any], turns_per_sample: Float) -> Float:
     for x, step in zip(X, turns_per_sample, strict=True):
         mean, slot = synchronous_average(x - x.mean(), float(step), _BINS)
         filled = np.unique(slot)
-        # A turn of few samples that always fall into the same places leaves some bins empty.
+        # If a turn has few samples, always at the same phases, some bins are empty: interpolate.
         waves.append(np.interp(np.arange(_BINS), filled, mean[filled], period=_BINS))
     return np.array(waves)
 
 
 def _mean_wave(waves: Float) -> Float:
-    """Mean of waves that are turned to fit it, by iteration from the largest of them."""
+    """Return the mean of waves shifted to fit it, by iteration from the largest of them."""
     mean = np.asarray(waves[int(np.argmax(waves.var(axis=1)))])
     for _ in range(_ROUNDS):
         mean = np.mean([_turned(wave, mean) for wave in waves], axis=0)
@@ -117,6 +117,6 @@ def _mean_wave(waves: Float) -> Float:
 
 
 def _turned(wave: Float, reference: Float) -> Float:
-    """Wave turned to its largest circular correlation with the reference."""
+    """Return the wave shifted to its largest circular correlation with the reference."""
     correlation = np.fft.irfft(np.fft.rfft(reference) * np.conj(np.fft.rfft(wave)), wave.size)
     return np.roll(wave, int(np.argmax(correlation)))

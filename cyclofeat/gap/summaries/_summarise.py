@@ -1,4 +1,4 @@
-"""Summaries of recordings: numbers in families of cells, by which two sets are compared."""
+"""Summaries of recordings: the numbers (cells) by which two sets of recordings are compared."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _LOBE_LINES, _SHAFT_LINES = 48, 20
 _QUANTILES = (0.001, 0.01, 0.1, 0.9, 0.99, 0.999)
 _WAVELET, _LEVELS = "db4", 10
 SPEED_TOLERANCE = 0.03
-_AT_THE_END = 0.99  # share of the tolerance from which a speed lies at the end of the range
-_BINS = 64  # of a synchronous average
+_AT_THE_END = 0.99  # share of the tolerance from which a speed counts as at the end of the range
+_BINS = 64  # bins of a synchronous average
 _AT_A_TIME = 16
 
 # Assumption: less than a millinewtonmetre of white noise is no difference. It is added, as a power, to every
 # level and moment of both sides, and lies far above the difference between two integrators.
 RESOLUTION_NM = 1e-3
 
-# Assumption: added in quadrature to a cell's spread, below which a difference has no consequence.
+# Assumption: smaller differences have no consequence. Added in quadrature to the spread of a cell.
 _SMALLEST_SPREAD = {"dB": 0.1, "Nm": 0.01, "%": 0.02, "bit": 0.01, "1": 0.02}
 
 
@@ -116,15 +116,18 @@ def summarise(
 
     Notes
     -----
-    Families: the input speed; the part below 4 Hz (rms, trend); the distribution of amplitudes (mean, std,
-    skewness, excess kurtosis, standardised quantiles, share of distinct values, which steps of a converter
-    lower); third-octave levels; the lines of the lobe comb (16/15 of the input speed and its multiples) over
-    the floor around them; the lines of the input shaft over theirs; that floor; the averages synchronous with
-    the input's turn and with the lobes, and what they leave; and features that the toolkit counts by. There
-    are no cells of lines that the sampling rate does not hold up to 3 % above the nominal speed, of lines
-    beside which few lobes leave no floor, and of third octaves that fall between two bins of the spectrum.
-    Levels are in dB of Nm^2. White noise of 1 mNm rms is part of every level and moment, as its expected
-    value: less than that is no difference on any torque meter (an assumption).
+    The families are: the input speed; the part below 4 Hz (level, trend); the distribution of amplitudes
+    (mean, level, skewness, excess kurtosis, standardised quantiles, share of distinct values, which
+    quantisation lowers); third-octave levels; the lobe lines (16/15 of the input speed and its multiples)
+    relative to the floor around them; the lines of the input shaft relative to theirs; that floor; averages
+    synchronous with the input shaft and with the lobes, and the residual without them; and spectral and
+    wavelet features.
+
+    Some cells are left out: lines above the Nyquist frequency at 3 % above the nominal speed; lines without a
+    floor, because the lines of few lobes lie close together; third octaves without a bin of the spectrum.
+
+    Levels are in dB of Nm^2. The expected value of white noise of 1 mNm rms is added to every level and
+    moment: a smaller difference is no difference on any torque meter (an assumption).
     """
     conditions.whole_turns(np.shape(X)[1])
     given = None if speeds is None else np.asarray(speeds, dtype=float)
@@ -159,7 +162,7 @@ def _summaries_of(torque: Float, conditions: Conditions, speeds: Float | None) -
 
 
 def smallest_spreads(cells: list[Cell]) -> Float:
-    """Spread of one recording that every cell has at least, shape (n_cells,)."""
+    """Smallest spread of one recording that matters, for each cell, shape (n_cells,)."""
     return np.array([_SMALLEST_SPREAD[cell.unit] for cell in cells])
 
 
@@ -176,7 +179,7 @@ def speeds_by_mesh(torque: Float, sampling_rate: float, nominal_hz: float, n_lob
     at_the_end = np.flatnonzero(np.abs(speeds / nominal_hz - 1) > _AT_THE_END * SPEED_TOLERANCE)
     if not at_the_end.size:
         return speeds
-    # The flank of a lobe line may lie there, beside one mesh line; the others are missing then.
+    # It may be the flank of a lobe line beside one mesh line. The other mesh lines are then missing.
     factors = searched_factors(SPEED_TOLERANCE)
     n_lines = comb_lines(sampling_rate, nominal_hz, SPEED_TOLERANCE, "mesh", n_lobes)
     numbers = np.arange(n_lobes, n_lines + 1, n_lobes)
@@ -220,7 +223,7 @@ def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]
     at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
     quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]
     distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
-    # Cumulants, to which independent noise adds nothing beyond the second.
+    # Cumulants: independent Gaussian noise does not change those above the second.
     excess = (fourths - 3 * ripple.var(axis=1) ** 2) / variance**2
     columns = [mean, level(variance), cubes / variance**1.5, signed_log(excess)]
     names = [("mean", "Nm"), ("level of the ripple", "dB"), ("skewness", "1"), ("excess kurtosis", "1")]
@@ -251,11 +254,11 @@ def _bands(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
 
 
 def left_out(cells: list[Cell], sampling_rate: float, n_lobes: int) -> list[str]:
-    """Lines and bands without a cell, in words; none at usual rates."""
+    """Return lines and bands without a cell, in words; none at usual sampling rates."""
     names = {cell.name for cell in cells}
     last_band = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
     lobe_lines = {line: _lobe_line_name(line, n_lobes) for line in range(1, _LOBE_LINES + 1)}
-    # Where a multiple of the input's speed is a line of the lobes, it is compared as that.
+    # A multiple of the input speed that is also a lobe line is compared as a lobe line.
     shaft_lines = {
         turn: _shaft_line_name(turn) for turn in range(1, _SHAFT_LINES + 1) if turn * n_lobes % (n_lobes + 1)
     }
@@ -294,10 +297,10 @@ def _orders(
 ) -> tuple[Float, list[Cell]]:
     """Lines of lobes and shaft over their floor, and that floor.
 
-    Every window is cut to one output turn of its own speed, or is a little shorter, and transformed at the
-    exact multiples of 1/n_lobes of it, with a Hann window over two such lines.
+    Every window is cut to one output turn at its own speed (or is a little shorter) and transformed at the
+    exact multiples of the output speed, with a Hann window.
     """
-    # Lines up to half of the rate at the fastest speed: the same cells for all recordings.
+    # Lines below the Nyquist frequency at the highest speed: the same cells for all recordings.
     below_nyquist = int(n_lobes * sampling_rate / 2 / (nominal_hz * (1 + SPEED_TOLERANCE))) + 1
     n_bins = min((n_lobes + 1) * (_LOBE_LINES + 1), below_nyquist)
     of_windows = zip(ripple, speeds, strict=True)
@@ -307,7 +310,7 @@ def _orders(
     for line in range(1, _LOBE_LINES + 1):
         at = line * per_line
         near = np.r_[at - per_line // 2 : at - 2, at + 3 : at + per_line // 2 + 1]
-        # Multiples of the input's own speed are lines too.
+        # Without the lines of the input shaft.
         near = near[near % n_lobes > 1]
         near = near[(n_lobes - near % n_lobes) > 1]
         if at + per_line // 2 >= n_bins or not near.size:
@@ -338,18 +341,18 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     n_cut = min(round(n_turn), x.size)
     piece = (x[:n_cut] - x[:n_cut].mean()) * signal.windows.hann(n_cut, sym=False)
     if n_cut < round(n_turn) or n_bins > n_cut // 2 + 1:
-        # The window ends before the turn does: its bins lie beside the multiples. Or it turns faster than is
-        # looked for, and the last of them lie beyond half of the rate.
+        # The window is shorter than the turn, so that its bins miss the multiples; or the speed is above the
+        # searched range, and the last multiples lie above the Nyquist frequency.
         lines = signal.czt(piece, n_bins, np.exp(-2j * np.pi / n_turn))
     else:
-        # Whole samples: the highest line lies less than 0.01 of a bin beside its multiple.
+        # Rounded to whole samples: the highest line is less than 0.01 of a bin from its multiple.
         lines = np.fft.rfft(piece)[:n_bins]
     power = 8 / 3 * 2 * np.abs(lines) ** 2 / n_cut**2
     return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
 
 def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) -> tuple[Float, list[Cell]]:
-    """Level of the averages over input turns and over lobes, their crest, and what they leave."""
+    """Level and crest of the averages over input turns and over lobes, and level of the residual."""
     columns = []
     for per_turn in (1.0, (n_lobes + 1) / n_lobes):
         found = []

@@ -1,4 +1,4 @@
-"""Combinations of cells that vary independently of each other."""
+"""Decorrelation of cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sklearn.covariance import LedoitWolf
 
 Float = NDArray[np.float64]
 
-# Share of a cell's variance that it has in common with no other: no combination is known better than that.
+# Added to every eigenvalue: an assumed share of uncorrelated variance, so that no combination is too certain.
 _RIDGE = 0.05
 
 

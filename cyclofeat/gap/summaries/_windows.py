@@ -58,7 +58,7 @@ class Measured:
 
     @property
     def cells(self) -> list[Cell]:
-        """What the columns of ``values`` are."""
+        """Columns of ``values``."""
         return self._summarised[1]
 
     @property
@@ -91,7 +91,7 @@ def read_measured(
     speeds = None
     if angle is not None:
         speeds = checked_speeds(angle, windows.shape, n_samples, conditions.sampling_rate)
-    # In the precision of simulated recordings, or the share of distinct values would tell them apart.
+    # Same precision as simulated recordings: otherwise the share of distinct values would differ.
     return Measured(windows[:, :n_samples].astype(np.float32), of_window, counts, speeds, conditions)
 
 
@@ -135,9 +135,9 @@ def recordings_of(
 
 
 def mixed(counts: NDArray[np.int64], n: int) -> list[int]:
-    """Counts in an order whose every beginning holds them in about equal shares.
+    """Order counts so that the first k have about the shares of all, for every k.
 
-    Each occurs once where there are more of them than the n recordings to be simulated.
+    If there are more counts than the n recordings to simulate, each occurs once.
     """
     if len(counts) > n:
         counts = np.unique(counts)

@@ -1,8 +1,8 @@
-"""The second stage of the gap: which effect of the library would explain the disagreement.
+"""The second stage of the gap: which effect of the library is missing.
 
 :func:`learn_effects` simulates each effect many times and learns what it does to the summaries. The
-:class:`EffectRanker` that it returns names what would explain a disagreement, with look-alikes and the
-measurement that tells them apart.
+:class:`EffectRanker` that it returns ranks the effects that could explain a disagreement, and names their
+look-alikes and the measurement that separates them.
 """
 
 from cyclofeat.gap.what._learned import Typical as Typical

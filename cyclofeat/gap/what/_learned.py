@@ -1,4 +1,4 @@
-"""Classifier learned from a table of effects: probabilities, look-alikes, and how typical a case is."""
+"""Classifier of effects, trained on their table: probabilities, look-alikes, and conformal p."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from cyclofeat.gap.what._table import EffectTable
 
 Float = NDArray[np.float64]
 
-_TIE = 0.2  # symmetric share of confusion from which two effects count as look-alikes
-# Always tied: at one speed, load and direction they differ by less than a slightly wrong stiffness does, or
-# not at all.
+_TIE = 0.2  # mean confusion of two effects from which they count as look-alikes
+# Always tied: at one speed, load and direction they differ less than two models with slightly different
+# stiffness, or not at all.
 _TIED = (("gain", "offset"), ("load_drift", "sensor_drift"))
-_COMPONENTS = 12  # of the Gaussians
+_COMPONENTS = 12  # principal components for the Gaussians
 _N_TREES = 400
 FOLDS = 5
 _SETS_PER_DRAW = 6
-_FEWEST_SETS = 30  # from which an effect is learned
-_NULL_SETS = 1000  # without effect, for the threshold of what is found
-_SMALLEST = 0.05  # a cell's spread is at least this, in its unit
+_FEWEST_SETS = 30  # detectable sets with which an effect is learned
+_NULL_SETS = 1000  # sets without effect, for the threshold of detection
+_SMALLEST = 0.05  # added in quadrature to the spread of a cell, in its unit
 
 
 class Scale:
-    """Deviations in standard errors, cell by cell and uncorrelated, on a logarithmic scale with sign."""
+    """Conversion of deviations to features: standard errors, plain and decorrelated, on a log scale."""
 
     def __init__(self, null: Float) -> None:
         self.spread = np.sqrt(null.var(axis=0, ddof=1) + _SMALLEST**2)
@@ -41,23 +41,23 @@ class Scale:
     def features(self, mean: Float, variance: Float, n: int) -> Float:
         """Features of sets of n recordings from their means and variances, each (..., n_cells)."""
         ratio = np.log((variance + _SMALLEST**2) / self.spread**2)
-        # Normal recordings: the logarithm of their variance spreads by sqrt(2 / (n - 1)).
+        # The logarithm of the variance of n normal values has a standard deviation of sqrt(2 / (n - 1)).
         of_spreads = signed_log(ratio * np.sqrt((n - 1) / 2))
         return np.concatenate([self.of_means(mean, n), of_spreads], axis=-1)
 
     def of_means(self, mean: Float, n: int) -> Float:
-        """Part of the features that comes from the means."""
+        """Features of the means alone."""
         alone = mean / self.spread * np.sqrt(n)
         return np.concatenate([signed_log(alone), signed_log(alone @ self._uncorrelating)], axis=-1)
 
 
 class Learned:
-    """Classifier of effects for comparisons of one number of recordings.
+    """Classifier of effects for comparisons with n recordings.
 
-    ``confusion`` (n_effects, n_effects) holds shares of out-of-fold names by true effect, ``temperature`` the
-    power by which the forest's votes are sharpened to probabilities, ``detectable`` the share of the sets of
-    each effect that would be detected. Effects of a group in ``tie_groups`` are confused in more than a fifth
-    of the cases, or always tied.
+    ``confusion`` (n_effects, n_effects) holds, by true effect, the shares of the effects named out of fold.
+    ``temperature`` sharpens the forest's votes to probabilities. ``detectable`` is the share of each effect's
+    sets that would be detected. Effects in one group of ``tie_groups`` are confused in more than a fifth of
+    the cases, or always tied.
     """
 
     def __init__(self, table: EffectTable, n: int, alpha: float, random_state: int, n_jobs: int) -> None:
@@ -66,7 +66,7 @@ class Learned:
         self.names = table.names
         self.scale = Scale(null)
         of_null = null[random.integers(len(null), size=(_NULL_SETS, n))]
-        # What sets without effect exceed with a share alpha.
+        # A share alpha of the sets without effect exceeds it.
         threshold = np.quantile(self._largest(of_null.mean(axis=1), n), 1 - alpha)
         features, labels, draws = [], [], []
         self.detectable: dict[str, float] = {}
@@ -75,14 +75,14 @@ class Learned:
             size = self._largest(means, n)
             found = size > threshold
             self.detectable[name] = float(found.mean())
-            # An effect that is never found is learned from its strongest sets, so that it can be named.
+            # An effect that is hardly ever detected is learned from its strongest sets.
             if found.sum() < _FEWEST_SETS:
                 found = size >= np.sort(size)[-min(_FEWEST_SETS, size.size)]
             features.append(self.scale.features(means[found], variances[found], n))
             labels.append(np.full(found.sum(), k))
             draws.append(of_draw[found] + k * len(table.used))
         X, y, groups = np.vstack(features), np.concatenate(labels), np.concatenate(draws)
-        # As if every effect came equally often, for any share of its draws that can be found.
+        # Balanced: equal prior probability of all effects, whatever share of their sets is detectable.
         forest = ExtraTreesClassifier(
             _N_TREES, min_samples_leaf=2, class_weight="balanced", random_state=random_state, n_jobs=n_jobs
         )
@@ -97,12 +97,12 @@ class Learned:
         self.typical = Typical(X, y, folds)
 
     def look_alikes(self, name: str) -> tuple[str, ...]:
-        """Other effects of the group of ties."""
+        """Other effects in the tie group of an effect."""
         group = next((group for group in self.tie_groups if name in group), (name,))
         return tuple(other for other in group if other != name)
 
     def _largest(self, means: Float, n: int) -> Float:
-        """Largest deviation of each set of n recordings, in standard errors."""
+        """Largest deviation over the cells of each set of n recordings, in standard errors."""
         return np.asarray(np.abs(means / self.scale.spread).max(axis=1) * np.sqrt(n))
 
 
@@ -111,7 +111,7 @@ def _sets(
 ) -> tuple[Float, Float, NDArray[np.intp]]:
     """Means and variances of sets of n recordings with an effect, and the draw of each set.
 
-    Each draw with at least two simulated recordings has _SETS_PER_DRAW.
+    Each draw with at least two simulated recordings gives _SETS_PER_DRAW sets.
     """
     means, variances, draws = [], [], []
     for k, (values, used) in enumerate(zip(table.deviations(name), table.used, strict=True)):
@@ -129,10 +129,10 @@ def _sets(
 
 
 class Typical:
-    """Measure of how typical features are of each class: a Gaussian per class on the leading components.
+    """Cross-conformal p of each class (Vovk 2015), from a Gaussian per class on the leading components.
 
-    The conformal p of a class is the share of its own cases that are no more typical, each judged like the
-    new one by the Gaussian that was made without it (cross-conformal, Vovk 2015).
+    The p of a class is the share of its training cases that are at least as far from the Gaussian as the new
+    case. Each training case is measured with the Gaussian of a fold that does not contain it.
     """
 
     def __init__(
@@ -141,11 +141,11 @@ class Typical:
         labels: NDArray[np.intp],
         folds: Iterable[tuple[NDArray[np.intp], NDArray[np.intp]]],
     ) -> None:
-        # Per fold: components and Gaussians, and how far the cases of each class lie that they have not seen.
-        # Components too are made without them: those that a sample spreads along most flatter it.
+        # Per fold: components, Gaussians, and the distances of the held-out cases of each class. The
+        # components must not see these cases either, or their distances would be too small.
         self.folds: list[tuple[PCA, list[tuple[LedoitWolf, Float]]]] = []
         for train, test in folds:
-            # The default for tables of this size draws random numbers.
+            # The default solver for tables of this size is randomised.
             components = PCA(min(_COMPONENTS, features.shape[1]), svd_solver="full").fit(features[train])
             known, left_out = (components.transform(features[part]) for part in (train, test))
             of_class = []

@@ -1,4 +1,4 @@
-"""Names for a disagreement, with look-alikes and the measurement that tells them apart."""
+"""Ranking of the effects that could explain a disagreement, with their look-alikes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from cyclofeat.simulators import Effect, Rig, effect_library
 
 Float = NDArray[np.float64]
 
-_FEWEST_DRAWS = 3  # draws of an effect from which it can be learned
-_REFINED = 20  # pairs of draws whose distance is taken in all combinations of cells
+_FEWEST_DRAWS = 3  # successful draws with which an effect can be learned
+_REFINED = 20  # nearest pairs of draws, whose distance is computed with the decorrelated cells too
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class RankedPair:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Names for one disagreement.
+    """Effects that could explain one disagreement.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Ranking:
 
 @dataclass(frozen=True)
 class EffectRanker:
-    """Knowledge of what each effect of the library does to the summaries, made by :func:`learn_effects`.
+    """Ranker of effects by what they do to the summaries, made by :func:`learn_effects`.
 
     Attributes
     ----------
@@ -119,14 +119,14 @@ class EffectRanker:
         return self.table.names
 
     def learned(self, n_recordings: int) -> Learned:
-        """Classifier for comparisons of ``n_recordings`` recordings, learned when it is first asked for."""
+        """Return the classifier for comparisons of ``n_recordings`` recordings, trained at the first call."""
         if n_recordings not in self._learned:
             state, n_jobs = self.comparison.random_state, self.comparison.n_jobs
             self._learned[n_recordings] = Learned(self.table, n_recordings, self.alpha, state, n_jobs)
         return self._learned[n_recordings]
 
     def rank(self, located: LocatedGap, without: Sequence[str] = ()) -> Ranking:
-        """Name what would explain a disagreement.
+        """Rank the effects that could explain a disagreement.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class EffectRanker:
         return Ranking(rows, conformal_p, bool(p[considered].max() <= self.alpha))
 
     def nearest(self, name: str, located: LocatedGap, n_nearest: int = 1) -> list[Effect]:
-        """Draws of an effect whose change of the summaries is nearest to a disagreement, nearest first."""
+        """Return the draws of an effect that change the summaries most like a disagreement, nearest first."""
         n = located.measured.n_recordings
         scale = self.learned(n).scale
         wanted, _ = self._deviation(located)
@@ -179,9 +179,9 @@ class EffectRanker:
         return [kind.from_vector(vector) for vector in vectors[np.argsort(distance)[:n_nearest]]]
 
     def nearest_pairs(self, located: LocatedGap) -> list[RankedPair]:
-        """Pairs of effects, each with the two draws that together come nearest to a disagreement.
+        """Return all pairs of effects, each with the two draws that together come nearest to a disagreement.
 
-        Levels that both draws raise add up as powers, all other changes are added.
+        Two changes of one cell are added; levels that both draws raise are added as powers.
         """
         n = located.measured.n_recordings
         scale = self.learned(n).scale
@@ -190,7 +190,7 @@ class EffectRanker:
         in_db = np.array([cell.unit == "dB" for cell in located.cells])[self._in_table(located)]
         in_errors = (scale.spread / np.sqrt(n)).astype(np.float32)
         coarse_target = target[: in_db.size].astype(np.float32)
-        # Single precision halves the time, of which this takes most.
+        # Single precision: this loop takes most of the time.
         draws = {}
         for name in self.names:
             vectors, shifts = self._draws(name)
@@ -273,12 +273,12 @@ def learn_effects(
 
     Notes
     -----
-    A set's deviation is the mean change by the effect, recording against recording, plus the mean of
-    residuals of as many recordings as are compared: one table serves any number of recordings. Features are
-    the deviations of means, cell by cell and uncorrelated, and of spreads over their standard errors, on a
-    logarithmic scale with sign. A Gaussian per effect on their leading components gives a conformal p; where
-    that of every effect is at most alpha, the library does not hold the effect. The probabilities are
-    conditional on the library, and stay below one half where two look-alikes share them.
+    The deviation of a set of n recordings is the mean change that the effect causes in the same recordings,
+    plus the mean of n random residuals; so one table serves any number of recordings. The features are
+    deviations of means (plain and decorrelated) and of spreads, over their standard errors, on a logarithmic
+    scale with sign. A Gaussian per effect on the leading components gives a conformal p. If the p of every
+    effect is at most alpha, the missing effect is taken to be outside the library. The probabilities are
+    conditional on the library; two look-alikes share them, so that each may stay below one half.
 
     Examples
     --------
@@ -313,7 +313,7 @@ def _in_model(rig: Rig) -> tuple[str, ...]:
 
 
 def _together(first: NDArray[Any], second: NDArray[Any], in_db: NDArray[np.bool_]) -> NDArray[Any]:
-    """Change by two effects together, from that by each alone: (n_first, n_second, n_cells)."""
+    """Change of the cells by two effects together, from the changes by each: (n_first, n_second, n_cells)."""
     a, b = first[:, None], second[None]
     power = 10 ** (a / 10) + 10 ** (b / 10) - 1
     as_powers = in_db & (a > 0) & (b > 0)

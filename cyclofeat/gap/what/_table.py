@@ -17,8 +17,8 @@ from cyclofeat.gap.summaries import Conditions, class_means, less_class_means, s
 from cyclofeat.simulators import Effect, SimulationFailed, effect_library
 
 Float = NDArray[np.float64]
-Chain = tuple[Effect, ...]  # effects on the torque alone
-# Recording without effect, effect in the machine, and the chains by which its run is measured.
+Chain = tuple[Effect, ...]  # effects that change the recorded torque only
+# Number of the recording, effect in the machine, and the chains that record its run.
 Job = tuple[int, Effect | None, list[Chain]]
 
 
@@ -74,14 +74,14 @@ class EffectTable:
         return np.asarray(np.mean(self.values[name] - self.null[self.used], axis=1))
 
     def simulated(self, name: str) -> NDArray[np.intp]:
-        """Draws of an effect none of whose simulations failed."""
+        """Indices of the draws of an effect without a failed simulation."""
         return np.flatnonzero(np.all(np.isfinite(self.shifts(name)), axis=1))
 
 
 def make_table(
     comparison: Comparison, names: Sequence[str], *, n_draws: int, n_recordings: int, n_null: int
 ) -> EffectTable:
-    """Simulate the table of ``n_draws`` of each effect from its prior, or return the one simulated before.
+    """Simulate ``n_draws`` of each effect from its prior, or return the table from the cache.
 
     Each of the ``n_recordings`` of a draw is also simulated without the effect, from the same random numbers.
     Effects on the torque alone are applied to the runs of the machine without effect. Raises SimulationFailed
@@ -135,7 +135,7 @@ def _simulated(
 def _summaries(
     population: Population, conditions: Conditions, count: int, random_state: int, job: Job
 ) -> Float | None:
-    """Summaries of one run by each chain, NaN where a chain is impossible; None where the run fails."""
+    """Return the summaries of one run for each chain; NaN for an impossible chain, None if the run fails."""
     number, effect, chains = job
     changed = population if effect is None else population.with_added(effect)
     seed = np.random.SeedSequence(random_state, spawn_key=(number,))
@@ -157,7 +157,7 @@ def _summaries(
 
 
 def _used(n_draws: int, n_recordings: int, n_null: int, n_classes: int) -> NDArray[np.intp]:
-    """Recordings of each draw: of as many counts as possible, far apart, each used equally often."""
+    """Choose the recordings for each draw: as many different counts as possible, each used equally often."""
     stride = max(n_classes // n_recordings, 1)
     first = np.arange(n_draws)
     start = first % stride + (first // stride) * n_classes

@@ -1,8 +1,8 @@
 """The first stage of the gap: where measured and simulated torque disagree.
 
-:func:`locate` permutes the labels of recordings, cell by cell inside the families of the summaries, with p
-adjusted within and across families. The part that follows the speed and the mean torque of a session is taken
-out before.
+:func:`locate` first removes the part of the summaries that follows the speed and the mean torque of each
+recording. It then tests each cell by permuting the labels of recordings, with p adjusted within and across
+families of cells.
 """
 
 from cyclofeat.gap.where._locate import EQUIVALENT_DB, EQUIVALENT_SPREADS, LocatedGap, Row, locate

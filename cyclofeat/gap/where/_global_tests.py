@@ -1,4 +1,4 @@
-"""Tests of all figures at once that name none: energy distance, and a classifier."""
+"""Tests of all cells at once: energy distance, and a classifier. They do not say which cells differ."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def energy_p(measured: Float, simulated: Float, n: int, random: np.random.Genera
     first, total = len(measured), len(points)
 
     def statistic(chosen: NDArray[np.intp]) -> float:
-        # The difference of the two sets' mean weights: minus its quadratic form is the energy distance.
+        # Weights of the difference of the two means: the energy distance is minus their quadratic form.
         weights = np.full(total, -1 / (total - first))
         weights[chosen] = 1 / first
         return -float(weights @ distances @ weights)
@@ -38,7 +38,7 @@ def energy_p(measured: Float, simulated: Float, n: int, random: np.random.Genera
 
 
 def classifier_p(measured: Float, simulated: Float, n: int, random: np.random.Generator) -> float:
-    """p of a cross-validated linear classifier's separation, refitted under each permutation."""
+    """p of the separation by a cross-validated linear classifier, refitted under each permutation."""
     points = _whitened(measured, simulated)
     labels: Float = np.concatenate([np.ones(len(measured)), np.zeros(len(simulated))])
     folds = StratifiedKFold(min(5, len(measured)), shuffle=True, random_state=0)

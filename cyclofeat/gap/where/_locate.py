@@ -34,9 +34,9 @@ Float = NDArray[np.float64]
 # Margins of "equivalent": in dB for levels, else in spreads of one recording.
 EQUIVALENT_DB = 1.5
 EQUIVALENT_SPREADS = 0.5
-_REFITS = 99  # permutations in which the classifier is refitted; its p is at least one over this
-_ASSEMBLIES, _PER_ASSEMBLY = 32, 4  # simulated to learn what recordings of one assembly have in common
-_N_FAMILIES = len(FAMILIES) + 2  # and spreads, and all together
+_REFITS = 99  # permutations for the classifier, refitted in each; its p is at least 1 / (_REFITS + 1)
+_ASSEMBLIES, _PER_ASSEMBLY = 32, 4  # simulated to learn how recordings of one assembly correlate
+_N_FAMILIES = len(FAMILIES) + 2  # with the families "spreads" and "together"
 _POWER_Z = 0.8416  # standard normal quantile of a power of 0.8
 
 
@@ -132,15 +132,15 @@ class LocatedGap:
 
     @property
     def not_compared(self) -> list[str]:
-        """Lines and bands without a cell: the rate does not hold them, or nothing lies between them."""
+        """Lines and bands without a cell: above the Nyquist frequency, or without a floor between them."""
         return left_out(self.cells, self.comparison.sampling_rate, self.comparison.n_lobes)
 
     @functools.cached_property
     def p_global(self) -> dict[str, float]:
-        """Two tests of all cells at once, which are no part of the verdict.
+        """p of two tests of all cells at once, which do not affect the verdict.
 
-        The energy distance, and a classifier of measured against simulated recordings, refitted under each
-        permutation.
+        The tests are the energy distance, and a classifier of measured against simulated recordings that is
+        refitted under each permutation.
         """
         random = np.random.default_rng([self.comparison.random_state, 2])
         return {
@@ -177,7 +177,7 @@ def locate(
     n_permutations: int = 999,
     shared_variance: ArrayLike | None = None,
 ) -> LocatedGap:
-    """Find where measured recordings differ from what the model alone would have given.
+    """Find where measured recordings differ from simulated ones.
 
     Each recording is summarised by some 180 numbers in nine families, and so are ``comparison.n_bank``
     simulated ones. The means over recordings and the spreads of single recordings are compared. Labels are
@@ -216,11 +216,13 @@ def locate(
 
     Notes
     -----
-    The statistic of a cell is the difference of means over its standard error with the pooled variance; that
-    of spreads is the logarithm of the ratio of variances over its standard deviation under permuted labels;
-    the family "together" has one statistic, the root mean square of all differences after a shrunk
-    decorrelation that ignores the labels. p = (b + 1) / (m + 1), never 0. A cell's spread is taken as at
-    least 0.1 dB, 0.01 Nm, 0.02 % or 0.02 (assumptions), below which a difference has no consequence.
+    The statistic of a mean is the difference of the means over its standard error with the pooled variance.
+    The statistic of a spread is the logarithm of the ratio of variances over its standard deviation under
+    permuted labels. The family "together" has one statistic: the root mean square of all differences of
+    means, decorrelated with a shrunk covariance of all recordings that ignores the labels. p is (b + 1) / (m
+    + 1) if b of m permutations reach the statistic, so it is never 0. A spread of 0.1 dB, 0.01 Nm, 0.02 % or
+    0.02 (assumptions) is added to that of each cell in quadrature, because smaller differences have no
+    consequence.
 
     Examples
     --------
@@ -274,7 +276,7 @@ def _shared_variance(located: LocatedGap, trend: SpeedAndLoad, given: ArrayLike 
 
 
 def _tested(located: LocatedGap, compared: tuple[Float, Float]) -> tuple[tuple[Row, ...], dict[str, float]]:
-    """Rows of all cells, and p of all families, adjusted within and across families."""
+    """Test all cells: return their rows, and the adjusted p of each family."""
     cells, n = located.cells, len(located.cells)
     random = np.random.default_rng([located.comparison.random_state, 0])
     wider = widening(located.shared_variance, len(compared[0]))

@@ -1,4 +1,4 @@
-"""Permutation tests of many figures at once, with p adjusted within and across families."""
+"""Permutation tests of many cells at once, with p adjusted within and across families."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from cyclofeat.gap.summaries import FAMILIES, Cell, smallest_spreads, uncorrelat
 Float = NDArray[np.float64]
 
 SPREADS = "spreads"
-# The differences of all cells at once, in standard errors beyond those of equal sets.
+# Its value is the size of all differences together, above the median under permuted labels.
 TOGETHER = Cell("together", "all cells together", "1")
 
 
 class Permuted:
     """Studentised differences of all cells, and their values under permuted labels.
 
-    First the differences of means, then the logarithms of the ratio of spreads in dB over their standard
-    deviation under permuted labels, last the difference of all means together.
+    The order is: differences of means; ratios of variances in dB over their standard deviation under permuted
+    labels; the difference of all means together.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Permuted:
         for row in choices[1:]:
             row[random.choice(total, first, replace=False)] = 1
         sums = choices @ deviations
-        # mean over the chosen minus mean over the rest, the deviations adding up to zero
+        # Mean of the chosen minus mean of the rest; the deviations of all add up to zero.
         differences = sums / first + sums / (total - first)
         between = differences**2 / share
         variances = np.maximum(squares - between, 0.0) / (total - 2)
@@ -54,13 +54,13 @@ class Permuted:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratios = 10 * np.log10((inside + floor) / (outside + floor))
         ratios = np.nan_to_num(ratios, nan=0.0, posinf=0.0, neginf=0.0)
-        # A ratio of variances of few recordings leans to small values: it is taken about its median.
+        # With few recordings the ratio of variances is biased towards small values: subtract its median.
         ratios = ratios - np.median(ratios[1:], axis=0)
         deviation = np.maximum(ratios.std(axis=0), 1e-9)
-        # All means together, uncorrelated by a covariance that knows no labels: Hotelling's, shrunk.
+        # All means together: Hotelling's statistic with a shrunk covariance that ignores the labels.
         scale = np.sqrt(squares / (total - 2) + floor)
         turn = uncorrelating(deviations / np.where(scale > 0, scale, 1.0))
-        # Permuted sets are of many assemblies, the measured one perhaps of one.
+        # Only the measured set may come from one assembly; permuted sets mix many.
         t[0] /= wider
         in_scales = differences / np.where(scale > 0, scale, 1.0)
         in_scales[0] /= wider
@@ -70,7 +70,7 @@ class Permuted:
         self.differences = np.concatenate([differences[0], ratios[0], together[0]])
         self.errors = np.concatenate([errors[0] * wider, deviation, [beyond]])
         ratios = np.where(deviation > 1e-6, ratios / deviation, 0.0)
-        # One-sided: recordings that share speed, load or assembly spread less, and that is no disagreement.
+        # One-sided: recordings with a common speed, load or assembly spread less, which is no disagreement.
         self.t = np.hstack([np.abs(t), np.maximum(ratios, 0.0), np.maximum(together, 0.0) / beyond])
         self.spreads = np.concatenate([errors[0] / np.sqrt(share), deviation, [beyond]])
 
@@ -80,7 +80,7 @@ class Permuted:
         order = np.argsort(-t[0])
         adjusted = np.empty(len(at))
         largest = np.zeros(len(t))
-        # from the smallest statistic up, the maximum over it and all smaller ones
+        # In ascending order of the statistics: maximum over this one and all smaller ones.
         for k in order[::-1]:
             largest = np.maximum(largest, t[:, k])
             adjusted[k] = np.mean(largest >= t[0, k])
@@ -88,15 +88,15 @@ class Permuted:
         return adjusted
 
     def largest_quantile(self, at: NDArray[np.intp], share: float) -> float:
-        """Quantile of the largest statistic among the chosen cells under permuted labels."""
+        """Quantile of the maximum over the chosen cells under permuted labels."""
         return float(np.quantile(self.t[1:, at].max(axis=1), share))
 
 
 def statistics_by_family(cells: list[Cell]) -> dict[str, NDArray[np.intp]]:
-    """Statistics of each family: the means of its cells, then the spreads of all, then all means together.
+    """Indices of each family's statistics: means by family, then all spreads, then all means together.
 
-    Spreads are a family of their own: of few recordings they have long tails, which would raise the bar for
-    means.
+    Spreads are a family of their own: with few recordings their distributions have long tails, which would
+    raise the threshold for means.
     """
     names = np.array([cell.family for cell in cells])
     found = {family: np.flatnonzero(names == family) for family in FAMILIES if np.any(names == family)}

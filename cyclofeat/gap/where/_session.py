@@ -11,7 +11,7 @@ from cyclofeat.gap.summaries import Cell
 
 Float = NDArray[np.float64]
 
-_MARGIN = 2.0  # in differences without consequence
+_MARGIN = 2.0  # times the smallest difference of consequence
 _LOAD = "mean"
 _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # in order of preference
 
@@ -19,10 +19,10 @@ _SPEEDS = ("input speed by the tachometer", "input speed by the mesh lines")  # 
 class SpeedAndLoad:
     """Removal of the part of summaries that follows a recording's own speed and mean torque.
 
-    Straight lines through ``simulated`` summaries (n_bank, n_cells), less the mean of their count, give the
-    change of each cell with both. A speed or mean torque is explained as far as simulated recordings reach,
-    and up to twice the ``smallest`` difference of consequence beyond: all recordings of a session may lie at
-    the end of what may differ anyway, none beyond it.
+    A linear regression of the ``simulated`` summaries (n_bank, n_cells), less the mean of their count, gives
+    the change of each cell with speed and mean torque. It is applied within the range of the simulated
+    recordings, widened by twice the ``smallest`` difference of consequence: all recordings of a session may
+    lie at one end of the allowed range, but not beyond it.
     """
 
     def __init__(self, simulated: Float, cells: list[Cell], smallest: Float) -> None:
@@ -37,12 +37,12 @@ class SpeedAndLoad:
         self._slopes = np.linalg.lstsq(of_recordings - self._middle, simulated, rcond=1e-6)[0]
 
     def without(self, values: Float) -> Float:
-        """Summaries less that part, (n, n_cells)."""
+        """Return summaries without that part, (n, n_cells)."""
         of_recordings = values[:, self._at]
         explained = np.clip(of_recordings, self._low, self._high)
         rest = of_recordings - self._middle
         left = values - (explained - self._middle) @ self._slopes
-        # Exactly 0 where nothing of consequence remains, which ranks would exaggerate; else unchanged.
+        # Exactly 0 where the remainder has no consequence: a test would exaggerate it. Else unchanged.
         left[:, self._at] = np.where(np.abs(of_recordings - explained) < self._smallest, 0.0, rest)
         return np.asarray(left)
 
@@ -57,7 +57,7 @@ def intraclass_correlation(values: Float, assemblies: NDArray[Any]) -> Float:
     means = np.array([values[of == k].mean(axis=0) for k in range(len(names))])
     within = np.sum((values - means[of]) ** 2, axis=0) / (len(values) - len(names))
     among = np.sum(sizes[:, None] * (means - values.mean(axis=0)) ** 2, axis=0) / (len(names) - 1)
-    # Of unequal sizes: what stands for k in the expected mean square.
+    # Effective k for assemblies of unequal size (from the expected mean square).
     k = (len(values) - np.sum(sizes**2) / len(values)) / (len(names) - 1)
     total = among + (k - 1) * within
     return np.asarray(np.clip((among - within) / np.where(total > 0, total, 1.0), 0.0, 1.0))
@@ -66,6 +66,6 @@ def intraclass_correlation(values: Float, assemblies: NDArray[Any]) -> Float:
 def widening(shared: Float, n: int) -> Float:
     """Factor on the standard error of the mean of n recordings of one assembly, shape (n_cells,).
 
-    They count as n / (1 + (n - 1) r) recordings, r the ``shared`` part of the variance (Kish 1965).
+    The recordings count as n / (1 + (n - 1) r), where r is the ``shared`` part of the variance (Kish 1965).
     """
     return np.asarray(np.sqrt(1 + (n - 1) * shared))
