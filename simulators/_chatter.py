@@ -19,7 +19,7 @@ Complex = NDArray[np.complex128]
 # roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1.
 LIMITS = {"midpoint": 2.0, "adams_bashforth": 1.0}
 
-# Bodies damped by friction: two wheels, the output shaft, the spins of all sleeves.
+# Bodies that friction damps: two wheels, the output shaft, and all sleeves (about their axles).
 _OUTPUT = 2
 _FIRST_SPIN = 3
 
@@ -27,7 +27,7 @@ _FIRST_SPIN = 3
 def friction_rates(
     gearbox: CycloidalGearbox, phi: Float, omega: Float, motion: Float, external: Float, internal: Float
 ) -> Float:
-    """Largest rate in 1/s at which friction damps where sleeves stick to wheels and axles, (n,).
+    """Largest damping rate by friction in 1/s, if sleeves stick to wheels and axles, (n,).
 
     Friction at rest is a damper of force times coefficient over the transition speed. With S the sliding
     speeds per unit of the bodies' rates, G these slopes and M the inertias, the damping rates are the

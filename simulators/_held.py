@@ -19,7 +19,7 @@ def _accelerations(
 ):  # fmt: skip
     """Write the derivative of ``state`` and the torques; return the input's acceleration.
 
-    With alpha = 0 the kernel's input torque is that of contacts and bearing against the drive.
+    With alpha = 0 the kernel's input torque is the torque of contacts and bearing on the drive.
     """
     z = float(wheel.n_lobes)
     derivatives(
@@ -28,7 +28,7 @@ def _accelerations(
         result,
     )  # fmt: skip
     alpha = (torque - damping * omega - result[1]) / inertia
-    # Deviations count from the rest position, which follows the input; the held body has no acceleration.
+    # Deviations are relative to the rest position, which follows the input; the held body is at rest.
     if through_meter:
         rates[7] = 0.0
     else:

@@ -9,7 +9,7 @@ from cyclofeat.simulators._jit import njit
 
 @njit(fastmath=False)
 def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
-    """``numpy.interp(at, knots, values)`` to the last bit, several times as fast where ``at`` rises."""
+    """``numpy.interp(at, knots, values)`` to the last bit, several times as fast for increasing ``at``."""
     joined = np.empty(at.size)
     last = knots.size - 1
     k = 0

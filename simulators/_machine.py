@@ -72,7 +72,7 @@ class Machine:
         """
         gearbox = self.gearbox
         return {
-            # rad/s and back leaves a residue in the last digits
+            # Rounded: the conversion to rad/s and back changes the last digits.
             "true_speed_rpm": round(60 * float(gearbox.input_speed_hz), 6),
             "true_load_nm": float(gearbox.load_torque),
             "brake_inertia_kg_m2": float(gearbox.brake_inertia),
@@ -202,7 +202,7 @@ class MachineRun:
 def _drawn(
     effects: Sequence[Effect], random_state: np.random.SeedSequence, before: Sequence[Effect] = ()
 ) -> tuple[Effect, ...]:
-    """Return the effects with numbers drawn for a machine that has those before."""
+    """Return the effects with numbers drawn for a machine that already has the effects ``before``."""
     keys = library.stream_keys((*before, *effects))[len(before) :]
     return tuple(
         effect.for_assembly(library.stream(random_state, *key, library.RANGES))

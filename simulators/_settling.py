@@ -10,9 +10,9 @@ from cyclofeat._base.checks import check_type
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
-# Time constants of the slowest torsional mode until a start has settled: exp(-5) = 0.7 % is left.
+# A start has settled after this many time constants of the slowest torsional mode (exp(-5) = 0.7 %).
 _SETTLED = 5.0
-# Longest settling, in s, that is simulated: rigs with next to no damping would run for hours.
+# Longest settling time that is simulated, in s: rigs with almost no damping would run for hours.
 _LONGEST = 60.0
 
 

@@ -21,7 +21,7 @@ __all__ = ["EnergyAudit", "energy_audit"]
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Steps whose forces and motion are held at once: some 15 MB.
+# Steps whose forces and motion are in memory at once, about 15 MB.
 _BLOCK = 8192
 
 
@@ -63,7 +63,7 @@ class EnergyAudit:
 
     @property
     def leak(self) -> float:
-        """Energy in J that does not balance; negative where the contact law makes energy from nothing."""
+        """Energy in J that does not balance; negative if the contact law creates energy."""
         kept = self.output_work + self.kinetic_change + self.elastic_change
         return self.input_work - kept - self.contact_dissipation - self.friction - self.meter_damping
 
@@ -139,7 +139,7 @@ def energy_audit(
         state = integration.run(state, 0, first, np.arange(0)).state
     stored: list[Float] = []
     powers: list[Float] = []
-    # One more step: the energies at the end belong to the beginning of a step.
+    # One more step, because energies are those at the beginning of a step.
     for begin in range(first, last + 1, _BLOCK):
         end = min(begin + _BLOCK, last + 1)
         done = integration.run(state, begin, end, np.arange(end - begin), forces=True)
@@ -192,7 +192,7 @@ class _Account:
         braked_speed = self.rates[:, 3 if has_brake else 2]
         twist, twist_rate = motion[:, 3] - motion[:, 2], motion[:, 7] - motion[:, 6]
         in_meter = 0.5 * gearbox.meter_stiffness * twist**2 if has_brake else 0.0
-        # Kinetic and elastic energy, (2, n), and the powers of EnergyAudit, (5, n).
+        # Kinetic and elastic energy, (2, n), and the powers in the order of EnergyAudit, (5, n).
         self.stored = np.array([self.kinetic(), in_pins + in_joints + in_meter])
         self.powers = np.array(
             [
@@ -205,7 +205,7 @@ class _Account:
         )
 
     def kinetic(self) -> Float:
-        """Kinetic energy of all that moves except the input shaft, (n,)."""
+        """Kinetic energy without that of the input shaft, (n,)."""
         g, rates = self.gearbox, self.rates
         energy = 0.5 * g.wheel_inertia * (rates[:, :2] ** 2).sum(axis=1)
         energy += 0.5 * g.wheel_mass * (np.abs(self.cams) ** 2).sum(axis=1) * self.omega**2
@@ -215,7 +215,7 @@ class _Account:
         return np.asarray(energy)
 
     def in_pins(self) -> Float:
-        """Energy stored in the contacts of pins and wheels, and power that they take: (2, n)."""
+        """Energy stored in the contacts of pins and wheels, and power that they dissipate: (2, n)."""
         k, z = self.constants, self.gearbox.n_lobes
         memory = _kernels.new_memory(self.motion[0])
         rates, result = np.empty(self.motion.shape[1]), np.empty(_kernels.N_RESULT)
@@ -232,7 +232,7 @@ class _Account:
         return energy_and_power
 
     def in_joints(self) -> tuple[Float, Float]:
-        """Energy stored in the contacts of internal sleeves and holes, and power that they take."""
+        """Energy stored in the contacts of internal sleeves and holes, and power that they dissipate."""
         law = self.constants.joint_contact
         moving = (1j * self.omega[:, None] * self.cams)[..., None] + 1j * self.rates[:, :2, None] * self.holes
         away = self.sleeves[:, None] - self.cams[..., None] - self.holes
@@ -251,7 +251,7 @@ class _Account:
         return stored.sum(axis=(1, 2)), taken.sum(axis=(1, 2))
 
     def rubbed(self, external: Float, internal: Float) -> Float:
-        """Power that friction takes, from the normal forces (n, 2, n_sleeves, 3): (n,)."""
+        """Power that friction dissipates, (n,), from the normal forces (n, 2, n_sleeves, 3)."""
         g = self.gearbox
         if not g.has_friction:
             return np.zeros(self.phi.size)

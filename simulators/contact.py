@@ -37,7 +37,7 @@ def joint_effective_radius(gearbox: CycloidalGearbox) -> float:
 
 
 def pin_centres(gearbox: CycloidalGearbox) -> NDArray[np.complex128]:
-    """Places x + iy of the external sleeves' axles, with their errors, in m: shape (n_pins,)."""
+    """Positions x + iy of the external sleeves' axles, with their errors, in m: shape (n_pins,)."""
     angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
     errors = np.asarray(gearbox.pin_radial_errors or 0.0) + 1j * np.asarray(
         gearbox.pin_tangential_errors or 0.0

@@ -19,7 +19,7 @@ __all__ = ["Courses", "TimeCourse", "drive_and_load"]
 Float = NDArray[np.float64]
 TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 
-MARGIN = 40  # samples of the result by which a run goes on beyond its end, for the anti-alias filter
+MARGIN = 40  # samples that a run is longer than its result, for the anti-alias filter
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def drive_and_load(
 
     At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``.
     """
-    # One block: numpy asks for large pages from 4 MB on, which halves the time.
+    # One block: numpy requests large pages from 4 MB on, which halves the time.
     block: Float = np.empty((5, n))
     time, drive, torque = block[4], block[:3], block[3]
     np.multiply(np.arange(n, dtype=float), step, out=time)
@@ -77,7 +77,7 @@ def _drive(
     sampling_rate: float,
     courses: Courses,
 ) -> None:
-    """Speed that rises linearly to a constant; its integral is the angle (paper B eq. 6 jumps at the end)."""
+    """Drive with linear ramp to a constant speed; the angle is its integral (paper B eq. 6 has a jump)."""
     angle, omega, alpha = out
     speed, fluctuation = courses.speed, courses.speed_fluctuation
     given = _course("speed", gearbox.input_speed if speed is None else speed, sampling_rate, time)
@@ -120,7 +120,7 @@ def _load(out: Float, gearbox: CycloidalGearbox, time: Float, sampling_rate: flo
 
 
 def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """A number as it is, or the values of an array or a function at ``time``."""
+    """Return a number unchanged, or the values of an array or a function at ``time``."""
     if callable(values):
         course = _floats(name, values(time))
         if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
@@ -151,7 +151,7 @@ def _floats(name: str, values: ArrayLike) -> Float:
 
 
 def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
-    # The simulation runs on for its anti-alias filter, with the last value.
+    # The last value continues, because the run is longer for the anti-alias filter.
     needed = math.floor(time[-1] * sampling_rate) - MARGIN
     if values.size < max(needed, 1):
         raise ValueError(
@@ -162,7 +162,7 @@ def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -
 
 
 def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
-    """Share of speed and load that has risen at each time."""
+    """Share of the final speed and load at each time of the ramp."""
     share = np.ones_like(time)
     n_rising = _n_rising(gearbox, time)
     share[:n_rising] = time[:n_rising] / gearbox.ramp_time
@@ -170,5 +170,5 @@ def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:
 
 
 def _n_rising(gearbox: CycloidalGearbox, time: Float) -> int:
-    """Number of the times, which rise, that lie before the end of the ramp."""
+    """Number of times before the end of the ramp, from increasing times."""
     return int(np.searchsorted(time, gearbox.ramp_time))

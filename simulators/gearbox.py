@@ -29,7 +29,7 @@ RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
 CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")
 
-# Errors in a plane; the others are along one direction.
+# Errors with two components; the others have one.
 _COMPLEX = ("wheel_runouts", "cam_errors")
 _REAL = (int, float, np.integer, np.floating)
 _PLANE = (*_REAL, complex, np.complexfloating)
@@ -496,7 +496,7 @@ class LobeDefects:
         """
         whole("count", count, 0, whole("n_lobes", n_lobes, 1, None))
         check_type("random", random, np.random.Generator)
-        # Always drawn, so that given wheels do not change the lobes.
+        # Drawn even if wheels are given, so that the lobes are the same.
         one_wheel = random.random() < 0.5
         if consecutive:
             worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes

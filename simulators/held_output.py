@@ -159,7 +159,7 @@ def torque_deflection(
     phase = half_steps / period
     swing = 2 * np.abs(2 * ((phase + 0.75) % 1) - 1) - 1
     through_meter = gearbox.meter_stiffness > 0
-    # The inertia behind the meter is held: any value above 0 will do.
+    # The inertia behind the meter is held, so that any value above 0 is right.
     held_by = gearbox.replace(brake_inertia=1.0 if through_meter else 0.0)
     n_kept = -(-n_steps // every)
     angle, held = np.empty(n_kept), np.empty(n_kept)

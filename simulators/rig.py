@@ -40,7 +40,7 @@ from cyclofeat.simulators.simulation import SimulationRun, simulate
 
 __all__ = ["DEFECTS", "Rig"]
 
-# Children of a run's seed; those of an effect begin with its name, whose bytes are larger.
+# Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START = 1, 2
 _GEARBOX = "gearbox."
 
@@ -74,7 +74,7 @@ class Rig:
     -----
     The seed of the assembly determines errors and ranges, the seed of the run start angle, drift and noise.
     The random numbers of an effect depend on its name and on the number of effects of that name before it:
-    an added or removed effect leaves the random numbers of all others unchanged.
+    adding or removing an effect does not change the random numbers of the others.
 
     Examples
     --------
@@ -397,7 +397,7 @@ class Rig:
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
             start_angle = library.stream(seed, _START).uniform(0, output_turn)
-        # The anti-alias filter of the simulation needs some samples more.
+        # Some samples more, for the anti-alias filter of the simulation.
         options["courses"] = machine.fluctuations(seed, total + 64 / sampling_rate)
         run = simulate(
             gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options

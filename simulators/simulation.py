@@ -37,15 +37,15 @@ Complex = NDArray[np.complex128]
 
 # Nm; a healthy run stays below 30 Nm.
 ABSURD_TORQUE = 1e4
-# The machine is locked if the drive has to overcome this force (N) on a cam for this time (s): impacts are
-# shorter, a diverging integration exceeds ABSURD_TORQUE sooner.
+# The machine is locked if the drive must overcome this force (N) on a cam for this time (s). Impacts are
+# shorter, and a diverging integration exceeds ABSURD_TORQUE earlier.
 LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
 _STAGES = {"midpoint": 2, "adams_bashforth": 1}
 _RELAXATION_ROUNDS = 3000
-# Instants of a run at which friction is compared with the time step.
+# Number of instants at which the damping by friction is compared with the time step.
 _N_WATCHED = 128
-# A step takes about 100 bytes of memory: 100 million are 1000 s and 10 GB.
+# A step needs about 100 bytes of memory: 100 million steps are 1000 s and 10 GB.
 LARGEST_N_STEPS = 100_000_000
 
 
@@ -67,7 +67,7 @@ class SimulationFailed(RuntimeError):
     force: float
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Not through the constructors of subclasses, which do not take the message.
+        # Not by the constructors of subclasses, which do not take the message.
         return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
@@ -285,7 +285,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Sampling:
-    """Samples of the result among the steps of the integration."""
+    """Selection of the samples of the result from the steps of the integration."""
 
     time: Float
     n_steps: int
@@ -309,7 +309,7 @@ class _Sampling:
                 f"sampling_rate must divide 1/dt = {1 / dt:g} Hz with decimation='pick', got "
                 f"{sampling_rate:g} Hz"
             )
-        # The anti-alias filter pads with zeros: right at the start, which is at rest; MARGIN covers the end.
+        # The anti-alias filter pads with zeros. That is right at the start, at rest; MARGIN covers the end.
         n_steps = math.ceil((n_samples + MARGIN) / ratio)
         if n_steps > LARGEST_N_STEPS:
             raise ValueError(
@@ -331,7 +331,7 @@ class _Sampling:
 
 
 class Integrated(NamedTuple):
-    """State after the last step, torques at every step, motion and forces at the requested ones."""
+    """State after the last step, torques at every step, motion and forces at the requested steps."""
 
     finished: int
     state: Float
@@ -407,7 +407,7 @@ class Integration:
 
 
 def _friction_rates(integration: Integration, states: Float, steps: NDArray[np.int64]) -> Float:
-    """Rates in 1/s at which friction damps in the states at the beginning of ``steps``."""
+    """Damping rates by friction in 1/s, in the states at the beginning of ``steps``."""
     first: NDArray[np.int64] = np.zeros(1, dtype=int)
     one_step = replace(integration, integrator="midpoint")
     again = [
@@ -423,8 +423,8 @@ def _friction_rates(integration: Integration, states: Float, steps: NDArray[np.i
 def relaxed(integration: Integration, state: Float) -> Float:
     """State in which the contacts balance the load at the start, with the drive at rest.
 
-    Stops the motion repeatedly (kinetic damping). A brake's heavy rotor would take too long: the load acts on
-    the output shaft until then, and the meter bears it afterwards.
+    It stops the motion repeatedly (kinetic damping). With the heavy rotor of a brake this would take too
+    long, so the load acts on the output shaft first and is moved to the meter at the end.
     """
     n_steps = 10
     gearbox, constants = integration.gearbox, integration.constants
@@ -451,7 +451,7 @@ def relaxed(integration: Integration, state: Float) -> Float:
 def anti_alias_filter(up: int, down: int) -> Float:
     """Low-pass of ``resample_poly`` with equal gains of its phases at 0 Hz.
 
-    In scipy's design they differ by some 1e-5, which adds a comb of 0.4 mNm to 22 Nm.
+    In scipy's design the gains differ by some 1e-5, which adds a comb of 0.4 mNm at 22 Nm.
     """
     largest = max(up, down)
     taps = firwin(20 * largest + 1, 1 / largest, window=("kaiser", 5.0))
@@ -476,12 +476,12 @@ def internal_points(gearbox: CycloidalGearbox, internal: Float, output_angle: Fl
 def _points(centres: Complex, radius: float, forces: Float) -> Complex:
     vector = forces[..., 1] + 1j * forces[..., 2]
     size = np.abs(vector)
-    with np.errstate(invalid="ignore"):  # no force, no point
+    with np.errstate(invalid="ignore"):  # a contact without force has no point
         return np.where(size > 0, centres + radius * vector / size, np.nan)
 
 
 def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:
-    """Name and force of the contact that carries most, or of the first whose force is not a number."""
+    """Name and force of the most loaded contact, or of the first whose force is not a number."""
     name, force = "", -1.0
     for kind, forces in (("external", external), ("internal", internal)):
         values = np.where(np.isfinite(forces), forces, np.inf)

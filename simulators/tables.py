@@ -58,7 +58,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
             pitch_radius=float(gearbox.internal_pitch_radius),
             gap_at_centre=float(gearbox.eccentricity + gearbox.clearance),
         ),
-        # The conservative law takes the pin's own radius, as on a plane flank, for every pin contact.
+        # The conservative law uses the radius of the pin for every pin contact, as on a plane flank.
         contact=contact_constants(gearbox, gearbox.pin_radius),
         joint_contact=contact_constants(gearbox, joint_effective_radius(gearbox)),
         body=_kernels.BodyConstants(
@@ -99,7 +99,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
 
 
 def _table(size: int, rows: Mapping[Any, ArrayLike]) -> Float:
-    """Table of ``size`` numbers with the given values from each index on."""
+    """Table of ``size`` numbers, filled with given values from given indices on."""
     table = np.zeros(size)
     for index, values in rows.items():
         table[int(index) : int(index) + np.size(values)] = values
@@ -140,7 +140,7 @@ def _wheel(gearbox: CycloidalGearbox) -> _outline.WheelConstants:
 def _mounts(gearbox: CycloidalGearbox, wear: Float) -> Float:
     """One row per wheel: its angle at rest with cosine and sine, run-out, cam, and if it has defects."""
     z = gearbox.n_lobes
-    # The wheels are mounted 180 deg apart as closely as their lobes allow (exactly, where z_s is odd).
+    # The wheels are mounted as close to 180 deg apart as their lobes allow (exactly, if z_s is odd).
     rest = np.array([-math.pi / z, 2 * math.pi * ((z + 1) // 2 - 1) / z])
     runouts = np.asarray(gearbox.wheel_runouts or (0j, 0j), dtype=complex)
     cams = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))

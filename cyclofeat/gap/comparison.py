@@ -208,7 +208,7 @@ class Comparison:
         n : int
             Number of recordings.
         counts : iterable of int, optional
-            Counts of worn lobes, gone through in turn. Default: ``defect_counts``.
+            Counts of worn lobes, which the recordings take in turn. Default: ``defect_counts``.
         n_assemblies : int, optional
             Recordings i and i + n_assemblies are of the same assembly. Default: each has its own.
         random_state : int, optional

@@ -3,10 +3,10 @@
 ============  ==================================================================================
 module        responsibility
 ============  ==================================================================================
-``_design``   the design: rig, classes, repeats, explored parameters; which run draws what
+``_design``   the design: rig, classes, repeats, explored parameters; the values of each run
 ``_run``      one run: torque and a row of labels and true values
 ``_workers``  runs on the cores of one machine (joblib) or of many (dask.distributed)
-``_store``    files that appear whole or not at all; shards, their rows, the manifest
+``_store``    the folder: shards, their rows, the manifest
 ``_load``     a finished campaign, memory-mapped
 ``_campaign`` workers simulate, this process writes
 ============  ==================================================================================

@@ -1,4 +1,4 @@
-"""The design of a campaign: what is simulated, and which run draws what."""
+"""Design of a campaign: the rig, the classes, and the values that each run draws."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WHEELS = ((0,), (1,), (0, 1))
 DEPTH = "depth"
 # Keys of a file that do not belong to the design.
 _REMARKS = ("format", "note", "made_with")
-# Larger than any byte of a name: separates the seeds of the design from those of the runs.
+# Larger than any byte of a name, to separate the seeds of the design from those of the runs.
 _DESIGN_KEY = 1000
 # Length of scipy's Sobol' sequences.
 _MOST_REPEATS = 2**30
@@ -143,7 +143,7 @@ class Campaign:
 
     @property
     def the_rig(self) -> Rig:
-        """The rig, of which ``rig`` may have been given as the name only."""
+        """The rig, also if ``rig`` is only a name."""
         assert isinstance(self.rig, Rig)
         return self.rig
 
@@ -212,7 +212,7 @@ class Campaign:
         return f"{self.name}-{self.random_state}-{index:07d}"
 
     def _shares(self, count: int, first: int, n: int) -> Float:
-        """Share of the probability below each explored value, shape (n, n_explored).
+        """Return the probability below each explored value, shape (n, n_explored).
 
         Each class has its own sequence: a single one would correlate the class with the parameters (each of
         eight consecutive points lies in a different eighth).
@@ -235,7 +235,7 @@ class Campaign:
         if first:
             engine.fast_forward(first)
         with warnings.catch_warnings():
-            # The balance is perfect for powers of 2 only; other numbers are fine here.
+            # The sequence is balanced for powers of 2 only; other numbers are acceptable here.
             warnings.filterwarnings("ignore", "The balance properties", UserWarning)
             return np.asarray(engine.random(n), dtype=float)
 
@@ -245,7 +245,7 @@ class Campaign:
         for item in dataclasses.fields(self):
             value = getattr(self, item.name)
             content[item.name] = value.to_dict() if isinstance(value, Rig) else value
-        # Tuples become lists, as a file gives them back.
+        # Tuples become lists, as in a file.
         plain: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
         return plain
 

@@ -81,7 +81,7 @@ class Shards:
         if isinstance(rows, (int, np.integer)) and not isinstance(rows, bool):
             row = self._row(int(rows))
             return row[samples] if rest else row
-        taken = np.arange(len(self))[rows]  # numpy's own rules for slices, masks and lists
+        taken = np.arange(len(self))[rows]  # numpy's rules for slices, masks and lists
         if taken.ndim != 1:
             raise IndexError(f"Shards take one or a list of rows, got shape {taken.shape}")
         if isinstance(samples, (slice, int, np.integer)):
@@ -220,7 +220,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
 
 
 def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
-    """Raise an error unless all files have the sizes, with ``verify`` the digests, of the manifest."""
+    """Raise an error unless all files have the sizes (with ``verify``, the digests) of the manifest."""
     wrong = []
     for name, stated in manifest["files"].items():
         file = folder / name

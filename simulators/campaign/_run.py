@@ -19,7 +19,7 @@ from cyclofeat.simulators.gearbox import LobeDefects
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
 
-# Columns of every campaign, in this order, with their kinds; those of its design and effects follow.
+# Columns of every campaign and their kinds; those of its effects follow.
 INTEGER, NUMBER, TEXT, INTEGERS = "integer", "number", "text", "integers"
 _COLUMNS = {
     "run": INTEGER,
@@ -94,7 +94,7 @@ def simulate_run(campaign: Campaign, plan: RunPlan, expected: dict[str, str] | N
     except SimulationFailed as error:
         row |= {"status": "locked" if isinstance(error, GearboxLocked) else "diverged", "reason": str(error)}
     except ValueError as error:
-        # A combination of values that cannot be is as much a result as a run that diverges.
+        # An impossible combination of values is a result, like a run that diverges.
         row |= {"status": "invalid", "reason": str(error)}
     return RunResult(None, row)
 
@@ -112,7 +112,7 @@ def check_middle(campaign: Campaign) -> None:
             motion=False,
         )  # fmt: skip
     except SimulationFailed:
-        pass  # a result, and perhaps only here
+        pass  # it is a result, and other runs may succeed
     except ValueError as error:
         raise ValueError(
             f"the design cannot be simulated, not even in the middle of its ranges: {error}"
@@ -142,7 +142,7 @@ def _simulated(
         defects, duration=campaign.n_samples / campaign.sampling_rate,
         sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
     )  # fmt: skip
-    # As an angle of the input, within one turn of the output.
+    # Angle of the input, modulo one turn of the output.
     row["start_angle_rad"] = float(run.input_angle[0] % (2 * np.pi * gearbox.n_lobes))
     return run.torque_out.astype(np.float32)
 

@@ -1,4 +1,4 @@
-"""A campaign's folder: files that appear whole or not at all, and what is missing among them."""
+"""Folder of a campaign: files that appear complete or not at all, and the missing ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from cyclofeat.simulators.campaign._run import (
 DESIGN, MANIFEST, PARAMETERS = "campaign.json", "manifest.json", "parameters.parquet"
 MANIFEST_FORMAT = "cyclofeat campaign manifest 1"
 _KINDS = ("npy", "parquet", "sha256")  # files of a shard, in the order of writing
-# Shards whose rows are in memory at once when the table is written.
+# Number of shards whose rows are in memory at once when the table is written.
 _SHARDS_PER_GROUP = 64
 
 
@@ -182,7 +182,7 @@ def _check_space(campaign: Campaign, folder: Path, missing: list[int]) -> None:
 
 @contextlib.contextmanager
 def _full_disk_explained(folder: Path, digests: Mapping[int, Mapping[str, str]]) -> Iterator[None]:
-    """Add to the error of a full disk what is finished."""
+    """Add to the error of a full disk how much is finished."""
     try:
         yield
     except OSError as error:
@@ -198,10 +198,10 @@ def _full_disk_explained(folder: Path, digests: Mapping[int, Mapping[str, str]])
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Lock the folder for this process; a process that dies releases it."""
+    """Lock the folder for this process; the lock ends with the process."""
     try:
         import fcntl
-    except ImportError:  # not a POSIX system: nothing to hold on to
+    except ImportError:  # not a POSIX system
         yield
         return
     held = os.open(folder, os.O_RDONLY)
@@ -242,7 +242,7 @@ def _make_shard(campaign: Campaign, folder: Path, shard: int, results: Iterator[
     table = pyarrow.Table.from_pylist(rows, schema=_schema(campaign))
 
     def write_torque(file: IO[bytes]) -> None:
-        # Not write_array: into a real file it reports a full disk without the error number.
+        # Not write_array: for a full disk it raises an error without a number.
         np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(block))
         file.write(block.data)
 
@@ -270,7 +270,7 @@ def _schema(campaign: Campaign) -> Any:
 
 
 def _is_finished(folder: Path) -> bool:
-    """Return True if the manifest exists and states design and table as they are."""
+    """Return True if the manifest exists and agrees with the design and the table."""
     try:
         stated = read_manifest(folder)["files"]
         return all(stated[name]["sha256"] == digest(folder / name) for name in (DESIGN, PARAMETERS))
@@ -289,7 +289,7 @@ def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
 
 
 def _finish(campaign: Campaign, folder: Path, digests: Mapping[int, Mapping[str, str]]) -> None:
-    """Write the table of all rows, and last the manifest, which finishes the campaign."""
+    """Write the table of all rows, then the manifest, which finishes the campaign."""
     pyarrow, tables = parquet()
 
     def write(file: IO[bytes]) -> None:

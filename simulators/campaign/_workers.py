@@ -14,10 +14,10 @@ from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.simulators.campaign._design import Campaign, RunPlan
 from cyclofeat.simulators.campaign._run import RunResult, WrongVersion, made_with, simulate_run
 
-# Runs under way or waiting at the workers, per thread of theirs: enough that none waits for another.
+# Runs that are submitted per thread of the workers, so that no thread waits.
 _AHEAD = 4
 CONNECT_S = 10.0
-# How long a cluster may be without any worker before it counts as lost.
+# Time without any worker after which a cluster counts as lost.
 NO_WORKER_S = 60.0
 LOOK_S = 5.0
 _KEPT = "all finished shards are kept: run the same campaign again to go on"
@@ -30,7 +30,7 @@ class WorkerLost(ConnectionError):
 def results(
     campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int = 1, scheduler: Any = None
 ) -> Generator[RunResult, None, None]:
-    """Yield results of runs in the order of their plans; only a few more are simulated than are taken."""
+    """Yield results of runs in the order of their plans; simulate only a few more than are consumed."""
     if scheduler is None:
         return _on_this_machine(campaign, plans, n_jobs)
     return _on_cluster(campaign, plans, scheduler)
@@ -91,7 +91,7 @@ def _from_client(
         ahead = _AHEAD * _n_threads(client)
         while True:
             while len(waiting) < ahead and (plan := next(queue, None)) is not None:
-                # Not pure: a result of an earlier campaign must not be taken for this one's.
+                # Not pure: Dask must not reuse a result of an earlier campaign.
                 waiting.append(client.submit(simulate_run, campaign, plan, expected, pure=False))
             if not waiting:
                 return

@@ -60,7 +60,7 @@ class TorqueContext:
     from_rest: bool = False
 
 
-# Place of an effect that overrides a hook and states none.
+# Default place of an effect, by the hook that it overrides.
 _PLACE_OF_HOOK = {
     "change_gearbox": Place.GEOMETRY,
     "load_fluctuation": Place.LOAD_AND_SPEED,
@@ -269,7 +269,7 @@ class Effect(BaseEstimator):
         return changed.check()
 
     def neutral(self) -> Self:
-        """Return a copy whose output is its input, to the last bit."""
+        """Return a copy whose output equals its input to the last bit."""
         values = {name: p.neutral for name, p in self.parameters.items() if p.neutral is not None}
         return self.with_parameters(**values)
 
@@ -340,7 +340,7 @@ class Effect(BaseEstimator):
         for name, value in zip(names, values.tolist(), strict=True):
             parameter = self.parameters[name]
             number = math.exp(min(value, 700.0)) if parameter.log else value
-            # The logarithm and back may leave a bound by rounding.
+            # The logarithm and back may exceed a bound by rounding.
             for bound in (parameter.low, parameter.high):
                 if math.isfinite(bound) and math.isclose(number, bound, rel_tol=1e-12):
                     number = bound
@@ -382,7 +382,7 @@ def check_phase(where: str, value: Any) -> None:
 
 
 def _scaled(parameter: EffectParameter, value: float) -> float:
-    """Return the value in the scale in which it is fitted."""
+    """Return the value on the scale of the fit."""
     if not parameter.log:
         return float(value)
     return math.log(value) if value > 0 else -math.inf

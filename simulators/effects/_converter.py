@@ -1,4 +1,4 @@
-"""Effects of the converter (ADC): the instants at which it samples, and the codes that it gives."""
+"""Effects of the converter (ADC): its sampling instants and its codes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cyclofeat._base.checks import whole
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
-# Samples on either side of an instant that its value is taken from, and the window's shape (Kaiser): the
-# error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
+# Samples on either side of an instant from which its value is interpolated, and shape of the window (Kaiser).
+# The error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
 _HALF_WIDTH = 48
 _BETA = 10.0
-# Fractions of a sample at which the weights are tabulated (between them straight lines, within 2e-6), and
-# instants that are worked on together, so that their weights stay in the processor's cache.
+# Fractions of a sample at which the weights are tabulated (linear interpolation has an error of 2e-6), and
+# instants that are computed together, so that their weights stay in the processor's cache.
 _FRACTIONS = 512
 _BLOCK = 2048
 
@@ -57,7 +57,7 @@ class ClockError(Effect):
         return math.ceil((n_samples - 1) / (1 + float(self.relative))) + 1 + _HALF_WIDTH
 
     def _instants(self, n_given: int) -> Float:
-        """Instants of the samples, in samples of the record that is given."""
+        """Instants of the new samples, in samples of the given record."""
         rate = 1 + float(self.relative)
         n_samples = math.floor((n_given - 1) * rate) + 1
         return np.asarray(np.minimum(np.arange(n_samples) / rate, n_given - 1))
@@ -68,7 +68,7 @@ class ClockError(Effect):
         if self.relative == 0:
             return torque
         instants = self._instants(torque.size)
-        # Weights of samples beyond the ends are left out, and the others scaled to a sum of one.
+        # Samples beyond the ends get no weight, and the other weights are scaled to a sum of 1.
         padded = np.pad(torque, _HALF_WIDTH)
         inside = np.pad(np.ones(torque.size), _HALF_WIDTH)
         near_end = (instants < _HALF_WIDTH) | (instants > torque.size - 1 - _HALF_WIDTH)
@@ -171,7 +171,7 @@ class Quantisation(Effect):
             return torque if math.isinf(full) else np.clip(torque, -full, full)
         codes = np.rint(torque / step)
         if math.isfinite(full):
-            # A full scale of N steps may fall short of N by rounding.
+            # By rounding, a full scale of N steps may give slightly less than N.
             n_codes = math.floor(full / step * (1 + 1e-12))
             codes = np.clip(codes, -n_codes, n_codes - 1)
         return np.asarray(step * codes)

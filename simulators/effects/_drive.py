@@ -101,7 +101,7 @@ class ProportionalDrift(Effect):
         if self.relative == 0:
             return None
         end = duration + _noise.MARGIN
-        # The lines of cutoffs of tens of hertz lie where the coarser steps hold the density.
+        # For cutoffs of tens of hertz the coarser steps keep the density accurate at the lobe lines.
         times, logarithm = _noise.low_passed_noise(
             _noise.seed_from(random), self.relative, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
         )
@@ -230,7 +230,7 @@ class SpeedWander(Effect):
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
     ) -> Fluctuation | None:
         seed = _noise.seed_from(random)
-        phase = 2 * np.pi * random.random()  # drawn in any case: a given one changes nothing else
+        phase = 2 * np.pi * random.random()  # drawn even if a phase is given, so that nothing else changes
         if self.phase is not None:
             phase = float(self.phase)
         if self.rms == 0 and self.ripple == 0:
@@ -242,7 +242,7 @@ class SpeedWander(Effect):
                 seed, self.rms, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
             )
         speed, ramp = gearbox.input_speed, gearbox.ramp_time
-        # Fluctuations rise over the ramp like the speed itself, and so does the angle that they turn.
+        # Fluctuations are scaled by the ramp like the speed; the angle is their integral.
         reached = wander * np.clip(times / ramp, 0, 1) if ramp else wander
         steps = np.diff(times)
         turned = np.r_[0.0, np.cumsum(0.5 * (reached[1:] + reached[:-1]) * steps)]

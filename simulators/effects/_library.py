@@ -35,11 +35,11 @@ _KNOWN: dict[str, type[Effect]] = {
     kind.effect_id: kind for module in (_gearbox, _drive, _meter, _converter) for kind in effects_in(module)
 }
 _BUILT_IN = frozenset(_KNOWN)
-# Each is another law of an effect that a search proposes, or looks like one in recordings.
+# Each is a variant of a proposed effect, or looks like one in recordings.
 _NOT_PROPOSED = {"gearbox_parameter", "proportional_drift", "load_scale", "speed_scale"}
 _HOOKS = ("change_gearbox", "load_fluctuation", "speed_fluctuation", "change_torque", "resample")
 
-# Streams of random numbers of the hooks, below that of their effect.
+# Keys of the random streams of the hooks, appended to the key of their effect.
 RANGES, GEARBOX, LOAD, SPEED, TORQUE = range(5)
 
 
@@ -207,14 +207,14 @@ def checked_effects(effects: Any) -> tuple[Effect, ...]:
 
 
 def stream_keys(effects: Iterable[Effect]) -> list[tuple[int, ...]]:
-    """Return the key of each effect's random numbers: its name, and the number of the same name before it.
+    """Return the key of each effect's random numbers: its name, and how many of that name precede it.
 
-    Nothing else goes in, so that one more effect leaves the numbers of all others as they are.
+    So adding an effect does not change the random numbers of the others.
     """
     seen: Counter[str] = Counter()
     keys = []
     for effect in effects:
-        # Bytes of a name are above all numbers that a seed's children are counted with.
+        # Bytes of a name are larger than the numbers of a seed's other children.
         keys.append((*effect.effect_id.encode(), 0, seen[effect.effect_id]))
         seen[effect.effect_id] += 1
     return keys

@@ -74,7 +74,7 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
     if not kinds:
         raise ValueError(f"{file}: defines no subclass of Effect")
     for kind in kinds:
-        _register(kind, str(file.resolve()))  # again, for one that was unregistered since
+        _register(kind, str(file.resolve()))  # again, in case it was unregistered
     return {kind.effect_id: kind for kind in kinds}
 
 
@@ -90,7 +90,7 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
     module.__file__ = file
     vars(module)["__effects_text__"] = text
     sys.modules[name] = module  # dataclasses and pickle look there
-    # Tracebacks and inspect show the text also where this process does not have the file.
+    # Tracebacks and inspect can show the text even if this process does not have the file.
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     try:
         exec(compile(text, file, "exec"), vars(module))

@@ -18,7 +18,7 @@ from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueConte
 from cyclofeat.simulators.effects._noise import Drift, check_order
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
-# Coloured noise is white below this frequency, in Hz: its rms stays finite and free of the duration.
+# Coloured noise is white below this frequency, in Hz: its rms is finite and independent of the duration.
 LOWEST_COLOURED = 1.0
 
 
@@ -42,7 +42,7 @@ class TorqueMeterLowPass(Effect):
 
     place = Place.SHAFT_AND_METER
     parameters: ClassVar = {
-        # Lower, rounding in the filter's coefficients would show: it grows with (sampling rate / cutoff)^2.
+        # At lower cutoffs rounding of the coefficients matters: it grows with (sampling rate / cutoff)^2.
         "cutoff_hz": EffectParameter("Hz", 0.1, math.inf, math.inf, loguniform(30.0, 3000.0), log=True),
     }
     separated_by = "a tap test with the filter switched off, or a step of speed"
@@ -189,7 +189,7 @@ class Noise(Effect):
             return torque
         if self.exponent == 0:
             return np.asarray(torque + self.rms_nm * random.normal(size=torque.size))
-        # Lines at multiples of a quarter of the lowest frequency resolve the corner of the density.
+        # Lines at multiples of a quarter of the lowest frequency: they resolve the corner of the density.
         length = next_fast_len(math.ceil(4 * sampling_rate / LOWEST_COLOURED), real=True)
         lines = np.fft.rfftfreq(length, 1 / sampling_rate)
         density = np.maximum(lines, LOWEST_COLOURED) ** -float(self.exponent)

@@ -1,4 +1,4 @@
-"""Low-passed noise: the slow process behind the drifts of load and sensor and the wander of speed."""
+"""Low-passed noise, for the drifts of load and sensor and the wander of speed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from cyclofeat._base.checks import whole
 from cyclofeat.simulators.effects._base import Effect, Float
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
-# Samples of the process per period of its cutoff, joined by straight lines. Towards half of that rate the
-# bilinear filter falls short of the analogue one: FINE is for levels compared in that range.
+# Samples of the process per period of its cutoff, interpolated linearly. Near half of that rate the bilinear
+# filter attenuates more than the analogue one: FINE is for levels compared in that range.
 OVERSAMPLING = 200
 FINE = 1000
-# Time beyond the duration asked for, in s: a simulation runs on a little, for its anti-alias filter.
+# Time beyond the requested duration, in s: a simulation is longer, for its anti-alias filter.
 MARGIN = 1.0
 
 
@@ -75,8 +75,8 @@ def _low_pass(cutoff: float, order: int, n: int, oversampling: int) -> tuple[Flo
     """Return the filter and the mean square of its response of ``n`` samples to white noise."""
     sos: Float = butter(order, cutoff, fs=oversampling * cutoff, output="sos")
     response = sosfilt(sos, np.r_[1.0, np.zeros(n)])
-    # A straight line between samples has, averaged over its length, 2/3 of their variance and 1/3 of their
-    # covariance.
+    # Averaged over its length, a straight line between two samples has 2/3 of their variance plus 1/3 of
+    # their covariance.
     return sos, 2 / 3 * float(response @ response) + 1 / 3 * float(response[1:] @ response[:-1])
 
 

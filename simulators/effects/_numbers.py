@@ -13,12 +13,12 @@ from scipy import stats
 
 from cyclofeat._base.checks import is_number, short
 
-# Distributions that rigs and files may hold, by scipy's names.
+# Distributions that rigs and files may contain, by their names in scipy.
 DISTRIBUTIONS: Mapping[str, Any] = {
     name: getattr(stats, name)
     for name in ("uniform", "loguniform", "norm", "truncnorm", "lognorm", "rayleigh")
 }
-# Quantiles are taken this far from 0 and 1, where they may be infinite.
+# Probabilities of quantiles are limited to this distance from 0 and 1, where quantiles may be infinite.
 _LEAST_SHARE = 1e-12
 
 
@@ -64,9 +64,9 @@ class EffectParameter:
         return min(max(float(distribution.ppf(share)), self.low), self.high)
 
     def draw(self, value: Any, share: float) -> float:
-        """Return the number that a value gives at a share (0 to 1) of its probability.
+        """Return the quantile of a value at a probability (0 to 1).
 
-        A number gives itself; a range is drawn log-uniformly where ``log`` is true, else uniformly.
+        A number is returned unchanged; a range is log-uniform if ``log`` is true, else uniform.
         """
         if is_distribution(value):
             return self.quantile(value, share)
@@ -120,7 +120,7 @@ class EffectParameter:
         if name not in DISTRIBUTIONS:
             raise ValueError(f"{where} must be one of scipy's {', '.join(DISTRIBUTIONS)}, got {name}")
         inside = float(distribution.cdf(self.high)) - float(distribution.cdf(self.low))
-        if not inside >= 0.5:  # also for the NaN of arguments that scipy rejects
+        if not inside >= 0.5:  # also true for NaN, from arguments that scipy rejects
             raise ValueError(
                 f"{where} must lie between {self._bounds()}, where {shown(distribution)} has "
                 f"{inside:.0%} of its probability"

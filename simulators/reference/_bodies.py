@@ -25,11 +25,11 @@ Driver = Callable[[float], tuple[float, float, float]]
 Load = Callable[[float], float]
 
 N_INTERNAL = 8
-HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is no body and comes last
+HOUSING, INPUT, OUTPUT = -1, 0, 1  # indices of bodies; the housing is not a body and comes last
 WHEELS, INTERNAL, EXTERNAL = slice(2, 4), slice(4, 12), slice(12, -1)
 RAMP_DEPTH = 1e-5  # m: stiffness and damping reach their full value there (paper B eq. 12-13)
-CORRECTIONS = 30  # Newton steps of an initial condition; a handful do
-ABSURD_FORCE = 1e5  # N, assumption: five times what a locked gearbox shows, so the integration has diverged
+CORRECTIONS = 30  # limit of Newton steps for initial conditions; a few suffice
+ABSURD_FORCE = 1e5  # N, assumption: five times the force in a locked gearbox, so the integration has diverged
 
 
 class Solution(NamedTuple):
