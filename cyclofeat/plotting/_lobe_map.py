@@ -1,4 +1,4 @@
-"""The disc with a ring of slots, one per lobe."""
+"""The disc with its counted lobes and a ring of slots, one per lobe."""
 
 from __future__ import annotations
 
@@ -27,10 +27,9 @@ _QUANTITY = "disturbance of the torque while the lobe passes (rms; 1 = std of th
 # Radii of the picture; the tips of the disc lie at 1.
 _HUB = 0.33
 _NUMBERS = 0.76
-_RING = (1.06, 1.36)
-_BARS = (1.43, 1.75)
+_RING = (1.06, 1.2)
+_BARS = (1.27, 1.6)
 _MARGIN = 1.03
-_COUNTED_RADIUS = 0.135
 _OUTLINE_POINTS = 900
 # Least upper end of the colour scale: a healthy disc's slots lie below 0.1, and must not look worn.
 _LEAST_SCALE = 0.3
@@ -250,7 +249,7 @@ class LobeMapDisplay:
         *,
         kind: Literal["disc", "bars"] = "disc",
         vmax: float | None = None,
-        cmap: str = "YlOrRd",
+        cmap: str = "Greys",
         colorbar: bool = True,
     ) -> Self:
         """Draw.
@@ -264,7 +263,7 @@ class LobeMapDisplay:
         vmax : float, optional
             Rms at the end of the scale; default, the largest, at least 0.3. Use one value for pictures that
             are compared.
-        cmap : str, default="YlOrRd"
+        cmap : str, default="Greys"
             Name of the colour map of the rms.
         colorbar : bool, default=True
             If True, ``kind="disc"`` has a colour bar.
@@ -299,7 +298,7 @@ class LobeMapDisplay:
         if colorbar:
             self.colorbar_ = self.figure_.colorbar(
                 ScalarMappable(norm, colours), ax=self.ax_, location="bottom", shrink=0.75, pad=0.02,
-                aspect=30, label=f"ring: {_QUANTITY}",
+                aspect=30, label="ring: " + _QUANTITY.replace(" (", "\n("),
                 extend="max" if self.slot_rms.max() > end else "neither",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
@@ -316,22 +315,28 @@ class LobeMapDisplay:
     def _disc(self, norm: Normalize, colours: Colormap) -> None:
         from matplotlib import rcParams
         from matplotlib.colors import to_rgba
-        from matplotlib.patches import Circle, Polygon, Wedge
+        from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
         ax, ink = self.ax_, rcParams["text.color"]
         # Lobe 0 at the top, the others counter-clockwise as on the disc.
         upright = np.exp(0.5j * np.pi)
         body = {"facecolor": to_rgba("0.5", 0.18), "edgecolor": ink, "linewidth": 1.0}
         if self.outline is None:
-            ax.add_patch(Circle((0, 0), 1.0, **body))
+            outline: Patch = Circle((0, 0), 1.0, **body)
         else:
             # Fewer points keep vector files small.
             drawn = self.outline[:: max(1, self.outline.size // _OUTLINE_POINTS)]
             points = drawn * upright / np.abs(drawn).max()
-            ax.add_patch(Polygon(np.column_stack([points.real, points.imag]), **body))
+            outline = Polygon(np.column_stack([points.real, points.imag]), **body)
+        ax.add_patch(outline)
         ax.add_patch(Circle((0, 0), _HUB, fill=False, edgecolor=ink, linewidth=0.8))
         half = 180 / self.n_lobes
         middles: Float = 90 + 2 * half * np.arange(self.n_lobes, dtype=np.float64)
+        for lobe in self.counted_lobes:
+            edges = middles[lobe] - half, middles[lobe] + half
+            counted = Wedge((0, 0), 1.1, *edges, width=1.1 - _HUB, color="C1", linewidth=0)
+            ax.add_patch(counted)
+            counted.set_clip_path(outline)
         for middle, rms in zip(middles, self.slot_rms, strict=True):
             wedge = Wedge(
                 (0, 0), _RING[1], middle - half, middle + half, width=_RING[1] - _RING[0],
@@ -347,17 +352,12 @@ class LobeMapDisplay:
         self._legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
 
     def _disc_numbers(self, middles: Float, ink: str) -> None:
-        from matplotlib.patches import Circle
-
         worn = set(self.worn_lobes or ())
         for lobe, direction in enumerate(np.deg2rad(middles)):
             place = _NUMBERS * np.cos(direction), _NUMBERS * np.sin(direction)
             number = self.ax_.text(*place, str(lobe + 1), ha="center", va="center", color=ink)
             if lobe in worn:
                 _mark_worn(number, ink)
-            if lobe in self.counted_lobes:
-                ring = Circle(place, _COUNTED_RADIUS, fill=False, edgecolor="C1", linewidth=2.5, zorder=4)
-                self.ax_.add_patch(ring)
 
     def _disc_probabilities(self, middles: Float, half: float, ink: str) -> Artist | None:
         if self.lobe_probability is None:
@@ -378,14 +378,14 @@ class LobeMapDisplay:
     def _legend(self, probability: Artist | None, **place: Any) -> None:
         """Draw the legend of the marks, outside of the axes."""
         from matplotlib.lines import Line2D
+        from matplotlib.patches import Patch
 
         marks: list[Artist] = []
         dot: dict[str, Any] = {"linestyle": "", "marker": "o"}
         if self.worn_lobes:
             marks.append(Line2D([], [], markersize=10, color="C0", label="truly worn lobe", **dot))
         if self.counted_lobes:
-            dot |= {"markerfacecolor": "none", "markeredgecolor": "C1", "markeredgewidth": 2.5}
-            marks.append(Line2D([], [], markersize=11, label="counted as worn", **dot))
+            marks.append(Patch(color="C1", label="counted as worn"))
         if probability is not None:
             marks.append(probability)
         if marks:

@@ -31,7 +31,8 @@ _PIXELS_PER_INCH = 92
 _BESIDE_TRAINING = (6.0, 3.2)
 
 # Small values recede into the page.
-_RMS_COLOURS = {"light": "YlOrRd", "dark": "inferno"}
+# Without a hue: the counted lobes have one.
+_RMS_COLOURS = {"light": "Greys", "dark": "gray"}
 _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 
@@ -108,7 +109,7 @@ def recording_pictures(
     if lobe_map is not None:
         drawn["lobe_map"] = picture(
             lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8),
-            "Disc with a ring of slots, one per lobe, coloured by the rms of the folded torque",
+            "Disc with its counted lobes in colour, and a ring of slots shaded by the folded torque's rms",
         )  # fmt: skip
     return drawn
 
