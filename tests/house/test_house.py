@@ -36,6 +36,7 @@ def test_changelog_has_an_unreleased_section_with_entries():
 
 def test_version_is_stated_once_and_the_same():
     assert PYPROJECT["project"]["version"] == cyclofeat.__version__
+    assert f"\nversion: {cyclofeat.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_every_folder_with_code_is_in_the_wheel():
