@@ -42,17 +42,24 @@ def run_and_print(command: Command, arguments: Namespace) -> bool:
 
 def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
     """Run a command and yield what is printed of each result, and of the error that ends it."""
-    from cyclofeat.simulators import SimulationFailed
-
     try:
+        if sys.stdout is None:
+            raise OSError("standard output is closed: direct it to a file, or to the null device")
         check_targets(arguments)
         load_own_effects(arguments)
         module = command.module()
         outcome = module.run(arguments)
         for result in outcome if isinstance(outcome, Iterator) else (outcome,):
             yield module.printed(arguments, result)
-    except (ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed) as error:
+    except _expected_errors() as error:
         yield Printed("", {"error": error_text(error)}, error_text(error), failed=True)
+
+
+def _expected_errors() -> tuple[type[Exception], ...]:
+    """Return the errors of input and surroundings; the import takes a second: ask after an error only."""
+    from cyclofeat.simulators import SimulationFailed
+
+    return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed
 
 
 def note(message: str) -> None:

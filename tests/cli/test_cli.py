@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
@@ -417,6 +418,15 @@ def test_a_closed_pipe_prints_no_error(folder):
     with process.stderr as err:
         assert err.read() == b""
     assert process.wait() == 141  # as of a program that the signal of a broken pipe has ended
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="closes a descriptor of the shell")
+def test_a_closed_standard_output_is_an_error():
+    command = f"{sys.executable} -m cyclofeat plan --worn-count 3 --noise 0.5 >&-"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "standard output is closed" in done.stderr
 
 
 def wrong_column(folder):
