@@ -11,6 +11,7 @@ from short_records import GEARBOX, SPEED, Recorder, short
 
 from cyclofeat.gap import Bank
 from cyclofeat.gap.simulations import Population, as_rig
+from cyclofeat.gap.what import _learned
 from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
 
@@ -40,6 +41,14 @@ def recorded(simulations: Path) -> Recorder:
         return comparison.bank(n, counts, random_state=seed)
 
     return record
+
+
+@pytest.fixture(scope="module")
+def few_trees():
+    """Effects are named by a tenth of the trees, in a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_learned, "_N_TREES", 40)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -9,12 +9,12 @@ from typing import Any
 from cyclofeat.gap import Bank, Comparison
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Noise, Rig
 
-# One turn of the output at twice the usual speed takes half the time to simulate.
-SPEED = 1000 / 60
-RATE, N_SAMPLES, DURATION = 6400.0, 5760, 0.9
-GEARBOX = CycloidalGearbox.steel(input_speed=2 * math.pi * SPEED)
-# A meter damped so well that it settles soon.
-BASE = Rig(GEARBOX, [BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
+# One turn of the output at three times the usual speed takes a third of the time to simulate.
+SPEED = 1500 / 60
+RATE, N_SAMPLES, DURATION = 6400.0, 3840, 0.6
+GEARBOX = CycloidalGearbox.steel(input_speed=2 * math.pi * SPEED, ramp_time=0.05)
+# A brake so light, and a meter damped so well, that it settles soon.
+BASE = Rig(GEARBOX, [BrakeRotor(0.005, 1e4, 0.05), Noise(0.05)], name="R1")
 
 # What the fixture ``recorded`` is.
 Recorder = Callable[..., Bank]

@@ -34,15 +34,15 @@ from cyclofeat.simulators import (
 COUNTS = [0, 3]
 
 
-# 32 recordings without the effect in place of 200: they are behind the weights only.
-COMPARISON = short(n_bank=32)
+# 24 recordings without the effect in place of 200: they are behind the weights only.
+COMPARISON = short(n_bank=24)
 
 
 def fit(
     bank: Bank, effects: Effect | list[Effect], comparison: Comparison = COMPARISON, **options: Any
 ) -> FittedEffects:
     measured = comparison.measured(bank.X, y=bank.counts)
-    return fit_effects(comparison, measured, effects, **{"n_interval": 32, "n_sims": 128, **options})
+    return fit_effects(comparison, measured, effects, **{"n_interval": 18, "n_sims": 64, **options})
 
 
 def anew() -> Comparison:
@@ -61,7 +61,7 @@ def with_hum(recorded: Recorder) -> Bank:
 @pytest.mark.parametrize(
     ("truth", "start", "tolerance"),
     [
-        (Hum(0.3), Hum(1.0), 0.1),
+        (Hum(0.3), Hum(0.1), 0.1),
         (Offset(0.6), Offset(-0.3), 0.15),
         (TorqueMeterLowPass(150.0), TorqueMeterLowPass(1000.0), 0.1),
         (Noise(0.2), Noise(0.02), 0.1),
@@ -91,13 +91,13 @@ def test_the_model_with_the_effect_is_the_model_as_given_and_the_effect(with_hum
     rig = Rig(GEARBOX, [Noise(0.01)], name="mine")
     assert fitted.rig == Rig(GEARBOX, fitted.effects)
     # What may differ anyway belongs to the comparison and not to the result.
-    other = fit(with_hum, Hum(0.1), COMPARISON.replace(rig=rig), n_sims=8, n_interval=0)
+    other = fit(with_hum, Hum(0.1), COMPARISON.replace(rig=rig, n_bank=10), n_sims=8, n_interval=0)
     assert other.rig == rig.with_added(*other.effects)
 
 
 def test_two_effects_are_fitted_together(recorded: Recorder) -> None:
     bank = recorded([Hum(0.3), Offset(0.6)], COUNTS)
-    fitted = fit(bank, [Hum(0.1), Offset(-0.2)], n_sims=240)
+    fitted = fit(bank, [Hum(0.1), Offset(-0.2)], n_sims=240, n_interval=32)
     assert fitted["hum.amplitude_nm"].value == pytest.approx(0.3, rel=0.1)
     assert fitted["offset.offset_nm"].value == pytest.approx(0.6, rel=0.15)
     assert [effect.effect_id for effect in fitted.effects] == ["hum", "offset"]

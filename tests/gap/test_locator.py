@@ -275,7 +275,7 @@ def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
 @pytest.mark.parametrize(
     ("effect", "family", "name"),
     [
-        (Hum(0.2), "shaft lines", "input order 3"),
+        (Hum(0.2), "shaft lines", "input order 2"),
         (LoadDrift(0.5), "slow part", "level below 4 Hz"),
         (TorqueMeterLowPass(150.0), "spectrum", "third octave"),
         (Offset(1.0), "amplitudes", "mean"),
@@ -346,7 +346,7 @@ def test_same_seed_same_table(comparison: Comparison, simulations: Path) -> None
         (
             np.full((3, 2 * N_SAMPLES), 22.0),
             {},
-            r"windows of 0.9 s like the comparison \(duration\), got 1.8 s",
+            r"windows of 0.6 s like the comparison \(duration\), got 1.2 s",
         ),
         (np.full((3, N_SAMPLES), 22.0), {"groups": [0, 1]}, "groups must hold one recording per window"),
         (np.full((3, N_SAMPLES), np.nan), {}, "X contains NaN"),

@@ -28,6 +28,8 @@ from cyclofeat.gap._doubts import doubts_about
 from cyclofeat.gap.simulations import Population
 from cyclofeat.simulators import Gain, Hum, Offset, Rig, effect_library
 
+pytestmark = pytest.mark.usefixtures("few_trees")
+
 COUNTS, HOLD_COUNTS = (0, 3), (0, 3, 5)
 SMALL = {
     "library": ["hum", "offset", "noise"], "n_after": 24, "n_report": 16, "n_draws": 8,
@@ -47,7 +49,7 @@ def found_in(
 ) -> GapResult:
     """The gap of small recordings, by few simulations."""
     return find_gap(
-        short(n_bank=40, cache=cache, random_state=random_state), measured, held_out,
+        short(n_bank=24, cache=cache, random_state=random_state), measured, held_out,
         settings=GapSettings(**(SMALL | settings)), progress=progress,
     )  # fmt: skip
 
@@ -247,7 +249,7 @@ TWO = _Shaped(2, N_SAMPLES)
         (TWO, {}, "y_fit and y_hold must be given both or neither, got y_fit without y_hold"),
         (_Shaped(N_SAMPLES), {"y": [0, 3]}, r"X_hold must have the shape \(n_windows, n_samples\), got"),
         (_Shaped(2, N_SAMPLES, dtype="complex64"), {"y": [0, 3]}, "X_hold must hold real numbers, got"),
-        (_Shaped(2, 2000), {"y": [0, 3]}, r"X_hold must hold windows of at least one output turn \(0.9 s\)"),
+        (_Shaped(2, 2000), {"y": [0, 3]}, r"X_hold must hold windows of at least one output turn \(0.6 s\)"),
         ([[22.0] * 10] * 2, {"y": [0, 3]}, "X_hold must hold windows of at least one output turn"),
         (TWO, {"y": [0]}, r"y_hold must hold one count per window: shape \(2,\), got \(1,\)"),
         (TWO, {"y": [0, np.nan]}, "y_hold must hold whole numbers .*, got 0.0, nan"),
@@ -355,7 +357,7 @@ def test_doubts_are_among_the_warnings(recorded: Recorder, simulations: Path) ->
     [
         (np.where(np.arange(N_SAMPLES) == 99, np.nan, TURNS), {}, "contains NaN"),
         (TURNS[:1], {}, "at least 2 recordings"),
-        (TURNS[:, :2000], {}, r"at least one output turn \(0.9 s\), got 0.312 s"),
+        (TURNS[:, :2000], {}, r"at least one output turn \(0.6 s\), got 0.312 s"),
         (TURNS, {"y": [0, 1]}, "y must hold one count per window"),
         (TURNS, {"y": [0.5] * 8}, "y must hold whole numbers of worn lobes"),
         (TURNS, {"groups": [1]}, "groups must hold one recording per window"),

@@ -17,6 +17,6 @@ def uncorrelating(deviations: Float) -> Float:
 
     The covariance is shrunk (Ledoit and Wolf 2004); deviations have about unit variance and zero mean.
     """
-    covariance = LedoitWolf(assume_centered=True).fit(deviations).covariance_
+    covariance = LedoitWolf(store_precision=False, assume_centered=True).fit(deviations).covariance_
     power, directions = np.linalg.eigh(covariance)
     return np.asarray(directions / np.sqrt(np.maximum(power, 0.0) + _RIDGE))

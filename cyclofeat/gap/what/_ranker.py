@@ -144,9 +144,9 @@ class EffectRanker:
         ValueError
             If ``located`` is of other conditions, or ``without`` leaves no effect.
         """
-        n = located.measured.n_recordings
+        n, deviation = located.measured.n_recordings, self._deviation(located)
         learned = self.learned(n)
-        features = learned.scale.features(*self._deviation(located), n)[np.newaxis]
+        features = learned.scale.features(*deviation, n)[np.newaxis]
         votes = sharpened(learned.forest.predict_proba(features), learned.temperature)[0]
         considered = np.array([name not in without for name in self.names])
         if not considered.any():
