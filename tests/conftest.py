@@ -11,7 +11,7 @@ import pytest
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, LocatedGap, locate
-from cyclofeat.simulators import BrakeRotor, Hum, Noise, Rig
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig
 
 
 class MadeOnce:
@@ -68,7 +68,9 @@ def compared_hum(made_once: MadeOnce) -> dict[str, LocatedGap]:
     """Six recordings with strong hum, and six with nothing, compared with a small bank of a rig."""
 
     def make() -> dict[str, LocatedGap]:
-        rig = Rig(effects=[BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
+        # Soon settled: short to simulate.
+        gearbox = CycloidalGearbox.steel(ramp_time=0.05)
+        rig = Rig(gearbox, [BrakeRotor(0.005, 1e4, 0.05), Noise(0.05)], name="R1")
         comparison = Comparison(sampling_rate=6400.0, rig=rig, n_bank=24)
         banks = {
             name: comparison.replace(rig=rig.with_added(*effects)).bank(6, [0, 3], random_state=seed)

@@ -36,7 +36,7 @@ RATE = 6400.0
 def _small(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command with few simulations: their numbers are no options of it."""
     monkeypatch.setattr(cyclofeat.gap, "GapSettings", functools.partial(GapSettings, **SMALL))
-    monkeypatch.setattr(cyclofeat.gap, "Comparison", functools.partial(Comparison, n_bank=40))
+    monkeypatch.setattr(cyclofeat.gap, "Comparison", functools.partial(Comparison, n_bank=24))
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[int, str, str]:

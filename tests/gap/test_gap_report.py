@@ -25,11 +25,21 @@ from cyclofeat.gap.proof import Part, Sample, Scale, _downstream, score_alternat
 from cyclofeat.gap.proof import _alternatives as alternatives
 from cyclofeat.gap.proof import _distance as distance
 from cyclofeat.gap.proof._downstream import _share
-from cyclofeat.simulators import BrakeRotor, Effect, Hum, Noise, Offset, Rig, TorqueMeterLowPass
+from cyclofeat.simulators import (
+    BrakeRotor,
+    CycloidalGearbox,
+    Effect,
+    Hum,
+    Noise,
+    Offset,
+    Rig,
+    TorqueMeterLowPass,
+)
 
 FS, N = 6400.0, 11_520
 # At the usual speed: the averaged spectra of the equaliser take long records.
-BASE = Rig(effects=[BrakeRotor(0.02, 1e4, 0.05), Noise(0.05)], name="R1")
+GEARBOX = CycloidalGearbox.steel(ramp_time=0.05)
+BASE = Rig(GEARBOX, [BrakeRotor(0.005, 1e4, 0.05), Noise(0.05)], name="R1")
 ONE = [Part("orders", "lobe lines", "dB"), Part("orders", "lobe lines", "dB")]
 TWO = [*ONE, Part("orders", "shaft lines", "dB"), Part("features", "features", "1")]
 
@@ -341,7 +351,7 @@ def proof_of(
     counts: tuple[int, ...] = tuple(range(8)),
     **settings: object,
 ) -> Proof:
-    settings = {"baselines": ("nothing",), "n_report": 12} | settings
+    settings = {"baselines": ("nothing",), "n_report": 10} | settings
     comparison = Comparison(sampling_rate=FS, rig=BASE, defect_counts=counts, cache=cache)
     return prove(comparison, after, fit, hold, settings=GapSettings(**settings), others=others)
 
@@ -472,7 +482,7 @@ def counted(cache: Path) -> tuple[Comparison, Measured]:
 
 
 def test_downstream_gain(cache: Path) -> None:
-    small = {"n_per_class": 6, "n_trees": 50}
+    small = {"n_per_class": 4, "n_trees": 50}
     gain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], oracle=TRUTH, **small)
     assert isinstance(gain, DownstreamGain)
     assert gain.n_recordings == 6

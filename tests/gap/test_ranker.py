@@ -241,7 +241,7 @@ def test_what_is_left_out_is_not_named(ranker: EffectRanker, located: dict[str, 
 def test_a_search_starts_near_the_truth(
     ranker: EffectRanker, located: dict[str, LocatedGap], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A draw's own change leads back to that draw; measured hum of 0.4 Nm to draws within a factor of four."""
+    """A draw's own change leads back to that draw; measured hum of 0.4 Nm to draws within a factor of 4."""
     nearest = ranker.nearest("hum", located["hum"], 2)
     assert all(0.1 < effect.amplitude_nm < 1.6 for effect in nearest)
     drawn = np.exp(ranker.table.vectors["hum"][:, 0])
