@@ -316,9 +316,9 @@ def pitch_error(t: float, errors: Sequence[float]) -> float:
 
 
 def distance_to_curve(p: complex, curve: Callable[[float], complex], low: float, high: float) -> float:
-    """Distance from ``p`` to the nearest point of a curve: of 400 points, and of 400 around the best."""
+    """Distance from ``p`` to the nearest point of a curve: of 400 points, then twice of 400 near the best."""
     nearest = math.inf
-    for _ in range(5):
+    for _ in range(3):
         step = (high - low) / 400
         places = [low + k * step for k in range(401)]
         distances = [abs(p - curve(place)) for place in places]

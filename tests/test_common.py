@@ -202,6 +202,12 @@ def checks_by_name() -> list[Any]:
     return params
 
 
+@pytest.fixture(autouse=True)
+def _few_steps(monkeypatch):
+    """Networks of lobes are trained in two steps per epoch: no check needs them to count well."""
+    monkeypatch.setattr("cyclofeat.counting._lobe_network._STEPS", 2)
+
+
 @yielded_checks()
 def test_yielded_checks(estimator, check):
     check(estimator)

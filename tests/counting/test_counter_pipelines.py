@@ -45,7 +45,7 @@ PARAMETERS = {
     "features": {"trees__max_features": 0.5, "features__preset": "ripple"},
     "ladder": {"ladder__column": -1, "entropy__preset": "ripple"},
     "ordinal": {"ordinal__alpha": 30.0, "lobe_map__n_lines": 30},
-    "lobes": {"n_hidden": 16, "points_per_lobe": 2, "n_splits": 3},
+    "lobes": {"n_hidden": 16, "points_per_lobe": 2, "n_splits": 2, "n_epochs": 20},
 }
 
 

@@ -64,7 +64,7 @@ def data(surrogates):
 
 
 def small(**changes):
-    return LobeCounter(25_600, **{"n_trees": 60, "n_epochs": 20, "n_splits": 3, **changes})
+    return LobeCounter(25_600, **{"n_trees": 40, "n_epochs": 12, "n_splits": 2, **changes})
 
 
 @pytest.fixture(scope="module")

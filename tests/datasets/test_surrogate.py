@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from joblib import parallel_config
 from scipy.stats import skew
 
 from cyclofeat.datasets import (
@@ -372,7 +373,8 @@ def test_an_error_in_the_callback_stops_the_work(n_jobs):
     def stop(done, total):
         raise KeyError("enough")
 
-    with pytest.raises(KeyError, match="enough"):
+    # In threads: two processes take seconds to start.
+    with parallel_config("threading"), pytest.raises(KeyError, match="enough"):
         make_rig_recordings(4, [0, 1], progress=stop, n_jobs=n_jobs, **SHORT)
 
 

@@ -118,7 +118,8 @@ class Kernel:
 
     def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, remember: bool = False) -> None:
         self.gearbox = gearbox
-        self.memory = kernels.new_memory(rest_state(gearbox)) if remember else None
+        self.rest = rest_state(gearbox)
+        self.memory = kernels.new_memory(self.rest) if remember else None
         self.constants = tuple(kernel_input(gearbox, defects))
 
     def __call__(
@@ -126,7 +127,7 @@ class Kernel:
     ) -> dict[str, Any]:
         """Accelerations, torques and forces in SI units, named as in ``Solution``."""
         z = self.gearbox.n_lobes
-        start = rest_state(self.gearbox)
+        start = self.rest.copy()
         start[: state.size] = state
         rates, torques = np.zeros(start.size), np.zeros(kernels.N_RESULT)
         external = np.zeros((2, self.gearbox.n_pins, 3))

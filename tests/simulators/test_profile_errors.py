@@ -140,6 +140,7 @@ def test_equal_pitch_errors_of_all_lobes_turn_the_wheel() -> None:
     assert left[1] < 0.3 * left[0]
 
 
+@functools.cache
 def raw(gearbox: CycloidalGearbox, defects: LobeDefects = HEALTHY, **options: Any) -> SimulationRun:
     return simulate(
         gearbox, defects, sampling_rate=1e5, solver=Solver(decimation="pick"), **{"duration": 0.45} | options
