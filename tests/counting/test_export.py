@@ -59,7 +59,7 @@ def counters(data):
     made = {kind: one if kind == "lobes" else GroupCalibratedCounter(one) for kind, one in made.items()}
     made["conformal"] = ConformalCounter(make_lobe_counter(RATE, n_trees=10), method="cross", n_splits=2)
     made["plain"] = make_lobe_counter(RATE, n_trees=10)
-    made["lobes"].set_params(points_per_lobe=2, n_hidden=16, n_splits=2)
+    made["lobes"].set_params(points_per_lobe=2, n_hidden=16, n_splits=2, n_epochs=5)
     for kind, counter in made.items():
         if kind == "plain":
             counter.fit(X, counts)
