@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from sklearn.base import BaseEstimator, clone
+from sklearn.neural_network import MLPClassifier
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
@@ -204,8 +205,11 @@ def checks_by_name() -> list[Any]:
 
 @pytest.fixture(autouse=True)
 def _few_steps(monkeypatch):
-    """Networks of lobes are trained in two steps per epoch: no check needs them to count well."""
-    monkeypatch.setattr("cyclofeat.counting._lobe_network._STEPS", 2)
+    """Networks of lobes are trained in few steps per epoch: no check needs them to count well."""
+    fit = MLPClassifier.fit
+    monkeypatch.setattr(
+        MLPClassifier, "fit", lambda self, X, y: fit(self.set_params(batch_size="auto"), X, y)
+    )
 
 
 @yielded_checks()

@@ -1,7 +1,7 @@
 """The whole chain on six cases made by the hidden effects' own generator: verdict, name, held-out gap.
 
 Every full check tries two: nothing hidden, which no weaker stage can pass by naming little, and a filter,
-which is named, sized and proved without another simulation of the gearbox. ``make test-gap`` tries the others.
+which is named, sized and proved without another simulation of the gearbox. ``make test-gap`` tries the rest.
 What was found is also compared with what was found once, ``tests/golden/hidden_cases.json``.
 """
 
