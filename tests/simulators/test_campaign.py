@@ -104,8 +104,9 @@ def test_each_class_fills_every_range_evenly() -> None:
     rig = Rig.r1().with_effects(GearboxParameter("load_torque", (10, 30)), Noise(loguniform(0.01, 10)))
     campaign = Campaign(rig=rig, repeats=32, depth=(0.2, 1.0))
     runout = rig.labelled_effects()["run_out"].runout
+    plans = list(campaign.plans())
     for count in campaign.defect_counts:
-        values = [plan.values for plan in campaign.plans() if plan.defect_count == count]
+        values = [plan.values for plan in plans if plan.defect_count == count]
         assert strata([v[LOAD] for v in values], 10, 30) == list(range(32))
         assert strata([math.log10(v["noise.rms_nm"]) for v in values], -2, 1) == list(range(32))
         assert strata([v["depth"] for v in values], 0.2, 1.0) == list(range(32))

@@ -75,7 +75,8 @@ def test_machines_follow_from_their_seed_alone(preset):
 
 
 def test_the_spread_of_the_presets_is_as_stated():
-    drawn = [Rig.r0().draw(seed).gearbox for seed in range(400)]
+    rig = Rig.r0()
+    drawn = [rig.draw(seed).gearbox for seed in range(400)]
     pins = np.array([[*one.pin_radial_errors, *one.pin_tangential_errors] for one in drawn])
     assert pins.std() == pytest.approx(10e-6, rel=0.03)
     assert abs(pins.mean()) < 0.3e-6
@@ -103,7 +104,8 @@ def test_the_spread_of_the_presets_is_as_stated():
 
 
 def test_ranges_are_filled_log_uniformly():
-    drawn = [Rig.r2().draw(seed).gearbox for seed in range(400)]
+    rig = Rig.r2()
+    drawn = [rig.draw(seed).gearbox for seed in range(400)]
     inertia = np.array([a.brake_inertia for a in drawn])
     stiffness = np.array([a.meter_stiffness for a in drawn])
     ratio = np.array([a.meter_damping for a in drawn]) / (2 * np.sqrt(inertia * stiffness))
