@@ -50,7 +50,6 @@ def integrate_held(
     """
     n_state = state.size
     rates = np.zeros(n_state)
-    middle = np.zeros(n_state)
     result = np.zeros(N_RESULT)
     pins, mounts, lobes, wear, sleeves = addresses((pins, mounts, lobes, wear, sleeves))
     memory = addresses(memory)
@@ -59,26 +58,32 @@ def integrate_held(
         own = np.uintp(w * COLUMNS)
         inertia += body.wheel_mass * (mounts[own + CAM_X] ** 2 + mounts[own + CAM_Y] ** 2)
     omega = 0.0
-    for step in range(n_steps):
+    at_phi = phi
+    at_omega = omega
+    at = state.copy()
+    # One call of the accelerations for both halves of a step keeps the code short.
+    for m in range(2 * n_steps):
+        step = m // 2
         alpha = _accelerations(
-            phi, omega, torque[2 * step], damping, inertia, through_meter, state, wheel, joint, contact,
+            at_phi, at_omega, torque[m], damping, inertia, through_meter, at, wheel, joint, contact,
             joint_contact, body, friction, pins, mounts, lobes, wear, sleeves, memory, rates, result,
         )  # fmt: skip
-        if step % every == 0:
-            angle[step // every] = phi
-            held[step // every] = result[0]
-        if not (abs(result[0]) < limit and abs(result[1]) < limit):
-            return step
-        for k in range(n_state):
-            middle[k] = state[k] + 0.5 * dt * rates[k]
-        middle_omega = omega + 0.5 * dt * alpha
-        alpha = _accelerations(
-            phi + 0.5 * dt * omega, middle_omega, torque[2 * step + 1], damping, inertia, through_meter,
-            middle, wheel, joint, contact, joint_contact, body, friction, pins, mounts, lobes, wear, sleeves,
-            memory, rates, result,
-        )  # fmt: skip
-        for k in range(n_state):
-            state[k] += dt * rates[k]
-        phi += dt * middle_omega
-        omega += dt * alpha
+        if m % 2 == 0:
+            if step % every == 0:
+                angle[step // every] = phi
+                held[step // every] = result[0]
+            if not (abs(result[0]) < limit and abs(result[1]) < limit):
+                return step
+            for k in range(n_state):
+                at[k] = state[k] + 0.5 * dt * rates[k]
+            at_phi = phi + 0.5 * dt * omega
+            at_omega = omega + 0.5 * dt * alpha
+        else:
+            for k in range(n_state):
+                state[k] += dt * rates[k]
+                at[k] = state[k]
+            phi += dt * at_omega
+            omega += dt * alpha
+            at_phi = phi
+            at_omega = omega
     return n_steps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import Integrated, Integration
-from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
+from cyclofeat.simulators.tables import kernel_input, rest_state
 
 __all__ = ["EnergyAudit", "energy_audit"]
 
@@ -144,7 +144,7 @@ def energy_audit(
         end = min(begin + _BLOCK, last + 1)
         done = integration.run(state, begin, end, np.arange(end - begin), forces=True)
         state = done.state
-        block = _Account(gearbox, integration.constants, course[:, 2 * begin : 2 * end : 2], done)
+        block = _Account(integration, begin, done)
         stored.append(block.stored)
         powers.append(block.powers)
     energy, power = np.concatenate(stored, axis=1), np.concatenate(powers, axis=1)
@@ -164,15 +164,15 @@ def energy_audit(
 
 
 class _Account:
-    """Energies in J and powers in W at n instants, from the kernel's states (n, n_state)."""
+    """Energies in J and powers in W at the n steps of a run from ``first`` on."""
 
-    def __init__(
-        self, gearbox: CycloidalGearbox, constants: KernelInput, course: Float, done: Integrated
-    ) -> None:
+    def __init__(self, integration: Integration, first: int, done: Integrated) -> None:
+        gearbox, constants = integration.gearbox, integration.constants
         z = gearbox.n_lobes
-        self.gearbox, self.constants = gearbox, constants
-        phi, omega, _, torque_load = course
+        self.gearbox, self.constants, self.first = gearbox, constants, first
+        self.one_step = replace(integration, integrator="adams_bashforth")
         motion = done.motion
+        phi, omega, _, torque_load = integration.course[:, 2 * first :: 2][:, : len(motion)]
         self.phi, self.omega, self.motion = phi, omega, motion
         self.rates = motion[:, 4:8] - omega[:, None] / z  # wheels, output shaft, brake
         self.spins = motion[:, 8:]
@@ -216,16 +216,13 @@ class _Account:
 
     def in_pins(self) -> Float:
         """Energy stored in the contacts of pins and wheels, and power that they dissipate: (2, n)."""
-        k, z = self.constants, self.gearbox.n_lobes
+        k = self.constants
         memory = _kernels.new_memory(self.motion[0])
-        rates, result = np.empty(self.motion.shape[1]), np.empty(_kernels.N_RESULT)
-        slow = self.phi / z
+        none: NDArray[np.int64] = np.zeros(0, dtype=int)
         energy_and_power = np.empty((2, self.phi.size))
         for i, (phi, omega, state) in enumerate(zip(self.phi, self.omega, self.motion, strict=True)):
-            _kernels.derivatives(
-                phi, math.cos(phi), math.sin(phi), math.cos(slow[i]), -math.sin(slow[i]), omega, 0.0, 0.0,
-                state, *k, memory, rates, result,
-            )  # fmt: skip
+            # One evaluation, after which the memory describes the contacts of this state.
+            self.one_step.attempt(state, self.first + i, self.first + i + 1, none, memory=memory)
             energy_and_power[:, i] = _kernels.pin_energy(
                 phi, omega, state, k.wheel, k.contact, k.mounts, memory
             )

@@ -383,9 +383,13 @@ class Integration:
         return done
 
     def attempt(
-        self, state: Float, begin: int, end: int, instants: NDArray[np.int64], *, forces: bool = False
-    ) -> Integrated:
-        """Do as :meth:`run`, but return the steps finished so far where the simulation fails."""
+        self, state: Float, begin: int, end: int, instants: NDArray[np.int64], *, forces: bool = False,
+        memory: tuple[NDArray[Any], ...] | None = None,
+    ) -> Integrated:  # fmt: skip
+        """Do as :meth:`run`, but return the steps finished so far where the simulation fails.
+
+        ``memory`` holds the kernel's description of the contacts afterwards.
+        """
         gearbox, n_steps = self.gearbox, end - begin
         torques = np.empty((n_steps, _kernels.N_RESULT))
         motion = np.empty((instants.size, state.size))
@@ -397,9 +401,9 @@ class Integration:
         state = state.copy()
         finished = _kernels.integrate(
             _STAGES[self.integrator], n_steps, self.dt, *self.course[:, 2 * begin : 2 * end + 1], state,
-            *self.constants, _kernels.new_memory(state), ABSURD_TORQUE, gearbox.eccentricity * LOCKING_FORCE,
-            LOCKING_TIME / self.dt, torques, instants, motion, external, internal, last_external,
-            last_internal,
+            *self.constants, memory or _kernels.new_memory(state), ABSURD_TORQUE,
+            gearbox.eccentricity * LOCKING_FORCE, LOCKING_TIME / self.dt, torques, instants, motion, external,
+            internal, last_external, last_internal,
         )  # fmt: skip
         return Integrated(
             finished, state, torques, motion, external, internal, last_external[..., 0], last_internal[..., 0]

@@ -125,29 +125,32 @@ class Kernel:
     def __call__(
         self, state: np.ndarray, phi: float, omega: float = 0.0, alpha: float = 0.0, load: float = 0.0
     ) -> dict[str, Any]:
-        """Accelerations, torques and forces in SI units, named as in ``Solution``."""
-        z = self.gearbox.n_lobes
+        """Accelerations, torques and forces in SI units, named as in ``Solution``.
+
+        Euler's rule with a step of 1 s adds the accelerations to the rates.
+        """
         start = self.rest.copy()
         start[: state.size] = state
-        rates, torques = np.zeros(start.size), np.zeros(kernels.N_RESULT)
-        external = np.zeros((2, self.gearbox.n_pins, 3))
-        internal = np.zeros((2, self.gearbox.n_internal_sleeves, 3))
+        after, torques = start.copy(), np.zeros((1, kernels.N_RESULT))
+        external = np.zeros((1, 2, self.gearbox.n_pins, 3))
+        internal = np.zeros((1, 2, self.gearbox.n_internal_sleeves, 3))
         memory = kernels.new_memory(start) if self.memory is None else self.memory
-        kernels.derivatives(
-            phi, math.cos(phi), math.sin(phi), math.cos(phi / z), -math.sin(phi / z), omega, alpha, load,
-            start, *self.constants, memory, rates, torques,
+        steady = (np.full(3, value) for value in (phi, omega, alpha, load))
+        kernels.integrate(
+            1, 1, 1.0, *steady, after, *self.constants, memory, np.inf, np.inf, np.inf, torques,
+            np.zeros(1, dtype=int), np.zeros((1, start.size)), external, internal, external[0].copy(),
+            internal[0].copy(),
         )  # fmt: skip
-        wheel, joint = self.constants[:2]
-        mounts, sleeves = self.constants[7], self.constants[10]
-        kernels.gather(wheel, joint, mounts, sleeves, memory, phi, start, external, internal)
+        change = after - start
         return {
-            "theta_acceleration": rates[4:6] - alpha / z,
-            "psi_acceleration": rates[6] - alpha / z,
-            "brake_acceleration": rates[7] - alpha / z,
-            "output_torque": torques[0],
-            "input_torque": torques[1],
-            "external_force": external[..., 0],
-            "internal_force": internal[..., 0],
-            "external_vector": external[..., 1:],
-            "internal_vector": internal[..., 1:],
+            "theta_acceleration": change[4:6],
+            "psi_acceleration": change[6],
+            "brake_acceleration": change[7],
+            "spin_acceleration": change[8:],
+            "output_torque": torques[0, 0],
+            "input_torque": torques[0, 1],
+            "external_force": external[0, ..., 0],
+            "internal_force": internal[0, ..., 0],
+            "external_vector": external[0, ..., 1:],
+            "internal_vector": internal[0, ..., 1:],
         }

@@ -15,7 +15,6 @@ from reference_tools import (
     Kernel,
     State,
     kernel_state,
-    kernels,
     random_lobes,
     reference_of,
     simulate_with,
@@ -92,19 +91,13 @@ def full_state(oracle: RubbingGearbox, state: State, spins: np.ndarray) -> np.nd
     return np.append(kernel_state(oracle, state), spins)
 
 
-class Spinning(Kernel):
-    """The kernel with the sleeves' accelerations among its results."""
+def accelerations(got: dict[str, Any]) -> np.ndarray:
+    """Of wheels, output shaft and sleeves."""
+    return np.concatenate([got["theta_acceleration"], [got["psi_acceleration"]], got["spin_acceleration"]])
 
-    def rates(self, state: np.ndarray, at: State) -> tuple[np.ndarray, dict[str, Any]]:
-        rates = np.zeros(state.size)
-        torques = np.zeros(2)
-        memory = kernels.new_memory(state)
-        z = self.gearbox.n_lobes
-        kernels.derivatives(
-            at.phi, np.cos(at.phi), np.sin(at.phi), np.cos(at.phi / z), -np.sin(at.phi / z), at.omega,
-            at.alpha, at.load, state, *self.constants, memory, rates, torques,
-        )  # fmt: skip
-        return rates, self(state, at.phi, at.omega, at.alpha, at.load)
+
+def at_state(kernel: Kernel, state: np.ndarray, at: State) -> dict[str, Any]:
+    return kernel(state, at.phi, at.omega, at.alpha, at.load)
 
 
 def drawn(rng: np.random.Generator) -> tuple[CycloidalGearbox, LobeDefects, State, np.ndarray]:
@@ -122,13 +115,17 @@ def test_kernel_agrees_with_rubbing_bodies() -> None:
         gearbox, defects, state, spins = drawn(rng)
         oracle = oracle_of(gearbox, defects)
         expected = oracle.rubbing_accelerations(*state[:4], np.append(state.rates, spins), state.load)
-        rates, got = Spinning(gearbox, defects).rates(full_state(oracle, state, spins), state)
+        got = at_state(Kernel(gearbox, defects), full_state(oracle, state, spins), state)
         force = max(got["external_force"].max(), got["internal_force"].max(), 1.0)
         torque = force * gearbox.pin_circle_radius
         for name, found, unit in (
             ("theta_acceleration", got["theta_acceleration"], torque / gearbox.wheel_inertia),
             ("psi_acceleration", got["psi_acceleration"], torque / gearbox.output_inertia),
-            ("spin_acceleration", rates[8:], force * gearbox.pin_radius / gearbox.sleeve_inertia),
+            (
+                "spin_acceleration",
+                got["spin_acceleration"],
+                force * gearbox.pin_radius / gearbox.sleeve_inertia,
+            ),
             ("input_torque", got["input_torque"], torque),
             ("output_torque", got["output_torque"], torque),
         ):
@@ -179,12 +176,12 @@ def test_power_balances_and_friction_always_dissipates() -> None:
     for _ in range(100):
         gearbox, defects, state, spins = drawn(rng)
         oracle = oracle_of(gearbox, defects)
-        rates, got = Spinning(gearbox, defects).rates(full_state(oracle, state, spins), state)
+        got = at_state(Kernel(gearbox, defects), full_state(oracle, state, spins), state)
         kinetic = (
             2 * gearbox.wheel_mass * gearbox.eccentricity**2 * state.omega * state.alpha
             + gearbox.wheel_inertia * state.rates[:2] @ got["theta_acceleration"]
             + gearbox.output_inertia * state.rates[2] * got["psi_acceleration"]
-            + gearbox.sleeve_inertia * spins @ rates[8:]
+            + gearbox.sleeve_inertia * spins @ got["spin_acceleration"]
         )
         others = [got["input_torque"] * state.omega, state.load * state.rates[2]]
         others.append(normal_power(gearbox, state, got))
@@ -246,10 +243,10 @@ def test_vanishing_friction_is_no_friction() -> None:
 def rolled(gearbox: CycloidalGearbox, at: State) -> tuple[np.ndarray, dict[str, Any]]:
     """Spins that the sleeves settle at while the machine's pose and speeds are held, and its forces."""
     state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
-    kernel = Spinning(gearbox, HEALTHY)
+    kernel = Kernel(gearbox, HEALTHY)
     for _ in range(8000):
-        rates, got = kernel.rates(state, at)
-        state[8:] += 1e-4 * rates[8:]
+        got = at_state(kernel, state, at)
+        state[8:] += 1e-4 * got["spin_acceleration"]
     return state[8:], got
 
 
@@ -405,13 +402,13 @@ def test_damping_rates_are_those_of_the_kernel() -> None:
         angles = reference_of(STEEL, HEALTHY).rest_angles(1.0) + LOADED + rng.normal(0, 3e-4, 3)
         at = State(1.0, 0.0, 0.0, angles, np.zeros(3), 22.0)
         state = full_state(oracle_of(gearbox, HEALTHY), at, np.zeros(N_SLEEVES))
-        kernel = Spinning(gearbox, HEALTHY)
+        kernel = Kernel(gearbox, HEALTHY)
         moving = [4, 5, 6, *range(8, state.size)]
         jacobian = np.zeros((len(moving), len(moving)))
         for column, index in enumerate(moving):
             step = 1e-6 * np.eye(state.size)[index]
-            change = kernel.rates(state + step, at)[0] - kernel.rates(state - step, at)[0]
-            jacobian[:, column] = change[moving] / 2e-6
+            ahead, behind = (at_state(kernel, state + side * step, at) for side in (1, -1))
+            jacobian[:, column] = (accelerations(ahead) - accelerations(behind)) / 2e-6
         got = kernel(state, 1.0, 0.0, 0.0, 22.0)
         forces = (
             np.concatenate([got[f"{kind}_force"][..., None], got[f"{kind}_vector"]], axis=-1)[None]
