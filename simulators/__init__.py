@@ -13,6 +13,7 @@ module           responsibility
 ``tables``       parameters as the compiled kernel takes them
 ``held_output``  torque against deflection with the output held
 ``many``         many runs at once, on several cores
+``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``audit``        energy balance of a run
 ``_chatter``     warning for friction too steep for the time step

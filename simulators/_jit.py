@@ -25,6 +25,15 @@ def njit(**options: Any) -> Any:
     return compile_lazily
 
 
+def inner_njit(**options: Any) -> Any:
+    """As :func:`njit`, for functions that only compiled functions call and whose cache holds them.
+
+    Each saves a fifth of a second or more at the first call.
+    """
+    compiler: Any = numba.njit  # whose stated types lack these options
+    return compiler(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+
+
 def _addresses(typingctx: Any, arrays: Any) -> Any:
     """Addresses of the first elements of contiguous arrays (a tuple), which are indexed like the arrays.
 

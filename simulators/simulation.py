@@ -122,6 +122,8 @@ class SimulationRun:
         sleeve that touches twice (at a worn lobe's pit) has one point, in the direction of the resultant.
     dt : float
         Integration step in s.
+    kernel : {"exact", "batch"}
+        The kernel that made the run (:func:`simulate_many`).
     """
 
     gearbox: CycloidalGearbox
@@ -137,6 +139,7 @@ class SimulationRun:
     external_points: Complex | None = field(repr=False, default=None)
     internal_points: Complex | None = field(repr=False, default=None)
     dt: float = 1e-5
+    kernel: str = "exact"
 
     @property
     def time(self) -> Float:
@@ -246,7 +249,7 @@ def simulate(
     """
     gearbox, defects = machine(gearbox, defects)
     solver = solver or Solver()
-    sampling = _Sampling.of(duration, sampling_rate, solver)
+    sampling = Sampling.of(duration, sampling_rate, solver)
     number("start_angle", start_angle)
     one_of("start", start, ("rest", "relaxed"))
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
@@ -284,7 +287,7 @@ def simulate(
 
 
 @dataclass(frozen=True)
-class _Sampling:
+class Sampling:
     """Selection of the samples of the result from the steps of the integration."""
 
     time: Float
@@ -294,7 +297,7 @@ class _Sampling:
     decimation: str
 
     @classmethod
-    def of(cls, duration: float, sampling_rate: float, solver: Solver) -> _Sampling:
+    def of(cls, duration: float, sampling_rate: float, solver: Solver) -> Sampling:
         positive("duration", duration)
         positive("sampling_rate", sampling_rate)
         dt = solver.dt

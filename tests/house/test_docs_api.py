@@ -50,6 +50,7 @@ PACKAGES = (
     "cyclofeat.signal.windows",
     "cyclofeat.simulators",
     "cyclofeat.simulators.audit",
+    "cyclofeat.simulators.batch",
     "cyclofeat.simulators.campaign",
     "cyclofeat.simulators.contact",
     "cyclofeat.simulators.courses",

@@ -1,0 +1,567 @@
+"""Frames of all contacts of one wheel in one lane: one pin in each lane of a vector.
+
+See :mod:`~cyclofeat.simulators._outline` for what is described, and when: here with every number counted from
+the moment of the description, and the pins that touch first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cyclofeat.simulators._jit import inner_njit
+from cyclofeat.simulators._outline import CELLS_PER_RADIAN, CHORD_ENDS, DISPLACED_REACH, FIRST_BORDER, LEAD
+from cyclofeat.simulators.batch import _rows as rows
+from cyclofeat.simulators.batch._lanes import sine_and_fall, small_sine_and_fall
+from cyclofeat.simulators.batch._vectors import (
+    FASTMATH,
+    bits_of,
+    choose,
+    count,
+    filled,
+    first_bit,
+    joined,
+    larger,
+    load,
+    load_from,
+    magnitude,
+    root,
+    smaller,
+    store,
+    whole_below,
+)
+
+_N_DIRECTIONS = 64
+_COSINES = np.cos(2 * np.pi * np.arange(_N_DIRECTIONS) / _N_DIRECTIONS)
+_SINES = np.sin(2 * np.pi * np.arange(_N_DIRECTIONS) / _N_DIRECTIONS)
+# Weights are looked up from two lobes before a pin's own on.
+FIRST_PLACE = 2
+# Share of a pitch about the place where lobes or their halves meet, beyond which no pin passes it.
+MEETING = 0.02
+_LOST = 1e6  # rad; an angle beyond is no longer that of a machine
+
+
+@inner_njit(fastmath=FASTMATH)
+def direction(angle):
+    """Cosine and sine of an angle, in float64: from the nearest of 64 directions."""
+    turns = angle * (_N_DIRECTIONS / (2 * np.pi))
+    nearest = np.floor(turns + 0.5)
+    sine, fall = sine_and_fall((turns - nearest) * (2 * np.pi / _N_DIRECTIONS))
+    k = np.uintp(np.int64(nearest) & (_N_DIRECTIONS - 1))
+    c, s = _COSINES[k], _SINES[k]
+    return c - (c * fall + s * sine), s - (s * fall - c * sine)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _at_foot(foot, displaced, lobe, g, at):
+    """Vector from the foot to the pin's centre, and the factors of the profile's tangent there."""
+    dx, dy = displaced
+    qx, qy = lobe
+    e, inverse_m, n_pins = g[at + rows.ECCENTRICITY], g[at + rows.INVERSE_M], g[at + rows.N_PINS]
+    s1, v1 = small_sine_and_fall(foot)
+    s2, v2 = sine_and_fall(foot * n_pins)
+    fall_x, fall_y = v2 * qx + s2 * qy, v2 * qy - s2 * qx
+    rx = dx + g[at + rows.CIRCLE_RADIUS] * v1 + e * fall_x
+    ry = dy - g[at + rows.CIRCLE_RADIUS] * s1 + e * fall_y
+    wx, wy = qx - fall_x, qy - fall_y
+    return s1, v1, rx, ry, wx, wy, inverse_m - v1 * inverse_m + wx, s1 * inverse_m + wy
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _next_foot(foot, rx, ry, wx, wy, hx, hy, g, at):
+    """Newton's step to the foot of a pin's normal on the profile."""
+    inverse_ez, z, largest = g[at + rows.INVERSE_EZ], g[at + rows.Z], g[at + rows.LARGEST_STEP]
+    flat = hx * hx + hy * hy
+    slope = flat + (rx * (hx + z * wx) + ry * (hy + z * wy)) * inverse_ez
+    foot = foot + (ry * hx - rx * hy) * inverse_ez / larger(slope, 0.3 * flat)
+    return smaller(larger(foot, -largest), largest)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _near_foot(displaced, lobe, close, g, at):
+    """Place near the foot of a pin's normal, counted from the rest position, and the profile there."""
+    dx, dy = displaced
+    qx, qy = lobe
+    # Newton's first step begins at rest, where all sines are zero.
+    foot = _next_foot(0.0 * dx, dx, dy, qx, qy, g[at + rows.INVERSE_M] + qx, qy, g, at)
+    if not close:
+        _, _, rx, ry, wx, wy, hx, hy = _at_foot(foot, displaced, lobe, g, at)
+        foot = _next_foot(foot, rx, ry, wx, wy, hx, hy, g, at)
+    return foot, _at_foot(foot, displaced, lobe, g, at)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _profile(at_foot, g, at):
+    """Normal, and gap and effective radius with their derivatives along the tangent, at a pin."""
+    s1, v1, rx, ry, _, _, hx, hy = at_foot
+    inverse = 1.0 / root(hx * hx + hy * hy)
+    square = inverse * inverse
+    nx, ny = hx * inverse, hy * inverse
+    distance, foot_u = rx * nx + ry * ny, ry * nx - rx * ny
+    curve_1, clearance, q = g[at + rows.CURVE_1], g[at + rows.CLEARANCE], g[at + rows.RADIUS]
+    cubic = g[at + rows.CURVE_3] * square
+    kappa = (curve_1 + cubic) * inverse
+    sine = g[at + rows.STEEPNESS] * (hy - v1 * hy - s1 * hx)
+    cosine = hx - v1 * hx + s1 * hy - g[at + rows.INVERSE_M]
+    fourth = (curve_1 + 3.0 * cubic) * (square * square)
+    change = fourth * sine
+    second = (4.0 * curve_1 + 18.0 * cubic) * (sine * sine) * (square * square) * (square * inverse)
+    second = second + fourth * g[at + rows.STEEPNESS_CHANGE] * cosine * inverse
+    shallow = 1.0 / (1.0 - kappa * clearance)
+    slack = 1.0 / larger(1.0 + kappa * distance, 0.3)
+    second = second + change * change * (2.0 * clearance * shallow - distance * slack)
+    square_q = q * q * shallow * shallow * slack
+    bend, third = kappa * slack, change * 0.5 * slack * slack * slack
+    # All derivatives at the pin, which lies foot_u beside the normal.
+    gaps = (
+        distance + clearance + foot_u * foot_u * (0.5 * bend + third * foot_u * (1 / 3)),
+        foot_u * (bend + third * foot_u),
+        bend + 2.0 * third * foot_u,
+        third,
+    )
+    radius_slope, radius_bend = -(square_q * change), -(0.5 * square_q * second * slack)
+    radii = (
+        q * (1.0 - kappa * (q + clearance)) * shallow + (radius_slope + radius_bend * foot_u) * foot_u,
+        radius_slope + 2.0 * radius_bend * foot_u,
+        radius_bend,
+    )
+    return nx, ny, gaps, radii
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _both(values, table, half):
+    """The vector with one number for the pins of each wheel."""
+    return joined(filled(values[0], table, half), filled(values[1], table, half))
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _of_pins(table, row, half):
+    """A row of the pins, for each wheel."""
+    values = load(table, row, half)
+    return joined(values, values)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _weights_from(weights, first, shift, half):
+    return joined(load_from(weights, first[0] + shift, half), load_from(weights, first[1] + shift, half))
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _weight_at(weights, first, step, half):
+    """Weights of the lobes from an index for each wheel on, plus a step of -2 to 1 lobes."""
+    before = choose(
+        step < -1.5,
+        _weights_from(weights, first, np.uintp(0), half),
+        _weights_from(weights, first, np.uintp(1), half),
+    )
+    after = choose(
+        step < 0.5,
+        _weights_from(weights, first, np.uintp(2), half),
+        _weights_from(weights, first, np.uintp(3), half),
+    )
+    return choose(step < -0.5, before, after)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _beside(part, further, middle, lever, normal, g, at):
+    """The line across a flank where the outline may pass into a defect: value, slopes along v and u."""
+    sine, fall = sine_and_fall((part - further) * g[at + rows.PITCH])
+    along_x = choose(middle, -g[at + rows.PIT_NY], part * 0.0)
+    along_y = choose(middle, g[at + rows.PIT_NX], part * 0.0 + 1.0)
+    x = along_x - fall * along_x + sine * along_y
+    y = along_y - fall * along_y - sine * along_x
+    nx, ny = normal
+    value = lever[0] * x + lever[1] * y - choose(middle, g[at + rows.PIT_DOT], part * 0.0)
+    return value, x * nx + y * ny, y * nx - x * ny
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _edges_in_reach(from_x, from_y, normal, is_chord, reach, share):
+    """Place of the pins from the vertices of one kind of edges; masks of those in reach and touching."""
+    nx, ny = normal
+    v, u = from_x * nx + from_y * ny, from_y * nx - from_x * ny
+    aside = smaller(u, 0.0) if is_chord else u
+    square = v * v + aside * aside
+    reach, lowest, touching = reach
+    return v, u, (square < reach) & (v >= lowest) & (share > 0.0), square < touching
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _write_edges(row, place, normal, turn, pin, share, q, frames, n_blocks, b):
+    """Write the rows of one kind of edges."""
+    v, u, _, _ = place
+    sine, fall = turn
+    lever, cam = pin
+    nx, ny = normal
+    x, y = nx - fall * nx + sine * ny, ny - fall * ny - sine * nx
+    store(frames, (row + rows.E_LEVER_N) * n_blocks + b, lever[0] * x + lever[1] * y)
+    store(frames, (row + rows.E_LEVER_T) * n_blocks + b, lever[1] * x - lever[0] * y)
+    store(frames, (row + rows.E_CAM_N) * n_blocks + b, cam[0] * x + cam[1] * y)
+    store(frames, (row + rows.E_CAM_T) * n_blocks + b, cam[1] * x - cam[0] * y)
+    store(frames, (row + rows.E_OVER) * n_blocks + b, v - q)
+    store(frames, (row + rows.E_ALONG) * n_blocks + b, u)
+    store(frames, (row + rows.E_WEIGHT) * n_blocks + b, share)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _edge_frames(at_lobe, arm, beyond_tip, pin, share, reach, tables, at, b):
+    """Frames of chords and pits; return their places and masks.
+
+    ``at_lobe`` is the pin's place in pitches from the tip, ``arm`` the vector from the profile to it,
+    ``beyond_tip`` the radial part of that from the tip at place 0.
+    """
+    g, frames, n_blocks = tables.rounded, tables.frames, tables.n_blocks
+    sine, fall = sine_and_fall(at_lobe * g[at + rows.PITCH])
+    x, y = beyond_tip - fall * arm[0] - sine * arm[1], sine * arm[0] + (arm[1] - fall * arm[1])
+    q = g[at + rows.RADIUS]
+    limits = ((q + reach) * (q + reach), -reach, q * q)
+    chord, pit = (g[at + rows.CHORD_X], g[at + rows.CHORD_Y]), (g[at + rows.PIT_NX], g[at + rows.PIT_NY])
+    on_chord = _edges_in_reach(x, y, chord, True, limits, share)
+    x, y = x + g[at + rows.TIP_TO_PIT_X], y - g[at + rows.PIT_Y]
+    at_pit = _edges_in_reach(x, y, pit, False, limits, share)
+    if bits_of(on_chord[2] | at_pit[2]) != 0:
+        _write_edges(rows.CHORDS, on_chord, chord, (sine, fall), pin, share, q, frames, n_blocks, b)
+        _write_edges(rows.PITS, at_pit, pit, (sine, fall), pin, share, q, frames, n_blocks, b)
+    return on_chord, at_pit
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b):
+    """Write the rows of the flanks but for their weights."""
+    nx, ny = normal
+    store(frames, rows.F_LEVER_N * n_blocks + b, lever[0] * nx + lever[1] * ny)
+    store(frames, rows.F_LEVER_T * n_blocks + b, lever[1] * nx - lever[0] * ny)
+    store(frames, rows.F_CAM_N * n_blocks + b, cam[0] * nx + cam[1] * ny)
+    store(frames, rows.F_CAM_T * n_blocks + b, cam[1] * nx - cam[0] * ny)
+    store(frames, rows.F_GAP * n_blocks + b, gaps[0])
+    store(frames, rows.F_SLOPE * n_blocks + b, gaps[1])
+    store(frames, rows.F_BEND * n_blocks + b, gaps[2])
+    store(frames, rows.F_CHANGE * n_blocks + b, gaps[3])
+    store(frames, rows.F_RADIUS * n_blocks + b, radii[0])
+    store(frames, rows.F_RADIUS_SLOPE * n_blocks + b, radii[1])
+    store(frames, rows.F_RADIUS_BEND * n_blocks + b, radii[2])
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _places_of_weights(place, b, lane, tables, half):
+    """Index of the first pin's weights on each wheel, two lobes before its own, and the pins' way over it."""
+    n_places = np.uintp(tables.n_lobes + 4) + np.uintp(tables.n_blocks) * count(half)
+    base = (np.floor(-place[0]), np.floor(-place[1]))
+    block = np.uintp(b) * count(half) + np.uintp(6) * lane * n_places
+    first = block + np.uintp(np.int64(base[0]) + tables.n_lobes)
+    second = block + np.uintp(np.int64(base[1]) + tables.n_lobes) + np.uintp(3) * n_places
+    share = _of_pins(tables.pins, rows.PIN_SHARE * tables.n_blocks + b, half)
+    over = _both((-place[0] - base[0], -place[1] - base[1]), tables.frames, half) - share
+    return (first, second), n_places, over
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
+    """Weights and lines of the flanks, and all edges, of the pins in block ``b``.
+
+    Returns the weights and the masks of the flanks in reach, and of those that a line may cross.
+    """
+    g, at, frames, n_blocks = tables.rounded, lane * np.uintp(rows.N_COLUMNS), tables.frames, tables.n_blocks
+    reach, line_reach, edge_reach = reaches
+    (index_0, index_1), n_places, over = _places_of_weights(place, b, lane, tables, half)
+    one, zero = _both((1.0, 1.0), frames, half), _both((0.0, 0.0), frames, half)
+    step = whole_below(over)
+    part = over - step
+    part_of_foot = part + foot * g[at + rows.PER_PITCH]
+    further = whole_below(part_of_foot)
+    at_half = part_of_foot - further
+    middle = (at_half >= 0.25) & (at_half < 0.75)
+    further = further + choose(at_half >= 0.75, one, 0.0)
+    # The next place where lobes or their halves meet lies behind the pin, or ahead of it.
+    passed = (at_half < 0.25) | ((at_half >= 0.5) & (at_half < 0.75))
+    ahead = step + further
+    shift = np.uintp(rows.FIRST_HALF) * n_places
+    first = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
+    shift = np.uintp(rows.SECOND_HALF) * n_places
+    ahead = ahead - choose(middle, zero, 1.0)
+    second = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
+    before, beyond = choose(middle, first, second), choose(middle, second, first)
+    weight = choose(passed, beyond, before)
+    used = gap < reach
+    lined = used & ~used
+    from_meeting = 0.25 - magnitude(magnitude(at_half - 0.5) - 0.25)
+    uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
+    if bits_of(uneven) != 0:
+        line = _beside(part, further, middle, arm, normal, g, at)
+        store(frames, rows.F_LINE * n_blocks + b, line[0])
+        store(frames, rows.F_LINE_V * n_blocks + b, line[1])
+        store(frames, rows.F_LINE_U * n_blocks + b, line[2])
+        store(frames, rows.F_BEYOND * n_blocks + b, beyond)
+        lined = uneven & (magnitude(line[0]) < line_reach)
+        weight = choose(lined, before, weight)
+    used = used & ~lined & (weight > 0.0)
+    # Chord and pit of the lobe to which the pin at rest belongs.
+    up = choose(part >= 1.0 - LEAD, one, 0.0)
+    shift = np.uintp(rows.CHORD) * n_places
+    share = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step + up, half)
+    share = choose(part - up <= CHORD_ENDS, share, 0.0)
+    on_worn = bits_of(share > 0.0) != 0
+    bits, none = tables.bits, np.uint64(0)
+    for mask in range(rows.ON_CHORD, rows.N_MASKS):
+        bits[mask * n_blocks + b] = none
+    if on_worn:
+        on_chord, at_pit = _edge_frames(part - up, arm, beyond_tip, pin, share, edge_reach, tables, at, b)
+        bits[rows.ON_CHORD * n_blocks + b] = bits_of(on_chord[2] & on_chord[3])
+        bits[rows.AT_PIT * n_blocks + b] = bits_of(at_pit[2] & at_pit[3])
+        bits[rows.NEAR_CHORD * n_blocks + b] = bits_of(on_chord[2] & ~on_chord[3])
+        bits[rows.NEAR_PIT * n_blocks + b] = bits_of(at_pit[2] & ~at_pit[3])
+    return weight, used, lined
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _frames_of_pins(b, first, second, faulty, lane, tables, half):
+    """Frames of the pins in block ``b`` of both wheels: writes the working memory."""
+    g, at, frames, pins, n_blocks = (
+        tables.rounded, lane * np.uintp(rows.N_COLUMNS), tables.frames, tables.pins, tables.n_blocks,
+    )  # fmt: skip
+    pins_at = (3 + 2 * np.int64(lane)) * n_blocks + b
+    c, s = (
+        _of_pins(pins, rows.PIN_COS * n_blocks + b, half),
+        _of_pins(pins, rows.PIN_SIN * n_blocks + b, half),
+    )
+    radial, tangential = _of_pins(pins, pins_at, half), _of_pins(pins, pins_at + n_blocks, half)
+    offset_x = _both((first.offset_x, second.offset_x), frames, half)
+    offset_y = _both((first.offset_y, second.offset_y), frames, half)
+    cam_x, cam_y = (
+        _both((first.cam_x, second.cam_x), frames, half),
+        _both((first.cam_y, second.cam_y), frames, half),
+    )
+    lobe_x, lobe_y = (
+        _both((first.lobe_x, second.lobe_x), frames, half),
+        _both((first.lobe_y, second.lobe_y), frames, half),
+    )
+    # Each pin in its own frame: radial, tangential.
+    displaced = (c * offset_x + s * offset_y + radial, c * offset_y - s * offset_x + tangential)
+    lobe = (c * lobe_x + s * lobe_y, c * lobe_y - s * lobe_x)
+    close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
+    foot, at_foot = _near_foot(displaced, lobe, close, g, at)
+    nx, ny, gaps, radii = _profile(at_foot, g, at)
+    cam = (c * cam_x + s * cam_y, c * cam_y - s * cam_x)
+    lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
+    if g[at + rows.CONSTANT_RADIUS] > 0.0:
+        constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
+        radii = (constant, 0.0 * constant, 0.0 * constant)
+    _write_flanks(lever, cam, (nx, ny), gaps, radii, frames, n_blocks, b)
+    wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
+    reach = g[at + rows.FLANK_REACH] + wider
+    weight = _both((1.0, 1.0), frames, half)
+    used = gaps[0] < reach
+    lined = used & ~used
+    if faulty:
+        run_x, run_y = (
+            _both((first.run_x, second.run_x), frames, half),
+            _both((first.run_y, second.run_y), frames, half),
+        )
+        run = (c * run_x + s * run_y, c * run_y - s * run_x)
+        arm = (lever[0] - run[0], lever[1] - run[1])
+        beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
+        weight, used, lined = _defects(
+            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam), (nx, ny),
+            (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
+        )  # fmt: skip
+    store(frames, rows.F_WEIGHT * n_blocks + b, weight)
+    touching = gaps[0] < 0.0
+    bits = tables.bits
+    bits[rows.TOUCHING * n_blocks + b] = bits_of(used & touching)
+    bits[rows.OPEN * n_blocks + b] = bits_of(used & ~touching)
+    bits[rows.LINED * n_blocks + b] = bits_of(lined)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _copy_7(table, to, width, frames, pin, stride):
+    """Copy seven rows of a pin to one lane's contact, row by row: of a loop the compiler makes gathers."""
+    table[to] = frames[pin]
+    table[to + width] = frames[pin + stride]
+    table[to + 2 * width] = frames[pin + 2 * stride]
+    table[to + 3 * width] = frames[pin + 3 * stride]
+    table[to + 4 * width] = frames[pin + 4 * stride]
+    table[to + 5 * width] = frames[pin + 5 * stride]
+    table[to + 6 * width] = frames[pin + 6 * stride]
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _copy_4(table, to, width, frames, pin, stride):
+    """As :func:`_copy_7`, four rows."""
+    table[to] = frames[pin]
+    table[to + width] = frames[pin + stride]
+    table[to + 2 * width] = frames[pin + 2 * stride]
+    table[to + 3 * width] = frames[pin + 3 * stride]
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _copy_5(table, to, width, frames, pin, stride):
+    """As :func:`_copy_7`, five rows."""
+    _copy_4(table, to, width, frames, pin, stride)
+    table[to + 4 * width] = frames[pin + 4 * stride]
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _pins_in(b, tables, half):
+    """The mask of the pins that a block holds: the last one may not be full."""
+    n = min(tables.n_lobes + 1 - b * np.int64(count(half)), np.int64(count(half)))
+    return (np.uint64(1) << np.uint64(n)) - np.uint64(1)
+
+
+@inner_njit(fastmath=FASTMATH)
+def _pack(mask, kind, w, n, into, tables, lanes, half):
+    """Copy the frames of a mask's pins to a lane's contacts from number ``n`` on; return the next number."""
+    frames, n_blocks, width = tables.frames, tables.n_blocks, count(lanes)
+    per_block = np.uintp(2) * count(half)
+    stride = np.uintp(n_blocks) * per_block
+    for b in range(n_blocks):
+        bits = (tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(count(half)))) & _pins_in(
+            b, tables, half
+        )
+        while bits != 0:
+            pin = np.uintp(first_bit(bits)) + np.uintp(w) * count(half) + np.uintp(b) * per_block
+            bits &= bits - np.uint64(1)
+            if kind == rows.FLANKS:
+                to = into + n * np.uintp(rows.N_FLANK_ROWS) * width
+                _copy_7(tables.flanks, to, width, frames, pin, stride)
+                _copy_5(tables.flanks, to + 7 * width, width, frames, pin + 7 * stride, stride)
+            elif kind == rows.LINED_FLANKS:
+                to = into + n * np.uintp(rows.N_LINED_ROWS) * width
+                _copy_7(tables.lined, to, width, frames, pin, stride)
+                _copy_5(tables.lined, to + 7 * width, width, frames, pin + 7 * stride, stride)
+                _copy_4(tables.lined, to + 12 * width, width, frames, pin + 12 * stride, stride)
+            else:
+                to = into + n * np.uintp(rows.N_EDGE_ROWS) * width
+                is_chord = mask == rows.ON_CHORD or mask == rows.NEAR_CHORD
+                row = rows.CHORDS if is_chord else rows.PITS
+                _copy_7(tables.edges, to, width, frames, pin + np.uintp(row) * stride, stride)
+                tables.edges[to + rows.E_IS_CHORD * width] = 1.0 if is_chord else 0.0
+            n += np.uintp(1)
+    return n
+
+
+@inner_njit(fastmath=FASTMATH)
+def first_of(kind, w, lane, tables, lanes):
+    """Index of the first contact of a kind in a lane, and the numbers from one contact to the next."""
+    width, n_pins = count(lanes), np.uintp(w * (tables.n_lobes + 1))
+    if kind == rows.FLANKS:
+        step = np.uintp(rows.N_FLANK_ROWS) * width
+        return n_pins * step + lane, step
+    if kind == rows.LINED_FLANKS:
+        step = np.uintp(rows.N_LINED_ROWS) * width
+        return n_pins * step + lane, step
+    step = np.uintp(rows.N_EDGE_ROWS) * width
+    return np.uintp(2) * n_pins * step + lane, step
+
+
+@inner_njit(fastmath=FASTMATH)
+def keep_first(kind, w, lane, n, tables, lanes):
+    """Let a lane have ``n`` contacts of a kind: open those that it had beyond, or take their weight."""
+    width = count(lanes)
+    here = np.uintp(rows.N_FLANKS + 2 * kind + w) * width + lane
+    had = np.uintp(tables.lanes[here])
+    tables.lanes[here] = n
+    into, step = first_of(kind, w, lane, tables, lanes)
+    for k in range(n, had):
+        to = into + k * step
+        if kind == rows.EDGES:
+            tables.edges[to + rows.E_WEIGHT * width] = 0.0
+        else:
+            table = tables.flanks if kind == rows.FLANKS else tables.lined
+            table[to + rows.F_GAP * width] = 1.0
+            table[to + rows.F_BEND * width] = 0.0
+
+
+@inner_njit(fastmath=FASTMATH)
+def _pack_all(w, lane, faulty, tables, lanes, half):
+    """Fill the lane's contacts from the working memory: first the flanks that touch."""
+    into, _ = first_of(rows.FLANKS, w, lane, tables, lanes)
+    n = _pack(rows.TOUCHING, rows.FLANKS, w, np.uintp(0), into, tables, lanes, half)
+    n = _pack(rows.OPEN, rows.FLANKS, w, n, into, tables, lanes, half)
+    keep_first(rows.FLANKS, w, lane, n, tables, lanes)
+    if not faulty:
+        return
+    into, _ = first_of(rows.LINED_FLANKS, w, lane, tables, lanes)
+    n = _pack(rows.LINED, rows.LINED_FLANKS, w, np.uintp(0), into, tables, lanes, half)
+    keep_first(rows.LINED_FLANKS, w, lane, n, tables, lanes)
+    into, _ = first_of(rows.EDGES, w, lane, tables, lanes)
+    n = _pack(rows.ON_CHORD, rows.EDGES, w, np.uintp(0), into, tables, lanes, half)
+    n = _pack(rows.AT_PIT, rows.EDGES, w, n, into, tables, lanes, half)
+    n = _pack(rows.NEAR_CHORD, rows.EDGES, w, n, into, tables, lanes, half)
+    n = _pack(rows.NEAR_PIT, rows.EDGES, w, n, into, tables, lanes, half)
+    keep_first(rows.EDGES, w, lane, n, tables, lanes)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _wheel(w, eps, hole, around, lane, g):
+    """Place of wheel ``w``: all that its pins' frames need."""
+    at = lane * np.uintp(rows.N_COLUMNS)
+    by_wheel = at + np.uintp(w)
+    z, e = g[at + rows.Z], g[at + rows.ECCENTRICITY]
+    cos_phi, sin_phi = around
+    cos_hole, sin_hole = direction(hole)
+    side = 1.0 - 2.0 * w
+    sine, fall = sine_and_fall(z * eps)
+    # exp(-i z theta) = -exp(i phi_w) exp(-i z eps), phi_w the angle of the wheel's own cam.
+    lobe_x = -side * (cos_phi - cos_phi * fall + sin_phi * sine)
+    lobe_y = -side * (sin_phi - sin_phi * fall - cos_phi * sine)
+    x = g[by_wheel + rows.CAM_LESS] + side * e * fall
+    y = g[by_wheel + rows.CAM_0Y] + side * e * sine
+    cos_rest, sin_rest = g[by_wheel + rows.REST_COS], g[by_wheel + rows.REST_SIN]
+    cos_theta = cos_hole * cos_rest - sin_hole * sin_rest
+    sin_theta = sin_hole * cos_rest + cos_hole * sin_rest
+    run_0x, run_0y = g[by_wheel + rows.RUNOUT_X], g[by_wheel + rows.RUNOUT_Y]
+    run_x, run_y = cos_theta * run_0x - sin_theta * run_0y, sin_theta * run_0x + cos_theta * run_0y
+    offset_x = -(cos_phi * x - sin_phi * y) - run_x
+    offset_y = -(sin_phi * x + cos_phi * y) - run_y
+    cam_0x, cam_0y = g[by_wheel + rows.CAM_0X], g[by_wheel + rows.CAM_0Y]
+    cam_x, cam_y = cos_phi * cam_0x - sin_phi * cam_0y, sin_phi * cam_0x + cos_phi * cam_0y
+    place = hole * g[at + rows.PER_PITCH] + g[by_wheel + rows.REST_PLACE]
+    return rows.Wheel(
+        offset_x, offset_y, cam_x, cam_y, lobe_x, lobe_y, run_x, run_y,
+        np.sqrt(offset_x * offset_x + offset_y * offset_y), place - z * np.floor(place / z),
+        cam_x * cos_hole + cam_y * sin_hole, cam_y * cos_hole - cam_x * sin_hole,
+    )  # fmt: skip
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
+    """Write what the time loop needs of a wheel besides its contacts."""
+    width, n = count(lanes), tables.n_sleeves
+    mine = np.uintp(w) * width + lane
+    lane_rows = tables.lanes
+    lane_rows[rows.SEEN_EPS * width + mine] = eps
+    lane_rows[rows.CAM_X * width + mine] = wheel.hole_cam_x
+    lane_rows[rows.CAM_Y * width + mine] = wheel.hole_cam_y
+    # Sleeves are counted from the one at the cam: the same touch in all lanes.
+    nearest = np.int64(np.floor((from_hole + np.pi * w) * (n / (2 * np.pi)) + 0.5)) % n
+    lane_rows[rows.FIRST_COS * width + mine] = tables.sleeves[nearest]
+    lane_rows[rows.FIRST_SIN * width + mine] = tables.sleeves[n + nearest]
+
+
+@inner_njit(fastmath=FASTMATH)
+def describe(lane, phi, tables, lanes, half):
+    """Describe all contacts of both wheels in a lane; return False for one too far displaced for it."""
+    width = count(lanes)
+    at = lane * np.uintp(rows.N_COLUMNS)
+    g, lane_rows = tables.geometry, tables.lanes
+    eps_0 = np.float64(lane_rows[rows.AT * width + lane])
+    eps_1 = np.float64(lane_rows[(rows.AT + 1) * width + lane])
+    z = g[at + rows.Z]
+    if not (abs(z * eps_0) < 0.5 and abs(z * eps_1) < 0.5 and abs(phi) < _LOST):
+        return False
+    around = direction(phi)
+    first = _wheel(0, eps_0, eps_0 - phi / z, around, lane, g)
+    second = _wheel(1, eps_1, eps_1 - phi / z, around, lane, g)
+    if not (first.displaced < g[at + rows.NEAR] and second.displaced < g[at + rows.NEAR]):
+        return False
+    faulty = g[at + rows.HAS_FAULTS] + g[at + rows.HAS_FAULTS + 1] != 0.0
+    for b in range(tables.n_blocks):
+        _frames_of_pins(b, first, second, faulty, lane, tables, half)
+    for w in range(tables.n_wheels):
+        _pack_all(w, lane, faulty, tables, lanes, half)
+    _write_wheel(0, first, eps_0, phi + phi / z - eps_0, lane, tables, lanes)
+    _write_wheel(1, second, eps_1, phi + phi / z - eps_1, lane, tables, lanes)
+    cell = np.floor(phi * CELLS_PER_RADIAN + FIRST_BORDER) - FIRST_BORDER
+    tables.seen_phi[lane] = phi
+    lane_rows[rows.AHEAD * width + lane] = (cell + 1.0) / CELLS_PER_RADIAN - phi
+    lane_rows[rows.BEHIND * width + lane] = cell / CELLS_PER_RADIAN - phi
+    return True

@@ -1,0 +1,369 @@
+"""Time loop of a batch: the reduced model of :mod:`~cyclofeat.simulators._kernels` in every lane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cyclofeat.simulators._jit import inner_njit, njit
+from cyclofeat.simulators._outline import HOLDS_EPS
+from cyclofeat.simulators.batch import _rows as rows
+from cyclofeat.simulators.batch._frames import describe, keep_first
+from cyclofeat.simulators.batch._lanes import (
+    edge_force,
+    edge_place,
+    flank_arms,
+    flank_force,
+    flank_gap,
+    joint_sums,
+    moved,
+    sleeve_force,
+    turned_since,
+)
+from cyclofeat.simulators.batch._vectors import (
+    FASTMATH,
+    addresses,
+    bits_of,
+    choose,
+    count,
+    filled,
+    first_bit,
+    largest,
+    load,
+    magnitude,
+    rounded_to,
+    store,
+)
+
+# Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
+# this file only.
+SOURCES_CHECKSUM = 0xC2D4B351
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _contact(stiffness, t, lanes):
+    return (
+        load(t, stiffness, lanes),
+        load(t, rows.DAMPING, lanes),
+        load(t, rows.RELATIVE_DAMPING, lanes),
+        load(t, rows.INVERSE_RAMP, lanes),
+    )
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _frame(table, row, lanes):
+    return (
+        load(table, row, lanes),
+        load(table, row + 1, lanes),
+        load(table, row + 2, lanes),
+        load(table, row + 3, lanes),
+    )
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _flanks(flanks, row, n, n_rows, turned, speeds, t, lanes):
+    """Moments of the forces of the flanks from a row on: on the wheel about the cam, and of the cam."""
+    rate, _, omega = speeds
+    on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
+    contact = _contact(rows.STIFFNESS, t, lanes)
+    for _ in range(n):
+        frame = _frame(flanks, row, lanes)
+        v, u, cam_n, cam_t = moved(frame, turned)
+        gap, slope = flank_gap(
+            v, u, load(flanks, row + rows.F_GAP, lanes), load(flanks, row + rows.F_SLOPE, lanes),
+            load(flanks, row + rows.F_BEND, lanes), load(flanks, row + rows.F_CHANGE, lanes),
+        )  # fmt: skip
+        if bits_of(gap < 0.0) != 0:
+            radii = (
+                load(flanks, row + rows.F_RADIUS, lanes),
+                load(flanks, row + rows.F_RADIUS_SLOPE, lanes),
+                load(flanks, row + rows.F_RADIUS_BEND, lanes),
+            )
+            cam_arm, arm = flank_arms(frame, v, u, cam_n, cam_t, slope)
+            weight = load(flanks, row + rows.F_WEIGHT, lanes)
+            if n_rows == rows.N_LINED_ROWS:
+                line = load(flanks, row + rows.F_LINE, lanes) + load(flanks, row + rows.F_LINE_V, lanes) * v
+                line = line + load(flanks, row + rows.F_LINE_U, lanes) * u
+                weight = choose(line >= 0.0, load(flanks, row + rows.F_BEYOND, lanes), weight)
+            force = weight * flank_force(gap, u, radii, rate * arm + omega * cam_arm, contact)
+            on_wheel = on_wheel - force * arm
+            on_cam = on_cam - force * cam_arm
+        row += n_rows
+    return on_wheel, on_cam
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _edges(edges, row, n, turned, speeds, t, lanes):
+    """Moments of the forces of all edges, as of the flanks."""
+    on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
+    contact = _contact(rows.STIFFNESS, t, lanes)
+    wheel, pin_radius = (speeds[0], speeds[2]), load(t, rows.PIN_RADIUS, lanes)
+    for _ in range(n):
+        frame = _frame(edges, row, lanes)
+        way = moved(frame, turned)
+        is_chord = load(edges, row + rows.E_IS_CHORD, lanes) > 0.0
+        over, along = load(edges, row + rows.E_OVER, lanes), load(edges, row + rows.E_ALONG, lanes)
+        place, inside = edge_place(way[0], way[1], over, along, is_chord, pin_radius)
+        if bits_of(inside > 0.0) != 0:
+            radius = choose(is_chord, load(t, rows.TIP_RADIUS, lanes), load(t, rows.PIT_RADIUS, lanes))
+            span = choose(is_chord, load(t, rows.TIP_SPAN, lanes), 0.0)
+            edge = (pin_radius, load(t, rows.TURN, lanes), radius, span)
+            force, cam_arm, arm = edge_force(frame, way, place, inside, edge, wheel, contact)
+            on_chord = load(t, rows.CHORD_NY, lanes) * place[0] + load(t, rows.CHORD_NX, lanes) * place[1]
+            across = choose(is_chord, on_chord, -place[1])
+            force = choose(across >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
+            on_wheel = on_wheel - force * arm
+            on_cam = on_cam - force * cam_arm
+        row += rows.N_EDGE_ROWS
+    return on_wheel, on_cam
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _pins(w, faulty, turned, speeds, tables, lanes):
+    """Moments of the forces of all pins on one wheel."""
+    n_pins, slots, t = w * (tables.n_lobes + 1), tables.slots, tables.lanes
+    row = n_pins * rows.N_FLANK_ROWS
+    on_wheel, on_cam = _flanks(
+        tables.flanks, row, slots[2 * rows.FLANKS + w], rows.N_FLANK_ROWS, turned, speeds, t, lanes
+    )
+    if faulty:
+        row = n_pins * rows.N_LINED_ROWS
+        n = slots[2 * rows.LINED_FLANKS + w]
+        if n > 0:
+            more, cam = _flanks(tables.lined, row, n, rows.N_LINED_ROWS, turned, speeds, t, lanes)
+            on_wheel, on_cam = on_wheel + more, on_cam + cam
+        n = slots[2 * rows.EDGES + w]
+        if n > 0:
+            more, cam = _edges(tables.edges, 2 * n_pins * rows.N_EDGE_ROWS, n, turned, speeds, t, lanes)
+            on_wheel, on_cam = on_wheel + more, on_cam + cam
+    return on_wheel, on_cam
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _sleeves(w, turned, speeds, tables, lanes):
+    """Moments of all sleeves' forces: on the wheel about the cam, of the cam, and on the output."""
+    t, n = tables.lanes, tables.n_sleeves
+    cam_x, cam_y = load(t, rows.CAM_X + w, lanes), load(t, rows.CAM_Y + w, lanes)
+    cam = (turned[3] * cam_x - turned[2] * cam_y, turned[3] * cam_y + turned[2] * cam_x)
+    first = (load(t, rows.FIRST_COS + w, lanes), load(t, rows.FIRST_SIN + w, lanes))
+    square, hole, way, out, arm, rates = joint_sums(
+        load(t, rows.AT + 2, lanes) - load(t, rows.AT + w, lanes), cam, first,
+        load(t, rows.PITCH_RADIUS, lanes), speeds,
+    )  # fmt: skip
+    square = square + load(t, rows.CAM_LESS_GAP + w, lanes)
+    way_c, way_s = 2.0 * way[0], 2.0 * way[1]
+    gap = load(t, rows.GAP, lanes)
+    contact = _contact(rows.JOINT_STIFFNESS, t, lanes)
+    total, total_c, total_s = filled(0.0, t, lanes), filled(0.0, t, lanes), filled(0.0, t, lanes)
+    for k in range(np.uintp(n)):
+        cosine, sine = tables.sleeves[k], tables.sleeves[np.uintp(n) + k]
+        beyond = square + (cosine * way_s - sine * way_c)
+        if bits_of(beyond > 0.0) != 0:
+            force = sleeve_force(beyond, cosine, sine, rates, gap, contact)
+            total = total + force
+            total_c = total_c + cosine * force
+            total_s = total_s + sine * force
+    return (
+        arm * total - (hole[0] * total_c + hole[1] * total_s),
+        -(way[0] * total_c + way[1] * total_s),
+        out[0] * total_c + out[1] * total_s - arm * total,
+    )
+
+
+@inner_njit(fastmath=FASTMATH)
+def _count_slots(w, tables, lanes):
+    """Note how many contacts of each kind the lane has that has most."""
+    for kind in range(3):
+        most = largest(load(tables.lanes, rows.N_FLANKS + 2 * kind + w, lanes))
+        tables.slots[np.uintp(2 * kind + w)] = np.int64(most)
+
+
+@inner_njit(fastmath=FASTMATH)
+def _end_lane(lane, step, reason, tables, lanes):
+    """Note why a lane ended, and take its contacts away: the other lanes need not wait for them."""
+    width = count(lanes)
+    tables.ended[lane] = step
+    tables.ended[width + lane] = reason
+    tables.lanes[rows.ALIVE * width + lane] = 0.0
+    for w in range(2):
+        for kind in range(3):
+            keep_first(kind, w, lane, np.uintp(0), tables, lanes)
+
+
+@inner_njit(fastmath=FASTMATH)
+def _describe_lanes(bits, angle, at, step, tables, lanes, half):
+    """Describe all lanes of a mask anew; their input angles stand from index ``at`` on."""
+    while bits != 0:
+        lane = np.uintp(first_bit(bits))
+        bits &= bits - np.uint64(1)
+        if not describe(lane, angle[at + lane], tables, lanes, half):
+            _end_lane(lane, step, rows.FAR_DISPLACED, tables, lanes)
+    _count_slots(0, tables, lanes)
+    _count_slots(1, tables, lanes)
+
+
+@inner_njit(fastmath=FASTMATH)
+def _end_lanes(bits, locked, step, tables, lanes):
+    """End all lanes of a mask whose torque left its range, or which are locked."""
+    while bits != 0:
+        lane = first_bit(bits)
+        reason = rows.LOCKED_UP if (locked >> lane) & np.uint64(1) else rows.LEFT_RANGE
+        bits &= bits - np.uint64(1)
+        _end_lane(np.uintp(lane), step, reason, tables, lanes)
+    _count_slots(0, tables, lanes)
+    _count_slots(1, tables, lanes)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _grow(k, increment, t, lanes):
+    """Add to a state, and keep what rounding cuts off for the next time."""
+    old = load(t, rows.STATE + k, lanes)
+    whole = increment - load(t, rows.CUT_OFF + k, lanes)
+    new = old + whole
+    store(t, rows.CUT_OFF + k, (new - old) - whole)
+    store(t, rows.STATE + k, new)
+    store(t, rows.AT + k, new)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _midpoint(k, odd, dt, rate, push, t, lanes):
+    """Half a step of one state, or the whole step with the rate at its middle."""
+    rate = rate + push
+    if odd:
+        _grow(k, dt * rate, t, lanes)
+    else:
+        store(t, rows.AT + k, load(t, rows.STATE + k, lanes) + (0.5 * dt) * rate)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _adams_bashforth(k, now, before, rate, push, t, lanes):
+    """A step of one state from its rates now and at the last step; ``push`` is added as it is."""
+    _grow(k, push + (now * rate - before * load(t, rows.LAST + k, lanes)), t, lanes)
+    store(t, rows.LAST + k, rate)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _torque_and_rates(moment_out, load_torque, t, lanes):
+    """Output torque and the accelerations of wheels, output and brake, without the drive's share."""
+    turned = load(t, rows.AT + 3, lanes) - load(t, rows.AT + 2, lanes)
+    turning = load(t, rows.AT + 7, lanes) - load(t, rows.AT + 6, lanes)
+    meter = load(t, rows.METER_STIFFNESS, lanes) * turned + load(t, rows.METER_DAMPING, lanes) * turning
+    by_wheel, by_brake = load(t, rows.BY_WHEEL_INERTIA, lanes), load(t, rows.BY_BRAKE_INERTIA, lanes)
+    braked = by_brake > 0.0
+    resists = choose(braked, meter, load_torque)
+    rates = (
+        load(t, rows.MOMENT, lanes) * by_wheel,
+        load(t, rows.MOMENT + 1, lanes) * by_wheel,
+        (moment_out + resists) * load(t, rows.BY_OUTPUT_INERTIA, lanes),
+        (load_torque - meter) * by_brake,
+    )
+    return choose(braked, meter, -moment_out), rates, braked
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _advance(stages, odd, dt, is_first, rates, push, t, lanes):
+    """Advance all states by half a step or a whole one; ``push`` is the drive's share, and the brake's."""
+    v0, v1 = load(t, rows.AT + 4, lanes), load(t, rows.AT + 5, lanes)
+    v2, v3 = load(t, rows.AT + 6, lanes), load(t, rows.AT + 7, lanes)
+    zero = filled(0.0, t, lanes)
+    if stages == 2:
+        _midpoint(0, odd, dt, v0, zero, t, lanes)
+        _midpoint(1, odd, dt, v1, zero, t, lanes)
+        _midpoint(2, odd, dt, v2, zero, t, lanes)
+        _midpoint(3, odd, dt, v3, zero, t, lanes)
+        _midpoint(4, odd, dt, rates[0], push[0], t, lanes)
+        _midpoint(5, odd, dt, rates[1], push[0], t, lanes)
+        _midpoint(6, odd, dt, rates[2], push[0], t, lanes)
+        _midpoint(7, odd, dt, rates[3], push[1], t, lanes)
+        return
+    # The first step has no earlier rates: Euler's rule, of second order in one step.
+    before = 0.0 if is_first else 0.5 * dt
+    now = dt + before
+    _adams_bashforth(0, now, before, v0, zero, t, lanes)
+    _adams_bashforth(1, now, before, v1, zero, t, lanes)
+    _adams_bashforth(2, now, before, v2, zero, t, lanes)
+    _adams_bashforth(3, now, before, v3, zero, t, lanes)
+    _adams_bashforth(4, now, before, rates[0], push[0], t, lanes)
+    _adams_bashforth(5, now, before, rates[1], push[0], t, lanes)
+    _adams_bashforth(6, now, before, rates[2], push[0], t, lanes)
+    _adams_bashforth(7, now, before, rates[3], push[1], t, lanes)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _turned_eps(w, t, lanes):
+    return load(t, rows.AT + w, lanes) - load(t, rows.SEEN_EPS + w, lanes)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _due(since, t, lanes):
+    """Lanes whose description no longer holds; for NaN it never does."""
+    holds = (since < load(t, rows.AHEAD, lanes)) & (since >= load(t, rows.BEHIND, lanes))
+    holds = holds & (magnitude(_turned_eps(0, t, lanes)) < HOLDS_EPS)
+    holds = holds & (magnitude(_turned_eps(1, t, lanes)) < HOLDS_EPS)
+    return bits_of(~holds & (load(t, rows.ALIVE, lanes) > 0.0))
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _moments(m, step, faulty, angle, drive, tables, lanes, half):
+    """Moments on both wheels (into their rows), on the output, and of the cams about the input."""
+    t = tables.lanes
+    phi, omega = load(angle, m, lanes), load(drive, rows.N_DRIVE_ROWS * m + rows.OMEGA, lanes)
+    since = rounded_to(phi - load(tables.seen_phi, 0, lanes), t)
+    due = _due(since, t, lanes)
+    if due != 0:
+        _describe_lanes(due, angle, np.uintp(m) * count(lanes), step, tables, lanes, half)
+        since = rounded_to(phi - load(tables.seen_phi, 0, lanes), t)
+    inverse_z = load(t, rows.INVERSE_Z, lanes)
+    mean_rate = omega * inverse_z
+    rate_out = load(t, rows.AT + 6, lanes) - mean_rate
+    on_output, on_cams = filled(0.0, t, lanes), filled(0.0, t, lanes)
+    for w in range(tables.n_wheels):
+        turned = turned_since(since, _turned_eps(w, t, lanes), inverse_z)
+        speeds = (load(t, rows.AT + 4 + w, lanes) - mean_rate, rate_out, omega)
+        on_wheel, on_cam = _pins(w, faulty, turned, speeds, tables, lanes)
+        by_joint, cam_by_joint, by_output = _sleeves(w, turned, speeds, tables, lanes)
+        store(t, rows.MOMENT + w, on_wheel + by_joint)
+        on_output = on_output + by_output
+        on_cams = on_cams + (on_cam + cam_by_joint)
+    return on_output, on_cams
+
+
+@njit(fastmath=FASTMATH, nogil=True)
+def integrate(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
+    """Go on by ``n`` steps from step ``first``, in two ``stages`` (midpoint) or one (Adams-Bashforth).
+
+    ``angle`` (stages n, lanes) and ``drive`` (stages n, 4, lanes) hold the input and the load at each
+    evaluation. The results of each step go to ``out`` (n, N_RESULTS, lanes). Returns the number of steps
+    done: fewer than ``n`` once all lanes have ended.
+    """
+    tables = rows.Tables(*addresses(tables_[: rows.N_TABLES]), *tables_[rows.N_TABLES :])
+    angle, drive, out = addresses((angle_, drive_, out_))
+    t = tables.lanes
+    for m in range(stages * n):
+        odd = stages == 2 and m % 2 == 1
+        i = m // stages
+        on_output, on_cams = _moments(m, first + i, faulty, angle, drive, tables, lanes, half)
+        row = rows.N_DRIVE_ROWS * m
+        torque, rates, braked = _torque_and_rates(on_output, load(drive, row + rows.LOAD, lanes), t, lanes)
+        push = load(drive, row + rows.PUSH, lanes)
+        push_brake = choose(braked, push, 0.0)
+        if not odd:
+            torque_in = load(drive, row + rows.ALPHA, lanes) * load(t, rows.SPIN_MASS, lanes) - on_cams
+            result = rows.N_RESULTS * i
+            store(out, result + rows.TORQUE_OUT, torque)
+            store(out, result + rows.TORQUE_IN, torque_in)
+            store(out, result + rows.OUTPUT, load(t, rows.AT + 2, lanes))
+            store(out, result + rows.OUTPUT_RATE, load(t, rows.AT + 6, lanes))
+            size_in = magnitude(torque_in)
+            locked = choose(
+                size_in > load(t, rows.LOCKED_TORQUE, lanes), load(t, rows.LOCKED, lanes) + 1.0, 0.0
+            )
+            store(t, rows.LOCKED, locked)
+            is_locked = locked > load(t, rows.LOCKED_STEPS, lanes)
+            fine = (magnitude(torque) < limit) & (size_in < limit) & ~is_locked
+            ended = bits_of(~fine & (load(t, rows.ALIVE, lanes) > 0.0))
+            if ended != 0:
+                _end_lanes(ended, bits_of(is_locked), first + i, tables, lanes)
+                if bits_of(load(t, rows.ALIVE, lanes) > 0.0) == 0:
+                    return i
+        _advance(stages, odd, dt, first + i == 0, rates, (push, push_brake), t, lanes)
+    return n

@@ -1,0 +1,100 @@
+"""Rows and columns of a batch's tables: the numbers of one gearbox stand in one lane."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+
+# Pointers to all tables of a batch, and the numbers that all of its gearboxes share.
+Tables = namedtuple(
+    "Tables",
+    [
+        "lanes",  # state and constants: one row of lanes for each row below
+        "seen_phi",  # input angle at the description, float64: (lanes,)
+        "flanks",  # (2, capacity, N_FLANK_ROWS, lanes)
+        "lined",  # flanks that a line may cross: (2, capacity, N_LINED_ROWS, lanes)
+        "edges",  # (2, capacity, N_EDGE_ROWS, lanes)
+        "slots",  # numbers of flanks, lined flanks and edges of each wheel, in the lane that has most: (3, 2)
+        "ended",  # step and reason of the end of each lane: (2, lanes)
+        "geometry",  # columns below, float64: (lanes, N_COLUMNS)
+        "rounded",  # the same in the vectors' numbers
+        "pins",  # cosine, sine, share of a pitch, then each lane's radial and tangential errors, in blocks
+        "weights",  # weights of lobes by place, for each lane and wheel: (lanes, 2, 3, n_places)
+        "frames",  # working memory: rows of flanks and edges, in blocks of the pins of both wheels
+        "bits",  # working memory: masks of the pins, (N_MASKS, blocks)
+        "sleeves",  # cosine and sine of each sleeve's angle, float64: (2, n_sleeves)
+        "n_lobes",
+        "n_sleeves",
+        "n_blocks",  # blocks that hold all pins
+        "n_wheels",  # 2, but no constant: the compiler would write the loops over wheels out twice
+    ],
+)
+
+N_TABLES = len(Tables._fields) - 4
+
+# Place of one wheel at a description: way from the rest position, the cam's centre, direction of the lobes,
+# run-out, size of the first, place of pin 0 in pitches, and the cam in the axes of the holes.
+Wheel = namedtuple(
+    "Wheel",
+    [
+        "offset_x", "offset_y", "cam_x", "cam_y", "lobe_x", "lobe_y", "run_x", "run_y", "displaced", "place",
+        "hole_cam_x", "hole_cam_y",
+    ],
+)  # fmt: skip
+
+# Rows of the lanes. State (8), the same at this evaluation, rates at the last, and what rounding cut off;
+# constants; way of the input from the description to the borders of its cell.
+STATE, AT, LAST, CUT_OFF = 0, 8, 16, 24
+(
+    STIFFNESS, DAMPING, RELATIVE_DAMPING, INVERSE_RAMP, JOINT_STIFFNESS, GAP, INVERSE_Z, PITCH_RADIUS,
+    PIN_RADIUS, TURN, CHORD_NX, CHORD_NY, TIP_RADIUS, TIP_SPAN, PIT_RADIUS, BY_WHEEL_INERTIA,
+    BY_OUTPUT_INERTIA, BY_BRAKE_INERTIA, METER_STIFFNESS, METER_DAMPING, SPIN_MASS,
+    LOCKED_TORQUE, LOCKED_STEPS, ALIVE, LOCKED, AHEAD, BEHIND,
+) = range(32, 59)  # fmt: skip
+# Two rows each, one for a wheel: |cam|^2 - gap^2; at the description the deviation from rest, the cam in the
+# axes of the holes, the direction of the first sleeve, the numbers of contacts; the moment on the wheel.
+(
+    CAM_LESS_GAP, SEEN_EPS, CAM_X, CAM_Y, FIRST_COS, FIRST_SIN, N_FLANKS, N_LINED, N_EDGES, MOMENT,
+) = range(59, 79, 2)  # fmt: skip
+N_LANE_ROWS = 79
+
+# Rows of the drive at each evaluation: speed, acceleration, load, and what the drive adds to all rates.
+OMEGA, ALPHA, LOAD, PUSH = range(4)
+N_DRIVE_ROWS = 4
+# Rows of the results of each step.
+TORQUE_OUT, TORQUE_IN, OUTPUT, OUTPUT_RATE = range(4)
+N_RESULTS = 4
+
+# Rows of a flank: vector from cam to pin and the cam, along normal and tangent; gap, slope, curvature and
+# its change; effective radius and its derivatives; weight. Where a line may cross it: the line and its
+# slopes, and the weight on its positive side.
+(
+    F_LEVER_N, F_LEVER_T, F_CAM_N, F_CAM_T, F_GAP, F_SLOPE, F_BEND, F_CHANGE, F_RADIUS, F_RADIUS_SLOPE,
+    F_RADIUS_BEND, F_WEIGHT, F_LINE, F_LINE_V, F_LINE_U, F_BEYOND,
+) = range(16)  # fmt: skip
+N_FLANK_ROWS, N_LINED_ROWS = 12, 16
+FLANKS, LINED_FLANKS, EDGES = range(3)
+# Rows of an edge: as above; from the vertex to the pin, along normal (less the pin's radius) and tangent;
+# weight; 1 for a chord, 0 for a pit.
+E_LEVER_N, E_LEVER_T, E_CAM_N, E_CAM_T, E_OVER, E_ALONG, E_WEIGHT, E_IS_CHORD = range(8)
+N_EDGE_ROWS = 8
+# Rows of the working memory: those of a flank, then of both kinds of edges.
+CHORDS, PITS = 16, 23
+N_FRAME_ROWS = 30
+TOUCHING, OPEN, LINED, ON_CHORD, AT_PIT, NEAR_CHORD, NEAR_PIT = range(7)
+N_MASKS = 7
+
+PIN_COS, PIN_SIN, PIN_SHARE = range(3)
+# Weights of the half of a lobe from tip to pit, of the half from pit to the next tip, and of its chord.
+FIRST_HALF, SECOND_HALF, CHORD = range(3)
+
+# Columns of the geometry; two for values of each wheel.
+(
+    ECCENTRICITY, INVERSE_M, Z, N_PINS, INVERSE_EZ, CIRCLE_RADIUS, CLEARANCE, RADIUS, CURVE_1, CURVE_3,
+    STEEPNESS, STEEPNESS_CHANGE, LARGEST_STEP, PITCH, TIP_LESS, TIP_TO_PIT_X, PIT_Y, PIT_NX, PIT_NY,
+    PIT_DOT, CHORD_X, CHORD_Y, CONSTANT_RADIUS, NEAR, CLOSE, FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH,
+) = range(29)  # fmt: skip
+REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(29, 47, 2)
+N_COLUMNS = 47
+
+# Why a lane ended.
+RUNNING, LEFT_RANGE, LOCKED_UP, FAR_DISPLACED = range(4)

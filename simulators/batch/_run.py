@@ -1,0 +1,242 @@
+"""Runs of many gearboxes, one in each lane of the processor's vectors."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.checks import number, one_of
+from cyclofeat.simulators import simulation
+from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators.batch import _rows as rows
+from cyclofeat.simulators.batch._kernel import integrate
+from cyclofeat.simulators.batch._prepare import batch_tables, set_states, unsuited, zeros
+from cyclofeat.simulators.batch._streams import fill
+from cyclofeat.simulators.batch._vectors import Lanes
+from cyclofeat.simulators.courses import Courses, drive_and_load
+from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.simulation import Integration, Sampling, SimulationRun, Solver
+from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
+
+Float = NDArray[np.float64]
+
+# Pins of one wheel that are described at once.
+_PINS = 16
+_CHUNK = 1024  # steps of which the drive is written at once: it stays in the cache
+# Bytes of the courses of one batch, beyond which it takes fewer runs.
+_BUDGET = 512 * 2**20
+_BYTES_PER_STEP = 2 * 4 * 8 + rows.N_RESULTS * 4
+
+
+@functools.cache
+def n_lanes() -> int:
+    """Number of gearboxes in one batch: as many as suit the processor's vectors."""
+    return 16 if llvm.get_host_cpu_features().get("avx512f") else 8
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of :func:`cyclofeat.simulators.simulate` for one run in a batch."""
+
+    gearbox: CycloidalGearbox
+    defects: LobeDefects
+    constants: KernelInput
+    courses: Courses | None
+    start_angle: float
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> Request:
+        """Return the request of one run's arguments; raise as ``simulate`` does."""
+        gearbox, defects = machine(arguments.get("gearbox"), arguments.get("defects"))
+        return cls(
+            gearbox,
+            defects,
+            kernel_input(gearbox, defects),
+            arguments.get("courses"),
+            number("start_angle", arguments.get("start_angle", 0.0)),
+        )
+
+    @property
+    def form(self) -> tuple[int, int]:
+        """Numbers that all gearboxes of a batch share."""
+        return self.gearbox.n_lobes, self.gearbox.n_internal_sleeves
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Arguments of :func:`cyclofeat.simulators.simulate` that all runs of a batch share."""
+
+    duration: float = 0.6
+    sampling_rate: float = 25_600.0
+    start: str = "rest"
+    solver: Solver | None = None
+    torque_in: bool = True
+    motion: bool = True
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> Settings:
+        """Return the settings among one run's arguments."""
+        names = {one.name for one in fields(cls)}
+        settings = cls(**{name: value for name, value in arguments.items() if name in names})
+        one_of("start", settings.start, ("rest", "relaxed"))
+        return settings
+
+
+@functools.cache
+def compile_error() -> str | None:
+    """Return in one line why batches cannot be compiled here, or None."""
+    gearbox = CycloidalGearbox.steel()
+    course = drive_and_load(gearbox, 3, 5e-6, 1e5)
+    constants = kernel_input(gearbox, LobeDefects.healthy())
+    try:
+        integrated([constants], [course], [rest_state(gearbox)], Solver(), 1)
+    except Exception as error:  # of numba or LLVM, whose classes are many
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        return lines[0]
+    return None
+
+
+_KNOWN = {"gearbox", "defects", "start_angle", "courses", "forces", "points"} | {
+    one.name for one in fields(Settings)
+}
+
+
+def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
+    """Return what only the exact kernel can do for a run, or None."""
+    unknown = set(arguments) - _KNOWN
+    if unknown:
+        return f"the option {min(unknown)!r}"
+    if arguments.get("forces") or arguments.get("points"):
+        return "forces and points of contacts"
+    return unsuited(request.constants)
+
+
+def batches(requests: Mapping[int, Request], settings: Settings) -> Iterator[dict[int, Request]]:
+    """Yield requests that can run together, as many as fit the lanes and the memory, by their keys."""
+    sampling = Sampling.of(settings.duration, settings.sampling_rate, settings.solver or Solver())
+    size = max(1, min(n_lanes(), _BUDGET // (_BYTES_PER_STEP * sampling.n_steps)))
+    by_form: dict[tuple[int, int], list[int]] = {}
+    for key, request in requests.items():
+        by_form.setdefault(request.form, []).append(key)
+    for keys in by_form.values():
+        for first in range(0, len(keys), size):
+            yield {key: requests[key] for key in keys[first : first + size]}
+
+
+def run_batch(requests: Sequence[Request], settings: Settings) -> list[SimulationRun | None]:
+    """Simulate requests of one form; None for a run that did not reach its end.
+
+    Parameters
+    ----------
+    requests : sequence of Request
+        At most as many as there are lanes.
+    settings : Settings
+
+    Returns
+    -------
+    list of SimulationRun or None
+        The bits of a run depend on its own request only.
+    """
+    solver = settings.solver or Solver()
+    sampling = Sampling.of(settings.duration, settings.sampling_rate, solver)
+    n = sampling.n_steps
+    courses = [
+        drive_and_load(
+            one.gearbox, 2 * n + 1, solver.dt / 2, settings.sampling_rate, one.start_angle, one.courses
+        )
+        for one in requests
+    ]
+    states = [_start(one, course, settings, solver) for one, course in zip(requests, courses, strict=True)]
+    results, reached = integrated([one.constants for one in requests], courses, states, solver, n)
+    return [
+        _result(one, course, results[:, :, lane], sampling, settings) if reached[lane] else None
+        for lane, (one, course) in enumerate(zip(requests, courses, strict=True))
+    ]
+
+
+def _start(request: Request, course: Float, settings: Settings, solver: Solver) -> Float:
+    """Return the state at the start."""
+    state = rest_state(request.gearbox)
+    if settings.start == "rest":
+        return state
+    return simulation.relaxed(
+        Integration(request.gearbox, request.constants, course, solver.dt, solver.integrator), state
+    )
+
+
+def integrated(
+    machines: Sequence[KernelInput],
+    courses: Sequence[Float],
+    states: Sequence[Float],
+    solver: Solver,
+    n_steps: int,
+    *,
+    lanes: int | None = None,
+    dtype: type = np.float32,
+) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Integrate machines of one form, one in each lane.
+
+    Parameters
+    ----------
+    machines, courses, states : sequence
+        Constants, course at every half step, and state at the start of each.
+    solver : Solver
+    n_steps : int
+    lanes : int, optional
+        Default: those that suit the processor.
+    dtype : numpy.float32 or numpy.float64
+
+    Returns
+    -------
+    results : ndarray, shape (n_steps, N_RESULTS, lanes)
+    reached : ndarray of bool, shape (lanes,)
+        True for the lanes that reached the end.
+    """
+    lanes = n_lanes() if lanes is None else lanes
+    stages = 2 if solver.integrator == "midpoint" else 1
+    limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
+    tables = batch_tables(machines, solver.dt, limits, (lanes, _PINS), dtype)
+    set_states(tables, states)
+    faulty = bool(tables.geometry[:, rows.HAS_FAULTS : rows.HAS_FAULTS + 2].any())
+    results = zeros((n_steps, rows.N_RESULTS, lanes), dtype)
+    angle = zeros((stages * _CHUNK, lanes), np.float64)
+    drive = zeros((stages * _CHUNK, rows.N_DRIVE_ROWS, lanes), dtype)
+    for first in range(0, n_steps, _CHUNK):
+        n = min(_CHUNK, n_steps - first)
+        fill(tuple(courses), first, n, stages, tables.n_lobes, angle, drive)
+        done = integrate(
+            Lanes(lanes), Lanes(_PINS), stages, first, n, solver.dt, simulation.ABSURD_TORQUE, faulty,
+            angle, drive, tables, results[first : first + n],
+        )  # fmt: skip
+        if done < n:
+            break
+    return results, tables.ended[1] == rows.RUNNING
+
+
+def _result(
+    request: Request, course: Float, results: NDArray[Any], sampling: Sampling, settings: Settings
+) -> SimulationRun:
+    """Return one lane's run as ``simulate`` does."""
+    solver, z = settings.solver or Solver(), request.gearbox.n_lobes
+    phi, omega = course[:2]
+    input_angle = on_lines(sampling.time, np.arange(phi.size) * (solver.dt / 2), phi)
+    steps = sampling.steps
+    torque_out, torque_in, output, rate = results.T.astype(float)
+    return SimulationRun(
+        gearbox=request.gearbox,
+        defects=request.defects,
+        sampling_rate=float(settings.sampling_rate),
+        torque_out=sampling.decimated(torque_out),
+        torque_in=sampling.decimated(torque_in) if settings.torque_in else None,
+        input_angle=input_angle,
+        output_angle=output[steps] - input_angle / z if settings.motion else None,
+        output_speed=rate[steps] - omega[2 * steps] / z if settings.motion else None,
+        dt=solver.dt,
+        kernel="batch",
+    )

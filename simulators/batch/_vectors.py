@@ -1,0 +1,461 @@
+"""Vectors as numba types: code that looks like scalar code and always compiles to vector instructions.
+
+A loop over lanes is vectorised only where the compiler can prove that it may and thinks that it pays. A
+:class:`Vector` is one value of LLVM's vector types instead; LLVM splits it into the registers that the
+processor has. Operands that are numbers are taken for every lane. Functions that use only operators and
+:func:`smaller`, :func:`larger`, :func:`choose`, :func:`root`, :func:`whole_below` and :func:`magnitude` work
+for single numbers, too.
+
+A table is the address of numbers (:func:`~cyclofeat.simulators._jit.addresses`); row r holds the numbers of
+all lanes.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numba.core.cgutils
+import numba.core.typing.templates
+import numba.extending
+import numpy as np
+from llvmlite import ir
+
+from cyclofeat.simulators._jit import addresses as addresses
+
+# Never "reassoc": the order of sums must not depend on how the compiler unrolls a loop over contacts.
+FASTMATH = {"contract", "nsz"}
+# numba states types for the names that its decorators give new meanings.
+_extending: Any = numba.extending
+_templates: Any = numba.core.typing.templates
+types: Any = numba.types
+_cgutils: Any = numba.core.cgutils
+intrinsic, overload = _extending.intrinsic, _extending.overload
+_Opaque: Any = _extending.models.OpaqueModel
+_Primitive: Any = _extending.models.PrimitiveModel
+_FLAGS = tuple(sorted(FASTMATH))
+_ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
+_SUFFIXES = {types.float32: "f32", types.float64: "f64"}
+
+
+class Vector(types.Type):
+    """Type of a vector: one number for each lane."""
+
+    def __init__(self, element: types.Float, lanes: int) -> None:
+        self.element, self.lanes = element, lanes
+        super().__init__(name=f"Vector({element}, {lanes})")
+
+
+class Mask(types.Type):
+    """Type of a vector of truth values."""
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        super().__init__(name=f"Mask({lanes})")
+
+
+class Lanes:
+    """Number of lanes, as an argument of compiled functions: each number has its own machine code."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+
+class LanesType(types.Type):
+    """Type of :class:`Lanes`."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        super().__init__(name=f"Lanes({count})")
+
+
+@_extending.typeof_impl.register(Lanes)
+def _typeof_lanes(value: Lanes, context: Any) -> LanesType:
+    return LanesType(value.count)
+
+
+@_extending.unbox(LanesType)
+def _unbox_lanes(typ: LanesType, value: Any, context: Any) -> Any:
+    return _extending.NativeValue(context.context.get_dummy_value())
+
+
+@_extending.register_model(LanesType)
+class _LanesModel(_Opaque):
+    pass
+
+
+def _vector_ir(typ: Vector) -> ir.VectorType:
+    return ir.VectorType(_ELEMENTS[typ.element], typ.lanes)
+
+
+@_extending.register_model(Vector)
+class _VectorModel(_Primitive):
+    def __init__(self, manager: Any, typ: Vector) -> None:
+        super().__init__(manager, typ, _vector_ir(typ))
+
+
+@_extending.register_model(Mask)
+class _MaskModel(_Primitive):
+    def __init__(self, manager: Any, typ: Mask) -> None:
+        super().__init__(manager, typ, ir.VectorType(ir.IntType(1), typ.lanes))
+
+
+def _spread(builder: Any, value: Any, typ: Vector) -> Any:
+    """The vector with one number in every lane."""
+    undefined = ir.Constant(_vector_ir(typ), ir.Undefined)
+    index = ir.IntType(32)
+    first = builder.insert_element(undefined, value, ir.Constant(index, 0))
+    zeros = ir.Constant(ir.VectorType(index, typ.lanes), [0] * typ.lanes)
+    return builder.shuffle_vector(first, undefined, zeros)
+
+
+def _common(args: Iterable[types.Type]) -> Vector | None:
+    """The type of the vectors among operands; the others must be numbers."""
+    vectors = {arg for arg in args if isinstance(arg, Vector)}
+    numbers = all(isinstance(arg, (Vector, types.Number)) for arg in args)
+    return vectors.pop() if len(vectors) == 1 and numbers else None
+
+
+def _as_arguments(args: Iterable[types.Type], vector: Vector) -> tuple[types.Type, ...]:
+    return tuple(arg if isinstance(arg, Vector) else vector.element for arg in args)
+
+
+def _spread_all(builder: Any, args: Any, kinds: Any, vector: Vector) -> list[Any]:
+    return [
+        value if isinstance(kind, Vector) else _spread(builder, value, vector)
+        for value, kind in zip(args, kinds, strict=True)
+    ]
+
+
+def _register(
+    operation: Any, emit: Callable[..., Any], *, compares: bool = False, unary: bool = False
+) -> None:
+    """Make one of Python's operators known for vectors."""
+
+    class Template(_templates.AbstractTemplate):
+        key = operation
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            vector = None if kws or len(args) != (1 if unary else 2) else _common(args)
+            if vector is None:
+                return None
+            result = Mask(vector.lanes) if compares else vector
+            return _templates.signature(result, *_as_arguments(args, vector))
+
+    _templates.infer_global(operation)(Template)
+
+    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vector = _common(sig.args)
+        assert vector is not None
+        return emit(builder, *_spread_all(builder, args, sig.args, vector))
+
+    for kinds in [(Vector,)] if unary else [(Vector, Vector), (Vector, types.Float), (types.Float, Vector)]:
+        _extending.lower_builtin(operation, *kinds)(lower)
+
+
+def _arithmetic(name: str) -> Callable[..., Any]:
+    return lambda builder, *args: getattr(builder, name)(*args, flags=_FLAGS)
+
+
+def _comparison(sign: str) -> Callable[..., Any]:
+    return lambda builder, x, y: builder.fcmp_ordered(sign, x, y)
+
+
+for _operation, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"),
+                          (operator.truediv, "fdiv")):  # fmt: skip
+    _register(_operation, _arithmetic(_name))
+for _operation, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
+    _register(_operation, _comparison(_sign), compares=True)
+_register(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), unary=True)
+
+
+def _register_on_masks(operation: Any, emit: Callable[..., Any], n: int) -> None:
+    class Template(_templates.AbstractTemplate):
+        key = operation
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            if kws or len(args) != n or len(set(args)) != 1 or not isinstance(args[0], Mask):
+                return None
+            return _templates.signature(args[0], *args)
+
+    _templates.infer_global(operation)(Template)
+    _extending.lower_builtin(operation, *[Mask] * n)(lambda context, builder, sig, args: emit(builder, *args))
+
+
+_register_on_masks(operator.and_, lambda builder, x, y: builder.and_(x, y), 2)
+_register_on_masks(operator.or_, lambda builder, x, y: builder.or_(x, y), 2)
+_register_on_masks(operator.invert, lambda builder, x: builder.not_(x), 1)
+
+
+def _function_of_vectors(emit: Callable[..., Any]) -> Any:
+    """An intrinsic from vectors to a vector of their type."""
+
+    def typed(vector: Vector | None, args: Any) -> Any:
+        if vector is None:
+            return None
+
+        def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+            return emit(builder, vector, *_spread_all(builder, values, sig.args, vector))
+
+        return vector(*_as_arguments(args, vector)), generate
+
+    return typed
+
+
+def _smaller_ir(builder: Any, vector: Vector, x: Any, y: Any) -> Any:
+    return builder.select(builder.fcmp_ordered("<", x, y), x, y)
+
+
+def _larger_ir(builder: Any, vector: Vector, x: Any, y: Any) -> Any:
+    return builder.select(builder.fcmp_ordered(">", x, y), x, y)
+
+
+def _library_ir(name: str) -> Callable[..., Any]:
+    def emit(builder: Any, vector: Vector, x: Any) -> Any:
+        kind = _vector_ir(vector)
+        full = f"llvm.{name}.v{vector.lanes}{_SUFFIXES[vector.element]}"
+        function = _cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), full)
+        return builder.call(function, [x], fastmath=_FLAGS)
+
+    return emit
+
+
+@intrinsic
+def _smaller(context: Any, a: Any, b: Any) -> Any:
+    return _function_of_vectors(_smaller_ir)(_common((a, b)), (a, b))
+
+
+@intrinsic
+def _larger(context: Any, a: Any, b: Any) -> Any:
+    return _function_of_vectors(_larger_ir)(_common((a, b)), (a, b))
+
+
+@intrinsic
+def _root(context: Any, a: Any) -> Any:
+    return _function_of_vectors(_library_ir("sqrt"))(_common((a,)), (a,))
+
+
+@intrinsic
+def _whole_below(context: Any, a: Any) -> Any:
+    return _function_of_vectors(_library_ir("floor"))(_common((a,)), (a,))
+
+
+@intrinsic
+def _magnitude(context: Any, a: Any) -> Any:
+    return _function_of_vectors(_library_ir("fabs"))(_common((a,)), (a,))
+
+
+@intrinsic
+def _choose(context: Any, mask: Any, a: Any, b: Any) -> Any:
+    vector = _common((a, b))
+    if vector is None or not isinstance(mask, Mask):
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        x, y = _spread_all(builder, args[1:], sig.args[1:], vector)
+        return builder.select(args[0], x, y)
+
+    return vector(mask, *_as_arguments((a, b), vector)), generate
+
+
+def smaller(a: Any, b: Any) -> Any:
+    """Return the smaller of two numbers, lane by lane; the second where one is not a number."""
+    return np.where(a < b, a, b)[()]
+
+
+def larger(a: Any, b: Any) -> Any:
+    """Return the larger of two numbers, lane by lane; the second where one is not a number."""
+    return np.where(a > b, a, b)[()]
+
+
+def choose(mask: Any, a: Any, b: Any) -> Any:
+    """Return ``a`` where the mask is true, else ``b``."""
+    return np.where(mask, a, b)[()]
+
+
+def root(a: Any) -> Any:
+    """Return the square root."""
+    return np.sqrt(a)
+
+
+def whole_below(a: Any) -> Any:
+    """Return the largest whole number that is not larger."""
+    return np.floor(a)
+
+
+def magnitude(a: Any) -> Any:
+    """Return the absolute value."""
+    return np.abs(a)
+
+
+@overload(smaller, inline="always")
+def _smaller_overload(a, b):  # type: ignore[no-untyped-def]
+    if _common((a, b)):
+        return lambda a, b: _smaller(a, b)
+    return lambda a, b: a if a < b else b
+
+
+@overload(larger, inline="always")
+def _larger_overload(a, b):  # type: ignore[no-untyped-def]
+    if _common((a, b)):
+        return lambda a, b: _larger(a, b)
+    return lambda a, b: a if a > b else b
+
+
+@overload(choose, inline="always")
+def _choose_overload(mask, a, b):  # type: ignore[no-untyped-def]
+    if isinstance(mask, Mask):
+        return lambda mask, a, b: _choose(mask, a, b)
+    return lambda mask, a, b: a if mask else b
+
+
+@overload(root, inline="always")
+def _root_overload(a):  # type: ignore[no-untyped-def]
+    if _common((a,)):
+        return lambda a: _root(a)
+    return lambda a: np.sqrt(a)
+
+
+@overload(whole_below, inline="always")
+def _whole_below_overload(a):  # type: ignore[no-untyped-def]
+    if _common((a,)):
+        return lambda a: _whole_below(a)
+    return lambda a: np.floor(a)
+
+
+@overload(magnitude, inline="always")
+def _magnitude_overload(a):  # type: ignore[no-untyped-def]
+    if _common((a,)):
+        return lambda a: _magnitude(a)
+    return lambda a: abs(a)
+
+
+def _address(builder: Any, kind: Any, table: Any, index: Any) -> Any:
+    return builder.bitcast(builder.gep(table, [index], inbounds=True), kind.as_pointer())
+
+
+def _vector_at(scale: bool) -> Callable[..., Any]:
+    """Typing of a load, at a row or at a single number."""
+
+    def typed(context: Any, table: Any, index: Any, lanes: Any) -> Any:
+        vector = Vector(table.dtype, lanes.count)
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            at = args[1]
+            if scale:
+                at = builder.mul(at, ir.Constant(at.type, vector.lanes))
+            loaded = builder.load(_address(builder, _vector_ir(vector), args[0], at))
+            loaded.align = vector.element.bitwidth // 8
+            return loaded
+
+        return vector(table, types.uintp, lanes), generate
+
+    return typed
+
+
+@intrinsic
+def load(context: Any, table: Any, row: Any, lanes: Any) -> Any:
+    """The vector in a row of a table."""
+    return _vector_at(True)(context, table, row, lanes)
+
+
+@intrinsic
+def load_from(context: Any, table: Any, index: Any, lanes: Any) -> Any:
+    """The vector of a table's numbers from an index on."""
+    return _vector_at(False)(context, table, index, lanes)
+
+
+@intrinsic
+def store(context: Any, table: Any, row: Any, value: Any) -> Any:
+    """Write a vector, or a number for every lane, into a row of a table."""
+    assert isinstance(value, Vector)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        at = builder.mul(args[1], ir.Constant(args[1].type, value.lanes))
+        stored = builder.store(args[2], _address(builder, _vector_ir(value), args[0], at))
+        stored.align = value.element.bitwidth // 8
+        return context.get_dummy_value()
+
+    return types.void(table, types.uintp, value), generate
+
+
+@intrinsic
+def filled(context: Any, number: Any, table: Any, lanes: Any) -> Any:
+    """The vector with one number in every lane, of the kind of a table."""
+    vector = Vector(table.dtype, lanes.count)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _spread(builder, args[0], vector)
+
+    return vector(vector.element, table, lanes), generate
+
+
+@intrinsic
+def joined(context: Any, first: Any, second: Any) -> Any:
+    """The vector with the lanes of two vectors, one after the other."""
+    if first != second or not isinstance(first, Vector):
+        return None
+    vector = Vector(first.element, 2 * first.lanes)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        indices = ir.Constant(ir.VectorType(ir.IntType(32), vector.lanes), list(range(vector.lanes)))
+        return builder.shuffle_vector(args[0], args[1], indices)
+
+    return vector(first, second), generate
+
+
+@intrinsic
+def rounded_to(context: Any, value: Any, table: Any) -> Any:
+    """A vector of float64, rounded to the numbers of a table."""
+    vector = Vector(table.dtype, value.lanes)
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return args[0] if value == vector else builder.fptrunc(args[0], _vector_ir(vector))
+
+    return vector(value, table), generate
+
+
+@intrinsic
+def bits_of(context: Any, mask: Any) -> Any:
+    """A mask as a whole number: bit k is lane k."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.IntType(mask.lanes)
+        number = builder.bitcast(args[0], kind)
+        return number if mask.lanes == 64 else builder.zext(number, ir.IntType(64))
+
+    return types.uint64(mask), generate
+
+
+@intrinsic
+def first_bit(context: Any, bits: Any) -> Any:
+    """Index of the lowest bit of a whole number that is not zero."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.uint64(types.uint64), generate
+
+
+@intrinsic
+def largest(context: Any, value: Any) -> Any:
+    """The largest number of a vector, of which none may be NaN."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(_ELEMENTS[value.element], [_vector_ir(value)])
+        name = f"llvm.vector.reduce.fmax.v{value.lanes}{_SUFFIXES[value.element]}"
+        function = _cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.call(function, args, fastmath=("nnan", *_FLAGS))
+
+    return value.element(value), generate
+
+
+@intrinsic
+def count(context: Any, lanes: Any) -> Any:
+    """The number of lanes."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return ir.Constant(ir.IntType(64), lanes.count)
+
+    return types.uintp(lanes), generate

@@ -1,0 +1,277 @@
+"""Many gearboxes in the lanes of one vector, against the exact kernel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zlib import crc32
+
+import numba
+import numpy as np
+import pytest
+
+from cyclofeat.simulators import (
+    Courses,
+    CycloidalGearbox,
+    GearboxLocked,
+    LobeDefects,
+    Rig,
+    SimulationDiverged,
+    SimulationRun,
+    Solver,
+    batch,
+    simulate,
+    simulate_many,
+    simulation,
+)
+from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.simulation import Integration
+from cyclofeat.simulators.tables import kernel_input, rest_state
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="vectors exist in compiled functions only")
+
+STEEL = CycloidalGearbox.steel(ramp_time=0.02)
+BRAKED = STEEL.with_brake(0.02, 1e4, 0.02)
+Machines = list[tuple[CycloidalGearbox, LobeDefects]]
+
+
+def machines() -> Machines:
+    """Machines of all rigs with 0 to 7 worn lobes on one wheel or both, and of other gearboxes."""
+    drawn = [
+        (rig.draw(10 * k).gearbox.replace(ramp_time=0.02), LobeDefects.worn(k, wheels=wheels, depth=depth))
+        for rig in (Rig.r0(), Rig.r1(), Rig.r2())
+        for k, wheels, depth in ((0, (0, 1), 1.0), (1, (0,), 1.0), (3, (1,), 0.6), (7, (0, 1), 1.0))
+    ]
+    return [
+        *drawn,
+        (STEEL.replace(contact_law="hunt_crossley", contact_damping=0.5), LobeDefects.worn(2)),
+        (STEEL.replace(contact_law="conservative"), LobeDefects.worn((3, 9), depth=0.4)),
+        (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4)),
+        (BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5)), LobeDefects.worn(5)),
+    ]
+
+
+def courses_of(each: Machines, n: int, dt: float = 1e-5) -> list[np.ndarray]:
+    return [drive_and_load(g, 2 * n + 1, dt / 2, 25_600.0, 1.0 + 7 * k) for k, (g, _) in enumerate(each)]
+
+
+def exactly(each: Machines, courses: list[np.ndarray], solver: Solver, n: int) -> np.ndarray:
+    """Torques of the exact kernel: (n, 2, n_machines)."""
+    none = np.zeros(0, dtype=int)
+    results = [
+        Integration(g, kernel_input(g, d), course, solver.dt, solver.integrator).attempt(
+            rest_state(g), 0, n, none
+        )
+        for (g, d), course in zip(each, courses, strict=True)
+    ]
+    assert all(one.finished == n for one in results)
+    return np.stack([one.torques for one in results], axis=2)
+
+
+def in_lanes(
+    each: Machines,
+    courses: list[np.ndarray],
+    solver: Solver,
+    n: int,
+    lanes: int = 8,
+    dtype: type = np.float32,
+) -> np.ndarray:
+    """The same of batches."""
+    parts = []
+    for first in range(0, len(each), lanes):
+        chosen = slice(first, first + lanes)
+        states = [rest_state(g) for g, _ in each[chosen]]
+        constants = [kernel_input(*one) for one in each[chosen]]
+        results, reached = batch.integrated(
+            constants, courses[chosen], states, solver, n, lanes=lanes, dtype=dtype
+        )
+        assert reached[: len(states)].all()
+        parts.append(results[:, :2, : len(states)])
+    return np.concatenate(parts, axis=2)
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
+def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description(integrator: str) -> None:
+    each, n, solver = machines(), 4000, Solver(integrator=integrator)
+    courses = courses_of(each, n)
+    exact = exactly(each, courses, solver, n)
+    error = in_lanes(each, courses, solver, n, dtype=np.float64) - exact
+    assert np.abs(exact[:, 0]).max() > 20
+    # What the frames' expansions leave: both wheels are described when either has moved.
+    assert rms(error[:, 0]).max() < 2e-5
+    assert rms(error[:, 1]).max() < 2e-6
+
+
+@pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
+def test_single_precision_errs_less_than_the_time_step(integrator: str) -> None:
+    each, n = machines(), 4000
+    solver = Solver(integrator=integrator)
+    courses = courses_of(each, n)
+    exact = exactly(each, courses, solver, n)
+    fine = Solver(dt=solver.dt / 8)
+    finely = exactly(each, courses_of(each, 8 * n, fine.dt), fine, 8 * n)[::8]
+    error, of_step = rms(in_lanes(each, courses, solver, n) - exact), rms(exact - finely)
+    assert (error < of_step).all(), np.argwhere(error >= of_step)
+
+
+def test_a_lane_depends_on_nothing_but_itself() -> None:
+    each, n, solver = machines()[:11], 1500, Solver()
+    courses = courses_of(each, n)
+    together = in_lanes(each, courses, solver, n, lanes=8)
+    order = np.random.default_rng(0).permutation(len(each))
+    shuffled = in_lanes([each[k] for k in order], [courses[k] for k in order], solver, n, lanes=8)
+    assert np.array_equal(shuffled, together[:, :, order])
+    alone = in_lanes(each[6:7], courses[6:7], solver, n, lanes=8)
+    assert np.array_equal(alone[:, :, 0], together[:, :, 6])
+    assert np.array_equal(in_lanes(each[:3], courses[:3], solver, n, lanes=16), together[:, :, :3])
+
+
+def test_courses_of_speed_and_load() -> None:
+    courses = Courses(
+        speed=lambda time: 40 + 20 * np.sin(9 * time),
+        load_fluctuation=lambda time: 3 * np.sin(40 * time),
+    )
+    options = {"duration": 0.06, "courses": courses}
+    defects = [LobeDefects.worn(2), LobeDefects.healthy()]
+    each = simulate_many([BRAKED, STEEL], defects, kernel="batch", **options)
+    for one, exact in zip(each, simulate_many([BRAKED, STEEL], defects, **options), strict=True):
+        for name in ("torque_out", "torque_in", "input_angle", "output_angle", "output_speed"):
+            expected = getattr(exact, name)
+            assert np.abs(getattr(one, name) - expected).max() < 1e-5 * np.abs(expected).max(), name
+
+
+@pytest.mark.parametrize(
+    "form", [{"n_pins": 20, "shortening": 0.5}, {"n_pins": 12}, {"n_internal_sleeves": 5}]
+)
+def test_other_numbers_of_pins_and_sleeves(form: dict[str, float]) -> None:
+    gearbox = CycloidalGearbox.steel(ramp_time=0.005, pin_radius=4e-3, **form)
+    each = [(gearbox, LobeDefects.worn(3)), (gearbox, LobeDefects.healthy())]
+    courses = courses_of(each, 1500)
+    exact = exactly(each, courses, Solver(), 1500)
+    assert np.abs(exact).max() > 15
+    assert np.abs(in_lanes(each, courses, Solver(), 1500) - exact).max() < 2e-4
+
+
+def test_a_lane_that_ends_leaves_its_neighbours_untouched() -> None:
+    stiff = STEEL.replace(stiffness_scale=1.0, ramp_time=0.0)
+    each = [(STEEL, LobeDefects.worn(2)), (stiff, LobeDefects.worn(1)), (BRAKED, LobeDefects.healthy())]
+    n, solver = 2000, Solver()
+    courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
+    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
+    results, reached = batch.integrated(constants, courses, states, solver, n, lanes=8)
+    assert reached[:3].tolist() == [True, False, True]
+    alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
+    assert np.array_equal(results[:, :2, [0, 2]], alone)
+
+
+def test_failures_have_the_exact_kernels_reason() -> None:
+    stiff = STEEL.replace(stiffness_scale=1.0, ramp_time=0.0)
+    worn = LobeDefects.worn(1)
+    found = simulate_many([STEEL, stiff], worn, duration=0.02, kernel="batch", on_failure="return")
+    with pytest.raises(SimulationDiverged) as error:
+        simulate(stiff, worn, duration=0.02)
+    assert isinstance(found[0], SimulationRun)
+    assert isinstance(found[1], SimulationDiverged)
+    assert str(found[1]) == str(error.value)
+    with pytest.raises(SimulationDiverged) as error:
+        simulate_many([STEEL, stiff], worn, duration=0.02, kernel="batch")
+    assert error.value.__notes__ == ["in run 1 of 2 (counted from 0)"]
+
+
+def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation, "LOCKING_FORCE", 50.0)  # the cams of the first two bear more, later
+    each = [(STEEL, LobeDefects.worn(1)), (BRAKED, LobeDefects.healthy())]
+    each += [(STEEL.replace(load_torque=1.0), LobeDefects.healthy())]
+    courses = courses_of(each, 3000)
+    constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
+    results, reached = batch.integrated(constants, courses, states, Solver(), 3000, lanes=8)
+    assert reached[:3].tolist() == [False, False, True]
+    for lane in range(2):
+        gearbox, defects = each[lane]
+        with pytest.raises(GearboxLocked) as error:
+            simulate(gearbox, defects, duration=0.03, start_angle=1.0 + 7 * lane)
+        ended = np.flatnonzero(np.abs(results[:, 1, lane]) > gearbox.eccentricity * 50.0)
+        assert error.value.time == pytest.approx(ended[100] * 1e-5, abs=1e-9)
+
+
+def test_what_a_batch_cannot_do_goes_to_the_exact_kernel() -> None:
+    rubbing = STEEL.replace(sleeve_friction=0.05)
+    gearboxes = [STEEL, rubbing, BRAKED, STEEL.replace(lobe_pitch_errors=[1e-6] * 30)]
+    calls: list[tuple[int, int]] = []
+    runs = simulate_many(
+        gearboxes, LobeDefects.worn(1), duration=0.01, kernel="auto",
+        progress=lambda done, total: calls.append((done, total)),
+    )  # fmt: skip
+    assert [run.kernel for run in runs] == ["batch", "exact", "batch", "exact"]
+    assert [run.gearbox for run in runs] == gearboxes
+    assert calls == [(k, 4) for k in range(1, 5)]
+    assert np.array_equal(
+        runs[1].torque_out, simulate(rubbing, LobeDefects.worn(1), duration=0.01).torque_out
+    )
+    removed = simulate_many(defects=[LobeDefects.removed(1)], duration=0.01, kernel="auto")
+    assert removed[0].kernel == "exact"
+    forced = simulate_many(defects=LobeDefects.worn(1), duration=0.01, forces=True, kernel="auto")
+    assert forced[0].external_forces is not None
+    with pytest.raises(ValueError, match=r"'batch' does not simulate friction \(run 1\)"):
+        simulate_many(gearboxes, duration=0.01, kernel="batch")
+    with pytest.raises(ValueError, match="kernel"):
+        simulate_many(gearboxes, duration=0.01, kernel="fast")
+    with pytest.raises(TypeError, match="durations"):
+        simulate_many(gearboxes, durations=0.01, kernel="auto")
+
+
+def test_options_are_those_of_simulate() -> None:
+    for options in (
+        {"start": "relaxed"},
+        {
+            "solver": Solver(dt=2e-5, integrator="adams_bashforth", decimation="pick"),
+            "sampling_rate": 25_000.0,
+        },
+        {"torque_in": False, "motion": False, "sampling_rate": 10_000.0},
+    ):
+        (one,) = simulate_many(BRAKED, [LobeDefects.worn(1)], duration=0.02, kernel="batch", **options)
+        exact = simulate(BRAKED, LobeDefects.worn(1), duration=0.02, **options)
+        assert one.dt == exact.dt
+        assert one.sampling_rate == exact.sampling_rate
+        assert np.abs(one.torque_out - exact.torque_out).max() < 1e-4
+        assert (one.torque_in is None, one.output_angle is None) == (
+            exact.torque_in is None,
+            exact.output_angle is None,
+        )
+    with pytest.raises(ValueError, match="duration"):
+        simulate_many(duration=-1.0, kernel="auto")
+
+
+def test_batches_fit_the_lanes_the_memory_and_one_form() -> None:
+    few = CycloidalGearbox.steel(n_pins=12, pin_radius=4e-3)
+    gearboxes = [STEEL, few] * 9
+    requests = {k: batch.Request.of({"gearbox": one}) for k, one in enumerate(gearboxes)}
+    groups = list(batch.batches(requests, batch.Settings(duration=0.1)))
+    assert sorted(key for group in groups for key in group) == list(range(18))
+    assert all(len({one.form for one in group.values()}) == 1 for group in groups)
+    assert max(len(group) for group in groups) == min(batch.n_lanes(), 9)
+    long = list(batch.batches(requests, batch.Settings(duration=60.0)))
+    assert [len(group) for group in long] == [1] * 18
+
+
+def test_where_nothing_compiles_the_exact_kernel_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "compile_error", lambda: "no such vectors")
+    with pytest.warns(RuntimeWarning, match="cannot be compiled here: no such vectors; the exact"):
+        (run,) = simulate_many(duration=0.01, kernel="auto")
+    assert run.kernel == "exact"
+    with pytest.raises(RuntimeError, match="no such vectors"):
+        simulate_many(duration=0.01, kernel="batch")
+    monkeypatch.undo()
+    assert batch.compile_error() is None
+
+
+def test_the_kernel_knows_which_sources_it_was_compiled_with() -> None:
+    """numba's cache on disk looks at one file: a change of another has to change the kernel's, too."""
+    folder = Path(batch.__file__).parent
+    sources = [folder.parent / "_outline.py"]
+    sources += [folder / f"{name}.py" for name in ("_rows", "_vectors", "_lanes", "_frames")]
+    checksum = crc32(b"".join(path.read_bytes() for path in sources))
+    assert f"SOURCES_CHECKSUM = {checksum:#x}\n".lower() in (folder / "_kernel.py").read_text().lower()
