@@ -27,6 +27,7 @@ def calibrated(rng, slope, scatter, truth, n_simulated=60, n_measured=8, widths=
     return line, *line.solve(measured, of_measured)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slope", "scatter"),
     [

@@ -58,6 +58,7 @@ def with_hum(recorded: Recorder) -> Bank:
 # Recovery
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "start", "tolerance"),
     [
@@ -95,6 +96,7 @@ def test_the_model_with_the_effect_is_the_model_as_given_and_the_effect(with_hum
     assert other.rig == rig.with_added(*other.effects)
 
 
+@pytest.mark.slow
 def test_two_effects_are_fitted_together(recorded: Recorder) -> None:
     bank = recorded([Hum(0.3), Offset(0.6)], COUNTS)
     fitted = fit(bank, [Hum(0.1), Offset(-0.2)], n_sims=240, n_interval=32)
