@@ -46,7 +46,7 @@ test: $(INSTALLED)  ## the tests, without those marked slow, bench or browser
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench and not browser"
 
 test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
-	$(BIN)/pytest -n 2 --dist loadfile -m slow || [ $$? -eq 5 ]  # 5: there are none
+	$(BIN)/pytest -n 2 --dist loadfile -m "slow and not bench" || [ $$? -eq 5 ]  # 5: there are none
 
 # Numba can hide an index out of bounds or an undefined name: the interpreter does not.
 test-nojit: $(INSTALLED)  ## the tests marked nojit, without compilation
