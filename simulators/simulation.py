@@ -323,9 +323,14 @@ class Sampling:
         steps = np.minimum(np.rint(time / dt).astype(int), n_steps - 1)
         return cls(time, n_steps, steps, ratio, solver.decimation)
 
+    @property
+    def picks(self) -> bool:
+        """True if samples are values of single steps, without a filter."""
+        return self.decimation == "pick" or self.ratio == 1
+
     def decimated(self, channel: Float) -> Float:
         """Return the samples of the result from one value per step."""
-        if self.decimation == "pick" or self.ratio == 1:
+        if self.picks:
             return np.ascontiguousarray(channel[self.steps])
         up, down = self.ratio.numerator, self.ratio.denominator
         low_pass = anti_alias_filter(up, down)

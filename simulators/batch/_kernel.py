@@ -36,7 +36,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xC2D4B351
+SOURCES_CHECKSUM = 0xF0A2EAD4
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

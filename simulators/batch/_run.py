@@ -17,7 +17,7 @@ from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.batch import _rows as rows
 from cyclofeat.simulators.batch._kernel import integrate
 from cyclofeat.simulators.batch._prepare import batch_tables, set_states, unsuited, zeros
-from cyclofeat.simulators.batch._streams import fill
+from cyclofeat.simulators.batch._streams import decimate, fill
 from cyclofeat.simulators.batch._vectors import Lanes
 from cyclofeat.simulators.courses import Courses, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
@@ -154,10 +154,40 @@ def run_batch(requests: Sequence[Request], settings: Settings) -> list[Simulatio
     ]
     states = [_start(one, course, settings, solver) for one, course in zip(requests, courses, strict=True)]
     results, reached = integrated([one.constants for one in requests], courses, states, solver, n)
-    return [
-        _result(one, course, results[:, :, lane], sampling, settings) if reached[lane] else None
-        for lane, (one, course) in enumerate(zip(requests, courses, strict=True))
-    ]
+    torque_out = _decimated(results, rows.TORQUE_OUT, sampling)
+    torque_in = _decimated(results, rows.TORQUE_IN, sampling) if settings.torque_in else None
+    motion = np.ascontiguousarray(results[sampling.steps, rows.OUTPUT :].T, dtype=float)
+    runs: list[SimulationRun | None] = []
+    for lane, (one, course) in enumerate(zip(requests, courses, strict=True)):
+        if not reached[lane]:
+            runs.append(None)
+            continue
+        torques = torque_out[lane], None if torque_in is None else torque_in[lane]
+        runs.append(_result(one, course, torques, motion[lane], sampling, settings))
+    return runs
+
+
+def _decimated(results: NDArray[Any], row: int, sampling: Sampling) -> Float:
+    """Return the samples of one row of the results: (lanes, n_samples)."""
+    if sampling.picks:
+        return np.ascontiguousarray(results[sampling.steps, row].T, dtype=float)
+    up, down = sampling.ratio.numerator, sampling.ratio.denominator
+    lanes = results.shape[2]
+    samples = zeros((sampling.time.size, lanes), np.float64)
+    decimate(Lanes(lanes), results, row, _phases(up, down), down, samples)
+    return np.ascontiguousarray(samples.T)
+
+
+@functools.cache
+def _phases(up: int, down: int) -> Float:
+    """Return the low-pass by phases, (up, n_taps), in the order of time."""
+    low_pass = up * simulation.anti_alias_filter(up, down)
+    half = low_pass.size // 2
+    n_taps = 2 * (half // up + 1)
+    padded = np.zeros(n_taps * up)
+    first = n_taps * up // 2 - half
+    padded[first : first + low_pass.size] = low_pass
+    return np.ascontiguousarray(padded.reshape(n_taps, up).T[:, ::-1])
 
 
 def _start(request: Request, course: Float, settings: Settings, solver: Solver) -> Float:
@@ -220,23 +250,28 @@ def integrated(
 
 
 def _result(
-    request: Request, course: Float, results: NDArray[Any], sampling: Sampling, settings: Settings
+    request: Request,
+    course: Float,
+    torques: tuple[Float, Float | None],
+    motion: Float,
+    sampling: Sampling,
+    settings: Settings,
 ) -> SimulationRun:
     """Return one lane's run as ``simulate`` does."""
     solver, z = settings.solver or Solver(), request.gearbox.n_lobes
     phi, omega = course[:2]
     input_angle = on_lines(sampling.time, np.arange(phi.size) * (solver.dt / 2), phi)
     steps = sampling.steps
-    torque_out, torque_in, output, rate = results.T.astype(float)
+    output, rate = motion
     return SimulationRun(
         gearbox=request.gearbox,
         defects=request.defects,
         sampling_rate=float(settings.sampling_rate),
-        torque_out=sampling.decimated(torque_out),
-        torque_in=sampling.decimated(torque_in) if settings.torque_in else None,
+        torque_out=torques[0],
+        torque_in=torques[1],
         input_angle=input_angle,
-        output_angle=output[steps] - input_angle / z if settings.motion else None,
-        output_speed=rate[steps] - omega[2 * steps] / z if settings.motion else None,
+        output_angle=output - input_angle / z if settings.motion else None,
+        output_speed=rate - omega[2 * steps] / z if settings.motion else None,
         dt=solver.dt,
         kernel="batch",
     )

@@ -1,9 +1,10 @@
-"""Input and load of all lanes, evaluation by evaluation."""
+"""Input and load of all lanes, evaluation by evaluation, and samples from the results of each step."""
 
 from __future__ import annotations
 
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators.batch import _rows as rows
+from cyclofeat.simulators.batch._vectors import FASTMATH, addresses, filled, load, rounded_to, store
 
 
 @njit(fastmath=False, nogil=True)
@@ -24,3 +25,25 @@ def fill(courses, first, n, stages, n_lobes, angle, drive):
             # Where a ramp ends the acceleration jumps: the rule of one stage takes its part from the speed.
             push = course[2, i] if stages == 2 else course[1, i + 2] - course[1, i]
             drive[k, rows.PUSH, lane] = push / n_lobes
+
+
+@njit(fastmath=FASTMATH, nogil=True)
+def decimate(lanes, results_, row, phases_, down, samples_):
+    """Write the low-passed samples of one row of the results into ``samples`` (n_samples, lanes), in float64.
+
+    As ``scipy.signal.resample_poly``, for all lanes at once; ``phases`` (up, n_taps) holds the low-pass by
+    phases, the latest sample's weight last.
+    """
+    results, phases, samples = addresses((results_, phases_, samples_))
+    n, (up, n_taps) = results_.shape[0], phases_.shape
+    # The phases hold the middle of the low-pass at this place.
+    middle = (n_taps * up) // 2
+    for k in range(samples_.shape[0]):
+        at = k * down + middle
+        phase, last = at % up, at // up
+        total = filled(0.0, samples, lanes)
+        for tap in range(max(n_taps - 1 - last, 0), min(n - 1 - last + n_taps, n_taps)):
+            i = last - (n_taps - 1) + tap
+            value = rounded_to(load(results, rows.N_RESULTS * i + row, lanes), samples)
+            total = total + phases[phase * n_taps + tap] * value
+        store(samples, k, total)

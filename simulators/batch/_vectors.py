@@ -407,11 +407,15 @@ def joined(context: Any, first: Any, second: Any) -> Any:
 
 @intrinsic
 def rounded_to(context: Any, value: Any, table: Any) -> Any:
-    """A vector of float64, rounded to the numbers of a table."""
+    """A vector in the numbers of a table: rounded, widened or as it is."""
     vector = Vector(table.dtype, value.lanes)
+    change = vector.element.bitwidth - value.element.bitwidth
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return args[0] if value == vector else builder.fptrunc(args[0], _vector_ir(vector))
+        if change == 0:
+            return args[0]
+        cast = builder.fpext if change > 0 else builder.fptrunc
+        return cast(args[0], _vector_ir(vector))
 
     return vector(value, table), generate
 
