@@ -48,8 +48,8 @@ Where a goal is missed:
   out: flanks 40 %, internal sleeves 30 %, sines and sums 20 %, new descriptions 10 %. Vectors of eight would
   shorten the first two. The rest of a run, drive and anti-alias filter, takes about 5 ms for 0.6 s.
 - `simulate_many` with the exact kernel makes one run after the other; batches put one gearbox into each lane
-  of the processor's vectors. Whole runs gain less than the time loop: drive, load and tables of a run are still
-  computed one by one.
+  of the processor's vectors. Whole runs gain less than the time loop: drive, load and tables of a run are
+  still computed one by one.
 - scipy: the midpoint rule takes 4000 evaluations for 20 ms; a fifth-order rule with error control is as
   accurate with about 1070, but calls them from Python.
 - Two cores of a virtual machine may be two threads of one core, which share its arithmetic units.

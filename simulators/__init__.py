@@ -30,7 +30,7 @@ module           responsibility
 """
 
 from cyclofeat.simulators import effects
-from cyclofeat.simulators._machine import Machine, MachineRun
+from cyclofeat.simulators._machine import Machine, MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
@@ -39,7 +39,7 @@ from cyclofeat.simulators.effects import *  # noqa: F403
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
-from cyclofeat.simulators.many import simulate_many
+from cyclofeat.simulators.many import run_planned, simulate_many
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
     GearboxLocked,
@@ -61,6 +61,7 @@ __all__ = [
     "LobeDefects",
     "Machine",
     "MachineRun",
+    "PlannedRun",
     "Rig",
     "SimulationDiverged",
     "SimulationFailed",
@@ -71,6 +72,7 @@ __all__ = [
     "energy_audit",
     "load_campaign",
     "run_campaign",
+    "run_planned",
     "settling_time",
     "simulate",
     "simulate_many",

@@ -20,6 +20,9 @@ from cyclofeat.simulators.simulation import SimulationRun
 Float = NDArray[np.float64]
 RandomState = int | np.random.SeedSequence
 
+# Samples for which speed and load are known after the end of a run, for the anti-alias filter.
+SPARE_SAMPLES = 64
+
 
 def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.SeedSequence:
     """Return the SeedSequence of a whole number; one given is returned as it is."""
@@ -135,6 +138,53 @@ class Machine:
 
 
 @dataclasses.dataclass(frozen=True)
+class PlannedRun:
+    """A run of a machine that is still to be simulated.
+
+    Attributes
+    ----------
+    machine : Machine
+    arguments : dict
+        Arguments of :func:`cyclofeat.simulators.simulate`.
+    random_state : numpy.random.SeedSequence
+        Seed of the run.
+    n_samples, n_settling : int
+        Length of a record, and number of samples before it.
+    from_rest : bool
+        True if the record begins with the start.
+    """
+
+    machine: Machine
+    arguments: dict[str, Any]
+    random_state: np.random.SeedSequence
+    n_samples: int
+    n_settling: int
+    from_rest: bool
+
+    def lasting(self, duration: float) -> dict[str, Any]:
+        """Return the arguments of a longer run, whose speed and load stay after the end as they are there."""
+        end = self.arguments["duration"] + SPARE_SAMPLES / self.arguments["sampling_rate"]
+        courses = {
+            name: None if course is None else _held_after(course, end)
+            for name, course in vars(self.arguments["courses"]).items()
+        }
+        return self.arguments | {"duration": duration, "courses": Courses(**courses)}
+
+    def finished(self, run: SimulationRun) -> MachineRun:
+        """Return the machine's run, made of a simulation at least as long."""
+        n = round(self.arguments["duration"] * run.sampling_rate)
+        own = {
+            name: np.ascontiguousarray(values[:n])
+            for name, values in vars(run).items()
+            if isinstance(values, np.ndarray)
+        }
+        run = dataclasses.replace(run, **own)
+        return MachineRun(
+            self.machine, run, self.random_state, self.n_samples, self.n_settling, self.from_rest
+        )
+
+
+@dataclasses.dataclass(frozen=True)
 class MachineRun:
     """One run of a machine before measurement; made by :meth:`cyclofeat.simulators.Rig.run_machine`.
 
@@ -197,6 +247,11 @@ class MachineRun:
             name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
         }
         return dataclasses.replace(self.run, **changes)
+
+
+def _held_after(course: Fluctuation, end: float) -> Fluctuation:
+    """Return a function of time that stays after ``end`` as it is there."""
+    return lambda time: course(np.minimum(time, end))
 
 
 def _drawn(

@@ -12,13 +12,14 @@ import joblib
 from cyclofeat._base.checks import members, number, one_of, short
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 
 if TYPE_CHECKING:  # compiled only where it is asked for
     from cyclofeat.simulators.batch import Request, Settings
 
-__all__ = ["simulate_many"]
+__all__ = ["run_planned", "simulate_many"]
 
 _Gearboxes = CycloidalGearbox | Iterable[CycloidalGearbox] | None
 _Defects = LobeDefects | Iterable[LobeDefects] | None
@@ -120,6 +121,63 @@ def simulate_many(
     runs = [dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)]
     runs = runs if lists else [{}]
     return _worked_off(_tasks([same | run for run in runs], kernel), len(runs), on_failure, n_jobs, progress)
+
+
+def simulate_each(runs: Sequence[dict[str, Any]], kernel: str) -> list[SimulationRun | SimulationFailed]:
+    """Return a run, or its failure, for each set of arguments of :func:`simulate`.
+
+    Runs in a batch share all arguments but ``gearbox``, ``defects``, ``start_angle`` and ``courses``.
+    """
+    return _worked_off(_tasks(runs, kernel), len(runs), "return", 1, None)
+
+
+def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[MachineRun | SimulationFailed]:
+    """Simulate the planned runs of machines of rigs.
+
+    Parameters
+    ----------
+    plans : sequence of PlannedRun
+        Made by :meth:`Rig.plan_run` with the same sampling rate and options.
+    kernel : {"exact", "batch", "auto"}, default "auto"
+        As in :func:`simulate_many`.
+
+    Returns
+    -------
+    list of MachineRun or SimulationFailed
+        In the order of the plans, each depending on its own plan and the kernel only.
+
+    Raises
+    ------
+    TypeError, ValueError, RuntimeError
+        As :func:`simulate_many`.
+
+    Examples
+    --------
+    >>> from cyclofeat.simulators import Rig
+    >>> plans = [Rig.r1().plan_run(LobeDefects.worn(n), duration=0.1, random_state=n) for n in range(2)]
+    >>> [run.record().torque_out.shape for run in run_planned(plans)]
+    [(2560,), (2560,)]
+    """
+    one_of("kernel", kernel, ("exact", "batch", "auto"))
+    if kernel == "exact":
+        runs = simulate_each([plan.arguments for plan in plans], kernel)
+        return [_finished(plan, run) for plan, run in zip(plans, runs, strict=True)]
+    from cyclofeat.simulators.batch import n_lanes
+
+    # A batch lasts as long as its longest run: put runs of similar length together.
+    order = sorted(range(len(plans)), key=lambda index: plans[index].arguments["duration"])
+    finished: dict[int, MachineRun | SimulationFailed] = {}
+    for first in range(0, len(order), n_lanes()):
+        group = order[first : first + n_lanes()]
+        longest = plans[group[-1]].arguments["duration"]
+        runs = simulate_each([plans[index].lasting(longest) for index in group], kernel)
+        for index, run in zip(group, runs, strict=True):
+            finished[index] = _finished(plans[index], run)
+    return [finished[index] for index in range(len(plans))]
+
+
+def _finished(plan: PlannedRun, run: SimulationRun | SimulationFailed) -> MachineRun | SimulationFailed:
+    return run if isinstance(run, SimulationFailed) else plan.finished(run)
 
 
 def _worked_off(

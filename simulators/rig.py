@@ -16,7 +16,14 @@ from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base.checks import check_type, positive
 from cyclofeat.simulators import _rig_file
-from cyclofeat.simulators._machine import Machine, MachineRun, RandomState, seed_sequence
+from cyclofeat.simulators._machine import (
+    SPARE_SAMPLES,
+    Machine,
+    MachineRun,
+    PlannedRun,
+    RandomState,
+    seed_sequence,
+)
 from cyclofeat.simulators._settling import settling_samples
 from cyclofeat.simulators.effects import (
     BrakeRotor,
@@ -381,6 +388,42 @@ class Rig:
         >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
         0.5
         """
+        planned = self.plan_run(
+            defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
+            assembly=assembly, start_angle=start_angle, settled=settled, spare_s=spare_s, **options,
+        )  # fmt: skip
+        return planned.finished(simulate(**planned.arguments))
+
+    def plan_run(
+        self,
+        defects: LobeDefects | None = None,
+        *,
+        duration: float = 1.8,
+        sampling_rate: float = 25_600.0,
+        random_state: RandomState = 0,
+        assembly: RandomState | None = None,
+        start_angle: float | None = None,
+        settled: bool = True,
+        spare_s: float = 0.0,
+        **options: Any,
+    ) -> PlannedRun:
+        """Draw a machine and state its run, without simulating it.
+
+        Parameters
+        ----------
+        defects, duration, sampling_rate, random_state, assembly, start_angle, settled, spare_s, **options
+            As in :meth:`run_machine`.
+
+        Returns
+        -------
+        PlannedRun
+            For :func:`run_planned`, which simulates many at once.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As :meth:`simulate`.
+        """
         duration = positive("duration", duration, "a number of s")
         sampling_rate = positive("sampling_rate", sampling_rate, "a number of Hz")
         if "courses" in options:
@@ -397,12 +440,15 @@ class Rig:
         if start_angle is None:
             output_turn = 2 * np.pi * gearbox.n_lobes  # as an angle of the input
             start_angle = library.stream(seed, _START).uniform(0, output_turn)
-        # Some samples more, for the anti-alias filter of the simulation.
-        options["courses"] = machine.fluctuations(seed, total + 64 / sampling_rate)
-        run = simulate(
-            gearbox, defects, duration=total, sampling_rate=sampling_rate, start_angle=start_angle, **options
-        )
-        return MachineRun(machine, run, seed, n_samples, n_settling, from_rest=not settled)
+        arguments = options | {
+            "gearbox": gearbox,
+            "defects": defects,
+            "duration": total,
+            "sampling_rate": sampling_rate,
+            "start_angle": start_angle,
+            "courses": machine.fluctuations(seed, total + SPARE_SAMPLES / sampling_rate),
+        }
+        return PlannedRun(machine, arguments, seed, n_samples, n_settling, from_rest=not settled)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""

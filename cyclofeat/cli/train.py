@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "printed", "run"]
 
-_SIMULATION = ("assemblies", "windows", "max_count", "lobes", "jobs", "rig", "simulator", "effects_from")
+_SIMULATION = (
+    "assemblies",
+    "windows",
+    "max_count",
+    "lobes",
+    "kernel",
+    "jobs",
+    "rig",
+    "simulator",
+    "effects_from",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sampling-rate", type=float, metavar="HZ", help="in Hz; of simulated recordings 25600 by default"
     )
     parser.add_argument("--seed", type=int, default=0, help="of simulation and training (default 0)")
+    parser.add_argument(
+        "--kernel", choices=("exact", "batch", "auto"), default="auto",
+        help="of the simulation: many assemblies at once in single precision where that is possible (auto, "
+        "default; batch makes it an error where it is not), or one by one in double precision (exact)",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     add_rig(parser, "r2")
     add_reading_options(parser, sampling_rate=False)
@@ -86,6 +101,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
         random_state=arguments.seed,
         n_jobs=arguments.jobs,
         with_angle=True,
+        kernel=arguments.kernel,
         progress=Progress("simulating assemblies"),
     )
     return recordings, rig.name

@@ -362,6 +362,29 @@ def test_defects_that_are_none_are_refused(defects, message):
 # Progress and failure
 
 
+def test_batches_make_the_recordings_of_the_exact_kernel():
+    """Within the error of the time step (some 1e-3 Nm here), whatever else is in the batch."""
+    options = {"rig": "R2", "duration": 0.05, "random_state": 3, "with_angle": True}
+    each = make_rig_recordings(2, (0, 2, 5, 7), kernel="batch", **options)
+    for one, exact in zip(each, make_rig_recordings(2, (0, 2, 5, 7), **options), strict=True):
+        assert one.meta == exact.meta
+        np.testing.assert_array_equal(one.angle, exact.angle)
+        assert np.abs(one.torque - exact.torque).max() < 1e-3
+        assert not np.array_equal(one.torque, exact.torque)
+    (first, *_) = make_rig_recordings(1, [0], kernel="batch", **options)
+    np.testing.assert_array_equal(first.torque, each[0].torque)
+
+
+def test_what_batches_refuse_is_an_error_or_left_to_the_exact_kernel():
+    rubbing = Rig(CycloidalGearbox.steel(sleeve_friction=0.05), name="rubbing")
+    options = {"rig": rubbing, "duration": 0.02}
+    with pytest.raises(ValueError, match="rubbing.*friction.*give kernel='auto'"):
+        make_rig_recordings(1, [0], kernel="batch", **options)
+    (auto,) = make_rig_recordings(1, [0], kernel="auto", **options)
+    (exact,) = make_rig_recordings(1, [0], **options)
+    np.testing.assert_array_equal(auto.torque, exact.torque)
+
+
 def test_progress_is_reported():
     seen = []
     make_rig_recordings(2, [0, 1], progress=lambda done, total: seen.append((done, total)), **SHORT)
