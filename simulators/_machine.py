@@ -173,7 +173,7 @@ class PlannedRun:
     def finished(self, run: SimulationRun) -> MachineRun:
         """Return the machine's run, made of a simulation at least as long."""
         n = round(self.arguments["duration"] * run.sampling_rate)
-        own = {
+        own: dict[str, Any] = {
             name: np.ascontiguousarray(values[:n])
             for name, values in vars(run).items()
             if isinstance(values, np.ndarray)
