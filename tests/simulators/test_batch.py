@@ -93,6 +93,7 @@ def rms(values: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(values**2, axis=0))
 
 
+@pytest.mark.slow  # compiles the kernel for double precision
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
 def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description(integrator: str) -> None:
     each, n, solver = machines(), 4000, Solver(integrator=integrator)
@@ -126,7 +127,14 @@ def test_a_lane_depends_on_nothing_but_itself() -> None:
     assert np.array_equal(shuffled, together[:, :, order])
     alone = in_lanes(each[6:7], courses[6:7], solver, n, lanes=8)
     assert np.array_equal(alone[:, :, 0], together[:, :, 6])
-    assert np.array_equal(in_lanes(each[:3], courses[:3], solver, n, lanes=16), together[:, :, :3])
+
+
+@pytest.mark.slow  # compiles the kernel for other lanes
+def test_the_number_of_lanes_changes_nothing() -> None:
+    each, n, solver = machines()[:3], 1500, Solver()
+    courses = courses_of(each, n)
+    eight, sixteen = (in_lanes(each, courses, solver, n, lanes=lanes) for lanes in (8, 16))
+    assert np.array_equal(eight, sixteen)
 
 
 def test_courses_of_speed_and_load() -> None:
