@@ -228,7 +228,7 @@ def test_torque_that_the_counter_was_not_made_for_is_refused():
     alike = np.stack([r.torque for r in new])
     faster = np.stack([np.interp((1.2 * steps) % steps[-1], steps, row) for row in alike])
     slower = np.stack([np.interp(0.8 * steps, steps, row) for row in alike])
-    noise = 22 + random.normal(scale=0.2, size=(20, X.shape[1]))
+    noise = 22 + random.normal(scale=0.2, size=(100, X.shape[1]))
     refused = {
         name: counter.outside(windows).mean()
         for name, windows in {
@@ -241,5 +241,5 @@ def test_torque_that_the_counter_was_not_made_for_is_refused():
     }
     assert refused["alike"] <= 0.17
     assert refused["faster"] == refused["slower"] == 1
-    assert refused["noise"] >= 0.9  # of 20 windows
+    assert refused["noise"] >= 0.95, refused
     assert refused["nine"] >= 0.7
