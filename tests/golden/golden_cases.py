@@ -302,5 +302,4 @@ def demo(folder: Path) -> dict[str, Any]:
         "lobes_right": round(float(exact) * int(n_files)),
         "n_assemblies": int(n_assemblies),
         "accuracy": methods,
-        "printed": text[text.index("  counts right:") : text.index("Pages:")].splitlines(),
     }
