@@ -61,7 +61,7 @@ class Machines:
         """Torques of a batch, (n_steps, 2, n_machines)."""
         constants = [kernel_input(*one) for one in zip(self.gearboxes, self.defects, strict=True)]
         states = [rest_state(gearbox) for gearbox in self.gearboxes]
-        results, reached = batch.integrated(constants, courses, states, solver, n_steps)
+        results, reached = batch.integrated(constants, courses, states, solver)
         if not reached[: len(states)].all():
             raise RuntimeError("a lane did not reach its end")
         return results[:, :2, : len(states)]

@@ -161,24 +161,8 @@ class PlannedRun:
     n_settling: int
     from_rest: bool
 
-    def lasting(self, duration: float) -> dict[str, Any]:
-        """Return the arguments of a longer run, whose speed and load stay after the end as they are there."""
-        end = self.arguments["duration"] + SPARE_SAMPLES / self.arguments["sampling_rate"]
-        courses = {
-            name: None if course is None else _held_after(course, end)
-            for name, course in vars(self.arguments["courses"]).items()
-        }
-        return self.arguments | {"duration": duration, "courses": Courses(**courses)}
-
     def finished(self, run: SimulationRun) -> MachineRun:
-        """Return the machine's run, made of a simulation at least as long."""
-        n = round(self.arguments["duration"] * run.sampling_rate)
-        own: dict[str, Any] = {
-            name: np.ascontiguousarray(values[:n])
-            for name, values in vars(run).items()
-            if isinstance(values, np.ndarray)
-        }
-        run = dataclasses.replace(run, **own)
+        """Return the machine's run, made of its simulation."""
         return MachineRun(
             self.machine, run, self.random_state, self.n_samples, self.n_settling, self.from_rest
         )
@@ -247,11 +231,6 @@ class MachineRun:
             name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
         }
         return dataclasses.replace(self.run, **changes)
-
-
-def _held_after(course: Fluctuation, end: float) -> Fluctuation:
-    """Return a function of time that stays after ``end`` as it is there."""
-    return lambda time: course(np.minimum(time, end))
 
 
 def _drawn(

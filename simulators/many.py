@@ -17,7 +17,7 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 
 if TYPE_CHECKING:  # compiled only where it is asked for
-    from cyclofeat.simulators.batch import Request, Settings
+    from cyclofeat.simulators.batch import Request
 
 __all__ = ["run_planned", "simulate_many"]
 
@@ -124,10 +124,7 @@ def simulate_many(
 
 
 def simulate_each(runs: Sequence[dict[str, Any]], kernel: str) -> list[SimulationRun | SimulationFailed]:
-    """Return a run, or its failure, for each set of arguments of :func:`simulate`.
-
-    Runs in a batch share all arguments but ``gearbox``, ``defects``, ``start_angle`` and ``courses``.
-    """
+    """Return a run, or its failure, for each set of arguments of :func:`simulate`."""
     return _worked_off(_tasks(runs, kernel), len(runs), "return", 1, None)
 
 
@@ -137,7 +134,7 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
     Parameters
     ----------
     plans : sequence of PlannedRun
-        Made by :meth:`Rig.plan_run` with the same sampling rate and options.
+        Made by :meth:`Rig.plan_run`.
     kernel : {"exact", "batch", "auto"}, default "auto"
         As in :func:`simulate_many`.
 
@@ -159,25 +156,11 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
     [(2560,), (2560,)]
     """
     one_of("kernel", kernel, ("exact", "batch", "auto"))
-    if kernel == "exact":
-        runs = simulate_each([plan.arguments for plan in plans], kernel)
-        return [_finished(plan, run) for plan, run in zip(plans, runs, strict=True)]
-    from cyclofeat.simulators.batch import n_lanes
-
-    # A batch lasts as long as its longest run: put runs of similar length together.
-    order = sorted(range(len(plans)), key=lambda index: plans[index].arguments["duration"])
-    finished: dict[int, MachineRun | SimulationFailed] = {}
-    for first in range(0, len(order), n_lanes()):
-        group = order[first : first + n_lanes()]
-        longest = plans[group[-1]].arguments["duration"]
-        runs = simulate_each([plans[index].lasting(longest) for index in group], kernel)
-        for index, run in zip(group, runs, strict=True):
-            finished[index] = _finished(plans[index], run)
-    return [finished[index] for index in range(len(plans))]
-
-
-def _finished(plan: PlannedRun, run: SimulationRun | SimulationFailed) -> MachineRun | SimulationFailed:
-    return run if isinstance(run, SimulationFailed) else plan.finished(run)
+    runs = simulate_each([plan.arguments for plan in plans], kernel)
+    return [
+        run if isinstance(run, SimulationFailed) else plan.finished(run)
+        for plan, run in zip(plans, runs, strict=True)
+    ]
 
 
 def _worked_off(
@@ -208,7 +191,7 @@ class _Task:
     """Work of one worker: the arguments of its runs by number, and the batch that makes them, if one does."""
 
     runs: dict[int, dict[str, Any]]
-    batch: tuple[Sequence[Request], Settings] | None = None
+    batch: Sequence[Request] | None = None
 
 
 def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
@@ -216,7 +199,7 @@ def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     alone = [_Task({index: run}) for index, run in enumerate(runs)]
     if kernel == "exact" or not _can_batch(required=kernel == "batch"):
         return alone
-    from cyclofeat.simulators.batch import Request, Settings, batches, obstacle
+    from cyclofeat.simulators.batch import Request, batches, obstacle
 
     requests = {index: Request.of(run) for index, run in enumerate(runs)}
     obstacles = {index: obstacle(request, runs[index]) for index, request in requests.items()}
@@ -226,10 +209,9 @@ def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     suited = {index: request for index, request in requests.items() if not obstacles[index]}
     if not suited:
         return alone
-    settings = Settings.of(runs[next(iter(suited))])
     tasks = [alone[index] for index, what in obstacles.items() if what]
-    for batch in batches(suited, settings):
-        tasks.append(_Task({index: runs[index] for index in batch}, (list(batch.values()), settings)))
+    for batch in batches(suited):
+        tasks.append(_Task({index: runs[index] for index in batch}, list(batch.values())))
     return sorted(tasks, key=lambda task: min(task.runs))
 
 
@@ -256,7 +238,7 @@ def _simulated(task: _Task) -> list[SimulationRun | SimulationFailed]:
     # A run that diverges or locks has its reason from the exact kernel.
     return [
         _attempt(arguments) if run is None else run
-        for arguments, run in zip(task.runs.values(), run_batch(*task.batch), strict=True)
+        for arguments, run in zip(task.runs.values(), run_batch(task.batch), strict=True)
     ]
 
 

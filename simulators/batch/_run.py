@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -41,6 +41,26 @@ def n_lanes() -> int:
 
 
 @dataclass(frozen=True)
+class Settings:
+    """Arguments of :func:`cyclofeat.simulators.simulate` that all runs of a batch share."""
+
+    sampling_rate: float = 25_600.0
+    start: str = "rest"
+    solver: Solver = field(default_factory=Solver)
+    torque_in: bool = True
+    motion: bool = True
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any]) -> Settings:
+        """Return the settings among one run's arguments."""
+        names = {one.name for one in fields(cls)}
+        given = {name: value for name, value in arguments.items() if name in names}
+        settings = cls(**given | {"solver": given.get("solver") or Solver()})
+        one_of("start", settings.start, ("rest", "relaxed"))
+        return settings
+
+
+@dataclass(frozen=True)
 class Request:
     """Arguments of :func:`cyclofeat.simulators.simulate` for one run in a batch."""
 
@@ -49,43 +69,28 @@ class Request:
     constants: KernelInput
     courses: Courses | None
     start_angle: float
+    sampling: Sampling
+    settings: Settings
 
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> Request:
         """Return the request of one run's arguments; raise as ``simulate`` does."""
         gearbox, defects = machine(arguments.get("gearbox"), arguments.get("defects"))
+        settings = Settings.of(arguments)
         return cls(
             gearbox,
             defects,
             kernel_input(gearbox, defects),
             arguments.get("courses"),
             number("start_angle", arguments.get("start_angle", 0.0)),
+            Sampling.of(arguments.get("duration", 0.6), settings.sampling_rate, settings.solver),
+            settings,
         )
 
     @property
-    def form(self) -> tuple[int, int]:
-        """Numbers that all gearboxes of a batch share."""
-        return self.gearbox.n_lobes, self.gearbox.n_internal_sleeves
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Arguments of :func:`cyclofeat.simulators.simulate` that all runs of a batch share."""
-
-    duration: float = 0.6
-    sampling_rate: float = 25_600.0
-    start: str = "rest"
-    solver: Solver | None = None
-    torque_in: bool = True
-    motion: bool = True
-
-    @classmethod
-    def of(cls, arguments: Mapping[str, Any]) -> Settings:
-        """Return the settings among one run's arguments."""
-        names = {one.name for one in fields(cls)}
-        settings = cls(**{name: value for name, value in arguments.items() if name in names})
-        one_of("start", settings.start, ("rest", "relaxed"))
-        return settings
+    def form(self) -> tuple[int, int, Settings]:
+        """What all runs of a batch share."""
+        return self.gearbox.n_lobes, self.gearbox.n_internal_sleeves, self.settings
 
 
 @functools.cache
@@ -95,14 +100,14 @@ def compile_error() -> str | None:
     course = drive_and_load(gearbox, 3, 5e-6, 1e5)
     constants = kernel_input(gearbox, LobeDefects.healthy())
     try:
-        integrated([constants], [course], [rest_state(gearbox)], Solver(), 1)
+        integrated([constants], [course], [rest_state(gearbox)], Solver())
     except Exception as error:  # of numba or LLVM, whose classes are many
         lines = str(error).strip().splitlines() or [type(error).__name__]
         return lines[0]
     return None
 
 
-_KNOWN = {"gearbox", "defects", "start_angle", "courses", "forces", "points"} | {
+_KNOWN = {"gearbox", "defects", "start_angle", "courses", "duration", "forces", "points"} | {
     one.name for one in fields(Settings)
 }
 
@@ -117,53 +122,58 @@ def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
     return unsuited(request.constants)
 
 
-def batches(requests: Mapping[int, Request], settings: Settings) -> Iterator[dict[int, Request]]:
-    """Yield requests that can run together, as many as fit the lanes and the memory, by their keys."""
-    sampling = Sampling.of(settings.duration, settings.sampling_rate, settings.solver or Solver())
-    size = max(1, min(n_lanes(), _BUDGET // (_BYTES_PER_STEP * sampling.n_steps)))
-    by_form: dict[tuple[int, int], list[int]] = {}
-    for key, request in requests.items():
-        by_form.setdefault(request.form, []).append(key)
+def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
+    """Yield requests that can run together, as many as fit the lanes and the memory, by their keys.
+
+    A batch lasts as long as its longest run: runs of similar length stand together.
+    """
+    by_form: dict[tuple[int, int, Settings], list[int]] = {}
+    for key in sorted(requests, key=lambda key: requests[key].sampling.n_steps):
+        by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():
-        for first in range(0, len(keys), size):
-            yield {key: requests[key] for key in keys[first : first + size]}
+        while keys:
+            longest = requests[keys[-1]].sampling.n_steps
+            size = max(1, min(n_lanes(), _BUDGET // (_BYTES_PER_STEP * longest)))
+            yield {key: requests[key] for key in keys[-size:]}
+            del keys[-size:]
 
 
-def run_batch(requests: Sequence[Request], settings: Settings) -> list[SimulationRun | None]:
+def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     """Simulate requests of one form; None for a run that did not reach its end.
 
     Parameters
     ----------
     requests : sequence of Request
         At most as many as there are lanes.
-    settings : Settings
 
     Returns
     -------
     list of SimulationRun or None
         The bits of a run depend on its own request only.
     """
-    solver = settings.solver or Solver()
-    sampling = Sampling.of(settings.duration, settings.sampling_rate, solver)
-    n = sampling.n_steps
+    settings = requests[0].settings
+    solver = settings.solver
     courses = [
         drive_and_load(
-            one.gearbox, 2 * n + 1, solver.dt / 2, settings.sampling_rate, one.start_angle, one.courses
+            one.gearbox, 2 * one.sampling.n_steps + 1, solver.dt / 2, settings.sampling_rate,
+            one.start_angle, one.courses,
         )
         for one in requests
-    ]
-    states = [_start(one, course, settings, solver) for one, course in zip(requests, courses, strict=True)]
-    results, reached = integrated([one.constants for one in requests], courses, states, solver, n)
-    torque_out = _decimated(results, rows.TORQUE_OUT, sampling)
-    torque_in = _decimated(results, rows.TORQUE_IN, sampling) if settings.torque_in else None
-    motion = np.ascontiguousarray(results[sampling.steps, rows.OUTPUT :].T, dtype=float)
+    ]  # fmt: skip
+    states = [_start(one, course) for one, course in zip(requests, courses, strict=True)]
+    results, reached = integrated([one.constants for one in requests], courses, states, solver)
+    longest = max((one.sampling for one in requests), key=lambda sampling: sampling.n_steps)
+    torque_out = _decimated(results, rows.TORQUE_OUT, longest)
+    torque_in = _decimated(results, rows.TORQUE_IN, longest) if settings.torque_in else None
     runs: list[SimulationRun | None] = []
     for lane, (one, course) in enumerate(zip(requests, courses, strict=True)):
         if not reached[lane]:
             runs.append(None)
             continue
-        torques = torque_out[lane], None if torque_in is None else torque_in[lane]
-        runs.append(_result(one, course, torques, motion[lane], sampling, settings))
+        own = slice(one.sampling.time.size)
+        torques = torque_out[lane, own].copy(), None if torque_in is None else torque_in[lane, own].copy()
+        motion = results[one.sampling.steps, rows.OUTPUT :, lane].T.astype(float)
+        runs.append(_result(one, course, torques, motion))
     return runs
 
 
@@ -190,10 +200,10 @@ def _phases(up: int, down: int) -> Float:
     return np.ascontiguousarray(padded.reshape(n_taps, up).T[:, ::-1])
 
 
-def _start(request: Request, course: Float, settings: Settings, solver: Solver) -> Float:
+def _start(request: Request, course: Float) -> Float:
     """Return the state at the start."""
-    state = rest_state(request.gearbox)
-    if settings.start == "rest":
+    state, solver = rest_state(request.gearbox), request.settings.solver
+    if request.settings.start == "rest":
         return state
     return simulation.relaxed(
         Integration(request.gearbox, request.constants, course, solver.dt, solver.integrator), state
@@ -205,7 +215,6 @@ def integrated(
     courses: Sequence[Float],
     states: Sequence[Float],
     solver: Solver,
-    n_steps: int,
     *,
     lanes: int | None = None,
     dtype: type = np.float32,
@@ -215,9 +224,8 @@ def integrated(
     Parameters
     ----------
     machines, courses, states : sequence
-        Constants, course at every half step, and state at the start of each.
+        Constants, course at every half step to the end of its run, and state at the start of each.
     solver : Solver
-    n_steps : int
     lanes : int, optional
         Default: those that suit the processor.
     dtype : numpy.float32 or numpy.float64
@@ -225,9 +233,12 @@ def integrated(
     Returns
     -------
     results : ndarray, shape (n_steps, N_RESULTS, lanes)
+        To the end of the longest run; what stands behind a run's own end means nothing.
     reached : ndarray of bool, shape (lanes,)
-        True for the lanes that reached the end.
+        True for the lanes that reached the end of their runs.
     """
+    own_steps = [course.shape[1] // 2 for course in courses]
+    n_steps = max(own_steps)
     lanes = n_lanes() if lanes is None else lanes
     stages = 2 if solver.integrator == "midpoint" else 1
     limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
@@ -246,22 +257,19 @@ def integrated(
         )  # fmt: skip
         if done < n:
             break
-    return results, tables.ended[1] == rows.RUNNING
+    reached = tables.ended[1] == rows.RUNNING
+    reached[: len(own_steps)] |= tables.ended[0, : len(own_steps)] >= own_steps
+    return results, reached
 
 
 def _result(
-    request: Request,
-    course: Float,
-    torques: tuple[Float, Float | None],
-    motion: Float,
-    sampling: Sampling,
-    settings: Settings,
+    request: Request, course: Float, torques: tuple[Float, Float | None], motion: Float
 ) -> SimulationRun:
     """Return one lane's run as ``simulate`` does."""
-    solver, z = settings.solver or Solver(), request.gearbox.n_lobes
+    settings, z = request.settings, request.gearbox.n_lobes
     phi, omega = course[:2]
-    input_angle = on_lines(sampling.time, np.arange(phi.size) * (solver.dt / 2), phi)
-    steps = sampling.steps
+    dt, steps = settings.solver.dt, request.sampling.steps
+    input_angle = on_lines(request.sampling.time, np.arange(phi.size) * (dt / 2), phi)
     output, rate = motion
     return SimulationRun(
         gearbox=request.gearbox,
@@ -272,6 +280,6 @@ def _result(
         input_angle=input_angle,
         output_angle=output - input_angle / z if settings.motion else None,
         output_speed=rate - omega[2 * steps] / z if settings.motion else None,
-        dt=solver.dt,
+        dt=dt,
         kernel="batch",
     )

@@ -11,12 +11,17 @@ from cyclofeat.simulators.batch._vectors import FASTMATH, addresses, filled, loa
 def fill(courses, first, n, stages, n_lobes, angle, drive):
     """Write ``n`` steps from step ``first`` on into ``angle`` and ``drive`` of the kernel.
 
-    ``courses`` is a tuple of the lanes' courses at every half step, as the exact kernel takes them.
+    ``courses`` is a tuple of the lanes' courses at every half step, as the exact kernel takes them. A lane
+    whose course has ended stands still: nothing reads what it does from there on.
     """
     stride = 2 // stages
     for lane in range(len(courses)):
         course = courses[lane]
-        for k in range(stages * n):
+        own = max(min((course.shape[1] - 1 - 2 * first) // stride, stages * n), 0)
+        for k in range(own, stages * n):
+            angle[k, lane] = course[0, -1]
+            drive[k, :, lane] = 0.0
+        for k in range(own):
             i = 2 * first + stride * k
             angle[k, lane] = course[0, i]
             drive[k, rows.OMEGA, lane] = course[1, i]

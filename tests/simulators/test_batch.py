@@ -19,11 +19,13 @@ from cyclofeat.simulators import (
     SimulationRun,
     Solver,
     batch,
+    many,
     simulate,
     simulate_many,
     simulation,
 )
 from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
@@ -82,9 +84,10 @@ def in_lanes(
         states = [rest_state(g) for g, _ in each[chosen]]
         constants = [kernel_input(*one) for one in each[chosen]]
         results, reached = batch.integrated(
-            constants, courses[chosen], states, solver, n, lanes=lanes, dtype=dtype
+            constants, courses[chosen], states, solver, lanes=lanes, dtype=dtype
         )
         assert reached[: len(states)].all()
+        assert len(results) == n
         parts.append(results[:, :2, : len(states)])
     return np.concatenate(parts, axis=2)
 
@@ -169,7 +172,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched() -> None:
     n, solver = 2000, Solver()
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(constants, courses, states, solver, n, lanes=8)
+    results, reached = batch.integrated(constants, courses, states, solver, lanes=8)
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
     assert np.array_equal(results[:, :2, [0, 2]], alone)
@@ -195,7 +198,7 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     each += [(STEEL.replace(load_torque=1.0), LobeDefects.healthy())]
     courses = courses_of(each, 3000)
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(constants, courses, states, Solver(), 3000, lanes=8)
+    results, reached = batch.integrated(constants, courses, states, Solver(), lanes=8)
     assert reached[:3].tolist() == [False, False, True]
     for lane in range(2):
         gearbox, defects = each[lane]
@@ -256,13 +259,53 @@ def test_options_are_those_of_simulate() -> None:
 def test_batches_fit_the_lanes_the_memory_and_one_form() -> None:
     few = CycloidalGearbox.steel(n_pins=12, pin_radius=4e-3)
     gearboxes = [STEEL, few] * 9
-    requests = {k: batch.Request.of({"gearbox": one}) for k, one in enumerate(gearboxes)}
-    groups = list(batch.batches(requests, batch.Settings(duration=0.1)))
+
+    def requests(duration: float) -> dict[int, batch.Request]:
+        arguments = [{"gearbox": one, "duration": duration} for one in gearboxes]
+        return {k: batch.Request.of(one) for k, one in enumerate(arguments)}
+
+    groups = list(batch.batches(requests(0.1)))
     assert sorted(key for group in groups for key in group) == list(range(18))
     assert all(len({one.form for one in group.values()}) == 1 for group in groups)
     assert max(len(group) for group in groups) == min(batch.n_lanes(), 9)
-    long = list(batch.batches(requests, batch.Settings(duration=60.0)))
+    long = list(batch.batches(requests(60.0)))
     assert [len(group) for group in long] == [1] * 18
+    mixed = [{"duration": 0.1, "solver": Solver(dt=dt)} for dt in (1e-5, 5e-6, 1e-5)]
+    groups = list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(mixed)}))
+    assert sorted(sorted(group) for group in groups) == [[0, 2], [1]]
+
+
+def test_each_run_lasts_as_long_as_it_was_asked_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of several lengths share a batch, and one that would fail after its end has not failed."""
+    rising = Courses(load=lambda time: 22.0 + 1e7 * np.maximum(time - 0.02, 0.0))
+    stopping = {"gearbox": STEEL, "courses": rising}
+    with pytest.raises(SimulationDiverged):
+        simulate(**stopping, duration=0.025)
+    arguments = [
+        stopping | {"duration": 0.018},  # a run is longer than its result by 40 samples
+        {"gearbox": BRAKED, "defects": LobeDefects.worn(2), "duration": 0.03},
+        {"gearbox": STEEL, "duration": 0.01},
+        {"gearbox": BRAKED, "defects": LobeDefects.worn(2), "duration": 0.02},
+    ]
+    together = simulate_each(arguments, "batch")
+    assert len(list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(arguments)}))) == 1
+    for one, run in zip(arguments, together, strict=True):
+        assert isinstance(run, SimulationRun)
+        assert run.kernel == "batch"
+        (alone,) = simulate_each([one], "batch")
+        assert isinstance(alone, SimulationRun)
+        for name in ("torque_out", "torque_in", "input_angle", "output_angle", "output_speed"):
+            assert np.array_equal(getattr(run, name), getattr(alone, name))
+    # Only the failed run is repeated, for as long as it was to last.
+    repeated: list[float] = []
+    exact = simulate
+    monkeypatch.setattr(
+        many, "simulate", lambda **given: repeated.append(given["duration"]) or exact(**given)
+    )
+    arguments[0] = stopping | {"duration": 0.025}
+    failed = simulate_each(arguments, "batch")
+    assert isinstance(failed[0], SimulationDiverged)
+    assert repeated == [0.025]
 
 
 def test_where_nothing_compiles_the_exact_kernel_runs(monkeypatch: pytest.MonkeyPatch) -> None:
