@@ -15,18 +15,26 @@ effect                         deviation
 ``ProportionalDrift``          the same in proportion to the torque (*)
 ``LoadScale``, ``SpeedScale``  set-points of load and speed by a factor (*)
 ``SpeedWander``                fluctuation of the input speed
+``StickSlip``                  sawtooth of a brake that sticks and slips (*)
+``Rattle``                     blows of a part with play on the output shaft (*)
+``LoadWarmUp``                 exponential decay of the brake's torque (*)
 ``SleeveFriction``             friction of the sleeves on wheels and axles
 ``BearingFriction``            friction of the output shaft's bearings
 ``BrakeRotor``                 the brake's rotor behind shaft and torque meter
 ``TorqueMeterLowPass``         low-pass in the torque meter
 ``SensorDrift``                drift of the torque meter's zero
+``SensorWarmUp``               exponential decay of the torque meter's zero (*)
+``InputShaftLine``             wave in the torque signal once per turn of the input (*)
+``OutputShaftLine``            the same of the output (*)
 ``Gain``, ``Offset``           calibration and zero of the torque meter
 ``Noise``, ``Hum``             noise and mains hum in the torque signal
 ``ClockError``                 error of the converter's clock
 ``Quantisation``               steps and range of the converter
+``Clipping``                   range of amplifier or converter (*)
+``LostSamples``                blocks of samples held, zero or cut out (*)
 =============================  =======================================================================
 
-(*) Rigs and files can name it; :func:`effect_library` does not propose it.
+(*) Rigs and files can name it; :func:`effect_library` does not propose it, :func:`known_effects` lists it.
 
 The chain has one order, whatever the order in which effects are given: :class:`Place`. Priors and default
 values are *assumptions*. :class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
@@ -34,13 +42,15 @@ values are *assumptions*. :class:`cyclofeat.simulators.Rig` applies effects to a
 """
 
 from cyclofeat.simulators.effects._base import Effect, Place, TorqueContext
-from cyclofeat.simulators.effects._converter import ClockError, Quantisation
+from cyclofeat.simulators.effects._converter import Clipping, ClockError, LostSamples, Quantisation
 from cyclofeat.simulators.effects._drive import (
     LoadDrift,
     LoadScale,
     ProportionalDrift,
+    Rattle,
     SpeedScale,
     SpeedWander,
+    StickSlip,
 )
 from cyclofeat.simulators.effects._gearbox import (
     BearingFriction,
@@ -56,16 +66,32 @@ from cyclofeat.simulators.effects._gearbox import (
     RunOut,
     SleeveFriction,
 )
-from cyclofeat.simulators.effects._library import effect_library, register_effect, unregister_effect
+from cyclofeat.simulators.effects._library import (
+    effect_library,
+    known_effects,
+    register_effect,
+    unregister_effect,
+)
 from cyclofeat.simulators.effects._loading import load_effects
-from cyclofeat.simulators.effects._meter import Gain, Hum, Noise, Offset, SensorDrift, TorqueMeterLowPass
+from cyclofeat.simulators.effects._meter import (
+    Gain,
+    Hum,
+    InputShaftLine,
+    Noise,
+    Offset,
+    OutputShaftLine,
+    SensorDrift,
+    TorqueMeterLowPass,
+)
 from cyclofeat.simulators.effects._numbers import EffectParameter
+from cyclofeat.simulators.effects._warm_up import LoadWarmUp, SensorWarmUp
 
 __all__ = [
     "BearingFriction",
     "BrakeRotor",
     "CamRunOut",
     "Clearance",
+    "Clipping",
     "ClockError",
     "ContactDampingForm",
     "ContactDampingScale",
@@ -75,23 +101,31 @@ __all__ = [
     "Gain",
     "GearboxParameter",
     "Hum",
+    "InputShaftLine",
     "LoadDrift",
     "LoadScale",
+    "LoadWarmUp",
     "LobePitchErrors",
+    "LostSamples",
     "Noise",
     "Offset",
+    "OutputShaftLine",
     "PinErrors",
     "Place",
     "ProportionalDrift",
     "Quantisation",
+    "Rattle",
     "RunOut",
     "SensorDrift",
+    "SensorWarmUp",
     "SleeveFriction",
     "SpeedScale",
     "SpeedWander",
+    "StickSlip",
     "TorqueContext",
     "TorqueMeterLowPass",
     "effect_library",
+    "known_effects",
     "load_effects",
     "register_effect",
     "unregister_effect",

@@ -11,7 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.stats import loguniform, norm
 
-from cyclofeat._base.checks import whole
+from cyclofeat._base.checks import one_of, whole
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
@@ -175,3 +175,98 @@ class Quantisation(Effect):
             n_codes = math.floor(full / step * (1 + 1e-12))
             codes = np.clip(codes, -n_codes, n_codes - 1)
         return np.asarray(step * codes)
+
+
+class Clipping(Effect):
+    """Clipping: amplifier or converter saturate at a torque.
+
+    T is limited to -L to L, as by the ``full_scale_nm`` of :class:`Quantisation`, but without steps and with
+    a prior (*an assumption*, for loads of some 22 Nm). A saturated amplifier that recovers late is not
+    modelled. Separating measurement: a lower load, or a lower gain of the amplifier.
+
+    Parameters
+    ----------
+    limit_nm : float or (low, high), default 25
+        L in Nm; infinity (``null`` in files) is neutral.
+    """
+
+    place = Place.ADC_CODES
+    parameters: ClassVar = {
+        "limit_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, loguniform(12.0, 40.0), log=True)
+    }
+    separated_by = "a lower load, or a lower gain of the amplifier"
+
+    def __init__(self, limit_nm: Any = 25.0) -> None:
+        self.limit_nm = limit_nm
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        limit = float(self.limit_nm)
+        return torque if math.isinf(limit) else np.clip(torque, -limit, limit)
+
+
+class LostSamples(Effect):
+    """Lost samples: the transfer of the record loses a block of them now and then.
+
+    In each stretch of ``block``/``share`` samples one block at a random place is lost. The block holds the
+    last value before it, is zero, or is cut out, so that what follows comes too early. Only the torque's
+    channel loses samples: an angle recorded beside it stays, and no longer matches a torque with samples cut
+    out.
+    Separating measurement: a tachometer in the same channel, or a counter of samples.
+
+    Parameters
+    ----------
+    share : float or (low, high), default 0.03
+        Share of the samples that is lost, a pure number; 0 is neutral.
+    block : float or (low, high), default 64
+        Length of a block in samples, rounded to whole ones.
+    fill : {"hold", "zero", "cut"}, default "hold"
+        What stands in the place of the block.
+    """
+
+    place = Place.ADC_CODES
+    parameters: ClassVar = {
+        "share": EffectParameter("1", 0.0, 0.5, 0.0, loguniform(5e-3, 0.1), log=True),
+        "block": EffectParameter("1", 1.0, 1e6, None, loguniform(4.0, 256.0), log=True),
+    }
+    separated_by = "a tachometer in the same channel, or a counter of samples"
+
+    def __init__(self, share: Any = 0.03, block: Any = 64.0, fill: str = "hold") -> None:
+        self.share = share
+        self.block = block
+        self.fill = fill
+
+    def check_settings(self) -> None:
+        one_of(f"fill of {self.effect_id}", self.fill, ("hold", "zero", "cut"))
+
+    def samples_needed(self, n_samples: int) -> int:
+        if self.share == 0 or self.fill != "cut":
+            return n_samples
+        # At most one block more than the share is lost.
+        return math.ceil((n_samples + self._length) / (1 - self.share)) + 1
+
+    @property
+    def _length(self) -> int:
+        return round(float(self.block))
+
+    def _lost(self, n_samples: int, random: Generator) -> NDArray[np.bool_]:
+        stretch = self._length / float(self.share)
+        places = random.random(math.ceil(n_samples / stretch)) * (1 - float(self.share))
+        starts = np.floor((np.arange(places.size) + places) * stretch).astype(int)
+        lost = np.zeros(math.ceil(places.size * stretch), dtype=bool)
+        lost[starts[:, None] + np.arange(self._length)] = True
+        return lost[:n_samples]
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        if self.share == 0 or torque.size == 0:
+            return torque
+        lost = self._lost(torque.size, random)
+        if self.fill == "cut":
+            return np.asarray(torque[~lost])
+        if self.fill == "zero":
+            return np.where(lost, 0.0, torque)
+        # A block at the beginning repeats the first sample.
+        return np.asarray(torque[np.maximum.accumulate(np.where(lost, 0, np.arange(torque.size)))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -262,3 +263,93 @@ class SpeedWander(Effect):
             return np.asarray(speed * (slow + ripple * np.sin(ripple_order * angle + phase)))
 
         return fluctuation
+
+
+class StickSlip(Effect):
+    """Stick-slip of the brake: its torque climbs while it sticks and falls when it slips.
+
+    Adds a sawtooth to the load: over each cycle it rises from -A/2 at the rate A f, and falls back in the
+    last tenth of the cycle. Cycles last 1/f, uniformly within 25 %, and long ones climb higher, as at a
+    constant speed against a spring. *An assumption*: the sawtooth is prescribed. Amplitude and frequency
+    follow neither speed nor load, and the drive does not excite or damp it. Separating measurement: another
+    speed, with which the frequency of real stick-slip changes, or the brake off.
+
+    Parameters
+    ----------
+    amplitude_nm : float or (low, high), default 1
+        Mean peak-to-peak amplitude A in Nm; 0 is neutral.
+    frequency_hz : float or (low, high), default 5
+        Mean number f of cycles per second, in Hz.
+    """
+
+    parameters: ClassVar = {
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.1, 5.0), log=True),
+        "frequency_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(1.0, 30.0), log=True),
+    }
+    separated_by = "another speed"
+
+    def __init__(self, amplitude_nm: Any = 1.0, frequency_hz: Any = 5.0) -> None:
+        self.amplitude_nm = amplitude_nm
+        self.frequency_hz = frequency_hz
+
+    def load_fluctuation(
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
+    ) -> Fluctuation | None:
+        own = np.random.default_rng(_noise.seed_from(random))
+        if self.amplitude_nm == 0:
+            return None
+        end, size = duration + _noise.MARGIN, float(self.amplitude_nm)
+        began = own.random()
+        cycles = own.uniform(0.75, 1.25, math.ceil(end * self.frequency_hz / 0.75) + 2)
+        last = np.cumsum(cycles) - began * cycles[0]
+        first = last - cycles
+        times = np.column_stack([first, last - 0.1 * cycles]).ravel() / self.frequency_hz
+        values = np.column_stack([np.full(cycles.size, -size / 2), size * (cycles - 0.5)]).ravel()
+        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), times, values))
+
+
+class Rattle(Effect):
+    """Rattle of a part with play on the output shaft: short blows on the load, from either flank in turn.
+
+    Adds triangular pulses of alternating sign to the load; their heights and the pauses between them are
+    exponentially distributed. The drive answers each with its own vibration. *An assumption*: the blows are
+    prescribed. They follow neither speed nor load, and the play itself, a dead zone where the torque
+    reverses, is not modelled. Separating measurement: the part taken off, or preloaded.
+
+    Parameters
+    ----------
+    blow_nm : float or (low, high), default 5
+        Mean height of a blow in Nm; 0 is neutral.
+    rate_hz : float or (low, high), default 10
+        Blows per second of pause, in Hz: the pauses last 1/``rate_hz`` on average.
+    blow_s : float or (low, high), default 0.002
+        Duration of a blow in s. Set by hand: neither fitted nor drawn from a prior.
+    """
+
+    parameters: ClassVar = {
+        "blow_nm": EffectParameter("Nm", 0.0, 1e4, 0.0, loguniform(0.5, 20.0), log=True),
+        "rate_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(2.0, 50.0), log=True),
+        "blow_s": EffectParameter("s", 1e-4, 0.1, None),
+    }
+    separated_by = "the part taken off, or preloaded"
+
+    def __init__(self, blow_nm: Any = 5.0, rate_hz: Any = 10.0, blow_s: Any = 0.002) -> None:
+        self.blow_nm = blow_nm
+        self.rate_hz = rate_hz
+        self.blow_s = blow_s
+
+    def load_fluctuation(
+        self, gearbox: CycloidalGearbox, duration: float, random: Generator
+    ) -> Fluctuation | None:
+        own = np.random.default_rng(_noise.seed_from(random))
+        if self.blow_nm == 0:
+            return None
+        end, length = duration + _noise.MARGIN, float(self.blow_s)
+        # As many as can follow each other without a pause.
+        waits, heights = own.exponential(size=(math.ceil(end / length) + 1, 2)).T
+        last = np.cumsum(waits / self.rate_hz + length)
+        signs = np.where(np.arange(last.size) % 2, -1.0, 1.0)
+        nothing = np.zeros(last.size)
+        times = np.column_stack([last - length, last - length / 2, last]).ravel()
+        values = np.column_stack([nothing, self.blow_nm * signs * heights, nothing]).ravel()
+        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), times, values))

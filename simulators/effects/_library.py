@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cyclofeat._base.checks import short
-from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter
+from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter, _warm_up
 from cyclofeat.simulators.effects._base import Effect, Place
 from cyclofeat.simulators.effects._numbers import EffectParameter, from_plain, meant
 
@@ -32,11 +32,18 @@ def effects_in(module: ModuleType) -> list[type[Effect]]:
 
 
 _KNOWN: dict[str, type[Effect]] = {
-    kind.effect_id: kind for module in (_gearbox, _drive, _meter, _converter) for kind in effects_in(module)
+    kind.effect_id: kind
+    for module in (_gearbox, _drive, _warm_up, _meter, _converter)
+    for kind in effects_in(module)
 }
 _BUILT_IN = frozenset(_KNOWN)
-# Each is a variant of a proposed effect, or looks like one in recordings.
-_NOT_PROPOSED = {"gearbox_parameter", "proportional_drift", "load_scale", "speed_scale"}
+# The first four are variants of a proposed effect, or look like one in recordings. The stages that propose
+# one effect at a time, and the benchmark of hidden effects, were made without the others.
+_NOT_PROPOSED = {
+    "gearbox_parameter", "proportional_drift", "load_scale", "speed_scale",
+    "load_warm_up", "sensor_warm_up", "stick_slip", "rattle", "input_shaft_line", "output_shaft_line",
+    "clipping", "lost_samples",
+}  # fmt: skip
 _HOOKS = ("change_gearbox", "load_fluctuation", "speed_fluctuation", "change_torque", "resample")
 
 # Keys of the random streams of the hooks, appended to the key of their effect.
@@ -60,12 +67,29 @@ def effect_library() -> Mapping[str, type[Effect]]:
     pin_errors: Position errors of the pins: every external sleeve sits a little off its place.
     lobe_pitch_errors: Pitch errors of the lobes: each sits a little off its place along the pitch circle.
     """
-    proposed = [
-        kind
-        for name, kind in _KNOWN.items()
-        if name not in _NOT_PROPOSED and any(parameter.fitted for parameter in kind.parameters.values())
-    ]
-    return MappingProxyType({kind.effect_id: kind for kind in sorted(proposed, key=lambda one: one.place)})
+    proposed = {
+        name: kind
+        for name, kind in known_effects().items()
+        if name not in _NOT_PROPOSED and kind.vector_names()
+    }
+    return MappingProxyType(proposed)
+
+
+def known_effects() -> Mapping[str, type[Effect]]:
+    """Return all effects that rigs and files can name, by name, in the order of the chain.
+
+    Returns
+    -------
+    mapping from str to Effect subclass
+        Those of :func:`effect_library` and those that it does not propose; cannot be changed.
+
+    Examples
+    --------
+    >>> sorted(set(known_effects()) - set(effect_library()))[:3]
+    ['clipping', 'gearbox_parameter', 'input_shaft_line']
+    """
+    in_order = sorted(_KNOWN.values(), key=lambda kind: kind.place)
+    return MappingProxyType({kind.effect_id: kind for kind in in_order})
 
 
 def register_effect(kind: Kind, *, replace: bool = False) -> Kind:

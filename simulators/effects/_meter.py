@@ -17,6 +17,7 @@ from cyclofeat.simulators.effects import _noise
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext, check_phase
 from cyclofeat.simulators.effects._noise import Drift, check_order
 from cyclofeat.simulators.effects._numbers import EffectParameter
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 # Coloured noise is white below this frequency, in Hz: its rms is finite and independent of the duration.
 LOWEST_COLOURED = 1.0
@@ -269,3 +270,81 @@ class Hum(Effect):
         for k, (share, phase) in enumerate(zip(self.harmonics, phases, strict=True), start=1):
             hum += share * np.sin(k * turns + (phase if self.phase is None else k * self.phase))
         return np.asarray(torque + self.amplitude_nm * hum)
+
+
+class _ShaftLine(Effect):
+    """Base of the lines of both shafts: amplitude and phase."""
+
+    parameters: ClassVar = {
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True)
+    }
+
+    def __init__(self, amplitude_nm: Any = 0.2, phase: float | None = None) -> None:
+        self.amplitude_nm = amplitude_nm
+        self.phase = phase
+
+    def check_settings(self) -> None:
+        check_phase(f"phase of {self.effect_id}", self.phase)
+
+    def change_torque(
+        self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
+    ) -> Float:
+        phase = 2 * np.pi * random.random() if self.phase is None else self.phase
+        if self.amplitude_nm == 0:
+            return torque
+        if context is None or context.gearbox is None or context.input_angle is None:
+            raise ValueError(
+                f"{self.effect_id} needs gearbox and input_angle of the record as context, got {context!r}"
+            )
+        angle = context.input_angle / self._input_turns(context.gearbox)
+        return np.asarray(torque + self.amplitude_nm * np.sin(angle + phase))
+
+    @staticmethod
+    def _input_turns(gearbox: CycloidalGearbox) -> int:
+        """Turns of the input in one turn of the shaft."""
+        raise NotImplementedError
+
+
+class InputShaftLine(_ShaftLine):
+    """Line of the input shaft: a wave in the torque signal once per turn of the input.
+
+    Adds a sin(phi + p) with the angle phi of the input. A bent shaft, a coupling or a magnet that couples
+    into the meter does so. The gearbox does not feel it; :class:`SpeedWander` with a ripple is a fluctuation
+    that it feels. Separating measurement: another speed, with which it moves as hum does not, and the torque
+    folded over turns.
+
+    Parameters
+    ----------
+    amplitude_nm : float or (low, high), default 0.2
+        a in Nm; 0 is neutral.
+    phase : float, optional
+        p in rad. Default: random in each run.
+    """
+
+    separated_by = "another speed, with which it moves as hum does not, and the torque folded over turns"
+
+    @staticmethod
+    def _input_turns(gearbox: CycloidalGearbox) -> int:
+        return 1
+
+
+class OutputShaftLine(_ShaftLine):
+    """Line of the output shaft: a wave in the torque signal once per turn of the output.
+
+    Adds a sin(phi/z + p) with the angle phi of the input and the reduction z. A misaligned coupling or
+    a meter that answers to bending does so. The gearbox does not feel it. Separating measurement: several
+    whole output turns, in which it repeats as a drift does not.
+
+    Parameters
+    ----------
+    amplitude_nm : float or (low, high), default 0.2
+        a in Nm; 0 is neutral.
+    phase : float, optional
+        p in rad. Default: random in each run.
+    """
+
+    separated_by = "several whole output turns, in which it repeats as a drift does not"
+
+    @staticmethod
+    def _input_turns(gearbox: CycloidalGearbox) -> int:
+        return int(gearbox.n_lobes)

@@ -18,6 +18,7 @@ from cyclofeat.simulators.effects import (
     BrakeRotor,
     CamRunOut,
     Clearance,
+    Clipping,
     ClockError,
     ContactDampingForm,
     ContactDampingScale,
@@ -25,34 +26,41 @@ from cyclofeat.simulators.effects import (
     Effect,
     Gain,
     Hum,
+    InputShaftLine,
     LoadDrift,
-    LoadScale,
+    LoadWarmUp,
     LobePitchErrors,
+    LostSamples,
     Noise,
     Offset,
+    OutputShaftLine,
     PinErrors,
     Place,
-    ProportionalDrift,
     Quantisation,
+    Rattle,
     RunOut,
     SensorDrift,
+    SensorWarmUp,
     SleeveFriction,
-    SpeedScale,
     SpeedWander,
+    StickSlip,
     TorqueContext,
     TorqueMeterLowPass,
     effect_library,
+    known_effects,
 )
 
 FS = 25_600.0
 STEEL = CycloidalGearbox.steel()
-EVERY = [kind() for kind in (*effect_library().values(), ProportionalDrift, LoadScale, SpeedScale)]
+EVERY = [kind() for kind in known_effects().values() if kind.vector_names()]
 every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.effect_id)
 
 
 def torque_of(effect, torque, seed=0, sampling_rate=FS, **context):
-    random = np.random.default_rng(seed)
-    return effect.change_torque(torque, sampling_rate, random, TorqueContext(**context))
+    """The torque after an effect, of a record at nominal speed."""
+    angle = STEEL.input_speed * np.arange(len(torque)) / sampling_rate
+    given = TorqueContext(**{"gearbox": STEEL, "input_angle": angle, **context})
+    return effect.change_torque(torque, sampling_rate, np.random.default_rng(seed), given)
 
 
 def gearbox_of(effect, gearbox=STEEL, seed=0):
@@ -76,6 +84,7 @@ def test_the_library_is_in_chain_order_and_cannot_be_changed():
     places = [kind.place for kind in effect_library().values()]
     assert places == sorted(places)
     assert len(places) == 21
+    assert set(effect_library()) < set(known_effects())
     assert [kind.effect_id for kind in effect_library().values()] == list(effect_library())
     with pytest.raises(TypeError):
         effect_library()["mine"] = Hum
@@ -200,7 +209,7 @@ def test_every_fitted_parameter_reaches_the_effect(effect):
 
     def outcome(one):
         load, speed = (
-            None if part is None else part(np.linspace(0.3, 1, 50))
+            None if part is None else part(np.linspace(0.3, 1, 500))
             for part in (
                 hook(STEEL, 1.0, np.random.default_rng(0))
                 for hook in (one.load_fluctuation, one.speed_fluctuation)
@@ -215,7 +224,7 @@ def test_every_fitted_parameter_reaches_the_effect(effect):
 
     for index, _ in enumerate(effect.vector_names()):
         step = np.zeros(start.to_vector().size)
-        step[index] = 1e-3
+        step[index] = 0.1 if isinstance(effect, LostSamples) else 1e-3  # lost are whole samples
         assert outcome(start.from_vector(start.to_vector() + step)) != outcome(start)
 
 
@@ -689,3 +698,109 @@ def test_friction_and_pitch_errors_add_to_the_gearbox():
     assert errors.shape == (50, 30)
     assert errors.std() == pytest.approx(5e-6, rel=0.1)
     assert gearbox_of(LobePitchErrors(0.0)).lobe_pitch_errors == ()
+
+
+# Shaft lines, warm-ups, stick-slip, rattle, clipping, lost samples
+
+
+@pytest.mark.parametrize(("line", "per_input_turn"), [(InputShaftLine, 1.0), (OutputShaftLine, 1 / 15)])
+def test_a_shaft_line_is_one_order_of_its_shaft_at_any_course_of_the_speed(line, per_input_turn):
+    time = np.arange(60_000) / FS
+    angle = 40 * time + 3 * np.sin(7 * time) + 0.4
+    out = torque_of(line(0.3, phase=0.8), np.full(time.size, 22.0), input_angle=angle)
+    np.testing.assert_allclose(out - 22, 0.3 * np.sin(per_input_turn * angle + 0.8), atol=1e-12)
+    phases = [np.angle(phasor(torque_of(line(0.3), 0 * time, k), 1.0)) for k in range(3)]
+    assert len(set(np.round(phases, 6))) == 3
+    with pytest.raises(ValueError, match=f"{line.effect_id} needs gearbox and input_angle"):
+        line().change_torque(time, FS, np.random.default_rng(0))
+    with pytest.raises(ValueError, match=f"phase of {line.effect_id} must be a number of rad"):
+        line(phase=math.inf).check()
+
+
+def test_warm_ups_decay_with_their_time_constant_in_load_or_signal():
+    load = LoadWarmUp(2.0, 0.5).load_fluctuation(STEEL, 1.0, np.random.default_rng(0))
+    np.testing.assert_allclose(load(np.array([0.0, 0.5, 1.0])), 2 * np.exp([0, -1, -2]), rtol=1e-12)
+    out = torque_of(SensorWarmUp(-3.0, 0.2), np.full(51_200, 22.0)) - 22
+    assert out[0] == -3
+    assert out[5120] == pytest.approx(-3 / math.e)
+    with pytest.raises(ValueError, match="time must lie between 0 and 2 s"):
+        load(np.array([3.0]))
+
+
+def test_stick_slip_is_a_sawtooth_of_the_stated_rate_amplitude_and_no_mean():
+    amplitude, frequency = 1.6, 4.0
+    part = StickSlip(amplitude, frequency).load_fluctuation(STEEL, 100.0, np.random.default_rng(3))
+    step = 1e-3
+    load = part(np.arange(0, 100, step))
+    slope = np.diff(load) / step
+    sticking = slope > 0
+    # Nine tenths of the time it rises at the rate A f.. / 0.9, over its whole length.
+    assert np.mean(sticking) == pytest.approx(0.9, abs=0.01)
+    assert np.median(slope[sticking]) == pytest.approx(amplitude * frequency / 0.9, rel=1e-6)
+    slips = np.sum(sticking[:-1] & ~sticking[1:])
+    assert slips == pytest.approx(100 * frequency, rel=0.02)
+    tops = load[1:-1][sticking[:-1] & ~sticking[1:]]
+    assert np.mean(tops) == pytest.approx(amplitude / 2, abs=0.03)
+    assert tops.max() <= 0.75 * amplitude + 1e-9
+    assert abs(load.mean()) < 0.03 * amplitude
+
+
+def test_rattle_is_separate_blows_of_alternating_sign():
+    rattle = Rattle(4.0, 20.0, blow_s=0.004)
+    load = rattle.load_fluctuation(STEEL, 100.0, np.random.default_rng(5))(np.arange(0, 100, 1e-4))
+    at = (
+        np.flatnonzero((np.abs(load[1:-1]) > np.abs(load[:-2])) & (np.abs(load[1:-1]) >= np.abs(load[2:])))
+        + 1
+    )
+    peaks = load[at]
+    assert np.all(peaks[1:] * peaks[:-1] < 0)
+    assert len(peaks) == pytest.approx(100 / (1 / 20 + 0.004), rel=0.06)
+    assert np.mean(np.abs(peaks)) == pytest.approx(4.0, rel=0.1)
+    # A triangle fills half of its base.
+    assert np.mean(np.abs(load)) == pytest.approx(len(peaks) / 100 * 4.0 * 0.002, rel=0.1)
+
+
+def test_longer_runs_begin_like_shorter_ones():
+    time = np.linspace(0, 1, 500)
+    for effect in (StickSlip(), Rattle(), LoadWarmUp()):
+        short, long = (effect.load_fluctuation(STEEL, s, np.random.default_rng(1))(time) for s in (1.0, 9.0))
+        np.testing.assert_array_equal(short, long)
+
+
+def test_clipping_is_that_of_a_converter_without_steps():
+    torque = np.random.default_rng(0).normal(0, 3, 1000)
+    found = torque_of(Clipping(2.5), torque)
+    np.testing.assert_array_equal(found, torque_of(Quantisation(0.0, 2.5), torque))
+    assert np.abs(found).max() == 2.5
+
+
+@pytest.mark.parametrize(("block", "share"), [(64, 0.03), (7.4, 0.2), (500, 0.01)])
+def test_lost_samples_come_in_blocks_of_the_stated_length_and_share(block, share):
+    torque = np.arange(1.0, 200_001)
+    zero = torque_of(LostSamples(share, block, fill="zero"), torque, seed=4)
+    lost = zero == 0
+    assert lost.mean() == pytest.approx(share, rel=0.05)
+    edges = np.diff(np.r_[0, lost.astype(int), 0])
+    lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
+    whole = round(block)
+    assert np.mean(lengths == whole) > 0.8  # neighbours may touch
+    assert set(lengths[lengths > whole]) <= {2 * whole}
+    np.testing.assert_array_equal(zero[~lost], torque[~lost])
+    np.testing.assert_array_equal(torque_of(LostSamples(share, block, "cut"), torque, seed=4), torque[~lost])
+    held = torque_of(LostSamples(share, block), torque, seed=4)
+    before = np.flatnonzero(edges[:-1] == 1) - 1
+    for k in before[before >= 0][:20]:
+        assert set(held[k : k + whole + 1]) == {torque[k]}
+    np.testing.assert_array_equal(held[~lost], torque[~lost])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_enough_samples_stay_when_blocks_are_cut_out(seed):
+    random = np.random.default_rng(seed)
+    effect = LostSamples(random.uniform(0.001, 0.5), random.uniform(1, 3000), fill="cut")
+    n = int(random.integers(1, 5000))
+    assert len(torque_of(effect, np.zeros(effect.samples_needed(n)), seed)) >= n
+    with pytest.raises(
+        ValueError, match="fill of lost_samples must be one of 'hold', 'zero', 'cut', got 'x'"
+    ):
+        LostSamples(fill="x").check()
