@@ -244,7 +244,7 @@ class LostSamples(Effect):
         if self.share == 0 or self.fill != "cut":
             return n_samples
         # At most one block more than the share is lost.
-        return math.ceil((n_samples + self._length) / (1 - self.share)) + 1
+        return math.ceil((n_samples + self._length) / (1 - float(self.share))) + 1
 
     @property
     def _length(self) -> int:
