@@ -163,6 +163,18 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
     ]
 
 
+def attempt_planned(
+    plans: Sequence[PlannedRun], kernel: str
+) -> list[MachineRun | SimulationFailed | ValueError]:
+    """As :func:`run_planned`, but a run whose values contradict each other has a ValueError in its place."""
+    try:
+        return list(run_planned(plans, kernel=kernel))
+    except ValueError as error:
+        if len(plans) == 1:
+            return [error]
+    return [result for plan in plans for result in attempt_planned([plan], kernel)]
+
+
 def _worked_off(
     tasks: Sequence[_Task],
     total: int,

@@ -25,6 +25,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
+    parser.add_argument(
+        "--kernel", choices=("exact", "batch", "auto"),
+        help="instead of the design's: many runs at once in single precision where that is possible (auto; "
+        "batch makes it an error where it is not), or one by one in double precision (exact)",
+    )  # fmt: skip
     add_target(parser, "--example", metavar="FILE", help="write a design to edit, and do nothing else")
     parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")
     add_effects(parser)
@@ -38,7 +43,7 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
     for alone in ("example", "verify"):
         if getattr(arguments, alone) is None:
             continue
-        for other in ("example", "verify", "design", "out", "scheduler"):
+        for other in ("example", "verify", "design", "out", "scheduler", "kernel"):
             if other != alone and (given := getattr(arguments, other)) is not None:
                 raise ValueError(f"--{alone} goes alone, got {other} {given!r} too")
     if arguments.example is not None:
@@ -52,8 +57,11 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
             "campaign needs a design and --out FOLDER; 'cyclofeat campaign --example design.json' writes a "
             "design to edit"
         )
+    campaign = Campaign.from_json(arguments.design, preset=rig_preset)
+    if arguments.kernel is not None:
+        campaign = campaign.replace(kernel=arguments.kernel)
     return run_campaign(
-        Campaign.from_json(arguments.design, preset=rig_preset),
+        campaign,
         arguments.out,
         n_jobs=arguments.jobs,
         scheduler=arguments.scheduler,

@@ -36,7 +36,7 @@ def run_campaign(
         Dask scheduler or its address (``"tcp://host:8786"``) instead of ``n_jobs``. Only this process writes
         to ``out``.
     progress : callable, optional
-        Called after each run with the number of finished runs and their total.
+        Called for each run that is made, in their order, with the number of finished runs and their total.
 
     Returns
     -------
@@ -53,6 +53,8 @@ def run_campaign(
         If the folder cannot be written or the disk is too small. Finished shards are kept.
     WorkerLost
         If workers or the scheduler are lost. Finished shards are kept.
+    RuntimeError
+        If the design's kernel is "batch" or "auto" and batches cannot be compiled here.
     ImportError
         If pyarrow, or for a scheduler dask.distributed, is not installed.
 
@@ -71,5 +73,7 @@ def run_campaign(
     (2, 2560) float32 [0 2] [ True  True]
     """
     check_n_jobs(n_jobs)
+    # In the folder every value is explicit: its files must not follow from the version that reads it.
+    campaign = campaign.replace(runs_per_shard=campaign.shard_length)
     complete(campaign, Path(out), lambda plans: results(campaign, plans, n_jobs, scheduler), progress)
     return load_campaign(out)

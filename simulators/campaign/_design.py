@@ -37,6 +37,8 @@ _REMARKS = ("format", "note", "made_with")
 _DESIGN_KEY = 1000
 # Length of scipy's Sobol' sequences.
 _MOST_REPEATS = 2**30
+# Of campaigns that do not state their shards: few runs are lost, and many runs do not make many files.
+_FEWEST_SHARDS, _LONGEST_SHARD = 20, 128
 
 
 class RunPlan(NamedTuple):
@@ -83,8 +85,12 @@ class Campaign:
         Scrambled Sobol' sequence for each class, or independent random numbers.
     random_state : int
         Seed of the whole campaign.
-    runs_per_shard : int
-        Runs in one file; the work of at most one shard is lost when a campaign is interrupted.
+    runs_per_shard : int, optional
+        Runs in one file. Default: so many that there are 20 files, but at most 128. An interrupted campaign
+        loses the shard that is not full, and the runs that its workers were at.
+    kernel : {"auto", "batch", "exact"}
+        As in :func:`cyclofeat.simulators.run_planned`. "auto" and "batch" raise where batches cannot be
+        compiled, for other runs would be made than elsewhere.
 
     Raises
     ------
@@ -117,7 +123,8 @@ class Campaign:
     sampling_rate: float = 25_600.0
     design: str = "sobol"
     random_state: int = 0
-    runs_per_shard: int = 128
+    runs_per_shard: int | None = None
+    kernel: str = "auto"
 
     def __post_init__(self) -> None:
         check_type("name", self.name, str)
@@ -126,12 +133,13 @@ class Campaign:
         keep = object.__setattr__
         keep(self, "rig", _rig(self.rig))
         keep(self, "defect_counts", _counts(self.defect_counts, self.the_rig.gearbox.n_lobes))
-        for name, least, most in (
-            ("repeats", 1, _MOST_REPEATS), ("random_state", 0, None), ("runs_per_shard", 1, None),
-        ):  # fmt: skip
-            keep(self, name, whole(name, getattr(self, name), least, most))
+        keep(self, "repeats", whole("repeats", self.repeats, 1, _MOST_REPEATS))
+        keep(self, "random_state", whole("random_state", self.random_state, 0))
+        if self.runs_per_shard is not None:
+            keep(self, "runs_per_shard", whole("runs_per_shard", self.runs_per_shard, 1))
         one_of("lobes", self.lobes, ("consecutive", "random"))
         one_of("design", self.design, ("sobol", "random"))
+        one_of("kernel", self.kernel, ("exact", "batch", "auto"))
         keep(self, "wheels", _wheels(self.wheels))
         keep(self, "duration", positive("duration", self.duration, "a number of s"))
         keep(self, "sampling_rate", positive("sampling_rate", self.sampling_rate, "a number of Hz"))
@@ -158,9 +166,14 @@ class Campaign:
         return round(self.duration * self.sampling_rate)
 
     @property
+    def shard_length(self) -> int:
+        """Number of runs in each shard; the last may be shorter."""
+        return self.runs_per_shard or min(math.ceil(self.n_runs / _FEWEST_SHARDS), _LONGEST_SHARD)
+
+    @property
     def n_shards(self) -> int:
-        """Number of shards; the last may be shorter."""
-        return math.ceil(self.n_runs / self.runs_per_shard)
+        """Number of shards."""
+        return math.ceil(self.n_runs / self.shard_length)
 
     @property
     def explored(self) -> tuple[str, ...]:
@@ -189,7 +202,7 @@ class Campaign:
 
     def shard_size(self, shard: int) -> int:
         """Return the number of runs in a shard."""
-        return min(self.runs_per_shard, self.n_runs - shard * self.runs_per_shard)
+        return min(self.shard_length, self.n_runs - shard * self.shard_length)
 
     def plans(self, first: int = 0, n_runs: int | None = None) -> Iterator[RunPlan]:
         """Yield the plans of ``n_runs`` runs (default: all) from index ``first`` on, as :class:`RunPlan`."""
@@ -303,6 +316,8 @@ class Campaign:
         if not isinstance(content, dict):
             raise TypeError(f"the file must hold a JSON object {{...}}, got {short(content)}")
         given = dict(content)
+        if "made_with" in given:  # the folder of a campaign: before there were batches, it named no kernel
+            given.setdefault("kernel", "exact")
         form = given.get("format", FORMAT)
         if form != FORMAT:
             raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")

@@ -189,10 +189,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     if not (folder / DESIGN).is_file():
         raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN}); run_campaign makes one")
     _, tables = parquet()
-    try:
-        campaign = Campaign.from_dict(read_design(folder))
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{folder / DESIGN}: {error}") from None
+    campaign, _ = read_design(folder)
     if not (folder / MANIFEST).is_file():
         names = [shard_file(shard, "sha256") for shard in range(campaign.n_shards)]
         finished = sum((folder / name).is_file() for name in names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.versions import code_sha256, package_versions
+from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
 from cyclofeat.simulators.effects._library import stream
 from cyclofeat.simulators.gearbox import LobeDefects
+from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
 
@@ -30,6 +32,7 @@ _COLUMNS = {
     DEPTH: NUMBER,
     "status": TEXT,
     "reason": TEXT,
+    "kernel": TEXT,
     "start_angle_rad": NUMBER,
     "settling_s": NUMBER,
     "true_speed_rpm": NUMBER,
@@ -69,50 +72,63 @@ def made_with() -> dict[str, str]:
     return packages | {"simulators_sha256": code_sha256(room, sorted(room.rglob("*.py")))}
 
 
-def simulate_run(campaign: Campaign, plan: RunPlan, expected: dict[str, str] | None = None) -> RunResult:
-    """Simulate one run; raise WrongVersion unless this worker has the ``expected`` versions."""
-    if expected is not None and expected != made_with():
+def simulate_runs(
+    campaign: Campaign, plans: Sequence[RunPlan], expected: dict[str, str] | None = None
+) -> list[RunResult]:
+    """Simulate runs, each of which depends on its own plan only.
+
+    Raises UnlikeWorker unless this process has the ``expected`` versions and the campaign's kernel.
+    """
+    if expected is not None:
+        _check_worker(campaign, expected)
+    begun = [_begun(campaign, plan) for plan in plans]
+    possible = [planned for _, planned in begun if isinstance(planned, PlannedRun)]
+    made = iter(attempt_planned(possible, campaign.kernel))
+    return [
+        _result(row, next(made) if isinstance(planned, PlannedRun) else planned) for row, planned in begun
+    ]
+
+
+class UnlikeWorker(RuntimeError):
+    """Error of a worker that would not make the same bytes as the process that writes."""
+
+
+def _check_worker(campaign: Campaign, expected: dict[str, str]) -> None:
+    if expected != made_with():
         other = next(name for name in expected if expected[name] != made_with().get(name))
-        raise WrongVersion(
+        raise UnlikeWorker(
             f"a worker has {other} {made_with().get(other)}, the campaign {expected[other]}: install the same"
         )
-    defects = _defects(campaign, plan)
-    row: dict[str, Any] = {name: math.nan for name, kind in columns(campaign).items() if kind == NUMBER}
-    row |= {f"effects.{name}": value for name, value in plan.values.items() if name != DEPTH}
-    row |= {
-        "run": plan.run,
-        "assembly": campaign.assembly_of(plan.run),
-        "defect_count": plan.defect_count,
-        "worn_lobes": list(defects.worn_lobes),
-        "wheels": list(defects.wheels) if defects.worn_lobes else [],
-        DEPTH: defects.depth if defects.worn_lobes else 0.0,
-        "status": OK,
-        "reason": "",
-    }
     try:
-        return RunResult(_simulated(campaign, plan, defects, row), row)
-    except SimulationFailed as error:
-        row |= {"status": "locked" if isinstance(error, GearboxLocked) else "diverged", "reason": str(error)}
-    except ValueError as error:
-        # An impossible combination of values is a result, like a run that diverges.
-        row |= {"status": "invalid", "reason": str(error)}
-    return RunResult(None, row)
+        _check_kernel(campaign)
+    except RuntimeError as error:
+        raise UnlikeWorker(f"on a worker {error}") from None
 
 
-class WrongVersion(RuntimeError):
-    """Error of a worker that has other versions than the process that writes."""
+def _check_kernel(campaign: Campaign) -> None:
+    """Raise RuntimeError if the campaign needs batches and they cannot be compiled here."""
+    if campaign.kernel == "exact":
+        return
+    from cyclofeat.simulators import batch
+
+    if error := batch.compile_error():
+        raise RuntimeError(
+            f"runs in batches cannot be compiled: {error}; a campaign of kernel='exact' needs none"
+        )
 
 
 def check_middle(campaign: Campaign) -> None:
-    """Raise ValueError if not even the medians of the design can be simulated."""
+    """Raise an error unless the kernel works here and the medians of the design can be simulated."""
+    _check_kernel(campaign)
     duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        _rig_of(campaign, campaign.medians()).simulate(
+        planned = _rig_of(campaign, campaign.medians()).plan_run(
             duration=duration, sampling_rate=campaign.sampling_rate, settled=False, torque_in=False,
             motion=False,
         )  # fmt: skip
-    except SimulationFailed:
-        pass  # it is a result, and other runs may succeed
+        (made,) = run_planned([planned], kernel=campaign.kernel)
+        if isinstance(made, MachineRun):  # a failure is a result, and other runs may succeed
+            made.record()
     except ValueError as error:
         raise ValueError(
             f"the design cannot be simulated, not even in the middle of its ranges: {error}"
@@ -124,27 +140,56 @@ def _rig_of(campaign: Campaign, values: Mapping[str, float]) -> Rig:
     return campaign.the_rig.with_parameters({name: v for name, v in values.items() if name != DEPTH})
 
 
-def _simulated(
-    campaign: Campaign, plan: RunPlan, defects: LobeDefects, row: dict[str, Any]
-) -> NDArray[np.float32]:
-    """Simulate the torque of the run; enter the true values of its assembly into the row first."""
+def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:
+    """Return the row of a run, with all that is known before it, and what is to be simulated."""
+    defects = _defects(campaign, plan)
+    row: dict[str, Any] = {name: math.nan for name, kind in columns(campaign).items() if kind == NUMBER}
+    row |= {f"effects.{name}": value for name, value in plan.values.items() if name != DEPTH}
+    row |= {
+        "run": plan.run,
+        "assembly": campaign.assembly_of(plan.run),
+        "defect_count": plan.defect_count,
+        "worn_lobes": list(defects.worn_lobes),
+        "wheels": list(defects.wheels) if defects.worn_lobes else [],
+        DEPTH: defects.depth if defects.worn_lobes else 0.0,
+    }
     seed = campaign.seed_of(plan.run)
-    rig = _rig_of(campaign, plan.values)
-    machine = rig.draw(seed)
-    gearbox = machine.gearbox
-    settling = settling_time(gearbox)
-    if math.isfinite(settling):
-        settling = math.ceil(settling * campaign.sampling_rate) / campaign.sampling_rate
-    row |= {"settling_s": settling, **machine.true_values()}
-    for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
-        row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
-    run = rig.simulate(
-        defects, duration=campaign.n_samples / campaign.sampling_rate,
-        sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
-    )  # fmt: skip
-    # Angle of the input, modulo one turn of the output.
-    row["start_angle_rad"] = float(run.input_angle[0] % (2 * np.pi * gearbox.n_lobes))
-    return run.torque_out.astype(np.float32)
+    try:
+        rig = _rig_of(campaign, plan.values)
+        machine = rig.draw(seed)
+        row |= machine.true_values()
+        for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
+            row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
+        row["settling_s"] = settling_time(machine.gearbox)
+        planned = rig.plan_run(
+            defects, duration=campaign.n_samples / campaign.sampling_rate,
+            sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
+        )  # fmt: skip
+    except ValueError as error:
+        return row, error
+    row["settling_s"] = planned.n_settling / campaign.sampling_rate
+    return row, planned
+
+
+def _result(row: dict[str, Any], made: MachineRun | SimulationFailed | ValueError) -> RunResult:
+    """Complete the row of a run, and return its torque."""
+    row |= {"status": OK, "reason": "", "kernel": ""}
+    try:
+        if isinstance(made, Exception):
+            raise made
+        record = made.record()
+    except SimulationFailed as error:
+        status = "locked" if isinstance(error, GearboxLocked) else "diverged"
+        row |= {"status": status, "reason": str(error), "kernel": "exact"}
+    except ValueError as error:
+        # An impossible combination of values is a result, like a run that diverges.
+        row |= {"status": "invalid", "reason": str(error)}
+    else:
+        # Angle of the input, modulo one turn of the output.
+        angle = float(record.input_angle[0] % (2 * np.pi * record.gearbox.n_lobes))
+        row |= {"kernel": record.kernel, "start_angle_rad": angle}
+        return RunResult(record.torque_out.astype(np.float32), row)
+    return RunResult(None, row)
 
 
 def _defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:

@@ -87,7 +87,7 @@ def complete(
         plans = (
             plan
             for shard in missing
-            for plan in campaign.plans(shard * campaign.runs_per_shard, campaign.shard_size(shard))
+            for plan in campaign.plans(shard * campaign.shard_length, campaign.shard_size(shard))
         )
         with contextlib.closing(results(plans)) as made:
             counted = _counted(made, done, campaign.n_runs, progress)
@@ -114,9 +114,13 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_design(folder: Path) -> dict[str, Any]:
-    """Read ``campaign.json`` of a folder."""
-    return _read_json(folder / DESIGN)
+def read_design(folder: Path) -> tuple[Campaign, dict[str, str]]:
+    """Read ``campaign.json`` of a folder: the design, and the versions that it was begun with."""
+    content = _read_json(folder / DESIGN)
+    try:
+        return Campaign.from_dict(content), content.get("made_with", {})
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{folder / DESIGN}: {error}") from None
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -149,9 +153,8 @@ def _check_folder(campaign: Campaign, folder: Path) -> None:
                 "another folder"
             )
         return
-    stored = read_design(folder)
-    versions = stored.pop("made_with", {})
-    for difference in _differences(stored, {"format": FORMAT, **campaign.to_dict()}):
+    stored, versions = read_design(folder)
+    for difference in _differences(stored.to_dict(), campaign.to_dict()):
         raise ValueError(
             f"{folder}: holds a campaign of another design: {difference}; take another folder, or the design "
             f"in {DESIGN}"

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import itertools
 from collections import deque
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from typing import Any
 
 import joblib
 
 from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.simulators.campaign._design import Campaign, RunPlan
-from cyclofeat.simulators.campaign._run import RunResult, WrongVersion, made_with, simulate_run
+from cyclofeat.simulators.campaign._run import RunResult, UnlikeWorker, made_with, simulate_runs
 
-# Runs that are submitted per thread of the workers, so that no thread waits.
+# Tasks that are submitted per thread of the workers, so that no thread waits.
 _AHEAD = 4
 CONNECT_S = 10.0
 # Time without any worker after which a cluster counts as lost.
@@ -36,20 +37,34 @@ def results(
     return _on_cluster(campaign, plans, scheduler)
 
 
+def _tasks(campaign: Campaign, plans: Iterable[RunPlan]) -> Iterator[list[RunPlan]]:
+    """Yield the runs of each task: one batch, or one run of the exact kernel."""
+    size = 1
+    if campaign.kernel != "exact":
+        from cyclofeat.simulators.batch import n_lanes
+
+        size = n_lanes()
+    queue = iter(plans)
+    while task := list(itertools.islice(queue, size)):
+        yield task
+
+
 def _on_this_machine(
     campaign: Campaign, plans: Iterable[RunPlan], n_jobs: int
 ) -> Generator[RunResult, None, None]:
     workers = joblib.Parallel(n_jobs=n_jobs, prefer="processes", return_as="generator")
     expected = made_with()
-    made = workers(joblib.delayed(simulate_run)(campaign, plan, expected) for plan in plans)
+    made = workers(
+        joblib.delayed(simulate_runs)(campaign, task, expected) for task in _tasks(campaign, plans)
+    )
     try:
         with stopped_quietly(made):
-            yield from made
+            yield from itertools.chain.from_iterable(made)
     except concurrent.futures.BrokenExecutor as error:
         raise WorkerLost(
             f"a worker process died ({type(error).__name__}; killed, or out of memory?); {_KEPT}"
         ) from error
-    except WrongVersion as error:
+    except UnlikeWorker as error:
         raise ValueError(str(error)) from None
 
 
@@ -86,18 +101,18 @@ def _from_client(
 
     expected = made_with()
     waiting: deque[Any] = deque()
-    queue = iter(plans)
+    queue = _tasks(campaign, plans)
     try:
         ahead = _AHEAD * _n_threads(client)
         while True:
-            while len(waiting) < ahead and (plan := next(queue, None)) is not None:
+            while len(waiting) < ahead and (task := next(queue, None)):
                 # Not pure: Dask must not reuse a result of an earlier campaign.
-                waiting.append(client.submit(simulate_run, campaign, plan, expected, pure=False))
+                waiting.append(client.submit(simulate_runs, campaign, task, expected, pure=False))
             if not waiting:
                 return
-            yield _result(client, waiting[0])
+            yield from _results(client, waiting[0])
             waiting.popleft()
-    except WrongVersion as error:
+    except UnlikeWorker as error:
         raise ValueError(str(error)) from None
     except (KilledWorker, CancelledError, CommClosedError) as error:
         raise WorkerLost(
@@ -108,12 +123,12 @@ def _from_client(
             client.cancel(list(waiting), force=True)
 
 
-def _result(client: Any, future: Any) -> RunResult:
-    """Wait for the result of one run; the scheduler repeats a run whose worker died on another."""
+def _results(client: Any, future: Any) -> list[RunResult]:
+    """Wait for the results of one task; the scheduler repeats one whose worker died on another."""
     while True:
         try:
-            result: RunResult = future.result(timeout=LOOK_S)
-            return result
+            results: list[RunResult] = future.result(timeout=LOOK_S)
+            return results
         except TimeoutError:
             _n_threads(client)
 

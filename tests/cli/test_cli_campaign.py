@@ -57,6 +57,16 @@ def test_the_folder_holds_its_own_design(capsys, design, tmp_path):
         assert (second / path.name).read_bytes() == path.read_bytes()
 
 
+def test_the_kernel_of_the_design_or_of_the_call(capsys, design, tmp_path):
+    for given, made_by in ([], "batch"), (["--kernel", "exact"], "exact"):
+        out = tmp_path / made_by
+        assert run(capsys, "campaign", design, "--out", out, "--jobs", 1, *given)[0] == 0
+        assert (load_campaign(out).parameters["kernel"] == made_by).all()
+    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
+    assert code == 2
+    assert "another design: kernel is 'exact' there and 'auto' here" in err
+
+
 def test_the_example_is_a_design_to_edit(capsys, tmp_path):
     file = tmp_path / "example.json"
     code, text, _ = run(capsys, "campaign", "--example", file)
@@ -84,6 +94,7 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
         (["campaign", "none.json", "--out", "o"], "none.json: no such file"),
         (["campaign", "--verify", "nowhere"], "nowhere: holds no campaign"),
         (["campaign", "--verify", "a", "--out", "b"], "--verify goes alone, got out 'b' too"),
+        (["campaign", "--verify", "a", "--kernel", "exact"], "--verify goes alone, got kernel 'exact' too"),
         (["campaign", "--example", "a", "--verify", "b"], "--example goes alone, got verify 'b' too"),
     ],
 )

@@ -20,12 +20,14 @@ import time
 from pathlib import Path
 
 import joblib
+import llvmlite.binding as llvm
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
 from scipy.stats import loguniform, qmc, uniform
 
 from cyclofeat.simulators import (
+    BearingFriction,
     BrakeRotor,
     Campaign,
     Clearance,
@@ -38,6 +40,7 @@ from cyclofeat.simulators import (
     Quantisation,
     Rig,
     WorkerLost,
+    batch,
     load_campaign,
     run_campaign,
 )
@@ -156,7 +159,7 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
         duration=0.02, random_state=7,
     )  # fmt: skip
     plan = list(campaign.plans())[1]
-    torque, row = _run.simulate_run(campaign, plan)
+    ((torque, row),) = _run.simulate_runs(campaign, [plan])
     values = plan.values
     assert tuple(values) == campaign.explored
     numbers = (
@@ -184,6 +187,20 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
     assert 0.1 <= values["hum.amplitude_nm"] <= 0.2
     assert 0.5 <= values["hum_2.amplitude_nm"] <= 1.0
     assert row["effects.quantisation.lsb_nm"] == 0.05
+
+
+def test_shards_follow_from_the_number_of_runs_unless_they_are_stated(tmp_path: Path) -> None:
+    shards = {n: Campaign(defect_counts=(0,), repeats=n) for n in (1, 20, 80, 1000, 10**6)}
+    assert [one.shard_length for one in shards.values()] == [1, 1, 4, 50, 128]
+    assert [one.n_shards for one in shards.values()] == [1, 20, 20, 20, 7813]
+    stated = SMALL.replace(repeats=1000)
+    assert (stated.shard_length, stated.n_shards) == (4, 750)
+    # The shards of a folder must not change with a later rule, nor those of a design with its first repeats.
+    short = SMALL.replace(runs_per_shard=None, repeats=8, duration=2 / 25_600)
+    data = run_campaign(short, tmp_path / "out")
+    assert data.campaign == short.replace(runs_per_shard=2)
+    assert short.replace(repeats=1000).shard_length == 128
+    assert len(run_campaign(short, tmp_path / "out").y) == 24  # it is the same campaign
 
 
 def test_patterns_of_wear() -> None:
@@ -235,6 +252,7 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"defect_counts": [16]}', "defect_counts must be at most 15, got 16"),
         ('{"defect_counts": 3}', "defect_counts must be several whole numbers"),
         ('{"lobes": "all"}', "lobes must be 'consecutive' or 'random', got 'all'"),
+        ('{"kernel": "fast"}', "kernel must be one of 'exact', 'batch', 'auto', got 'fast'"),
         ('{"design": "grid"}', "design must be 'sobol' or 'random', got 'grid'"),
         ('{"wheels": [2]}', "wheels must be 'random'"),
         ('{"depth": 0}', "depth must lie above 0 and up to 1"),
@@ -276,6 +294,118 @@ def test_the_same_bytes_for_any_workers(whole: Path, tmp_path: Path, backend: st
     assert calls == [(done, 15) for done in range(1, 16)]
 
 
+# Which kernel.
+
+
+def both_kernels(campaign: Campaign) -> tuple[list[_run.RunResult], list[_run.RunResult]]:
+    """Runs of the exact kernel, and of batches where these can make them."""
+    plans = list(campaign.plans())
+    exact, auto = (_run.simulate_runs(campaign.replace(kernel=one), plans) for one in ("exact", "auto"))
+    return exact, auto
+
+
+def test_batches_make_the_assemblies_and_the_torque_of_the_exact_kernel() -> None:
+    exact, batches = both_kernels(SMALL.replace(duration=0.1))
+    for one, other in zip(exact, batches, strict=True):
+        assert one.row == {**other.row, "kernel": "exact"}
+        assert other.row["kernel"] == "batch"
+        assert one.torque is not None
+        assert other.torque is not None
+        assert np.abs(one.torque - other.torque).max() < 1e-3 * np.ptp(one.torque)
+
+
+def test_runs_that_fail_in_a_batch_have_the_exact_kernels_reason() -> None:
+    stiff = Rig.r0().replace(gearbox=CycloidalGearbox.steel(ramp_time=0.0))
+    rig = stiff.with_effects(GearboxParameter("stiffness_scale", loguniform(0.01, 1000)))
+    exact, batches = both_kernels(SMALL.replace(rig=rig, depth=1.0))
+    failed = [one.row for one in exact if one.torque is None]
+    assert 0 < len(failed) < len(exact)
+    assert [one.row for one in batches if one.torque is None] == failed
+    assert {row["kernel"] for row in failed} == {"exact"}
+
+
+def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp_path: Path) -> None:
+    campaign = SMALL.replace(rig=QUICK.with_effects(BearingFriction(0.2)), depth=1.0, repeats=1)
+    data = run_campaign(campaign, tmp_path / "auto")
+    assert data.parameters["kernel"].tolist() == ["exact"] * 3
+    with pytest.raises(
+        ValueError, match="cannot be simulated, .*: kernel 'batch' does not simulate friction"
+    ):
+        run_campaign(campaign.replace(kernel="batch"), tmp_path / "batch")
+    assert not (tmp_path / "batch").exists()
+
+
+@pytest.mark.parametrize("n_together", [1, 4, 7])
+def test_which_runs_share_a_batch_changes_no_byte(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_together: int
+) -> None:
+    monkeypatch.setattr(batch, "n_lanes", lambda: n_together)
+    assert (load_campaign(whole).parameters["kernel"] == "batch").all()
+    run_campaign(SMALL, tmp_path / "other")
+    assert contents(tmp_path / "other") == contents(whole)
+
+
+OTHER_PROCESSOR = textwrap.dedent(
+    """
+    import sys
+    import llvmlite.binding
+    features = llvmlite.binding.get_host_cpu_features() | {"avx512f": False}
+    llvmlite.binding.get_host_cpu_features = lambda: features
+    from cyclofeat.simulators import Campaign, batch, run_campaign
+    data = run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2])
+    print(batch.n_lanes(), set(data.parameters["kernel"]))
+    """
+)
+
+
+@pytest.mark.slow  # compiles both kernels
+@pytest.mark.skipif(batch.n_lanes() != 16, reason="needs a processor with AVX-512")
+@pytest.mark.parametrize("kernel", ["exact", "batch"])
+def test_code_for_avx2_makes_the_bytes_of_code_for_avx512(tmp_path: Path, kernel: str) -> None:
+    campaign = SMALL.replace(kernel=kernel, duration=0.1)
+    run_campaign(campaign, tmp_path / "avx512")
+    campaign.to_json(tmp_path / "design.json")
+    features = llvm.get_host_cpu_features()
+    given = ",".join(
+        ("+" if there and "avx512" not in name else "-") + name for name, there in features.items()
+    )
+    environment = {
+        "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": given, "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+    }  # fmt: skip
+    code = [sys.executable, "-c", OTHER_PROCESSOR, tmp_path / "design.json", tmp_path / "avx2"]
+    done = subprocess.run(code, env=os.environ | environment, capture_output=True, text=True, check=True)
+    assert done.stdout == f"8 {{'{kernel}'}}\n"
+    assert contents(tmp_path / "avx2") == contents(tmp_path / "avx512")
+
+
+def test_where_batches_cannot_be_compiled_a_campaign_does_not_change_to_other_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "compile_error", lambda: "no such vectors")
+    with pytest.raises(RuntimeError, match="batches cannot be compiled: no such vectors; .* kernel='exact'"):
+        run_campaign(SMALL, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(_run.UnlikeWorker, match="on a worker runs in batches cannot be compiled: no such"):
+        _run.simulate_runs(SMALL, list(SMALL.plans(0, 1)), _run.made_with())
+    assert run_campaign(SMALL.replace(kernel="exact", repeats=1), tmp_path / "out").ok.all()
+
+
+def test_a_folder_from_before_there_were_batches_is_one_of_the_exact_kernel(copied: Path) -> None:
+    design = json.loads((copied / "campaign.json").read_text())
+    del design["kernel"]
+    (copied / "campaign.json").write_text(json.dumps(design))
+    manifest = json.loads((copied / "manifest.json").read_text())
+    manifest["files"]["campaign.json"]["bytes"] = (copied / "campaign.json").stat().st_size
+    (copied / "manifest.json").write_text(json.dumps(manifest))
+    assert load_campaign(copied).campaign == SMALL.replace(kernel="exact")
+    with pytest.raises(ValueError, match="another design: kernel is 'exact' there and 'auto' here"):
+        run_campaign(SMALL, copied)
+
+
+# What lies there.
+
+
 def test_what_lies_on_disk(whole: Path) -> None:
     assert sorted(contents(whole)) == sorted(
         ["campaign.json", "manifest.json", "parameters.parquet"]
@@ -283,12 +413,12 @@ def test_what_lies_on_disk(whole: Path) -> None:
     )
     blocks = [np.load(whole / f"shard-{shard:05d}.npy") for shard in range(4)]
     assert [block.shape for block in blocks] == [(4, 512)] * 3 + [(3, 512)]
-    expected = np.array([_run.simulate_run(SMALL, plan).torque for plan in SMALL.plans()])
+    expected = np.array([one.torque for one in _run.simulate_runs(SMALL, list(SMALL.plans()))])
     np.testing.assert_array_equal(np.concatenate(blocks), expected)
     table = parquet.read_table(whole / "parameters.parquet")
     rows = [row for s in range(4) for row in parquet.read_table(whole / f"shard-{s:05d}.parquet").to_pylist()]
     assert table.to_pylist() == rows
-    assert rows == [_run.simulate_run(SMALL, plan).row for plan in SMALL.plans()]
+    assert rows == [one.row for one in _run.simulate_runs(SMALL, list(SMALL.plans()))]
     assert Campaign.from_json(whole / "campaign.json") == SMALL
     manifest = json.loads((whole / "manifest.json").read_text())
     assert manifest["status"] == {"ok": 15}
@@ -543,6 +673,7 @@ def test_several_changed_files_are_counted(copied: Path) -> None:
         ({"random_state": 1}, "random_state is 0 there and 1 here"),
         ({"rig": QUICK}, "rig.effects is .* there and .* here"),
         ({"runs_per_shard": 5}, "runs_per_shard is 4 there and 5 here"),
+        ({"kernel": "batch"}, "kernel is 'auto' there and 'batch' here"),
     ],
 )
 def test_a_folder_of_another_design_is_refused(whole: Path, changes: dict, message: str) -> None:
