@@ -25,3 +25,23 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
             slope = (values[k + 1] - values[k]) / (knots[k + 1] - knots[k])
             joined[i] = slope * (x - knots[k]) + values[k]
     return joined
+
+
+@njit(fastmath=False)
+def on_grid(at, step, values):  # type: ignore[no-untyped-def]
+    """As :func:`on_lines` for points ``step`` apart from 0, none of which need be in memory."""
+    joined = np.empty(at.size)
+    last = values.size - 1
+    for i in range(at.size):
+        x = at[i]
+        k = min(max(int(x / step), 0), last)
+        while k < last and (k + 1) * step <= x:
+            k += 1
+        while k > 0 and x < k * step:
+            k -= 1
+        if k == last or x <= k * step:
+            joined[i] = values[k]
+        else:
+            slope = (values[k + 1] - values[k]) / ((k + 1) * step - k * step)
+            joined[i] = slope * (x - k * step) + values[k]
+    return joined

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin, resample_poly
 
-from cyclofeat._base.checks import number, one_of, positive
+from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators._chatter import friction_rates, warn_of_chatter
-from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
@@ -41,7 +41,7 @@ ABSURD_TORQUE = 1e4
 # shorter, and a diverging integration exceeds ABSURD_TORQUE earlier.
 LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
-_STAGES = {"midpoint": 2, "adams_bashforth": 1}
+STAGES = {"midpoint": 2, "adams_bashforth": 1}
 _RELAXATION_ROUNDS = 3000
 # Number of instants at which the damping by friction is compared with the time step.
 _N_WATCHED = 128
@@ -175,7 +175,7 @@ class Solver:
 
     def __post_init__(self) -> None:
         positive("dt", self.dt)
-        one_of("integrator", self.integrator, _STAGES)
+        one_of("integrator", self.integrator, STAGES)
         one_of("decimation", self.decimation, ("antialias", "pick"))
 
 
@@ -265,7 +265,7 @@ def simulate(
         rates = _friction_rates(integration, done.motion[np.searchsorted(kept, watched)], watched)
         warn_of_chatter(rates, dt, solver.integrator)
     phi, omega = course[:2]
-    input_angle = on_lines(sampling.time, np.arange(phi.size) * (dt / 2), phi)
+    input_angle = on_grid(sampling.time, dt / 2, phi)
     z, external, internal = gearbox.n_lobes, done.external, done.internal
     return SimulationRun(
         gearbox=gearbox,
@@ -300,6 +300,7 @@ class Sampling:
     def of(cls, duration: float, sampling_rate: float, solver: Solver) -> Sampling:
         positive("duration", duration)
         positive("sampling_rate", sampling_rate)
+        check_type("solver", solver, Solver)
         dt = solver.dt
         if sampling_rate * dt > 1 + 1e-9:
             raise ValueError(f"sampling_rate must not exceed 1/dt = {1 / dt:g} Hz, got {sampling_rate:g} Hz")
@@ -408,7 +409,7 @@ class Integration:
         internal = np.empty((n_rows, *last_internal.shape))
         state = state.copy()
         finished = _kernels.integrate(
-            _STAGES[self.integrator], n_steps, self.dt, *self.course[:, 2 * begin : 2 * end + 1], state,
+            STAGES[self.integrator], n_steps, self.dt, *self.course[:, 2 * begin : 2 * end + 1], state,
             *self.constants, memory or _kernels.new_memory(state), ABSURD_TORQUE,
             gearbox.eccentricity * LOCKING_FORCE, LOCKING_TIME / self.dt, torques, instants, motion, external,
             internal, last_external, last_internal,

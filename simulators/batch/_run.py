@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import number, one_of
 from cyclofeat.simulators import simulation
-from cyclofeat.simulators._lines import on_lines
+from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators.batch import _rows as rows
 from cyclofeat.simulators.batch._kernel import integrate
 from cyclofeat.simulators.batch._prepare import batch_tables, set_states, unsuited, zeros
@@ -21,7 +21,7 @@ from cyclofeat.simulators.batch._streams import decimate, fill
 from cyclofeat.simulators.batch._vectors import Lanes
 from cyclofeat.simulators.courses import Courses, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
-from cyclofeat.simulators.simulation import Integration, Sampling, SimulationRun, Solver
+from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 
 Float = NDArray[np.float64]
@@ -49,6 +49,11 @@ class Settings:
     solver: Solver = field(default_factory=Solver)
     torque_in: bool = True
     motion: bool = True
+
+    @property
+    def stages(self) -> int:
+        """Evaluations in one step."""
+        return STAGES[self.solver.integrator]
 
     @classmethod
     def of(cls, arguments: Mapping[str, Any]) -> Settings:
@@ -152,10 +157,10 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
         The bits of a run depend on its own request only.
     """
     settings = requests[0].settings
-    solver = settings.solver
+    solver, stages = settings.solver, settings.stages
     courses = [
         drive_and_load(
-            one.gearbox, 2 * one.sampling.n_steps + 1, solver.dt / 2, settings.sampling_rate,
+            one.gearbox, stages * one.sampling.n_steps + 1, solver.dt / stages, settings.sampling_rate,
             one.start_angle, one.courses,
         )
         for one in requests
@@ -172,8 +177,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
             continue
         own = slice(one.sampling.time.size)
         torques = torque_out[lane, own].copy(), None if torque_in is None else torque_in[lane, own].copy()
-        motion = results[one.sampling.steps, rows.OUTPUT :, lane].T.astype(float)
-        runs.append(_result(one, course, torques, motion))
+        runs.append(_result(one, course, torques, results[:, rows.OUTPUT :, lane]))
     return runs
 
 
@@ -224,7 +228,7 @@ def integrated(
     Parameters
     ----------
     machines, courses, states : sequence
-        Constants, course at every half step to the end of its run, and state at the start of each.
+        Constants, course at every evaluation to the end of its run, and state at the start of each.
     solver : Solver
     lanes : int, optional
         Default: those that suit the processor.
@@ -237,10 +241,10 @@ def integrated(
     reached : ndarray of bool, shape (lanes,)
         True for the lanes that reached the end of their runs.
     """
-    own_steps = [course.shape[1] // 2 for course in courses]
-    n_steps = max(own_steps)
     lanes = n_lanes() if lanes is None else lanes
-    stages = 2 if solver.integrator == "midpoint" else 1
+    stages = STAGES[solver.integrator]
+    own_steps = [(course.shape[1] - 1) // stages for course in courses]
+    n_steps = max(own_steps)
     limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
     tables = batch_tables(machines, solver.dt, limits, (lanes, _PINS), dtype)
     set_states(tables, states)
@@ -263,14 +267,16 @@ def integrated(
 
 
 def _result(
-    request: Request, course: Float, torques: tuple[Float, Float | None], motion: Float
+    request: Request, course: Float, torques: tuple[Float, Float | None], motion: NDArray[Any]
 ) -> SimulationRun:
-    """Return one lane's run as ``simulate`` does."""
-    settings, z = request.settings, request.gearbox.n_lobes
-    phi, omega = course[:2]
-    dt, steps = settings.solver.dt, request.sampling.steps
-    input_angle = on_lines(request.sampling.time, np.arange(phi.size) * (dt / 2), phi)
-    output, rate = motion
+    """Return one lane's run as ``simulate`` does; ``motion`` is that of the output at each step."""
+    settings, steps, z = request.settings, request.sampling.steps, request.gearbox.n_lobes
+    dt, stages = settings.solver.dt, settings.stages
+    input_angle = on_grid(request.sampling.time, dt / stages, course[0])
+    output_angle = output_speed = None
+    if settings.motion:
+        output_angle = motion[steps, 0] - input_angle / z
+        output_speed = motion[steps, 1] - course[1, stages * steps] / z
     return SimulationRun(
         gearbox=request.gearbox,
         defects=request.defects,
@@ -278,8 +284,8 @@ def _result(
         torque_out=torques[0],
         torque_in=torques[1],
         input_angle=input_angle,
-        output_angle=output - input_angle / z if settings.motion else None,
-        output_speed=rate - omega[2 * steps] / z if settings.motion else None,
+        output_angle=output_angle,
+        output_speed=output_speed,
         dt=dt,
         kernel="batch",
     )

@@ -11,24 +11,23 @@ from cyclofeat.simulators.batch._vectors import FASTMATH, addresses, filled, loa
 def fill(courses, first, n, stages, n_lobes, angle, drive):
     """Write ``n`` steps from step ``first`` on into ``angle`` and ``drive`` of the kernel.
 
-    ``courses`` is a tuple of the lanes' courses at every half step, as the exact kernel takes them. A lane
-    whose course has ended stands still: nothing reads what it does from there on.
+    ``courses`` is a tuple of the lanes' courses at every evaluation. A lane whose course has ended stands
+    still: nothing reads what it does from there on.
     """
-    stride = 2 // stages
     for lane in range(len(courses)):
-        course = courses[lane]
-        own = max(min((course.shape[1] - 1 - 2 * first) // stride, stages * n), 0)
+        course, begin = courses[lane], stages * first
+        own = max(min(course.shape[1] - 1 - begin, stages * n), 0)
         for k in range(own, stages * n):
             angle[k, lane] = course[0, -1]
             drive[k, :, lane] = 0.0
         for k in range(own):
-            i = 2 * first + stride * k
+            i = begin + k
             angle[k, lane] = course[0, i]
             drive[k, rows.OMEGA, lane] = course[1, i]
             drive[k, rows.ALPHA, lane] = course[2, i]
             drive[k, rows.LOAD, lane] = course[3, i]
             # Where a ramp ends the acceleration jumps: the rule of one stage takes its part from the speed.
-            push = course[2, i] if stages == 2 else course[1, i + 2] - course[1, i]
+            push = course[2, i] if stages == 2 else course[1, i + 1] - course[1, i]
             drive[k, rows.PUSH, lane] = push / n_lobes
 
 

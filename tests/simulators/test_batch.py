@@ -69,6 +69,11 @@ def exactly(each: Machines, courses: list[np.ndarray], solver: Solver, n: int) -
     return np.stack([one.torques for one in results], axis=2)
 
 
+def at_evaluations(course: np.ndarray, solver: Solver) -> np.ndarray:
+    """What batches take of a course at half steps."""
+    return course if solver.integrator == "midpoint" else np.ascontiguousarray(course[:, ::2])
+
+
 def in_lanes(
     each: Machines,
     courses: list[np.ndarray],
@@ -83,9 +88,8 @@ def in_lanes(
         chosen = slice(first, first + lanes)
         states = [rest_state(g) for g, _ in each[chosen]]
         constants = [kernel_input(*one) for one in each[chosen]]
-        results, reached = batch.integrated(
-            constants, courses[chosen], states, solver, lanes=lanes, dtype=dtype
-        )
+        streams = [at_evaluations(course, solver) for course in courses[chosen]]
+        results, reached = batch.integrated(constants, streams, states, solver, lanes=lanes, dtype=dtype)
         assert reached[: len(states)].all()
         assert len(results) == n
         parts.append(results[:, :2, : len(states)])

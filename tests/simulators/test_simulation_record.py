@@ -213,6 +213,11 @@ def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str
         simulate_with(**{"duration": 0.01, **options})
 
 
+def test_a_solver_is_more_than_its_integrators_name() -> None:
+    with pytest.raises(TypeError, match="solver must be of type Solver, got 'midpoint'"):
+        simulate(solver="midpoint")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
