@@ -12,6 +12,7 @@ room               question
 ``comparison``     Which model, which conditions? (:class:`Comparison`, the first argument of all stages)
 ``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
 ``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
+``world``          Which rigs could it be? (random rigs, from which a joint posterior learns)
 ``_workflow``      The four stages in turn (:func:`find_gap`)
 =================  =========================================================================================
 

@@ -29,6 +29,7 @@ PACKAGES = (
     "cyclofeat.gap.summaries",
     "cyclofeat.gap.what",
     "cyclofeat.gap.where",
+    "cyclofeat.gap.world",
     "cyclofeat.models",
     "cyclofeat.plotting",
     "cyclofeat.plotting.drawing",

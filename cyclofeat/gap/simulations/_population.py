@@ -18,10 +18,12 @@ from cyclofeat.simulators import (
     LobeDefects,
     MachineRun,
     PinErrors,
+    PlannedRun,
     Rig,
     SimulationFailed,
     Solver,
     SpeedScale,
+    run_planned,
 )
 
 Float = NDArray[np.float64]
@@ -117,14 +119,14 @@ class Population:
         """Return a copy with effects added to those of the rig."""
         return dataclasses.replace(self, rig=self.rig.with_added(*effects))
 
-    def run_machine(
+    def plan_run(
         self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
-    ) -> MachineRun:
-        """Simulate one run of the machine, without its chain of measurement.
+    ) -> PlannedRun:
+        """Draw one run of the machine, without simulating it.
 
         ``count`` consecutive lobes are worn, the first and the wheels at random. Runs with equal ``assembly``
         seeds are of one assembly. The run is longer by the share ``spare``, for a slow converter. Raises
-        SimulationFailed or ValueError if the rig cannot be simulated or built.
+        ValueError if the rig cannot be built.
         """
         # Not spawn(): it counts its calls, and equal seeds must give equal recordings.
         for_defects, for_run = (
@@ -134,7 +136,7 @@ class Population:
         first = int(random.integers(n_lobes))
         wheels = self.wheels[int(random.integers(len(self.wheels)))]
         duration = self.n_samples / self.sampling_rate
-        return self.rig.run_machine(
+        return self.rig.plan_run(
             LobeDefects.worn([(first + k) % n_lobes for k in range(count)], wheels=wheels),
             duration=duration,
             sampling_rate=self.sampling_rate,
@@ -145,6 +147,19 @@ class Population:
             solver=_SOLVER,
             spare_s=spare * duration,
         )
+
+    def run_machine(
+        self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
+    ) -> MachineRun:
+        """Simulate one run of the machine, without its chain of measurement.
+
+        Arguments as :meth:`plan_run`. Raises SimulationFailed or ValueError if the rig cannot be simulated or
+        built.
+        """
+        (run,) = run_planned([self.plan_run(count, random_state, assembly, spare)], kernel="exact")
+        if isinstance(run, SimulationFailed):
+            raise run
+        return run
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
         """Simulate one recording; arguments and errors as :meth:`run_machine`."""

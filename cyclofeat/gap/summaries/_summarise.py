@@ -219,7 +219,8 @@ def _slow(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
 def _amplitudes(X: Float, ripple: Float, mean: Float) -> tuple[Float, list[Cell]]:
     ordered = np.sort(X, axis=1)
     variance = ripple.var(axis=1) + RESOLUTION_NM**2
-    cubes, fourths = (np.mean(ripple**power, axis=1) for power in (3, 4))
+    squares = ripple**2  # products: other powers of arrays take ten times as long
+    cubes, fourths = np.mean(squares * ripple, axis=1), np.mean(squares**2, axis=1)
     at = np.round(np.array(_QUANTILES) * (X.shape[1] - 1)).astype(int)
     quantiles = (ordered[:, at] - mean[:, None]) / np.sqrt(variance)[:, None]
     distinct = 1 - np.mean(np.diff(ordered, axis=1) == 0, axis=1)
@@ -397,7 +398,8 @@ def _features(X: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     for number, coefficients in enumerate(details[:-1], start=1):
         low, high = level_band(number, sampling_rate)
         around = coefficients - coefficients.mean(axis=1, keepdims=True)
-        square, fourth = np.mean(around**2, axis=1), np.mean(around**4, axis=1)
+        squares = around**2
+        square, fourth = np.mean(squares, axis=1), np.mean(squares**2, axis=1)
         excess = (fourth - 3 * square**2) / (square + RESOLUTION_NM**2) ** 2
         columns.append(signed_log(excess))
         cells.append(Cell("features", f"kurtosis of wavelet level {number}", "1", low, high))

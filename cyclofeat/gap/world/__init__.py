@@ -1,0 +1,23 @@
+"""The training world of the joint posterior: random rigs, their sessions, and summaries of their recordings.
+
+:class:`World` states the prior, :func:`prepare_world` simulates it into a folder, and :class:`Rigs` holds the
+result. A :class:`Session` holds the recordings of one rig, measured or simulated.
+"""
+
+from cyclofeat.gap.world._cells import recording_cells, turn_samples
+from cyclofeat.gap.world._prepare import load_rigs, prepare_world
+from cyclofeat.gap.world._prior import FLOOR, EffectPrior
+from cyclofeat.gap.world._rigs import Rigs, Session
+from cyclofeat.gap.world._world import World
+
+__all__ = [
+    "FLOOR",
+    "EffectPrior",
+    "Rigs",
+    "Session",
+    "World",
+    "load_rigs",
+    "prepare_world",
+    "recording_cells",
+    "turn_samples",
+]

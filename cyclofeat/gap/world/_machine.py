@@ -1,0 +1,131 @@
+"""Recordings of the rigs of one machine, as summaries."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.simulations import NO_SUCH_RIG, SPARE, Population, record
+from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
+from cyclofeat.gap.world._prior import DrawnSession, draw_session, with_floor
+from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed, run_planned
+
+if TYPE_CHECKING:
+    from cyclofeat.gap.world._world import World
+
+Float = NDArray[np.float64]
+
+# Children of a machine's and of a rig's seed.
+_MACHINE, _RIG, _RECORDING = range(3)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drawn:
+    """One machine before its simulation: its effects, its session, and the plan of each recording or None."""
+
+    number: int
+    effects: tuple[Effect, ...]
+    session: DrawnSession
+    plans: list[PlannedRun | None]
+
+
+def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
+    """Simulate machines and summarise their rigs; each machine depends on the world and its number only.
+
+    Returns the columns of the rigs of each machine (:class:`cyclofeat.gap.world.Rigs`), the number of the rig
+    first.
+    """
+    machines = [_draw(world, number) for number in numbers]
+    planned = [plan for machine in machines for plan in machine.plans if plan is not None]
+    made = iter(run_planned(planned))
+    rows = []
+    for machine in machines:
+        runs = [None if plan is None else next(made) for plan in machine.plans]
+        rows.append(_summarised(world, machine, runs))
+    return rows
+
+
+def _seed(world: World, *key: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(world.random_state, spawn_key=key)
+
+
+def _draw(world: World, number: int) -> _Drawn:
+    random = np.random.default_rng(_seed(world, _MACHINE, number))
+    session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, world.n_recordings, random)
+    effects = world.prior.in_machine(random)
+    rig = with_floor(world.rig, world.may_differ).with_added(*effects)
+    plans: list[PlannedRun | None] = []
+    for i in range(world.n_recordings):
+        speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
+        at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
+        n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
+        population = Population(at, n_samples, world.sampling_rate, world.wheels)
+        seed = _seed(world, _RECORDING, number, i)
+        plans.append(None)
+        with contextlib.suppress(*NO_SUCH_RIG):
+            plans[-1] = population.plan_run(int(session.counts[i]), seed, spare=SPARE)
+    return _Drawn(number, effects, session, plans)
+
+
+def _summarised(
+    world: World, machine: _Drawn, runs: list[MachineRun | SimulationFailed | None]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
+    session = machine.session
+    first = machine.number * world.n_rigs_per_machine
+    numbers = range(first, first + world.n_rigs_per_machine)
+    chains = [
+        world.prior.on_torque(len(machine.effects), np.random.default_rng(_seed(world, _RIG, number)))
+        for number in numbers
+    ]
+    shape = (len(chains), world.n_recordings)
+    values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
+    speeds = np.full(shape, np.nan)
+    for speed in np.unique(session.speeds_rpm):
+        conditions = conditions_of(world.sampling_rate, float(speed), world.n_lobes)
+        places, torques = [], []
+        for i in np.flatnonzero(session.speeds_rpm == speed):
+            for j, chain in enumerate(chains):
+                torque, turned = _recorded(runs[i], chain, int(session.directions[i]))
+                if torque is not None and torque.size == turn_samples(conditions):
+                    places.append((j, i))
+                    torques.append(torque)
+                    speeds[j, i] = turned * 60
+        if places:
+            made, _ = recording_cells(np.array(torques), conditions)
+            values[tuple(np.array(places).T)] = made
+    every = [(*machine.effects, *chain) for chain in chains]
+    at = np.column_stack([session.speeds_rpm, session.loads_nm, session.directions])
+    return {
+        "numbers": np.array(numbers),
+        "values": values,
+        "conditions": np.broadcast_to(at, (len(chains), *at.shape)),
+        "counts": np.broadcast_to(session.counts, shape),
+        "speeds": speeds,
+        "sizes": np.array([world.sizes_of(effects) for effects in every]),
+    }
+
+
+def _recorded(
+    run: MachineRun | SimulationFailed | None, chain: tuple[Effect, ...], direction: int
+) -> tuple[NDArray[np.float32] | None, float]:
+    """Return the torque of a chain of measurement, times the direction, and the input's speed in Hz.
+
+    In reverse the mirror image of the gearbox runs: the torque has the other sign before it is measured.
+    """
+    if not isinstance(run, MachineRun):
+        return None, np.nan
+    if direction < 0:
+        run = dataclasses.replace(run, run=dataclasses.replace(run.run, torque_out=-run.run.torque_out))
+    try:
+        made = record(run, chain)
+    except NO_SUCH_RIG:
+        return None, np.nan
+    if not np.all(np.isfinite(made.torque)):
+        return None, np.nan
+    return made.torque * np.float32(direction), made.speed

@@ -1,0 +1,235 @@
+"""The training world: its prior by counting, its rigs by their numbers, its summaries by construction."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from cyclofeat.gap import Conditions
+from cyclofeat.gap.world import (
+    EffectPrior,
+    Rigs,
+    Session,
+    World,
+    load_rigs,
+    prepare_world,
+    recording_cells,
+    turn_samples,
+)
+from cyclofeat.simulators import (
+    BrakeRotor,
+    EffectParameter,
+    Gain,
+    Hum,
+    LoadDrift,
+    Noise,
+    Offset,
+    PinErrors,
+    Rig,
+    SensorDrift,
+    TorqueMeterLowPass,
+    known_effects,
+)
+
+RATE = 6400.0
+SMALL = World(
+    effects=(Offset(), Gain(), PinErrors(), Hum()), most=3, sampling_rate=RATE, speeds_rpm=(600, 900),
+    n_recordings=4, n_rigs_per_machine=2,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("world")
+
+
+@pytest.fixture(scope="module")
+def rigs(folder):
+    return prepare_world(SMALL, folder, 7)
+
+
+def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
+    effects = tuple(kind() for kind in list(known_effects().values())[3:13] if kind.vector_names())
+    effects += (Noise(), Gain(), Hum(), Offset())
+    prior, random = EffectPrior(effects, 6), np.random.default_rng(2)
+    drawn = []
+    for _ in range(3000):
+        in_machine = prior.in_machine(random)
+        drawn.append((*in_machine, *prior.on_torque(len(in_machine), random)))
+        assert all(effect.needs_simulation() for effect in in_machine)
+    numbers = np.bincount([len(effects) for effects in drawn], minlength=7)
+    assert stats.chisquare(numbers).pvalue > 1e-3
+    names = [effect.effect_id for one in drawn for effect in one]
+    assert all(len({e.effect_id for e in one}) == len(one) for one in drawn)
+    assert stats.chisquare(np.unique(names, return_counts=True)[1]).pvalue > 1e-3
+    # Given their number, an effect of the machine and one of the signal come together as often as any two.
+    pairs = [{e.effect_id for e in one} for one in drawn if len(one) == 4]
+    both = np.mean([{"noise", effects[0].effect_id} <= pair for pair in pairs])
+    n = len(effects)
+    expected = 4 * 3 / (n * (n - 1))
+    assert abs(both - expected) < 4 * np.sqrt(expected / len(pairs))
+
+
+def test_what_the_model_has_is_not_missing():
+    every = {name for name, kind in known_effects().items() if kind.vector_names()}
+    assert set(World().names) == every
+    of_rig = World(rig=Rig.r1().with_added(SensorDrift()))
+    assert every - set(of_rig.names) == {effect.effect_id for effect in of_rig.rig.effects}
+    with_brake = World(rig=Rig(Rig().gearbox.with_brake(0.02, 1e4, 0.02)))
+    assert every - set(with_brake.names) == {"brake_rotor"}
+
+
+def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
+    assert len(rigs) == 8 * 2
+    assert rigs.machines.tolist() == [k // 2 for k in range(16)]
+    assert rigs.values.shape == (16, 4, len(SMALL.cells))
+    assert rigs.values.dtype == np.float32
+    assert np.isfinite(rigs.values).all()
+    assert rigs.present.shape == (16, 4)
+    assert rigs.present.sum(axis=1).max() <= 3
+    sizes = dict(zip(rigs.size_names, np.nan_to_num(rigs.sizes.T), strict=True))
+    # Torque times direction: gain * load + direction * offset, but for some 0.5 % of the load.
+    mean = rigs.values[:, :, rigs.cells.index("amplitudes: mean")]
+    _, load, direction = np.moveaxis(rigs.conditions, 2, 0)
+    gain, offset = np.exp(sizes["gain.factor"])[:, None], sizes["offset.offset_nm"][:, None]
+    hidden = np.abs(mean - (gain * load + direction * offset)) / load
+    assert hidden.max() < 0.012
+    assert {*np.unique(direction)} == {-1, 1}
+    hum = rigs.values[:, :, rigs.cells.index("mains: line at 50 Hz")].mean(axis=1)
+    there = rigs.present[:, rigs.names.index("hum")]
+    expected = 20 * sizes["hum.amplitude_nm"][there] / np.log(10) - 10 * np.log10(2)
+    np.testing.assert_allclose(hum[there & (hum > -20)], expected[hum[there] > -20], atol=3.5)
+    assert np.abs(rigs.speeds / rigs.conditions[:, :, 0] - 1).max() < 0.004
+
+
+def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path, folder):
+    few = prepare_world(SMALL, tmp_path, 3)
+    np.testing.assert_array_equal(few.numbers, rigs.numbers[:8])
+    for name in ("values", "conditions", "counts", "sizes", "speeds"):
+        np.testing.assert_array_equal(getattr(few, name), getattr(rigs, name)[:8])
+
+
+def test_an_interrupted_preparation_goes_on(rigs, folder):
+    shards = sorted(folder.glob("shard-*.npz"))
+    assert len(shards) == 2
+    before, kept = shards[1].read_bytes(), shards[0].stat().st_mtime_ns
+    shards[1].unlink()
+    (folder / ".shard-00001.npz.0000.part").write_bytes(before[:100])
+    done = []
+    again = prepare_world(SMALL, folder, 7, progress=lambda *args: done.append(args))
+    assert done == [(2, 2)]
+    assert shards[0].stat().st_mtime_ns == kept
+    assert sorted(path.name for path in folder.iterdir()) == [*(s.name for s in shards), "world.json"]
+    np.testing.assert_array_equal(again.values, rigs.values)
+    np.testing.assert_array_equal(load_rigs(folder).sizes, rigs.sizes)
+
+
+def test_another_world_does_not_enter_the_folder(rigs, folder, tmp_path):
+    with pytest.raises(ValueError, match="folder must be empty or hold the same world.* other.*'world'"):
+        prepare_world(World(effects=(Offset(),), most=1), folder, 1)
+    stated = json.loads((folder / "world.json").read_text())
+    stated["made_with"]["code_sha256"] = "0"
+    (tmp_path / "world.json").write_text(json.dumps(stated))
+    with pytest.raises(ValueError, match="other.*'made_with'"):
+        prepare_world(SMALL, tmp_path, 1)
+    with pytest.raises(FileNotFoundError, match="holds no world"):
+        load_rigs(tmp_path)
+
+
+def test_rigs_of_one_machine_share_its_runs(tmp_path):
+    world = World(
+        rig=Rig(effects=[BrakeRotor()]), effects=(Offset(),), sampling_rate=RATE, most=0,
+        speeds_rpm=(900, 901), n_recordings=1, n_rigs_per_machine=3,
+    )  # fmt: skip
+    rigs = prepare_world(world, tmp_path, 1)
+    of_machine = rigs.values.reshape(4, 3, -1)
+    np.testing.assert_array_equal(of_machine[:, 0], of_machine[:, 1])
+    assert np.unique(of_machine[:, 0], axis=0).shape[0] == 4
+
+
+def test_a_recording_that_cannot_be_made_is_left_out(tmp_path):
+    """A filter above the Nyquist frequency: every rig with it has no recordings."""
+    impossible = EffectParameter("Hz", 1.0, 1e6, None, stats.loguniform(1e4, 2e4), log=True)
+
+    class TooHigh(TorqueMeterLowPass):
+        parameters = TorqueMeterLowPass.parameters | {"cutoff_hz": impossible}
+
+    world = World(effects=(TooHigh(),), sampling_rate=RATE, most=1, speeds_rpm=(900, 901), n_recordings=1)
+    rigs = prepare_world(world, tmp_path, 1)
+    assert 0 < len(rigs) < 16
+    assert not rigs.present.any()
+
+
+def test_of_a_load_drift_the_mesh_lines_tell_and_of_a_sensor_drift_not():
+    conditions = Conditions(25_600.0, 10.0)
+    n = turn_samples(conditions)
+    at = Rig().gearbox.replace(input_speed=20 * np.pi)
+    correlations = []
+    for effect in (LoadDrift(3.0, 5.0), SensorDrift(3.0, 5.0)):
+        rig = Rig(at, [effect, Noise(0.02)])
+        runs = [rig.simulate(duration=n / 25_600, random_state=seed) for seed in range(4)]
+        values, cells = recording_cells(np.array([run.torque_out for run in runs], np.float32), conditions)
+        names = [cell.name for cell in cells]
+        correlations.append(values[:, names.index("correlation of phase 4 with the slow torque")].mean())
+    of_load, of_sensor = correlations
+    assert of_load < -0.8
+    assert abs(of_sensor) < 0.4
+
+
+def test_codes_and_course_by_construction():
+    conditions = Conditions(RATE, 10.0)
+    n = turn_samples(conditions)
+    x = 22 + np.random.default_rng(0).normal(0, 0.3, n) + np.linspace(-0.5, 0.5, n)
+    x = np.minimum(np.round(x * 8) / 8, 22.75)
+    x[500:540] = 0.0
+    values, cells = recording_cells(x[None].astype(np.float32), conditions)
+    found = dict(zip([cell.name for cell in cells], values[0], strict=True))
+    assert found["number of values"] == pytest.approx(np.log10(np.unique(x).size))
+    assert found["smallest step"] == pytest.approx(np.log10(0.125), abs=1e-6)
+    assert found["longest run of a value"] == pytest.approx(np.log(40), abs=0.1)
+    assert found["share of zeros"] == pytest.approx(40 / n)
+    assert found["share of the largest value"] == pytest.approx(np.log10(np.mean(x == 22.75)))
+    assert found["straight line"] > np.log(3)
+
+
+def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
+    run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE)
+    backwards = Session.of([-run.torque_out], RATE, [(500, 22, -1)], counts=[3])
+    forwards = Session.of([run.torque_out], RATE, [(500, 22, 1)])
+    np.testing.assert_array_equal(backwards.values, forwards.values)
+    assert backwards.counts.tolist() == [3]
+    assert forwards.counts is None
+    with pytest.raises(ValueError, match=r"recordings\[0\] must hold an output turn and 3 % more"):
+        Session.of([run.torque_out[:9000]], RATE, [(500, 22, 1)])
+    with pytest.raises(ValueError, match="conditions must hold .* of each of the 1 recordings"):
+        Session.of([run.torque_out], RATE, [(500, 22, 0)])
+
+
+def test_sessions_show_what_is_asked_for(rigs):
+    shown = rigs.session(3, [0, 2], counts=False, tachometer=True)
+    assert shown.values.shape == (2, len(SMALL.cells))
+    assert shown.counts is None
+    np.testing.assert_array_equal(shown.speeds_rpm, rigs.speeds[3, [0, 2]])
+    with_gap = rigs.of([3])
+    with_gap.values[0, 2] = np.nan
+    assert len(with_gap.session(0).values) == 3
+    assert isinstance(rigs.of(rigs.machines == 1), Rigs)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"speeds_rpm": (700, 350)}, r"speeds_rpm must be a pair \(low, high\) with 0 < low < high"),
+        ({"loads_nm": (0, 30)}, "loads_nm must be a pair"),
+        ({"effects": (Gain(), Gain()), "most": 1}, "effects must be of different kinds, got gain, gain"),
+        ({"effects": (Gain(),)}, "most must be at most 1, got 6"),
+        ({"n_recordings": 0}, "n_recordings must be at least 1, got 0"),
+    ],
+    ids=str,
+)
+def test_wrong_settings_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        World(**arguments)
