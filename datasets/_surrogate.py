@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-import joblib
 import numpy as np
 
 from cyclofeat._base import checks
-from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
-    from cyclofeat.simulators import LobeDefects, Machine, MachineRun, Rig, SimulationFailed, Solver
+    from cyclofeat.simulators import (
+        LobeDefects,
+        Machine,
+        MachineRun,
+        PlannedRun,
+        Rig,
+        SimulationFailed,
+        SimulationRun,
+        Solver,
+    )
 
 _PRESETS = ("R0", "R1", "R2", "published")
-_AT_ONCE = 32  # recordings of one task: batches of runs of similar length are chosen among them
 
 
 def make_rig_recordings(
@@ -123,23 +128,15 @@ def make_rig_recordings(
 
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    numbers = range(total)
-    size = 1 if kernel == "exact" else _AT_ONCE
-    made = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")(
-        joblib.delayed(_drawn_recordings)(
-            run, counts, lobes, worn_wheels, numbers[first : first + size], kernel
-        )
-        for first in range(0, total, size)
-    )
-    recordings: list[Recording] = []
-    with stopped_quietly(made):
-        for recording in itertools.chain.from_iterable(made):
-            if isinstance(recording, Exception):
-                raise recording
-            recordings.append(recording)
-            if progress is not None:
-                progress(len(recordings), total)
-    return recordings
+    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels) for index in range(total)]
+    recordings: dict[int, Recording] = {}
+    for index, recording in _recordings(run, defects, kernel, n_jobs):
+        if isinstance(recording, Exception):
+            raise recording
+        recordings[index] = recording
+        if progress is not None:
+            progress(len(recordings), total)
+    return [recordings[index] for index in range(total)]
 
 
 def make_rig_recording(
@@ -184,7 +181,7 @@ def make_rig_recording(
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
     run = _Run(_rig(rig), duration, sampling_rate, random_state, with_angle)
-    (recording,) = _recordings(run, {0: defects}, "exact")
+    ((_, recording),) = _recordings(run, [defects], "exact", 1)
     if isinstance(recording, Exception):
         raise recording
     return recording
@@ -215,59 +212,52 @@ class _Run:
         return f"{self.rig.name}-{self.random_state}-{index:04d}"
 
 
-def _drawn_recordings(
-    run: _Run,
-    counts: Sequence[int],
-    lobes: str,
-    wheels: tuple[int, ...] | None,
-    numbers: Iterable[int],
-    kernel: str,
-) -> list[Recording | SimulationFailed]:
-    """Make recordings with randomly placed defects; a failure stands in its place."""
+def _drawn_defects(
+    run: _Run, index: int, counts: Sequence[int], lobes: str, wheels: tuple[int, ...] | None
+) -> LobeDefects:
+    """Draw the worn lobes of a recording."""
     from cyclofeat.simulators import LobeDefects
 
-    defects = {}
-    for index in numbers:
-        # The second child of the recording's seed; the others are the rig's.
-        random = np.random.default_rng(run.rig.seed_of(run.random_state, index).spawn(2)[1])
-        consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
-        defects[index] = LobeDefects.drawn(
-            counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive,
-            wheels=wheels,
-        )  # fmt: skip
-    return _recordings(run, defects, kernel)
+    # The second child of the recording's seed; the others are the rig's.
+    random = np.random.default_rng(run.rig.seed_of(run.random_state, index).spawn(2)[1])
+    consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
+    return LobeDefects.drawn(
+        counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
+    )
 
 
 def _recordings(
-    run: _Run, defects: Mapping[int, LobeDefects], kernel: str
-) -> list[Recording | SimulationFailed]:
-    """Make recordings; what is random in one follows from the rig's name, the seed and its number."""
-    from cyclofeat.simulators import SimulationFailed, run_planned
+    run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int
+) -> Iterator[tuple[int, Recording | SimulationFailed]]:
+    """Yield numbers and recordings; what is random in one follows from rig, seed and number."""
+    from cyclofeat.simulators import SimulationFailed
+    from cyclofeat.simulators.many import simulate_each
 
-    rig = run.rig
-    plans = []
-    for index, worn in defects.items():
-        seed = rig.seed_of(run.random_state, index)
-        try:
-            plan = rig.plan_run(
-                worn, duration=run.duration, sampling_rate=run.sampling_rate, random_state=seed,
-                solver=run.solver, torque_in=False, motion=False,
-            )  # fmt: skip
-        except ValueError as error:
-            raise ValueError(f"rig {rig.name}, assembly {run.assembly(index)}: {error}") from None
-        plans.append(plan)
-    made: list[Recording | SimulationFailed] = []
+    def recorded(index: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
+        plan = plans[index]
+        if isinstance(simulated, SimulationFailed):
+            words = _words(run.assembly(index), plan.machine, defects[index])
+            simulated.args = (f"{words}: {simulated}",)
+            return simulated
+        return _recording(run, defects[index], plan.finished(simulated), index)
+
     try:
-        runs = run_planned(plans, kernel=kernel)
+        plans = [_plan(run, index, worn) for index, worn in enumerate(defects)]
+        yield from simulate_each([plan.arguments for plan in plans], kernel, n_jobs, recorded)
     except ValueError as error:
-        raise ValueError(f"rig {rig.name}: {error}") from None
-    for (index, worn), plan, done in zip(defects.items(), plans, runs, strict=True):
-        if isinstance(done, SimulationFailed):
-            done.args = (f"{_words(run.assembly(index), plan.machine, worn)}: {done}",)
-            made.append(done)
-        else:
-            made.append(_recording(run, worn, done, index))
-    return made
+        raise ValueError(f"rig {run.rig.name}: {error}") from None
+
+
+def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
+    """Draw the machine of a recording."""
+    try:
+        return run.rig.plan_run(
+            defects, duration=run.duration, sampling_rate=run.sampling_rate,
+            random_state=run.rig.seed_of(run.random_state, index), solver=run.solver, torque_in=False,
+            motion=False,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ValueError(f"assembly {run.assembly(index)}: {error}") from None
 
 
 def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) -> Recording:
@@ -276,7 +266,7 @@ def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) ->
     try:
         record = done.record()
     except ValueError as error:
-        raise ValueError(f"rig {rig.name}, assembly {assembly}: {error}") from None
+        raise ValueError(f"assembly {assembly}: {error}") from None
     output_turn = 2 * np.pi * rig.gearbox.n_lobes  # as an angle of the input
     removed = defects.removed_lobes
     meta = {

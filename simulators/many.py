@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import joblib
 
@@ -23,6 +23,7 @@ __all__ = ["run_planned", "simulate_many"]
 
 _Gearboxes = CycloidalGearbox | Iterable[CycloidalGearbox] | None
 _Defects = LobeDefects | Iterable[LobeDefects] | None
+Made = TypeVar("Made")
 
 
 @overload
@@ -120,12 +121,49 @@ def simulate_many(
     same = {"gearbox": gearboxes, "defects": defects, "start_angle": 0.0} | options
     runs = [dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)]
     runs = runs if lists else [{}]
-    return _worked_off(_tasks([same | run for run in runs], kernel), len(runs), on_failure, n_jobs, progress)
+    results: dict[int, SimulationRun | SimulationFailed] = {}
+    for index, result in simulate_each([same | run for run in runs], kernel, n_jobs):
+        if isinstance(result, SimulationFailed) and on_failure == "raise":
+            result.add_note(f"in run {index} of {len(runs)} (counted from 0)")
+            raise result
+        results[index] = result
+        if progress is not None:
+            progress(len(results), len(runs))
+    return [results[index] for index in range(len(runs))]
 
 
-def simulate_each(runs: Sequence[dict[str, Any]], kernel: str) -> list[SimulationRun | SimulationFailed]:
-    """Return a run, or its failure, for each set of arguments of :func:`simulate`."""
-    return _worked_off(_tasks(runs, kernel), len(runs), "return", 1, None)
+@overload
+def simulate_each(
+    runs: Sequence[dict[str, Any]], kernel: str, n_jobs: int = ...
+) -> Generator[tuple[int, SimulationRun | SimulationFailed], None, None]: ...
+
+
+@overload
+def simulate_each(
+    runs: Sequence[dict[str, Any]],
+    kernel: str,
+    n_jobs: int,
+    then: Callable[[int, SimulationRun | SimulationFailed], Made],
+) -> Generator[tuple[int, Made], None, None]: ...
+
+
+def simulate_each(
+    runs: Sequence[dict[str, Any]],
+    kernel: str,
+    n_jobs: int = 1,
+    then: Callable[[int, SimulationRun | SimulationFailed], Any] | None = None,
+) -> Generator[tuple[int, Any], None, None]:
+    """Yield the index of each set of arguments of :func:`simulate`, and its run or its failure.
+
+    Those that share a batch come together. ``then`` makes something else of index and run, in the thread that
+    made the run.
+    """
+    tasks = _tasks(runs, kernel)
+    workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
+    made = workers(joblib.delayed(_simulated)(task, then) for task in tasks)
+    with stopped_quietly(made):
+        for task, results in zip(tasks, made, strict=True):
+            yield from zip(task.runs, results, strict=True)
 
 
 def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[MachineRun | SimulationFailed]:
@@ -156,10 +194,10 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
     [(2560,), (2560,)]
     """
     one_of("kernel", kernel, ("exact", "batch", "auto"))
-    runs = simulate_each([plan.arguments for plan in plans], kernel)
+    runs = dict(simulate_each([plan.arguments for plan in plans], kernel))
     return [
-        run if isinstance(run, SimulationFailed) else plan.finished(run)
-        for plan, run in zip(plans, runs, strict=True)
+        run if isinstance(run := runs[index], SimulationFailed) else plan.finished(run)
+        for index, plan in enumerate(plans)
     ]
 
 
@@ -173,29 +211,6 @@ def attempt_planned(
         if len(plans) == 1:
             return [error]
     return [result for plan in plans for result in attempt_planned([plan], kernel)]
-
-
-def _worked_off(
-    tasks: Sequence[_Task],
-    total: int,
-    on_failure: str,
-    n_jobs: int,
-    progress: Callable[[int, int], None] | None,
-) -> list[Any]:
-    """Return the results of all tasks, in the order of their runs."""
-    workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
-    results: dict[int, Any] = {}
-    made = workers(joblib.delayed(_simulated)(task) for task in tasks)
-    with stopped_quietly(made):
-        for task, done in zip(tasks, made, strict=True):
-            for index, result in zip(task.runs, done, strict=True):
-                if isinstance(result, Exception) and on_failure == "raise":
-                    result.add_note(f"in run {index} of {total} (counted from 0)")
-                    raise result
-                results[index] = result
-                if progress is not None:
-                    progress(len(results), total)
-    return [results[index] for index in range(total)]
 
 
 @dataclass(frozen=True)
@@ -241,17 +256,19 @@ def _can_batch(required: bool) -> bool:
     return False
 
 
-def _simulated(task: _Task) -> list[SimulationRun | SimulationFailed]:
-    """Return the runs of a task, or their failures."""
+def _simulated(task: _Task, then: Callable[[int, SimulationRun | SimulationFailed], Any] | None) -> list[Any]:
+    """Return the runs of a task, or their failures, or what is made of them."""
     if task.batch is None:
-        return [_attempt(arguments) for arguments in task.runs.values()]
-    from cyclofeat.simulators.batch import run_batch
+        runs = [_attempt(arguments) for arguments in task.runs.values()]
+    else:
+        from cyclofeat.simulators.batch import run_batch
 
-    # A run that diverges or locks has its reason from the exact kernel.
-    return [
-        _attempt(arguments) if run is None else run
-        for arguments, run in zip(task.runs.values(), run_batch(task.batch), strict=True)
-    ]
+        # A run that diverges or locks has its reason from the exact kernel.
+        runs = [
+            _attempt(arguments) if run is None else run
+            for arguments, run in zip(task.runs.values(), run_batch(task.batch), strict=True)
+        ]
+    return runs if then is None else [then(index, run) for index, run in zip(task.runs, runs, strict=True)]
 
 
 def _one_each(name: str, values: Any, one: type | None) -> list[Any] | None:

@@ -97,6 +97,11 @@ class Request:
         """What all runs of a batch share."""
         return self.gearbox.n_lobes, self.gearbox.n_internal_sleeves, self.settings
 
+    @property
+    def cost(self) -> tuple[int, int]:
+        """Defects of both wheels and steps, by which runs of similar cost are found."""
+        return self.defects.defect_count * len(self.defects.wheels), self.sampling.n_steps
+
 
 @functools.cache
 def compile_error() -> str | None:
@@ -130,14 +135,15 @@ def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
 def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
     """Yield requests that can run together, as many as fit the lanes and the memory, by their keys.
 
-    A batch lasts as long as its longest run: runs of similar length stand together.
+    A batch takes as long as the longest run, and at each step as the lane with most contacts: runs with as
+    many defects and of similar length stand together.
     """
     by_form: dict[tuple[int, int, Settings], list[int]] = {}
-    for key in sorted(requests, key=lambda key: requests[key].sampling.n_steps):
+    for key in sorted(requests, key=lambda key: requests[key].cost):
         by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():
         while keys:
-            longest = requests[keys[-1]].sampling.n_steps
+            longest = max(requests[key].sampling.n_steps for key in keys[-n_lanes() :])
             size = max(1, min(n_lanes(), _BUDGET // (_BYTES_PER_STEP * longest)))
             yield {key: requests[key] for key in keys[-size:]}
             del keys[-size:]

@@ -414,7 +414,7 @@ def test_a_diverged_run_names_its_assembly(n_jobs):
 def test_a_rig_that_never_settles_is_refused():
     ringing = Rig.r1().with_parameters({"gearbox.contact_damping": 0.0, "brake_rotor.damping_ratio": 1e-6})
     with pytest.raises(
-        ValueError, match=r"rig R1, assembly R1-0-0000: .* more damping: .* settles in .* raise"
+        ValueError, match=r"rig R1: assembly R1-0-0000: .* more damping: .* settles in .* raise"
     ):
         make_rig_recordings(1, [0], rig=ringing)
 

@@ -291,12 +291,13 @@ def test_each_run_lasts_as_long_as_it_was_asked_to(monkeypatch: pytest.MonkeyPat
         {"gearbox": STEEL, "duration": 0.01},
         {"gearbox": BRAKED, "defects": LobeDefects.worn(2), "duration": 0.02},
     ]
-    together = simulate_each(arguments, "batch")
+    together = dict(simulate_each(arguments, "batch"))
     assert len(list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(arguments)}))) == 1
-    for one, run in zip(arguments, together, strict=True):
+    for index, one in enumerate(arguments):
+        run = together[index]
         assert isinstance(run, SimulationRun)
         assert run.kernel == "batch"
-        (alone,) = simulate_each([one], "batch")
+        ((_, alone),) = simulate_each([one], "batch")
         assert isinstance(alone, SimulationRun)
         for name in ("torque_out", "torque_in", "input_angle", "output_angle", "output_speed"):
             assert np.array_equal(getattr(run, name), getattr(alone, name))
@@ -307,7 +308,7 @@ def test_each_run_lasts_as_long_as_it_was_asked_to(monkeypatch: pytest.MonkeyPat
         many, "simulate", lambda **given: repeated.append(given["duration"]) or exact(**given)
     )
     arguments[0] = stopping | {"duration": 0.025}
-    failed = simulate_each(arguments, "batch")
+    failed = dict(simulate_each(arguments, "batch"))
     assert isinstance(failed[0], SimulationDiverged)
     assert repeated == [0.025]
 
