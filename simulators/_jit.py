@@ -37,6 +37,8 @@ def inner_njit(**options: Any) -> Any:
 def _addresses(typingctx: Any, arrays: Any) -> Any:
     """Addresses of the first elements of contiguous arrays (a tuple), which are indexed like the arrays.
 
+    None stays None.
+
     numba counts references to an array wherever a branch hands it to a function, which costs a quarter of the
     kernel's time; it counts none to an address. The arrays have to be kept elsewhere as long.
     """
@@ -44,12 +46,13 @@ def _addresses(typingctx: Any, arrays: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = (builder.extract_value(arguments[0], i) for i in range(len(arrays)))
         found = [
-            context.make_array(kind)(context, builder, value).data
+            context.make_array(kind)(context, builder, value).data if kind is not _types.none else value
             for kind, value in zip(arrays, values, strict=True)
         ]
         return context.make_tuple(builder, signature.return_type, found)
 
-    return _types.Tuple([_types.CPointer(array.dtype) for array in arrays])(arrays), code
+    kinds = [_types.CPointer(kind.dtype) if kind is not _types.none else kind for kind in arrays]
+    return _types.Tuple(kinds)(arrays), code
 
 
 def _arrays_themselves(arrays: Any) -> Any:

@@ -6,6 +6,8 @@ module          responsibility
 ``_vectors``    vectors as numba types
 ``_rows``       rows and columns of the tables
 ``_lanes``      one contact in every lane
+``_friction``   friction, and the sleeves' spin
+``_steps``      steps of the states in time
 ``_frames``     frames of all contacts of a lane, which the others are counted from
 ``_kernel``     time loop
 ``_streams``    input and load of all lanes over time

@@ -11,6 +11,7 @@ import numpy as np
 from cyclofeat.simulators._jit import inner_njit
 from cyclofeat.simulators._outline import CELLS_PER_RADIAN, CHORD_ENDS, DISPLACED_REACH, FIRST_BORDER, LEAD
 from cyclofeat.simulators.batch import _rows as rows
+from cyclofeat.simulators.batch._friction import first_normal
 from cyclofeat.simulators.batch._lanes import sine_and_fall, small_sine_and_fall
 from cyclofeat.simulators.batch._vectors import (
     FASTMATH,
@@ -186,13 +187,26 @@ def _edges_in_reach(from_x, from_y, normal, is_chord, reach, share):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _write_edges(row, place, normal, turn, pin, share, q, frames, n_blocks, b):
+def _write_normal(spins, row, normal, axes, frames, n_blocks, b):
+    """Write a normal in fixed axes: only friction needs it."""
+    if spins is None:
+        return
+    nx, ny = normal
+    c, s = axes
+    store(frames, row * n_blocks + b, c * nx - s * ny)
+    store(frames, (row + 1) * n_blocks + b, s * nx + c * ny)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _write_edges(row, row_of_normals, is_chord, place, normal, turn, pin, share, q, tables, b):
     """Write the rows of one kind of edges."""
+    frames, n_blocks = tables.frames, tables.n_blocks
     v, u, _, _ = place
     sine, fall = turn
-    lever, cam = pin
+    lever, cam, axes = pin
     nx, ny = normal
     x, y = nx - fall * nx + sine * ny, ny - fall * ny - sine * nx
+    _write_normal(tables.spins, row_of_normals, (x, y), axes, frames, n_blocks, b)
     store(frames, (row + rows.E_LEVER_N) * n_blocks + b, lever[0] * x + lever[1] * y)
     store(frames, (row + rows.E_LEVER_T) * n_blocks + b, lever[1] * x - lever[0] * y)
     store(frames, (row + rows.E_CAM_N) * n_blocks + b, cam[0] * x + cam[1] * y)
@@ -200,6 +214,7 @@ def _write_edges(row, place, normal, turn, pin, share, q, frames, n_blocks, b):
     store(frames, (row + rows.E_OVER) * n_blocks + b, v - q)
     store(frames, (row + rows.E_ALONG) * n_blocks + b, u)
     store(frames, (row + rows.E_WEIGHT) * n_blocks + b, share)
+    store(frames, (row + rows.E_IS_CHORD) * n_blocks + b, 0.0 * share + is_chord)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -209,7 +224,7 @@ def _edge_frames(at_lobe, arm, beyond_tip, pin, share, reach, tables, at, b):
     ``at_lobe`` is the pin's place in pitches from the tip, ``arm`` the vector from the profile to it,
     ``beyond_tip`` the radial part of that from the tip at place 0.
     """
-    g, frames, n_blocks = tables.rounded, tables.frames, tables.n_blocks
+    g = tables.rounded
     sine, fall = sine_and_fall(at_lobe * g[at + rows.PITCH])
     x, y = beyond_tip - fall * arm[0] - sine * arm[1], sine * arm[0] + (arm[1] - fall * arm[1])
     q = g[at + rows.RADIUS]
@@ -219,8 +234,9 @@ def _edge_frames(at_lobe, arm, beyond_tip, pin, share, reach, tables, at, b):
     x, y = x + g[at + rows.TIP_TO_PIT_X], y - g[at + rows.PIT_Y]
     at_pit = _edges_in_reach(x, y, pit, False, limits, share)
     if bits_of(on_chord[2] | at_pit[2]) != 0:
-        _write_edges(rows.CHORDS, on_chord, chord, (sine, fall), pin, share, q, frames, n_blocks, b)
-        _write_edges(rows.PITS, at_pit, pit, (sine, fall), pin, share, q, frames, n_blocks, b)
+        turn = sine, fall
+        _write_edges(rows.CHORDS, rows.CHORD_NORMALS, 1.0, on_chord, chord, turn, pin, share, q, tables, b)
+        _write_edges(rows.PITS, rows.PIT_NORMALS, 0.0, at_pit, pit, turn, pin, share, q, tables, b)
     return on_chord, at_pit
 
 
@@ -346,6 +362,7 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
         constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
     _write_flanks(lever, cam, (nx, ny), gaps, radii, frames, n_blocks, b)
+    _write_normal(tables.spins, rows.FLANK_NORMALS, (nx, ny), (c, s), frames, n_blocks, b)
     wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
     weight = _both((1.0, 1.0), frames, half)
@@ -360,7 +377,7 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
         arm = (lever[0] - run[0], lever[1] - run[1])
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
         weight, used, lined = _defects(
-            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam), (nx, ny),
+            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam, (c, s)), (nx, ny),
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
     store(frames, rows.F_WEIGHT * n_blocks + b, weight)
@@ -372,84 +389,68 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _copy_7(table, to, width, frames, pin, stride):
-    """Copy seven rows of a pin to one lane's contact, row by row: of a loop the compiler makes gathers."""
-    table[to] = frames[pin]
-    table[to + width] = frames[pin + stride]
-    table[to + 2 * width] = frames[pin + 2 * stride]
-    table[to + 3 * width] = frames[pin + 3 * stride]
-    table[to + 4 * width] = frames[pin + 4 * stride]
-    table[to + 5 * width] = frames[pin + 5 * stride]
-    table[to + 6 * width] = frames[pin + 6 * stride]
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _copy_4(table, to, width, frames, pin, stride):
-    """As :func:`_copy_7`, four rows."""
-    table[to] = frames[pin]
-    table[to + width] = frames[pin + stride]
-    table[to + 2 * width] = frames[pin + 2 * stride]
-    table[to + 3 * width] = frames[pin + 3 * stride]
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _copy_5(table, to, width, frames, pin, stride):
-    """As :func:`_copy_7`, five rows."""
-    _copy_4(table, to, width, frames, pin, stride)
-    table[to + 4 * width] = frames[pin + 4 * stride]
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _pins_in(b, tables, half):
     """The mask of the pins that a block holds: the last one may not be full."""
     n = min(tables.n_lobes + 1 - b * np.int64(count(half)), np.int64(count(half)))
     return (np.uint64(1) << np.uint64(n)) - np.uint64(1)
 
 
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _contacts(kind, w, lane, tables, lanes):
+    """Table of a lane's contacts of a kind, the index of the first there, and the rows of each."""
+    width, n_pins = count(lanes), np.uintp(w * (tables.n_lobes + 1))
+    table, n_rows, first = tables.flanks, np.uintp(rows.N_FLANK_ROWS), n_pins
+    if kind == rows.LINED_FLANKS:
+        table, n_rows = tables.lined, np.uintp(rows.N_LINED_ROWS)
+    elif kind == rows.EDGES:
+        table, n_rows, first = tables.edges, np.uintp(rows.N_EDGE_ROWS), np.uintp(2) * n_pins
+    return table, first * n_rows * width + lane, n_rows
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _copy_normal(spins, row, kind, w, n, pin, number, tables, lane, lanes, half):
+    """Copy the normal of a pin of the given number to one lane's contact: only friction needs it."""
+    if spins is None:
+        return
+    width, stride = count(lanes), np.uintp(2 * tables.n_blocks) * count(half)
+    to = (first_normal(kind, w, tables) + np.uintp(rows.N_NORMAL_ROWS) * n) * width + lane
+    spins[to] = tables.frames[np.uintp(row) * stride + pin]
+    spins[to + width] = tables.frames[np.uintp(row + 1) * stride + pin]
+    spins[to + 2 * width] = number
+
+
 @inner_njit(fastmath=FASTMATH)
-def _pack(mask, kind, w, n, into, tables, lanes, half):
-    """Copy the frames of a mask's pins to a lane's contacts from number ``n`` on; return the next number."""
+def _pack(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
+    """Copy a mask's pins, from a row of their frames on, to a lane's contacts from number ``n`` on.
+
+    Returns the next number.
+    """
     frames, n_blocks, width = tables.frames, tables.n_blocks, count(lanes)
     per_block = np.uintp(2) * count(half)
     stride = np.uintp(n_blocks) * per_block
+    table, into, n_rows = _contacts(kind, w, lane, tables, lanes)
     for b in range(n_blocks):
         bits = (tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(count(half)))) & _pins_in(
             b, tables, half
         )
         while bits != 0:
-            pin = np.uintp(first_bit(bits)) + np.uintp(w) * count(half) + np.uintp(b) * per_block
+            bit = np.uintp(first_bit(bits))
             bits &= bits - np.uint64(1)
-            if kind == rows.FLANKS:
-                to = into + n * np.uintp(rows.N_FLANK_ROWS) * width
-                _copy_7(tables.flanks, to, width, frames, pin, stride)
-                _copy_5(tables.flanks, to + 7 * width, width, frames, pin + 7 * stride, stride)
-            elif kind == rows.LINED_FLANKS:
-                to = into + n * np.uintp(rows.N_LINED_ROWS) * width
-                _copy_7(tables.lined, to, width, frames, pin, stride)
-                _copy_5(tables.lined, to + 7 * width, width, frames, pin + 7 * stride, stride)
-                _copy_4(tables.lined, to + 12 * width, width, frames, pin + 12 * stride, stride)
-            else:
-                to = into + n * np.uintp(rows.N_EDGE_ROWS) * width
-                is_chord = mask == rows.ON_CHORD or mask == rows.NEAR_CHORD
-                row = rows.CHORDS if is_chord else rows.PITS
-                _copy_7(tables.edges, to, width, frames, pin + np.uintp(row) * stride, stride)
-                tables.edges[to + rows.E_IS_CHORD * width] = 1.0 if is_chord else 0.0
+            pin = bit + np.uintp(w) * count(half) + np.uintp(b) * per_block
+            number = bit + np.uintp(b) * count(half)
+            _copy_normal(tables.spins, row_of_normals, kind, w, n, pin, number, tables, lane, lanes, half)
+            to = into + n * n_rows * width
+            pin += np.uintp(row) * stride
+            # Four rows at a time: of a loop over single rows the compiler makes gathers.
+            for _ in range(n_rows // np.uintp(4)):
+                table[to] = frames[pin]
+                table[to + width] = frames[pin + stride]
+                table[to + 2 * width] = frames[pin + 2 * stride]
+                table[to + 3 * width] = frames[pin + 3 * stride]
+                to += np.uintp(4) * width
+                pin += np.uintp(4) * stride
             n += np.uintp(1)
     return n
-
-
-@inner_njit(fastmath=FASTMATH)
-def first_of(kind, w, lane, tables, lanes):
-    """Index of the first contact of a kind in a lane, and the numbers from one contact to the next."""
-    width, n_pins = count(lanes), np.uintp(w * (tables.n_lobes + 1))
-    if kind == rows.FLANKS:
-        step = np.uintp(rows.N_FLANK_ROWS) * width
-        return n_pins * step + lane, step
-    if kind == rows.LINED_FLANKS:
-        step = np.uintp(rows.N_LINED_ROWS) * width
-        return n_pins * step + lane, step
-    step = np.uintp(rows.N_EDGE_ROWS) * width
-    return np.uintp(2) * n_pins * step + lane, step
 
 
 @inner_njit(fastmath=FASTMATH)
@@ -459,34 +460,36 @@ def keep_first(kind, w, lane, n, tables, lanes):
     here = np.uintp(rows.N_FLANKS + 2 * kind + w) * width + lane
     had = np.uintp(tables.lanes[here])
     tables.lanes[here] = n
-    into, step = first_of(kind, w, lane, tables, lanes)
+    table, into, n_rows = _contacts(kind, w, lane, tables, lanes)
     for k in range(n, had):
-        to = into + k * step
+        to = into + k * n_rows * width
         if kind == rows.EDGES:
-            tables.edges[to + rows.E_WEIGHT * width] = 0.0
+            table[to + rows.E_WEIGHT * width] = 0.0
         else:
-            table = tables.flanks if kind == rows.FLANKS else tables.lined
             table[to + rows.F_GAP * width] = 1.0
             table[to + rows.F_BEND * width] = 0.0
 
 
 @inner_njit(fastmath=FASTMATH)
 def _pack_all(w, lane, faulty, tables, lanes, half):
-    """Fill the lane's contacts from the working memory: first the flanks that touch."""
-    into, _ = first_of(rows.FLANKS, w, lane, tables, lanes)
-    n = _pack(rows.TOUCHING, rows.FLANKS, w, np.uintp(0), into, tables, lanes, half)
-    n = _pack(rows.OPEN, rows.FLANKS, w, n, into, tables, lanes, half)
-    keep_first(rows.FLANKS, w, lane, n, tables, lanes)
+    """Fill the lane's contacts from the working memory: first those that touch."""
+    normals = rows.FLANK_NORMALS
+    kind = rows.FLANKS
+    n = _pack(rows.TOUCHING, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
+    n = _pack(rows.OPEN, 0, normals, kind, w, n, lane, tables, lanes, half)
+    keep_first(kind, w, lane, n, tables, lanes)
     if not faulty:
         return
-    into, _ = first_of(rows.LINED_FLANKS, w, lane, tables, lanes)
-    n = _pack(rows.LINED, rows.LINED_FLANKS, w, np.uintp(0), into, tables, lanes, half)
-    keep_first(rows.LINED_FLANKS, w, lane, n, tables, lanes)
-    into, _ = first_of(rows.EDGES, w, lane, tables, lanes)
-    n = _pack(rows.ON_CHORD, rows.EDGES, w, np.uintp(0), into, tables, lanes, half)
-    n = _pack(rows.AT_PIT, rows.EDGES, w, n, into, tables, lanes, half)
-    n = _pack(rows.NEAR_CHORD, rows.EDGES, w, n, into, tables, lanes, half)
-    n = _pack(rows.NEAR_PIT, rows.EDGES, w, n, into, tables, lanes, half)
+    kind = rows.LINED_FLANKS
+    n = _pack(rows.LINED, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
+    keep_first(kind, w, lane, n, tables, lanes)
+    n = np.uintp(0)
+    for mask in range(rows.ON_CHORD, rows.N_MASKS):
+        kind = (mask - rows.ON_CHORD) % rows.N_EDGE_KINDS
+        n = _pack(
+            mask, rows.CHORDS + rows.N_EDGE_ROWS * kind, rows.CHORD_NORMALS + 2 * kind, rows.EDGES, w, n,
+            lane, tables, lanes, half,
+        )  # fmt: skip
     keep_first(rows.EDGES, w, lane, n, tables, lanes)
 
 
@@ -523,6 +526,17 @@ def _wheel(w, eps, hole, around, lane, g):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _first_sleeve(spins, turns_to_cam, n):
+    """Index of the sleeve from which they are counted: that at the cam, for the same touch in all lanes.
+
+    Those that spin stay in their order.
+    """
+    if spins is None:
+        return np.int64(np.floor(turns_to_cam * n + 0.5)) % n
+    return 0
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
     """Write what the time loop needs of a wheel besides its contacts."""
     width, n = count(lanes), tables.n_sleeves
@@ -531,8 +545,9 @@ def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
     lane_rows[rows.SEEN_EPS * width + mine] = eps
     lane_rows[rows.CAM_X * width + mine] = wheel.hole_cam_x
     lane_rows[rows.CAM_Y * width + mine] = wheel.hole_cam_y
-    # Sleeves are counted from the one at the cam: the same touch in all lanes.
-    nearest = np.int64(np.floor((from_hole + np.pi * w) * (n / (2 * np.pi)) + 0.5)) % n
+    lane_rows[rows.FIXED_CAM_X * width + mine] = wheel.cam_x
+    lane_rows[rows.FIXED_CAM_Y * width + mine] = wheel.cam_y
+    nearest = _first_sleeve(tables.spins, (from_hole + np.pi * w) / (2 * np.pi), n)
     lane_rows[rows.FIRST_COS * width + mine] = tables.sleeves[nearest]
     lane_rows[rows.FIRST_SIN * width + mine] = tables.sleeves[n + nearest]
 

@@ -8,6 +8,7 @@ from cyclofeat.simulators._jit import inner_njit, njit
 from cyclofeat.simulators._outline import HOLDS_EPS
 from cyclofeat.simulators.batch import _rows as rows
 from cyclofeat.simulators.batch._frames import describe, keep_first
+from cyclofeat.simulators.batch._friction import first_normal, press, press_sleeve, rub, spin, turn_back
 from cyclofeat.simulators.batch._lanes import (
     edge_force,
     edge_place,
@@ -19,6 +20,7 @@ from cyclofeat.simulators.batch._lanes import (
     sleeve_force,
     turned_since,
 )
+from cyclofeat.simulators.batch._steps import adams_bashforth, midpoint
 from cyclofeat.simulators.batch._vectors import (
     FASTMATH,
     addresses,
@@ -36,7 +38,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xF0A2EAD4
+SOURCES_CHECKSUM = 0xB620A27
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -60,9 +62,13 @@ def _frame(table, row, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _flanks(flanks, row, n, n_rows, turned, speeds, t, lanes):
-    """Moments of the forces of the flanks from a row on: on the wheel about the cam, and of the cam."""
+def _flanks(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes):
+    """Moments of the forces of the flanks from a row on: on the wheel about the cam, and of the cam.
+
+    ``normal`` is the row of the normal of the first.
+    """
     rate, _, omega = speeds
+    t = tables.lanes
     on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
     contact = _contact(rows.STIFFNESS, t, lanes)
     for _ in range(n):
@@ -87,13 +93,16 @@ def _flanks(flanks, row, n, n_rows, turned, speeds, t, lanes):
             force = weight * flank_force(gap, u, radii, rate * arm + omega * cam_arm, contact)
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
+            press(tables.spins, force, 1.0 - slope * slope * (1 / 2), slope, normal, turned, tables, lanes)
         row += n_rows
+        normal += np.uintp(rows.N_NORMAL_ROWS)
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _edges(edges, row, n, turned, speeds, t, lanes):
+def _edges(edges, row, n, normal, turned, speeds, tables, lanes):
     """Moments of the forces of all edges, as of the flanks."""
+    t = tables.lanes
     on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
     contact = _contact(rows.STIFFNESS, t, lanes)
     wheel, pin_radius = (speeds[0], speeds[2]), load(t, rows.PIN_RADIUS, lanes)
@@ -107,48 +116,58 @@ def _edges(edges, row, n, turned, speeds, t, lanes):
             radius = choose(is_chord, load(t, rows.TIP_RADIUS, lanes), load(t, rows.PIT_RADIUS, lanes))
             span = choose(is_chord, load(t, rows.TIP_SPAN, lanes), 0.0)
             edge = (pin_radius, load(t, rows.TURN, lanes), radius, span)
-            force, cam_arm, arm = edge_force(frame, way, place, inside, edge, wheel, contact)
+            force, cam_arm, arm, along, tilt = edge_force(frame, way, place, inside, edge, wheel, contact)
             on_chord = load(t, rows.CHORD_NY, lanes) * place[0] + load(t, rows.CHORD_NX, lanes) * place[1]
             across = choose(is_chord, on_chord, -place[1])
             force = choose(across >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
+            press(tables.spins, force, along, tilt, normal, turned, tables, lanes)
         row += rows.N_EDGE_ROWS
+        normal += np.uintp(rows.N_NORMAL_ROWS)
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _pins(w, faulty, turned, speeds, tables, lanes):
     """Moments of the forces of all pins on one wheel."""
-    n_pins, slots, t = w * (tables.n_lobes + 1), tables.slots, tables.lanes
-    row = n_pins * rows.N_FLANK_ROWS
+    n_pins, slots = w * (tables.n_lobes + 1), tables.slots
+    row, normal = n_pins * rows.N_FLANK_ROWS, first_normal(rows.FLANKS, w, tables)
+    n = slots[2 * rows.FLANKS + w]
     on_wheel, on_cam = _flanks(
-        tables.flanks, row, slots[2 * rows.FLANKS + w], rows.N_FLANK_ROWS, turned, speeds, t, lanes
+        tables.flanks, row, n, rows.N_FLANK_ROWS, normal, turned, speeds, tables, lanes
     )
     if faulty:
-        row = n_pins * rows.N_LINED_ROWS
+        row, normal = n_pins * rows.N_LINED_ROWS, first_normal(rows.LINED_FLANKS, w, tables)
         n = slots[2 * rows.LINED_FLANKS + w]
         if n > 0:
-            more, cam = _flanks(tables.lined, row, n, rows.N_LINED_ROWS, turned, speeds, t, lanes)
+            more, cam = _flanks(
+                tables.lined, row, n, rows.N_LINED_ROWS, normal, turned, speeds, tables, lanes
+            )
             on_wheel, on_cam = on_wheel + more, on_cam + cam
         n = slots[2 * rows.EDGES + w]
         if n > 0:
-            more, cam = _edges(tables.edges, 2 * n_pins * rows.N_EDGE_ROWS, n, turned, speeds, t, lanes)
+            row, normal = 2 * n_pins * rows.N_EDGE_ROWS, first_normal(rows.EDGES, w, tables)
+            more, cam = _edges(tables.edges, row, n, normal, turned, speeds, tables, lanes)
             on_wheel, on_cam = on_wheel + more, on_cam + cam
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _sleeves(w, turned, speeds, tables, lanes):
-    """Moments of all sleeves' forces: on the wheel about the cam, of the cam, and on the output."""
+    """Moments of all sleeves' forces: on the wheel about the cam, of the cam, and on the output.
+
+    Returns the cam in the output's axes, too.
+    """
     t, n = tables.lanes, tables.n_sleeves
     cam_x, cam_y = load(t, rows.CAM_X + w, lanes), load(t, rows.CAM_Y + w, lanes)
     cam = (turned[3] * cam_x - turned[2] * cam_y, turned[3] * cam_y + turned[2] * cam_x)
     first = (load(t, rows.FIRST_COS + w, lanes), load(t, rows.FIRST_SIN + w, lanes))
+    turn = load(t, rows.AT + 2, lanes) - load(t, rows.AT + w, lanes)
     square, hole, way, out, arm, rates = joint_sums(
-        load(t, rows.AT + 2, lanes) - load(t, rows.AT + w, lanes), cam, first,
-        load(t, rows.PITCH_RADIUS, lanes), speeds,
-    )  # fmt: skip
+        turn, cam, first, load(t, rows.PITCH_RADIUS, lanes), speeds
+    )
+    cam = turn_back(cam, turn)
     square = square + load(t, rows.CAM_LESS_GAP + w, lanes)
     way_c, way_s = 2.0 * way[0], 2.0 * way[1]
     gap = load(t, rows.GAP, lanes)
@@ -162,11 +181,13 @@ def _sleeves(w, turned, speeds, tables, lanes):
             total = total + force
             total_c = total_c + cosine * force
             total_s = total_s + sine * force
-    return (
+            press_sleeve(tables.spins, k, force, turn, cam, tables, lanes)
+    moments = (
         arm * total - (hole[0] * total_c + hole[1] * total_s),
         -(way[0] * total_c + way[1] * total_s),
         out[0] * total_c + out[1] * total_s - arm * total,
     )
+    return moments, cam
 
 
 @inner_njit(fastmath=FASTMATH)
@@ -214,34 +235,6 @@ def _end_lanes(bits, locked, step, tables, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _grow(k, increment, t, lanes):
-    """Add to a state, and keep what rounding cuts off for the next time."""
-    old = load(t, rows.STATE + k, lanes)
-    whole = increment - load(t, rows.CUT_OFF + k, lanes)
-    new = old + whole
-    store(t, rows.CUT_OFF + k, (new - old) - whole)
-    store(t, rows.STATE + k, new)
-    store(t, rows.AT + k, new)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _midpoint(k, odd, dt, rate, push, t, lanes):
-    """Half a step of one state, or the whole step with the rate at its middle."""
-    rate = rate + push
-    if odd:
-        _grow(k, dt * rate, t, lanes)
-    else:
-        store(t, rows.AT + k, load(t, rows.STATE + k, lanes) + (0.5 * dt) * rate)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _adams_bashforth(k, now, before, rate, push, t, lanes):
-    """A step of one state from its rates now and at the last step; ``push`` is added as it is."""
-    _grow(k, push + (now * rate - before * load(t, rows.LAST + k, lanes)), t, lanes)
-    store(t, rows.LAST + k, rate)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _torque_and_rates(moment_out, load_torque, t, lanes):
     """Output torque and the accelerations of wheels, output and brake, without the drive's share."""
     turned = load(t, rows.AT + 3, lanes) - load(t, rows.AT + 2, lanes)
@@ -264,28 +257,25 @@ def _advance(stages, odd, dt, is_first, rates, push, t, lanes):
     """Advance all states by half a step or a whole one; ``push`` is the drive's share, and the brake's."""
     v0, v1 = load(t, rows.AT + 4, lanes), load(t, rows.AT + 5, lanes)
     v2, v3 = load(t, rows.AT + 6, lanes), load(t, rows.AT + 7, lanes)
-    zero = filled(0.0, t, lanes)
     if stages == 2:
-        _midpoint(0, odd, dt, v0, zero, t, lanes)
-        _midpoint(1, odd, dt, v1, zero, t, lanes)
-        _midpoint(2, odd, dt, v2, zero, t, lanes)
-        _midpoint(3, odd, dt, v3, zero, t, lanes)
-        _midpoint(4, odd, dt, rates[0], push[0], t, lanes)
-        _midpoint(5, odd, dt, rates[1], push[0], t, lanes)
-        _midpoint(6, odd, dt, rates[2], push[0], t, lanes)
-        _midpoint(7, odd, dt, rates[3], push[1], t, lanes)
+        midpoint(0, 8, odd, dt, v0, t, lanes)
+        midpoint(1, 8, odd, dt, v1, t, lanes)
+        midpoint(2, 8, odd, dt, v2, t, lanes)
+        midpoint(3, 8, odd, dt, v3, t, lanes)
+        midpoint(4, 8, odd, dt, rates[0] + push[0], t, lanes)
+        midpoint(5, 8, odd, dt, rates[1] + push[0], t, lanes)
+        midpoint(6, 8, odd, dt, rates[2] + push[0], t, lanes)
+        midpoint(7, 8, odd, dt, rates[3] + push[1], t, lanes)
         return
-    # The first step has no earlier rates: Euler's rule, of second order in one step.
-    before = 0.0 if is_first else 0.5 * dt
-    now = dt + before
-    _adams_bashforth(0, now, before, v0, zero, t, lanes)
-    _adams_bashforth(1, now, before, v1, zero, t, lanes)
-    _adams_bashforth(2, now, before, v2, zero, t, lanes)
-    _adams_bashforth(3, now, before, v3, zero, t, lanes)
-    _adams_bashforth(4, now, before, rates[0], push[0], t, lanes)
-    _adams_bashforth(5, now, before, rates[1], push[0], t, lanes)
-    _adams_bashforth(6, now, before, rates[2], push[0], t, lanes)
-    _adams_bashforth(7, now, before, rates[3], push[1], t, lanes)
+    zero = filled(0.0, t, lanes)
+    adams_bashforth(0, 8, dt, is_first, v0, zero, t, lanes)
+    adams_bashforth(1, 8, dt, is_first, v1, zero, t, lanes)
+    adams_bashforth(2, 8, dt, is_first, v2, zero, t, lanes)
+    adams_bashforth(3, 8, dt, is_first, v3, zero, t, lanes)
+    adams_bashforth(4, 8, dt, is_first, rates[0], push[0], t, lanes)
+    adams_bashforth(5, 8, dt, is_first, rates[1], push[0], t, lanes)
+    adams_bashforth(6, 8, dt, is_first, rates[2], push[0], t, lanes)
+    adams_bashforth(7, 8, dt, is_first, rates[3], push[1], t, lanes)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -303,8 +293,12 @@ def _due(since, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _moments(m, step, faulty, angle, drive, tables, lanes, half):
-    """Moments on both wheels (into their rows), on the output, and of the cams about the input."""
+def _moments(m, step, when, faulty, angle, drive, tables, lanes, half):
+    """Moments on both wheels (into their rows), on the output, and of the cams about the input.
+
+    ``when`` is the number of stages, if this is the second, the step, and if it is the first: sleeves that
+    spin are advanced.
+    """
     t = tables.lanes
     phi, omega = load(angle, m, lanes), load(drive, rows.N_DRIVE_ROWS * m + rows.OMEGA, lanes)
     since = rounded_to(phi - load(tables.seen_phi, 0, lanes), t)
@@ -320,11 +314,13 @@ def _moments(m, step, faulty, angle, drive, tables, lanes, half):
         turned = turned_since(since, _turned_eps(w, t, lanes), inverse_z)
         speeds = (load(t, rows.AT + 4 + w, lanes) - mean_rate, rate_out, omega)
         on_wheel, on_cam = _pins(w, faulty, turned, speeds, tables, lanes)
-        by_joint, cam_by_joint, by_output = _sleeves(w, turned, speeds, tables, lanes)
-        store(t, rows.MOMENT + w, on_wheel + by_joint)
-        on_output = on_output + by_output
-        on_cams = on_cams + (on_cam + cam_by_joint)
-    return on_output, on_cams
+        (by_joint, cam_by_joint, by_output), cam = _sleeves(w, turned, speeds, tables, lanes)
+        rubbed, cam_rubbed, output_rubbed = rub(tables.spins, w, since, cam, speeds, tables, lanes)
+        store(t, rows.MOMENT + w, on_wheel + by_joint + rubbed)
+        on_output = on_output + by_output + output_rubbed
+        on_cams = on_cams + (on_cam + cam_by_joint + cam_rubbed)
+    by_axles, on_input = spin(tables.spins, rate_out, omega, when, tables, lanes)
+    return on_output + by_axles, on_cams + on_input
 
 
 @njit(fastmath=FASTMATH, nogil=True)
@@ -341,7 +337,8 @@ def integrate(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, 
     for m in range(stages * n):
         odd = stages == 2 and m % 2 == 1
         i = m // stages
-        on_output, on_cams = _moments(m, first + i, faulty, angle, drive, tables, lanes, half)
+        when = (stages, odd, dt, first + i == 0)
+        on_output, on_cams = _moments(m, first + i, when, faulty, angle, drive, tables, lanes, half)
         row = rows.N_DRIVE_ROWS * m
         torque, rates, braked = _torque_and_rates(on_output, load(drive, row + rows.LOAD, lanes), t, lanes)
         push = load(drive, row + rows.PUSH, lanes)

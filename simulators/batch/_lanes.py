@@ -102,7 +102,7 @@ def edge_place(v, u, over, along, is_chord, pin_radius):
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def edge_force(frame, way, place, inside, edge, wheel, contact):
-    """Force of an edge and its lever arms, as of a flank.
+    """Force of an edge, its lever arms as of a flank, and its direction's parts along n and t.
 
     ``way`` is of :func:`moved`, ``place`` and ``inside`` of :func:`edge_place`; ``edge`` is the pin's radius,
     by how much the direction turns the effective radius, that radius and its span; ``wheel`` the rate of the
@@ -119,7 +119,8 @@ def edge_force(frame, way, place, inside, edge, wheel, contact):
     cam_arm = cam_n * tilt - cam_t * normal
     arm = (frame[0] + v) * tilt - (frame[1] + u) * normal
     radius = radius + smaller(larger(normal + turn * tilt, 0.0), 1.0) * span
-    return contact_force(depth, wheel[0] * arm + wheel[1] * cam_arm, radius, contact), cam_arm, arm
+    force = contact_force(depth, wheel[0] * arm + wheel[1] * cam_arm, radius, contact)
+    return force, cam_arm, arm, normal, tilt
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -162,3 +163,42 @@ def sleeve_force(beyond, cosine, sine, rates, gap, contact):
     depth, inverse = larger(beyond * distance * share, 0.0), both * share
     rate = (rates[0] + cosine * rates[1] + sine * rates[2]) * inverse
     return contact_force(depth, rate, 1.0, contact) * inverse
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _tangent_parts(x):
+    """Numbers whose quotient is the hyperbolic tangent, exact to rounding in float32."""
+    x = smaller(larger(x, -10.0), 10.0) * (1 / 8)
+    y = x * x
+    above, below = x * (1.0 + y * (1 / 9 + y * (1 / 945))), 1.0 + y * (4 / 9 + y * (1 / 63))
+    above, below = 2.0 * above * below, above * above + below * below
+    above, below = 2.0 * above * below, above * above + below * below
+    return 2.0 * above * below, above * above + below * below
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def tangent(x):
+    """Hyperbolic tangent."""
+    above, below = _tangent_parts(x)
+    return above / below
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def sleeve_friction(slip, force, friction):
+    """Coulomb, Stribeck and viscous friction of a sleeve that is pressed with a force.
+
+    ``friction`` is the coefficient of Coulomb friction, by how much it is higher at rest, one over the speeds
+    of Stribeck and of transition (the latter last), and the viscous coefficient between them.
+    """
+    coulomb, at_rest, inverse_stribeck, viscous, inverse_transition = friction
+    ratio = slip * inverse_stribeck
+    above, below = _tangent_parts(0.5 * ratio * ratio)
+    coefficient = coulomb + at_rest * (below - above) / (below + above)  # exp(-2x) from tanh(x)
+    viscous = choose(force > 0.0, viscous, 0.0)
+    return force * coefficient * tangent(slip * inverse_transition) + viscous * slip
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def bearing_friction(speed, coulomb, viscous, inverse_transition):
+    """Torque that a shaft's bearing opposes to its speed."""
+    return coulomb * tangent(speed * inverse_transition) + viscous * speed

@@ -20,13 +20,14 @@ _ALIGNED = 64  # bytes: a vector then lies in as few lines of the cache as it ca
 _FLANK_REACH, _LINE_REACH, _EDGE_REACH = 1.5e-4, 2e-3, 1e-3
 # Displacement, as a share of the pin circle, up to which one of Newton's steps comes near enough to the foot.
 _CLOSE = 1.5e-3
+_PIN_COLUMNS = (
+    _outline.PIN_COS, _outline.PIN_SIN, _outline.PIN_RADIAL_ERROR, _outline.PIN_TANGENTIAL_ERROR,
+)  # fmt: skip
 _FEWEST_PINS = 10  # with fewer, a lobe is too wide for the short polynomials
 
 
 def unsuited(one: KernelInput) -> str | None:
     """Return what keeps a gearbox out of a batch, or None."""
-    if one.friction is not None:
-        return "friction"
     if one.wheel.has_pitch_errors:
         return "pitch errors of lobes"
     if one.wheel.profile_points > 0:
@@ -91,6 +92,7 @@ def batch_tables(
         n_sleeves=int(joint.n_sleeves),
         n_blocks=n_blocks,
         n_wheels=2,
+        spins=None if machines[0].friction is None else _spins(machines, lanes, dtype),
     )
     tables.flanks[:, :, rows.F_GAP] = 1.0
     tables.lined[:, :, rows.F_GAP] = 1.0
@@ -114,6 +116,23 @@ def batch_tables(
     return tables
 
 
+def _spins(machines: Sequence[KernelInput], lanes: int, dtype: type) -> NDArray[Any]:
+    """Return the table of sleeves that spin, at rest."""
+    n_pins, joint = machines[0].wheel.n_lobes + 1, machines[0].joint
+    n = n_pins + joint.n_sleeves
+    # Every pin may touch a flank, a flank that a line crosses, and two edges, on each of two wheels.
+    spins = zeros((rows.N_SPIN_ROWS * n + 2 + rows.N_NORMAL_ROWS * 8 * n_pins, lanes), dtype)
+    axles = spins[rows.AXLE_X * n : (rows.AXLE_Y + 1) * n].reshape(2, n, lanes)
+    for lane, one in enumerate(machines):
+        columns = (int(first) + np.arange(n_pins) for first in _PIN_COLUMNS)
+        c, s, radial, tangential = (one.pins[column] for column in columns)
+        radial = one.wheel.pin_circle_radius + radial
+        axles[:, :n_pins, lane] = c * radial - s * tangential, s * radial + c * tangential
+        angles = 2 * np.pi * np.arange(joint.n_sleeves) / joint.n_sleeves
+        axles[:, n_pins:, lane] = one.joint.pitch_radius * np.array([np.cos(angles), np.sin(angles)])
+    return spins
+
+
 def _by_wheel(table: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows of the exact kernel's tables, one for each wheel."""
     return table.reshape(2, _outline.COLUMNS)
@@ -122,9 +141,16 @@ def _by_wheel(table: NDArray[np.float64]) -> NDArray[np.float64]:
 def set_states(tables: rows.Tables, states: Sequence[NDArray[np.float64]]) -> None:
     """Begin the lanes in the given states."""
     for lane, state in enumerate(states):
-        column = tables.lanes[:, lane]
-        column[rows.STATE : rows.STATE + 8] = column[rows.AT : rows.AT + 8] = state
-        column[rows.CUT_OFF : rows.CUT_OFF + 8] = column[rows.STATE : rows.STATE + 8] - state
+        _set_states(tables.lanes[:, lane], state[:8])
+        if tables.spins is not None:
+            _set_states(tables.spins[:, lane], state[8:])
+
+
+def _set_states(column: NDArray[Any], state: NDArray[np.float64]) -> None:
+    """Write states where a lane's table begins with them."""
+    n = state.size
+    column[:n] = column[n : 2 * n] = state
+    column[3 * n : 4 * n] = column[:n] - state
 
 
 def _empty_lanes(tables: rows.Tables) -> None:
@@ -169,11 +195,33 @@ def _lane_rows(lane: NDArray[Any], one: KernelInput, dt: float, limits: tuple[fl
         rows.LOCKED_STEPS: limits[1] / dt,
         rows.ALIVE: 1.0,
     }
-    for row, value in values.items():
+    for row, value in (values | _friction(one)).items():
         lane[row] = value
     lane[rows.CAM_LESS_GAP : rows.CAM_LESS_GAP + 2] = (cams - gap) * (cams + gap)
     # Nothing is described yet: no turn of the input is below this border.
     lane[rows.AHEAD] = -np.inf
+
+
+def _friction(one: KernelInput) -> dict[int, float]:
+    """Return the constants of friction by their rows."""
+    friction = one.friction
+    if friction is None:
+        return {}
+    return {
+        rows.SLEEVE_RADIUS: one.joint.sleeve_radius,
+        rows.COULOMB: friction.coulomb,
+        rows.AT_REST: friction.static - friction.coulomb,
+        rows.INVERSE_STRIBECK: 1 / friction.stribeck_speed,
+        rows.VISCOUS: friction.viscous,
+        rows.JOURNAL: friction.journal,
+        rows.INVERSE_TRANSITION: 1 / friction.transition_speed,
+        rows.INPUT_COULOMB: friction.input_coulomb,
+        rows.INPUT_VISCOUS: friction.input_viscous,
+        rows.OUTPUT_COULOMB: friction.output_coulomb,
+        rows.OUTPUT_VISCOUS: friction.output_viscous,
+        rows.INVERSE_BEARING: 1 / friction.bearing_transition,
+        rows.BY_SLEEVE_INERTIA: 1 / friction.sleeve_inertia,
+    }
 
 
 def _geometry(columns: NDArray[np.float64], one: KernelInput) -> None:

@@ -22,6 +22,7 @@ Tables = namedtuple(
         "frames",  # working memory: rows of flanks and edges, in blocks of the pins of both wheels
         "bits",  # working memory: masks of the pins, (N_MASKS, blocks)
         "sleeves",  # cosine and sine of each sleeve's angle, float64: (2, n_sleeves)
+        "spins",  # rows below for each sleeve where friction spins them, else None: what is compiled differs
         "n_lobes",
         "n_sleeves",
         "n_blocks",  # blocks that hold all pins
@@ -48,14 +49,25 @@ STATE, AT, LAST, CUT_OFF = 0, 8, 16, 24
     STIFFNESS, DAMPING, RELATIVE_DAMPING, INVERSE_RAMP, JOINT_STIFFNESS, GAP, INVERSE_Z, PITCH_RADIUS,
     PIN_RADIUS, TURN, CHORD_NX, CHORD_NY, TIP_RADIUS, TIP_SPAN, PIT_RADIUS, BY_WHEEL_INERTIA,
     BY_OUTPUT_INERTIA, BY_BRAKE_INERTIA, METER_STIFFNESS, METER_DAMPING, SPIN_MASS,
-    LOCKED_TORQUE, LOCKED_STEPS, ALIVE, LOCKED, AHEAD, BEHIND,
-) = range(32, 59)  # fmt: skip
+    LOCKED_TORQUE, LOCKED_STEPS, ALIVE, LOCKED, AHEAD, BEHIND, SLEEVE_RADIUS, COULOMB, AT_REST,
+    INVERSE_STRIBECK, VISCOUS, JOURNAL, INVERSE_TRANSITION, INPUT_COULOMB, INPUT_VISCOUS, OUTPUT_COULOMB,
+    OUTPUT_VISCOUS, INVERSE_BEARING, BY_SLEEVE_INERTIA,
+) = range(32, 72)  # fmt: skip
 # Two rows each, one for a wheel: |cam|^2 - gap^2; at the description the deviation from rest, the cam in the
-# axes of the holes, the direction of the first sleeve, the numbers of contacts; the moment on the wheel.
+# axes of the holes and in fixed ones, the direction of the first sleeve, the numbers of contacts; the moment
+# on the wheel.
 (
-    CAM_LESS_GAP, SEEN_EPS, CAM_X, CAM_Y, FIRST_COS, FIRST_SIN, N_FLANKS, N_LINED, N_EDGES, MOMENT,
-) = range(59, 79, 2)  # fmt: skip
-N_LANE_ROWS = 79
+    CAM_LESS_GAP, SEEN_EPS, CAM_X, CAM_Y, FIXED_CAM_X, FIXED_CAM_Y, FIRST_COS, FIRST_SIN, N_FLANKS, N_LINED,
+    N_EDGES, MOMENT,
+) = range(72, 96, 2)  # fmt: skip
+N_LANE_ROWS = 96
+
+# Rows of the spins, each as many times as there are sleeves, external and then internal: as the first of the
+# lanes; axle in fixed axes (internal: in the output's); force on one wheel, loads of both and torque, which
+# are emptied when they are read. Two rows of working memory follow, and for each contact of a pin its normal
+# at the description, in fixed axes, and the pin.
+AXLE_X, AXLE_Y, FORCE_X, FORCE_Y, LOAD_X, LOAD_Y, TORQUE = range(4, 11)
+N_SPIN_ROWS, N_NORMAL_ROWS = 11, 3
 
 # Rows of the drive at each evaluation: speed, acceleration, load, and what the drive adds to all rates.
 OMEGA, ALPHA, LOAD, PUSH = range(4)
@@ -78,8 +90,10 @@ FLANKS, LINED_FLANKS, EDGES = range(3)
 E_LEVER_N, E_LEVER_T, E_CAM_N, E_CAM_T, E_OVER, E_ALONG, E_WEIGHT, E_IS_CHORD = range(8)
 N_EDGE_ROWS = 8
 # Rows of the working memory: those of a flank, then of both kinds of edges.
-CHORDS, PITS = 16, 23
-N_FRAME_ROWS = 30
+CHORDS, PITS = 16, 24
+# Normals of flanks, chords and pits in fixed axes.
+FLANK_NORMALS, CHORD_NORMALS, PIT_NORMALS = 32, 34, 36
+N_FRAME_ROWS, N_EDGE_KINDS = 38, 2
 TOUCHING, OPEN, LINED, ON_CHORD, AT_PIT, NEAR_CHORD, NEAR_PIT = range(7)
 N_MASKS = 7
 

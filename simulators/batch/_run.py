@@ -93,9 +93,10 @@ class Request:
         )
 
     @property
-    def form(self) -> tuple[int, int, Settings]:
+    def form(self) -> tuple[int, int, bool, Settings]:
         """What all runs of a batch share."""
-        return self.gearbox.n_lobes, self.gearbox.n_internal_sleeves, self.settings
+        gearbox = self.gearbox
+        return gearbox.n_lobes, gearbox.n_internal_sleeves, gearbox.has_friction, self.settings
 
     @property
     def cost(self) -> tuple[int, int]:
@@ -138,7 +139,7 @@ def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
     A batch takes as long as the longest run, and at each step as the lane with most contacts: runs with as
     many defects and of similar length stand together.
     """
-    by_form: dict[tuple[int, int, Settings], list[int]] = {}
+    by_form: dict[tuple[int, int, bool, Settings], list[int]] = {}
     for key in sorted(requests, key=lambda key: requests[key].cost):
         by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():

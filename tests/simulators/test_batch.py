@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from zlib import crc32
 
@@ -50,6 +51,33 @@ def machines() -> Machines:
         (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4)),
         (BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5)), LobeDefects.worn(5)),
     ]
+
+
+def rubbing(each: Machines) -> Machines:
+    """The same with all kinds of friction, by different amounts."""
+    rng = np.random.default_rng(5)
+    rubbed = []
+    for gearbox, defects in each:
+        coulomb = rng.uniform(0.01, 0.1)
+        friction = {
+            "sleeve_friction": coulomb,
+            "sleeve_static_friction": coulomb + rng.uniform(0, 0.05),
+            "stribeck_speed": rng.uniform(0.02, 0.2),
+            "sleeve_viscous_friction": rng.uniform(0, 5),
+            "journal_friction": rng.uniform(0, 0.05),
+            "friction_transition_speed": rng.uniform(0.03, 0.1),
+            "bearing_transition_speed": rng.uniform(0.5, 5),
+            "input_bearing_torque": rng.uniform(0, 0.1),
+            "input_bearing_viscosity": rng.uniform(0, 1e-3),
+            "output_bearing_torque": rng.uniform(0, 1),
+            "output_bearing_viscosity": rng.uniform(0, 0.1),
+        }
+        rubbed.append((gearbox.replace(**friction), defects))
+    return rubbed
+
+
+KINDS = {"smooth": machines, "rubbing": lambda: rubbing(machines())}
+every_kind = pytest.mark.parametrize("kind", KINDS)
 
 
 def courses_of(each: Machines, n: int, dt: float = 1e-5) -> list[np.ndarray]:
@@ -101,9 +129,12 @@ def rms(values: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow  # compiles the kernel for double precision
+@every_kind
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
-def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description(integrator: str) -> None:
-    each, n, solver = machines(), 4000, Solver(integrator=integrator)
+def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description(
+    integrator: str, kind: str
+) -> None:
+    each, n, solver = KINDS[kind](), 4000, Solver(integrator=integrator)
     courses = courses_of(each, n)
     exact = exactly(each, courses, solver, n)
     error = in_lanes(each, courses, solver, n, dtype=np.float64) - exact
@@ -113,9 +144,10 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
     assert rms(error[:, 1]).max() < 2e-6
 
 
+@every_kind
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
-def test_single_precision_errs_less_than_the_time_step(integrator: str) -> None:
-    each, n = machines(), 4000
+def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: str) -> None:
+    each, n = KINDS[kind](), 4000
     solver = Solver(integrator=integrator)
     courses = courses_of(each, n)
     exact = exactly(each, courses, solver, n)
@@ -125,8 +157,9 @@ def test_single_precision_errs_less_than_the_time_step(integrator: str) -> None:
     assert (error < of_step).all(), np.argwhere(error >= of_step)
 
 
-def test_a_lane_depends_on_nothing_but_itself() -> None:
-    each, n, solver = machines()[:11], 1500, Solver()
+@every_kind
+def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
+    each, n, solver = KINDS[kind]()[:11], 1500, Solver()
     courses = courses_of(each, n)
     together = in_lanes(each, courses, solver, n, lanes=8)
     order = np.random.default_rng(0).permutation(len(each))
@@ -170,9 +203,15 @@ def test_other_numbers_of_pins_and_sleeves(form: dict[str, float]) -> None:
     assert np.abs(in_lanes(each, courses, Solver(), 1500) - exact).max() < 2e-4
 
 
-def test_a_lane_that_ends_leaves_its_neighbours_untouched() -> None:
-    stiff = STEEL.replace(stiffness_scale=1.0, ramp_time=0.0)
-    each = [(STEEL, LobeDefects.worn(2)), (stiff, LobeDefects.worn(1)), (BRAKED, LobeDefects.healthy())]
+@pytest.mark.parametrize(
+    ("kind", "too_much"),
+    [(list, {"stiffness_scale": 1.0, "ramp_time": 0.0}), (rubbing, {"output_bearing_viscosity": 1e5})],
+)
+def test_a_lane_that_ends_leaves_its_neighbours_untouched(
+    kind: Callable[[Machines], Machines], too_much: dict[str, float]
+) -> None:
+    each = kind([(STEEL, LobeDefects.worn(k)) for k in (2, 1)] + [(BRAKED, LobeDefects.healthy())])
+    each[1] = (each[1][0].replace(**too_much), each[1][1])
     n, solver = 2000, Solver()
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
@@ -213,8 +252,8 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
 
 
 def test_what_a_batch_cannot_do_goes_to_the_exact_kernel() -> None:
-    rubbing = STEEL.replace(sleeve_friction=0.05)
-    gearboxes = [STEEL, rubbing, BRAKED, STEEL.replace(lobe_pitch_errors=[1e-6] * 30)]
+    coarse = STEEL.replace(profile_points=900)
+    gearboxes = [STEEL, coarse, BRAKED, STEEL.replace(lobe_pitch_errors=[1e-6] * 30)]
     calls: list[tuple[int, int]] = []
     runs = simulate_many(
         gearboxes, LobeDefects.worn(1), duration=0.01, kernel="auto",
@@ -223,14 +262,12 @@ def test_what_a_batch_cannot_do_goes_to_the_exact_kernel() -> None:
     assert [run.kernel for run in runs] == ["batch", "exact", "batch", "exact"]
     assert [run.gearbox for run in runs] == gearboxes
     assert calls == [(k, 4) for k in range(1, 5)]
-    assert np.array_equal(
-        runs[1].torque_out, simulate(rubbing, LobeDefects.worn(1), duration=0.01).torque_out
-    )
+    assert np.array_equal(runs[1].torque_out, simulate(coarse, LobeDefects.worn(1), duration=0.01).torque_out)
     removed = simulate_many(defects=[LobeDefects.removed(1)], duration=0.01, kernel="auto")
     assert removed[0].kernel == "exact"
     forced = simulate_many(defects=LobeDefects.worn(1), duration=0.01, forces=True, kernel="auto")
     assert forced[0].external_forces is not None
-    with pytest.raises(ValueError, match=r"'batch' does not simulate friction \(run 1\)"):
+    with pytest.raises(ValueError, match=r"'batch' does not simulate a polyline as profile \(run 1\)"):
         simulate_many(gearboxes, duration=0.01, kernel="batch")
     with pytest.raises(ValueError, match="kernel"):
         simulate_many(gearboxes, duration=0.01, kernel="fast")
@@ -262,18 +299,18 @@ def test_options_are_those_of_simulate() -> None:
 
 def test_batches_fit_the_lanes_the_memory_and_one_form() -> None:
     few = CycloidalGearbox.steel(n_pins=12, pin_radius=4e-3)
-    gearboxes = [STEEL, few] * 9
+    gearboxes = [STEEL, few, STEEL.replace(sleeve_friction=0.05)] * 9
 
     def requests(duration: float) -> dict[int, batch.Request]:
         arguments = [{"gearbox": one, "duration": duration} for one in gearboxes]
         return {k: batch.Request.of(one) for k, one in enumerate(arguments)}
 
     groups = list(batch.batches(requests(0.1)))
-    assert sorted(key for group in groups for key in group) == list(range(18))
+    assert sorted(key for group in groups for key in group) == list(range(27))
     assert all(len({one.form for one in group.values()}) == 1 for group in groups)
     assert max(len(group) for group in groups) == min(batch.n_lanes(), 9)
     long = list(batch.batches(requests(60.0)))
-    assert [len(group) for group in long] == [1] * 18
+    assert [len(group) for group in long] == [1] * 27
     mixed = [{"duration": 0.1, "solver": Solver(dt=dt)} for dt in (1e-5, 5e-6, 1e-5)]
     groups = list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(mixed)}))
     assert sorted(sorted(group) for group in groups) == [[0, 2], [1]]
@@ -328,6 +365,8 @@ def test_the_kernel_knows_which_sources_it_was_compiled_with() -> None:
     """numba's cache on disk looks at one file: a change of another has to change the kernel's, too."""
     folder = Path(batch.__file__).parent
     sources = [folder.parent / "_outline.py"]
-    sources += [folder / f"{name}.py" for name in ("_rows", "_vectors", "_lanes", "_frames")]
+    sources += [
+        folder / f"{name}.py" for name in ("_rows", "_vectors", "_lanes", "_friction", "_frames", "_steps")
+    ]
     checksum = crc32(b"".join(path.read_bytes() for path in sources))
     assert f"SOURCES_CHECKSUM = {checksum:#x}\n".lower() in (folder / "_kernel.py").read_text().lower()

@@ -27,7 +27,6 @@ import pytest
 from scipy.stats import loguniform, qmc, uniform
 
 from cyclofeat.simulators import (
-    BearingFriction,
     BrakeRotor,
     Campaign,
     Clearance,
@@ -325,12 +324,11 @@ def test_runs_that_fail_in_a_batch_have_the_exact_kernels_reason() -> None:
 
 
 def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp_path: Path) -> None:
-    campaign = SMALL.replace(rig=QUICK.with_effects(BearingFriction(0.2)), depth=1.0, repeats=1)
+    coarse = QUICK.replace(gearbox=CycloidalGearbox.steel(ramp_time=0.02, profile_points=900))
+    campaign = SMALL.replace(rig=coarse, depth=1.0, repeats=1)
     data = run_campaign(campaign, tmp_path / "auto")
     assert data.parameters["kernel"].tolist() == ["exact"] * 3
-    with pytest.raises(
-        ValueError, match="cannot be simulated, .*: kernel 'batch' does not simulate friction"
-    ):
+    with pytest.raises(ValueError, match="cannot be simulated, .*: kernel 'batch' does not simulate a poly"):
         run_campaign(campaign.replace(kernel="batch"), tmp_path / "batch")
     assert not (tmp_path / "batch").exists()
 
