@@ -202,15 +202,19 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
 
 
 def attempt_planned(
-    plans: Sequence[PlannedRun], kernel: str
+    plans: Sequence[PlannedRun | ValueError], kernel: str
 ) -> list[MachineRun | SimulationFailed | ValueError]:
-    """As :func:`run_planned`, but a run whose values contradict each other has a ValueError in its place."""
+    """As :func:`run_planned`; the ValueError of a run that cannot be planned or begun stands in its place."""
+    possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
+    made: list[Any]
     try:
-        return list(run_planned(plans, kernel=kernel))
-    except ValueError as error:
-        if len(plans) == 1:
-            return [error]
-    return [result for plan in plans for result in attempt_planned([plan], kernel)]
+        made = run_planned(possible, kernel=kernel)
+    except ValueError as error:  # of one of them
+        made = [error]
+        if len(possible) > 1:
+            made = [result for plan in possible for result in attempt_planned([plan], kernel)]
+    left = iter(made)
+    return [next(left) if isinstance(plan, PlannedRun) else plan for plan in plans]
 
 
 @dataclass(frozen=True)

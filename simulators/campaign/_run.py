@@ -82,11 +82,8 @@ def simulate_runs(
     if expected is not None:
         _check_worker(campaign, expected)
     begun = [_begun(campaign, plan) for plan in plans]
-    possible = [planned for _, planned in begun if isinstance(planned, PlannedRun)]
-    made = iter(attempt_planned(possible, campaign.kernel))
-    return [
-        _result(row, next(made) if isinstance(planned, PlannedRun) else planned) for row, planned in begun
-    ]
+    made = attempt_planned([planned for _, planned in begun], campaign.kernel)
+    return [_result(row, one) for (row, _), one in zip(begun, made, strict=True)]
 
 
 class UnlikeWorker(RuntimeError):

@@ -21,8 +21,8 @@ from cyclofeat.gap import (
     locate,
     summarise,
 )
-from cyclofeat.gap.simulations import Population
-from cyclofeat.gap.what import Typical, _ranker, make_table, sharpened
+from cyclofeat.gap.simulations import Population, _population
+from cyclofeat.gap.what import Typical, _ranker, _table, make_table, sharpened
 from cyclofeat.gap.what._learned import _SETS_PER_DRAW, _sets, _temperature, _ties
 from cyclofeat.gap.what._ranker import _in_model, _names, _together
 from cyclofeat.gap.what._table import _used
@@ -171,14 +171,14 @@ def test_sets_are_the_change_and_what_recordings_differ_by() -> None:
 def test_simulations_that_fail_are_counted_and_not_learned(
     comparison: Comparison, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, anew = Population.run_machine, comparison.replace(cache=None)
+    real, anew = _table.attempt_planned, comparison.replace(cache=None)
 
-    def run_machine(self, *arguments, **options):
-        if {"clearance", "hum"} & {effect.effect_id for effect in self.rig.effects}:
-            raise SimulationFailed("it diverges")
-        return real(self, *arguments, **options)
+    def attempt_planned(plans, kernel):
+        failing = [{"clearance", "hum"} & {one.effect_id for one in plan.machine.effects} for plan in plans]
+        runs = zip(failing, real(plans, kernel), strict=True)
+        return [SimulationFailed("it diverges") if fails else run for fails, run in runs]
 
-    monkeypatch.setattr(Population, "run_machine", run_machine)
+    monkeypatch.setattr(_table, "attempt_planned", attempt_planned)
     size = {"n_draws": 5, "n_recordings": 2, "n_null": 16}
     table = make_table(anew, ["offset", "clearance"], **size)
     assert table.n_failed == 10
@@ -187,6 +187,37 @@ def test_simulations_that_fail_are_counted_and_not_learned(
     hum = anew.replace(rig=BASE.with_added(Hum(0.1)))
     with pytest.raises(SimulationFailed, match="without any effect"):
         make_table(hum, ["offset"], **size)
+
+
+def test_batches_change_no_verdict(
+    comparison: Comparison, recorded: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside what recordings differ by, the error of single precision is nothing."""
+    measured = recorded([Hum(0.3)], (0, 3), n=6, base=BASE)
+    made = {}
+    for kernel in ("exact", "batch"):
+        for module in (_population, _table):
+            monkeypatch.setattr(module, "KERNEL", kernel)
+        anew = comparison.replace(cache=None)
+        located = compared(anew, measured)
+        made[kernel] = located, learn_effects(anew, library=["hum", "offset", "clearance"], **SMALL)
+    (exact, of_exact), (batch, of_batch) = made.values()
+    _, cells = summarise(measured.X[:1], comparison.conditions)
+    # How often two samples agree in all digits is left to chance with either kernel.
+    rounded = np.array([cell.name == "share of distinct values" for cell in cells])
+    spread = exact.simulated.std(axis=0)[~rounded]
+    error = np.abs(batch.simulated - exact.simulated)[:, ~rounded]
+    assert error.max() > 0
+    assert np.all(error <= 0.01 * spread)
+    for name in of_exact.names:
+        shift = of_batch.table.shifts(name) - of_exact.table.shifts(name)
+        assert np.all(np.abs(shift[:, ~rounded]) <= 0.01 * spread), name
+    for one, other in zip(exact.table, batch.table, strict=True):
+        assert one.low <= other.difference <= one.high, one
+    found = [{row.cell.name for row in one.table if row.p < 0.05} for one in (exact, batch)]
+    assert found[0] == found[1] != set()
+    for ranking in (of_exact.rank(exact), of_batch.rank(batch)):
+        assert (ranking.rows[0].effect_id, ranking.unknown) == ("hum", False)
 
 
 # The stage as a whole
@@ -269,7 +300,7 @@ def test_two_effects_are_found_as_a_pair(
 def test_a_table_from_the_cache_is_learned_again_to_the_same(
     ranker: EffectRanker, located: dict[str, LocatedGap], simulations: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Population, "run_machine", None)  # nothing is simulated
+    monkeypatch.setattr(Population, "plan_run", None)  # nothing is simulated
     again = learn_effects(ranker.comparison.replace(cache=simulations), library=ranker.names, **SMALL)
     assert np.array_equal(again.learned(6).confusion, ranker.learned(6).confusion)
     assert again.rank(located["offset"]) == ranker.rank(located["offset"])

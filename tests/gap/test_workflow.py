@@ -272,7 +272,7 @@ def test_what_is_held_out_is_refused_before_anything_is_simulated(
     def simulated(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated")
 
-    monkeypatch.setattr(Population, "run_machine", simulated)
+    monkeypatch.setattr(Population, "plan_run", simulated)
     with pytest.raises(ValueError, match=message):
         found_in(Windows(RIPPLE, [0, 0, 0, 0, 3, 3, 3, 3]), Windows(X, **options))
 
@@ -295,7 +295,7 @@ def test_a_second_run_goes_on_from_the_cache(
     def simulated(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr(Population, "run_machine", simulated)
+    monkeypatch.setattr(Population, "plan_run", simulated)
     again = found_in(of_bank(done.fit), of_bank(done.hold), cache=done.folder)
     expected = {k: v for k, v in done.result.to_dict().items() if k != "seconds"}
     assert {k: v for k, v in again.to_dict().items() if k != "seconds"} == expected

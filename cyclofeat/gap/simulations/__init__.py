@@ -6,6 +6,7 @@ them, and :class:`Memory` stores them.
 
 from cyclofeat.gap.simulations._memory import Memory, versions
 from cyclofeat.gap.simulations._population import (
+    KERNEL,
     MAY_DIFFER,
     NO_SUCH_RIG,
     SPARE,
@@ -13,12 +14,14 @@ from cyclofeat.gap.simulations._population import (
     Population,
     Record,
     as_rig,
+    in_batches,
     record,
     simulate_bank,
     with_may_differ,
 )
 
 __all__ = [
+    "KERNEL",
     "MAY_DIFFER",
     "NO_SUCH_RIG",
     "SPARE",
@@ -27,6 +30,7 @@ __all__ = [
     "Population",
     "Record",
     "as_rig",
+    "in_batches",
     "record",
     "simulate_bank",
     "versions",

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import joblib
 import numpy as np
@@ -26,11 +28,14 @@ from cyclofeat.simulators import (
     run_planned,
 )
 
+T = TypeVar("T")
 Float = NDArray[np.float64]
 Seed = np.random.SeedSequence
 
 # One evaluation per step instead of two; the difference is below the resolution of the summaries.
 _SOLVER = Solver(integrator="adams_bashforth")
+# Banks and tables are compared within the scatter of recordings: the error of single precision is far below.
+KERNEL = "auto"
 # Errors of a rig that cannot be built or simulated: a filter above the Nyquist frequency, a gearbox that does
 # not settle, an effect that does not apply to its contact law.
 NO_SUCH_RIG = (SimulationFailed, ValueError)
@@ -174,6 +179,13 @@ def record(run: MachineRun, effects: Sequence[Effect] = ()) -> Record:
     return Record(made.torque_out.astype(np.float32), turned / (angle.size - 1) * made.sampling_rate)
 
 
+def in_batches(items: Sequence[T]) -> list[Sequence[T]]:
+    """Parts of a list of runs, each as many as are simulated at once."""
+    from cyclofeat.simulators.batch import n_lanes
+
+    return [items[first : first + n_lanes()] for first in range(0, len(items), n_lanes())]
+
+
 def simulate_bank(
     population: Population,
     counts: Sequence[int],
@@ -192,14 +204,19 @@ def simulate_bank(
     # Recordings of one assembly differ in their counts.
     wanted = np.array(counts)[(assemblies + repeat) % len(counts)]
 
-    def one(i: int) -> Record | str:
-        shared = None if n_assemblies is None else Seed([random_state, int(assemblies[i])])
-        try:
-            return population.record(int(wanted[i]), Seed(random_state, spawn_key=(i,)), shared)
-        except SimulationFailed as failure:
-            return str(failure)
+    def some(numbers: Sequence[int]) -> list[Record | str]:
+        shared = {
+            i: None if n_assemblies is None else Seed([random_state, int(assemblies[i])]) for i in numbers
+        }
+        plans = [
+            population.plan_run(int(wanted[i]), Seed(random_state, spawn_key=(i,)), shared[i])
+            for i in numbers
+        ]
+        runs = run_planned(plans, kernel=KERNEL)
+        return [str(run) if isinstance(run, SimulationFailed) else record(run) for run in runs]
 
-    made = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(one)(i) for i in range(n))
+    parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(some)(part) for part in in_batches(range(n)))
+    made = list(itertools.chain.from_iterable(parts))
     done = [i for i, one in enumerate(made) if isinstance(one, Record)]
     if len(done) <= n // 2:
         first = next(one for one in made if isinstance(one, str))

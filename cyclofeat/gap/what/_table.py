@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -12,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.gap.comparison import SIMULATED_BY, Comparison
-from cyclofeat.gap.simulations import NO_SUCH_RIG, SPARE, Population, record
+from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SPARE, Population, in_batches, record
 from cyclofeat.gap.summaries import Conditions, class_means, less_class_means, summarise
-from cyclofeat.simulators import Effect, SimulationFailed, effect_library
+from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed, effect_library
+from cyclofeat.simulators.many import attempt_planned
 
 Float = NDArray[np.float64]
 Chain = tuple[Effect, ...]  # effects that change the recorded torque only
@@ -115,9 +117,10 @@ def _simulated(
     places = [(name, j, k) for name in in_machine for j, k in np.ndindex(used.shape)]
     jobs += [(int(used[j, k]), drawn[name][j], [()]) for name, j, k in places]
     population, conditions, state = comparison.population, comparison.conditions, comparison.random_state
-    made = joblib.Parallel(n_jobs=comparison.n_jobs)(
-        joblib.delayed(_summaries)(population, conditions, int(counts[job[0]]), state, job) for job in jobs
+    parts = joblib.Parallel(n_jobs=comparison.n_jobs)(
+        joblib.delayed(_summaries)(population, conditions, counts, state, part) for part in in_batches(jobs)
     )
+    made = list(itertools.chain.from_iterable(parts))
     plain = [rows for rows in made[:n_null] if rows is not None]
     if len(plain) < n_null:
         raise SimulationFailed("the simulator fails without any effect: there is nothing to compare with")
@@ -133,17 +136,38 @@ def _simulated(
 
 
 def _summaries(
-    population: Population, conditions: Conditions, count: int, random_state: int, job: Job
-) -> Float | None:
-    """Return the summaries of one run for each chain; NaN for an impossible chain, None if the run fails."""
-    number, effect, chains = job
+    population: Population,
+    conditions: Conditions,
+    counts: NDArray[np.int64],
+    random_state: int,
+    jobs: Sequence[Job],
+) -> list[Float | None]:
+    """Return the summaries of each run for each of its chains; None for a run that fails."""
+    plans = [_planned(population, counts, random_state, job) for job in jobs]
+    runs = attempt_planned(plans, KERNEL)
+    return [
+        _recorded(run, chains, population.n_samples, conditions) if isinstance(run, MachineRun) else None
+        for (*_, chains), run in zip(jobs, runs, strict=True)
+    ]
+
+
+def _planned(
+    population: Population, counts: NDArray[np.int64], random_state: int, job: Job
+) -> PlannedRun | ValueError:
+    number, effect, _ = job
     changed = population if effect is None else population.with_added(effect)
     seed = np.random.SeedSequence(random_state, spawn_key=(number,))
     try:
-        run = changed.run_machine(count, seed, spare=SPARE if effect is None else 0.0)
-    except NO_SUCH_RIG:
-        return None
-    torque = np.full((len(chains), population.n_samples), np.nan, dtype=np.float32)
+        return changed.plan_run(int(counts[number]), seed, spare=SPARE if effect is None else 0.0)
+    except ValueError as error:
+        return error
+
+
+def _recorded(
+    run: MachineRun, chains: Sequence[Chain], n_samples: int, conditions: Conditions
+) -> Float | None:
+    """Return the summaries of a run for each chain; NaN for an impossible chain, None if the first is one."""
+    torque = np.full((len(chains), n_samples), np.nan, dtype=np.float32)
     for row, chain in zip(torque, chains, strict=True):
         with contextlib.suppress(*NO_SUCH_RIG):
             row[:] = record(run, chain).torque
