@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ __all__ = ["Courses", "TimeCourse", "drive_and_load"]
 Float = NDArray[np.float64]
 TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 
+_GRID = 2**16  # times are made in blocks, so that runs of different length share them
 MARGIN = 40  # samples that a run is longer than its result, for the anti-alias filter
 
 
@@ -60,13 +62,21 @@ def drive_and_load(
     At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``.
     """
     # One block: numpy requests large pages from 4 MB on, which halves the time.
-    block: Float = np.empty((5, n))
-    time, drive, torque = block[4], block[:3], block[3]
-    np.multiply(np.arange(n, dtype=float), step, out=time)
+    block: Float = np.empty((4, n))
+    time = _times(-(-n // _GRID) * _GRID, step)[:n]
     courses = courses or Courses()
-    _drive(drive, gearbox, time, start_angle, sampling_rate, courses)
-    _load(torque, gearbox, time, sampling_rate, courses)
-    return block[:4]
+    _drive(block[:3], gearbox, time, start_angle, sampling_rate, courses)
+    _load(block[3], gearbox, time, sampling_rate, courses)
+    return block
+
+
+@functools.lru_cache(maxsize=1)
+def _times(n: int, step: float) -> Float:
+    """Return ``n`` times ``step`` apart from 0, which most runs of a batch share."""
+    times: Float = np.arange(n, dtype=float)
+    times *= step
+    times.flags.writeable = False
+    return times
 
 
 def _drive(

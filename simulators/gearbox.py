@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -248,7 +249,7 @@ class CycloidalGearbox:
                 f"({4 * self.n_lobes}), got {points!r}"
             )
         object.__setattr__(self, "profile_points", int(points))
-        smallest = 1 / float(self.profile.curvature(np.linspace(0, math.pi / self.n_lobes, 181)).max())
+        smallest = _least_radius(self.eccentricity, self.n_pins, self.shortening)
         if self.pin_radius + self.pin_clearance >= smallest:
             raise ValueError(
                 f"pin_radius must be below {smallest - self.pin_clearance:.6g} m, the least radius of "
@@ -267,7 +268,7 @@ class CycloidalGearbox:
             values = getattr(self, name)
             if len(values) not in (0, length):
                 raise ValueError(f"{name} must be empty or hold {length} values, got {len(values)}")
-            if not np.all(np.isfinite(values)):
+            if values and not np.all(np.isfinite(values)):
                 raise ValueError(f"{name} must be finite, got {values!r}")
 
     @classmethod
@@ -384,6 +385,13 @@ class CycloidalGearbox:
             raise ValueError(f"damping_ratio must lie in [0, 1), got {damping_ratio!r}")
         damping = 2 * damping_ratio * math.sqrt(stiffness * inertia)
         return self.replace(brake_inertia=inertia, meter_stiffness=stiffness, meter_damping=damping)
+
+
+@functools.lru_cache
+def _least_radius(eccentricity: float, n_pins: int, shortening: float) -> float:
+    """Return the least radius of curvature of the path of a pin's centre, in m."""
+    path = CycloidalProfile(eccentricity, n_pins, shortening, 0.0)
+    return 1 / float(path.curvature(np.linspace(0, math.pi / path.n_lobes, 181)).max())
 
 
 def _errors(name: str, values: Any) -> tuple[Any, ...]:

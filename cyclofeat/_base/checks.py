@@ -42,6 +42,8 @@ def check_number(name: str, value: Any, what: str = "a number") -> None:
 
 def number(name: str, value: Any, what: str = "a number") -> float:
     """Return a finite number as a float."""
+    if type(value) is float and math.isfinite(value):  # by far the most often
+        return value
     check_number(name, value, what)
     return _checked(math.isfinite(value), name, value, "finite")
 

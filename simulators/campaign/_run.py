@@ -151,20 +151,24 @@ def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRu
         DEPTH: defects.depth if defects.worn_lobes else 0.0,
     }
     seed = campaign.seed_of(plan.run)
+    planned: PlannedRun | ValueError
     try:
         rig = _rig_of(campaign, plan.values)
-        machine = rig.draw(seed)
-        row |= machine.true_values()
-        for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
-            row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
-        row["settling_s"] = settling_time(machine.gearbox)
-        planned = rig.plan_run(
-            defects, duration=campaign.n_samples / campaign.sampling_rate,
-            sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
-        )  # fmt: skip
-    except ValueError as error:
+        try:
+            planned = rig.plan_run(
+                defects, duration=campaign.n_samples / campaign.sampling_rate,
+                sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
+            )  # fmt: skip
+        except ValueError as error:
+            machine, planned = rig.draw(seed), error
+            settling = settling_time(machine.gearbox)
+        else:
+            machine, settling = planned.machine, planned.n_settling / campaign.sampling_rate
+    except ValueError as error:  # there is no such machine
         return row, error
-    row["settling_s"] = planned.n_settling / campaign.sampling_rate
+    row |= {"settling_s": settling, **machine.true_values()}
+    for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
+        row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
     return row, planned
 
 
