@@ -166,24 +166,13 @@ def _weight_at(weights, first, step, half):
 def _beside(part, further, middle, lever, normal, g, at):
     """The line across a flank where the outline may pass into a defect: value, slopes along v and u."""
     sine, fall = sine_and_fall((part - further) * g[at + rows.PITCH])
-    along_x = choose(middle, -g[at + rows.PIT_NY], part * 0.0)
-    along_y = choose(middle, g[at + rows.PIT_NX], part * 0.0 + 1.0)
+    along_x = choose(middle, -g[at + rows.EDGE_NY + rows.AT_PIT], part * 0.0)
+    along_y = choose(middle, g[at + rows.EDGE_NX + rows.AT_PIT], part * 0.0 + 1.0)
     x = along_x - fall * along_x + sine * along_y
     y = along_y - fall * along_y - sine * along_x
     nx, ny = normal
     value = lever[0] * x + lever[1] * y - choose(middle, g[at + rows.PIT_DOT], part * 0.0)
     return value, x * nx + y * ny, y * nx - x * ny
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _edges_in_reach(from_x, from_y, normal, is_chord, reach, share):
-    """Place of the pins from the vertices of one kind of edges; masks of those in reach and touching."""
-    nx, ny = normal
-    v, u = from_x * nx + from_y * ny, from_y * nx - from_x * ny
-    aside = smaller(u, 0.0) if is_chord else u
-    square = v * v + aside * aside
-    reach, lowest, touching = reach
-    return v, u, (square < reach) & (v >= lowest) & (share > 0.0), square < touching
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -198,46 +187,37 @@ def _write_normal(spins, row, normal, axes, frames, n_blocks, b):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _write_edges(row, row_of_normals, is_chord, place, normal, turn, pin, share, q, tables, b):
-    """Write the rows of one kind of edges."""
-    frames, n_blocks = tables.frames, tables.n_blocks
-    v, u, _, _ = place
-    sine, fall = turn
-    lever, cam, axes = pin
-    nx, ny = normal
-    x, y = nx - fall * nx + sine * ny, ny - fall * ny - sine * nx
-    _write_normal(tables.spins, row_of_normals, (x, y), axes, frames, n_blocks, b)
-    store(frames, (row + rows.E_LEVER_N) * n_blocks + b, lever[0] * x + lever[1] * y)
-    store(frames, (row + rows.E_LEVER_T) * n_blocks + b, lever[1] * x - lever[0] * y)
-    store(frames, (row + rows.E_CAM_N) * n_blocks + b, cam[0] * x + cam[1] * y)
-    store(frames, (row + rows.E_CAM_T) * n_blocks + b, cam[1] * x - cam[0] * y)
-    store(frames, (row + rows.E_OVER) * n_blocks + b, v - q)
-    store(frames, (row + rows.E_ALONG) * n_blocks + b, u)
-    store(frames, (row + rows.E_WEIGHT) * n_blocks + b, share)
-    store(frames, (row + rows.E_IS_CHORD) * n_blocks + b, 0.0 * share + is_chord)
-
-
-@inner_njit(fastmath=FASTMATH, forceinline=True)
-def _edge_frames(at_lobe, arm, beyond_tip, pin, share, reach, tables, at, b):
-    """Frames of chords and pits; return their places and masks.
+def _edge_frames(kind, at_lobe, share, side, arm, beyond_tip, pin, reach, tables, at, b):
+    """Frames of one kind of edges, and the masks of those that touch and of those only in reach.
 
     ``at_lobe`` is the pin's place in pitches from the tip, ``arm`` the vector from the profile to it,
     ``beyond_tip`` the radial part of that from the tip at place 0.
     """
-    g = tables.rounded
+    g, frames, n_blocks = tables.rounded, tables.frames, tables.n_blocks
+    lever, cam, axes = pin
     sine, fall = sine_and_fall(at_lobe * g[at + rows.PITCH])
-    x, y = beyond_tip - fall * arm[0] - sine * arm[1], sine * arm[0] + (arm[1] - fall * arm[1])
-    q = g[at + rows.RADIUS]
-    limits = ((q + reach) * (q + reach), -reach, q * q)
-    chord, pit = (g[at + rows.CHORD_X], g[at + rows.CHORD_Y]), (g[at + rows.PIT_NX], g[at + rows.PIT_NY])
-    on_chord = _edges_in_reach(x, y, chord, True, limits, share)
-    x, y = x + g[at + rows.TIP_TO_PIT_X], y - g[at + rows.PIT_Y]
-    at_pit = _edges_in_reach(x, y, pit, False, limits, share)
-    if bits_of(on_chord[2] | at_pit[2]) != 0:
-        turn = sine, fall
-        _write_edges(rows.CHORDS, rows.CHORD_NORMALS, 1.0, on_chord, chord, turn, pin, share, q, tables, b)
-        _write_edges(rows.PITS, rows.PIT_NORMALS, 0.0, at_pit, pit, turn, pin, share, q, tables, b)
-    return on_chord, at_pit
+    from_x = beyond_tip - fall * arm[0] - sine * arm[1] - g[at + rows.EDGE_X + kind]
+    from_y = sine * arm[0] + (arm[1] - fall * arm[1]) - g[at + rows.EDGE_Y + kind]
+    nx, ny = g[at + rows.EDGE_NX + kind], g[at + rows.EDGE_NY + kind]
+    v, u = from_x * nx + from_y * ny, from_y * nx - from_x * ny
+    aside = smaller(u, 0.0) if kind == rows.ON_CHORD else u
+    square, q = v * v + aside * aside, g[at + rows.RADIUS]
+    near = (square < (q + reach) * (q + reach)) & (v >= -reach) & (share > 0.0)
+    touching = square < q * q
+    tables.bits[(rows.ON_EDGE + kind) * n_blocks + b] = bits_of(near & touching)
+    tables.bits[(rows.NEAR_EDGE + kind) * n_blocks + b] = bits_of(near & ~touching)
+    if bits_of(near) != 0:
+        row = rows.EDGE_FRAMES + rows.N_EDGE_ROWS * kind
+        x, y = nx - fall * nx + sine * ny, ny - fall * ny - sine * nx
+        _write_normal(tables.spins, rows.EDGE_NORMALS + 2 * kind, (x, y), axes, frames, n_blocks, b)
+        store(frames, (row + rows.E_LEVER_N) * n_blocks + b, lever[0] * x + lever[1] * y)
+        store(frames, (row + rows.E_LEVER_T) * n_blocks + b, lever[1] * x - lever[0] * y)
+        store(frames, (row + rows.E_CAM_N) * n_blocks + b, cam[0] * x + cam[1] * y)
+        store(frames, (row + rows.E_CAM_T) * n_blocks + b, cam[1] * x - cam[0] * y)
+        store(frames, (row + rows.E_OVER) * n_blocks + b, v - q)
+        store(frames, (row + rows.E_ALONG) * n_blocks + b, u)
+        store(frames, (row + rows.E_WEIGHT) * n_blocks + b, share)
+        store(frames, (row + rows.E_SIDE) * n_blocks + b, side)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -262,9 +242,9 @@ def _places_of_weights(place, b, lane, tables, half):
     """Index of the first pin's weights on each wheel, two lobes before its own, and the pins' way over it."""
     n_places = np.uintp(tables.n_lobes + 4) + np.uintp(tables.n_blocks) * count(half)
     base = (np.floor(-place[0]), np.floor(-place[1]))
-    block = np.uintp(b) * count(half) + np.uintp(6) * lane * n_places
+    block = np.uintp(b) * count(half) + np.uintp(2 * rows.N_WEIGHTS) * lane * n_places
     first = block + np.uintp(np.int64(base[0]) + tables.n_lobes)
-    second = block + np.uintp(np.int64(base[1]) + tables.n_lobes) + np.uintp(3) * n_places
+    second = block + np.uintp(np.int64(base[1]) + tables.n_lobes) + np.uintp(rows.N_WEIGHTS) * n_places
     share = _of_pins(tables.pins, rows.PIN_SHARE * tables.n_blocks + b, half)
     over = _both((-place[0] - base[0], -place[1] - base[1]), tables.frames, half) - share
     return (first, second), n_places, over
@@ -310,21 +290,24 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
         lined = uneven & (magnitude(line[0]) < line_reach)
         weight = choose(lined, before, weight)
     used = used & ~lined & (weight > 0.0)
-    # Chord and pit of the lobe to which the pin at rest belongs.
+    # Chord and pit of the lobe to which the pin at rest belongs, and the nearest tip.
     up = choose(part >= 1.0 - LEAD, one, 0.0)
     shift = np.uintp(rows.CHORD) * n_places
     share = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step + up, half)
     share = choose(part - up <= CHORD_ENDS, share, 0.0)
-    on_worn = bits_of(share > 0.0) != 0
-    bits, none = tables.bits, np.uint64(0)
-    for mask in range(rows.ON_CHORD, rows.N_MASKS):
-        bits[mask * n_blocks + b] = none
-    if on_worn:
-        on_chord, at_pit = _edge_frames(part - up, arm, beyond_tip, pin, share, edge_reach, tables, at, b)
-        bits[rows.ON_CHORD * n_blocks + b] = bits_of(on_chord[2] & on_chord[3])
-        bits[rows.AT_PIT * n_blocks + b] = bits_of(at_pit[2] & at_pit[3])
-        bits[rows.NEAR_CHORD * n_blocks + b] = bits_of(on_chord[2] & ~on_chord[3])
-        bits[rows.NEAR_PIT * n_blocks + b] = bits_of(at_pit[2] & ~at_pit[3])
+    side = zero
+    for kind in range(rows.N_EDGE_KINDS):
+        if kind == rows.AT_PIT:
+            side = -one
+        elif kind == rows.ON_TIP:
+            up = choose(part >= 0.5, one, 0.0)
+            shift = np.uintp(rows.TIP) * n_places
+            side = 2.0 * _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step + up, half)
+            share = magnitude(side) * 0.5
+        tables.bits[(rows.ON_EDGE + kind) * n_blocks + b] = np.uint64(0)
+        tables.bits[(rows.NEAR_EDGE + kind) * n_blocks + b] = np.uint64(0)
+        if bits_of(share > 0.0) != 0:
+            _edge_frames(kind, part - up, share, side, arm, beyond_tip, pin, edge_reach, tables, at, b)
     return weight, used, lined
 
 
@@ -403,7 +386,7 @@ def _contacts(kind, w, lane, tables, lanes):
     if kind == rows.LINED_FLANKS:
         table, n_rows = tables.lined, np.uintp(rows.N_LINED_ROWS)
     elif kind == rows.EDGES:
-        table, n_rows, first = tables.edges, np.uintp(rows.N_EDGE_ROWS), np.uintp(2) * n_pins
+        table, n_rows, first = tables.edges, np.uintp(rows.N_EDGE_ROWS), np.uintp(rows.N_EDGE_KINDS) * n_pins
     return table, first * n_rows * width + lane, n_rows
 
 
@@ -484,10 +467,10 @@ def _pack_all(w, lane, faulty, tables, lanes, half):
     n = _pack(rows.LINED, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
     keep_first(kind, w, lane, n, tables, lanes)
     n = np.uintp(0)
-    for mask in range(rows.ON_CHORD, rows.N_MASKS):
-        kind = (mask - rows.ON_CHORD) % rows.N_EDGE_KINDS
+    for mask in range(rows.ON_EDGE, rows.N_MASKS):
+        kind = (mask - rows.ON_EDGE) % rows.N_EDGE_KINDS
         n = _pack(
-            mask, rows.CHORDS + rows.N_EDGE_ROWS * kind, rows.CHORD_NORMALS + 2 * kind, rows.EDGES, w, n,
+            mask, rows.EDGE_FRAMES + rows.N_EDGE_ROWS * kind, rows.EDGE_NORMALS + 2 * kind, rows.EDGES, w, n,
             lane, tables, lanes, half,
         )  # fmt: skip
     keep_first(rows.EDGES, w, lane, n, tables, lanes)

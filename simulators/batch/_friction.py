@@ -32,7 +32,7 @@ def first_normal(kind, w, tables):
     """Row of the normal of the first of a wheel's contacts of one kind."""
     n_pins = tables.n_lobes + 1
     first = rows.N_SPIN_ROWS * (n_pins + tables.n_sleeves) + 2
-    per_wheel = 2 * n_pins if kind == rows.EDGES else n_pins
+    per_wheel = rows.N_EDGE_KINDS * n_pins if kind == rows.EDGES else n_pins
     return np.uintp(first + rows.N_NORMAL_ROWS * (2 * kind * n_pins + w * per_wheel))
 
 

@@ -38,7 +38,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xB620A27
+SOURCES_CHECKSUM = 0x34CA5D2C
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -109,16 +109,18 @@ def _edges(edges, row, n, normal, turned, speeds, tables, lanes):
     for _ in range(n):
         frame = _frame(edges, row, lanes)
         way = moved(frame, turned)
-        is_chord = load(edges, row + rows.E_IS_CHORD, lanes) > 0.0
+        side = load(edges, row + rows.E_SIDE, lanes)
+        is_chord = magnitude(side) < 0.5
         over, along = load(edges, row + rows.E_OVER, lanes), load(edges, row + rows.E_ALONG, lanes)
         place, inside = edge_place(way[0], way[1], over, along, is_chord, pin_radius)
         if bits_of(inside > 0.0) != 0:
-            radius = choose(is_chord, load(t, rows.TIP_RADIUS, lanes), load(t, rows.PIT_RADIUS, lanes))
+            at_pit = magnitude(side + 1.0) < 0.5
+            radius = choose(at_pit, load(t, rows.PIT_RADIUS, lanes), load(t, rows.TIP_RADIUS, lanes))
             span = choose(is_chord, load(t, rows.TIP_SPAN, lanes), 0.0)
             edge = (pin_radius, load(t, rows.TURN, lanes), radius, span)
             force, cam_arm, arm, along, tilt = edge_force(frame, way, place, inside, edge, wheel, contact)
             on_chord = load(t, rows.CHORD_NY, lanes) * place[0] + load(t, rows.CHORD_NX, lanes) * place[1]
-            across = choose(is_chord, on_chord, -place[1])
+            across = choose(is_chord, on_chord, side * place[1])
             force = choose(across >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
@@ -147,7 +149,7 @@ def _pins(w, faulty, turned, speeds, tables, lanes):
             on_wheel, on_cam = on_wheel + more, on_cam + cam
         n = slots[2 * rows.EDGES + w]
         if n > 0:
-            row, normal = 2 * n_pins * rows.N_EDGE_ROWS, first_normal(rows.EDGES, w, tables)
+            row, normal = rows.N_EDGE_KINDS * n_pins * rows.N_EDGE_ROWS, first_normal(rows.EDGES, w, tables)
             more, cam = _edges(tables.edges, row, n, normal, turned, speeds, tables, lanes)
             on_wheel, on_cam = on_wheel + more, on_cam + cam
     return on_wheel, on_cam

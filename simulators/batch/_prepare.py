@@ -32,8 +32,6 @@ def unsuited(one: KernelInput) -> str | None:
         return "pitch errors of lobes"
     if one.wheel.profile_points > 0:
         return "a polyline as profile"
-    if np.any(one.wear == _outline.REMOVED):
-        return "removed lobes"
     if one.wheel.n_lobes + 1 < _FEWEST_PINS:
         return f"fewer than {_FEWEST_PINS} pins"
     return None
@@ -78,13 +76,13 @@ def batch_tables(
         seen_phi=zeros((lanes,), np.float64),
         flanks=zeros((2, n_pins, rows.N_FLANK_ROWS, lanes), dtype),
         lined=zeros((2, n_pins, rows.N_LINED_ROWS, lanes), dtype),
-        edges=zeros((2, 2 * n_pins, rows.N_EDGE_ROWS, lanes), dtype),
+        edges=zeros((2, rows.N_EDGE_KINDS * n_pins, rows.N_EDGE_ROWS, lanes), dtype),
         slots=np.zeros(6, dtype=np.int64),
         ended=np.zeros((2, lanes), dtype=np.int64),
         geometry=np.zeros((lanes, rows.N_COLUMNS)),
         rounded=np.zeros((lanes, rows.N_COLUMNS), dtype),
         pins=zeros((3 + 2 * lanes, n_blocks * across), dtype),
-        weights=np.ones((lanes, 2, 3, n_places), dtype),
+        weights=np.ones((lanes, 2, rows.N_WEIGHTS, n_places), dtype),
         frames=zeros((rows.N_FRAME_ROWS, 2 * n_blocks * across), dtype),
         bits=np.zeros((rows.N_MASKS, n_blocks), dtype=np.uint64),
         sleeves=np.zeros((2, joint.n_sleeves)),
@@ -110,18 +108,28 @@ def batch_tables(
         for row, first in enumerate((_outline.PIN_RADIAL_ERROR, _outline.PIN_TANGENTIAL_ERROR)):
             errors[row] = one.pins[int(first) : int(first) + n_pins]
         lobes = (np.arange(n_places) - FIRST_PLACE - wheel.n_lobes) % wheel.n_lobes
-        wear = _by_wheel(one.wear)[:, lobes]
-        tables.weights[lane, :, rows.FIRST_HALF], tables.weights[lane, :, rows.CHORD] = 1.0 - wear, wear
+        tables.weights[lane] = _weights(_by_wheel(one.wear)[:, : wheel.n_lobes])[:, :, lobes]
     tables.rounded[:] = tables.geometry
     return tables
+
+
+def _weights(wear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights of all lobes: (2, N_WEIGHTS, n_lobes)."""
+    removed = 1.0 * (wear == _outline.REMOVED)
+    worn = wear * (1.0 - removed)
+    weights = np.empty((2, rows.N_WEIGHTS, wear.shape[1]))
+    weights[:, rows.FIRST_HALF], weights[:, rows.SECOND_HALF] = 1.0 - removed - worn, 1.0 - removed
+    weights[:, rows.CHORD], weights[:, rows.TIP] = worn, removed - np.roll(removed, 1, axis=1)
+    return weights
 
 
 def _spins(machines: Sequence[KernelInput], lanes: int, dtype: type) -> NDArray[Any]:
     """Return the table of sleeves that spin, at rest."""
     n_pins, joint = machines[0].wheel.n_lobes + 1, machines[0].joint
     n = n_pins + joint.n_sleeves
-    # Every pin may touch a flank, a flank that a line crosses, and two edges, on each of two wheels.
-    spins = zeros((rows.N_SPIN_ROWS * n + 2 + rows.N_NORMAL_ROWS * 8 * n_pins, lanes), dtype)
+    # Every pin may touch a flank, one that a line crosses, and each kind of edges, on each of two wheels.
+    n_contacts = 2 * (2 + rows.N_EDGE_KINDS) * n_pins
+    spins = zeros((rows.N_SPIN_ROWS * n + 2 + rows.N_NORMAL_ROWS * n_contacts, lanes), dtype)
     axles = spins[rows.AXLE_X * n : (rows.AXLE_Y + 1) * n].reshape(2, n, lanes)
     for lane, one in enumerate(machines):
         columns = (int(first) + np.arange(n_pins) for first in _PIN_COLUMNS)
@@ -246,13 +254,11 @@ def _geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         rows.LARGEST_STEP: _outline.LARGEST_STEP * 16 / (z + 1),
         rows.PITCH: 2 * np.pi / z,
         rows.TIP_LESS: wheel.pin_circle_radius - wheel.tip_x,
-        rows.TIP_TO_PIT_X: wheel.tip_x - wheel.pit_x,
-        rows.PIT_Y: wheel.pit_y,
-        rows.PIT_NX: wheel.pit_nx,
-        rows.PIT_NY: wheel.pit_ny,
         rows.PIT_DOT: wheel.pit_y * wheel.pit_nx - wheel.pit_x * wheel.pit_ny,
-        rows.CHORD_X: wheel.pit_y / length,
-        rows.CHORD_Y: (wheel.tip_x - wheel.pit_x) / length,
+        rows.EDGE_X: np.array([0.0, wheel.pit_x - wheel.tip_x, 0.0]),
+        rows.EDGE_Y: np.array([0.0, wheel.pit_y, 0.0]),
+        rows.EDGE_NX: np.array([wheel.pit_y / length, wheel.pit_nx, 1.0]),
+        rows.EDGE_NY: np.array([(wheel.tip_x - wheel.pit_x) / length, wheel.pit_ny, 0.0]),
         rows.CONSTANT_RADIUS: wheel.pin_radius if one.contact.law == _kernels.CONSERVATIVE_LAW else 0.0,
         rows.NEAR: wheel.near,
         rows.CLOSE: _CLOSE * wheel.pin_circle_radius,

@@ -12,13 +12,13 @@ Tables = namedtuple(
         "seen_phi",  # input angle at the description, float64: (lanes,)
         "flanks",  # (2, capacity, N_FLANK_ROWS, lanes)
         "lined",  # flanks that a line may cross: (2, capacity, N_LINED_ROWS, lanes)
-        "edges",  # (2, capacity, N_EDGE_ROWS, lanes)
+        "edges",  # (2, N_EDGE_KINDS capacity, N_EDGE_ROWS, lanes)
         "slots",  # numbers of flanks, lined flanks and edges of each wheel, in the lane that has most: (3, 2)
         "ended",  # step and reason of the end of each lane: (2, lanes)
         "geometry",  # columns below, float64: (lanes, N_COLUMNS)
         "rounded",  # the same in the vectors' numbers
         "pins",  # cosine, sine, share of a pitch, then each lane's radial and tangential errors, in blocks
-        "weights",  # weights of lobes by place, for each lane and wheel: (lanes, 2, 3, n_places)
+        "weights",  # weights of lobes by place, for each lane and wheel: (lanes, 2, N_WEIGHTS, n_places)
         "frames",  # working memory: rows of flanks and edges, in blocks of the pins of both wheels
         "bits",  # working memory: masks of the pins, (N_MASKS, blocks)
         "sleeves",  # cosine and sine of each sleeve's angle, float64: (2, n_sleeves)
@@ -86,29 +86,33 @@ N_RESULTS = 4
 N_FLANK_ROWS, N_LINED_ROWS = 12, 16
 FLANKS, LINED_FLANKS, EDGES = range(3)
 # Rows of an edge: as above; from the vertex to the pin, along normal (less the pin's radius) and tangent;
-# weight; 1 for a chord, 0 for a pit.
-E_LEVER_N, E_LEVER_T, E_CAM_N, E_CAM_T, E_OVER, E_ALONG, E_WEIGHT, E_IS_CHORD = range(8)
+# weight; 0 for the chord of a worn lobe, -1 for its pit, 2 or -2 for a tip where a removed lobe lies ahead or
+# behind. The sign is the side along t on which a vertex acts.
+E_LEVER_N, E_LEVER_T, E_CAM_N, E_CAM_T, E_OVER, E_ALONG, E_WEIGHT, E_SIDE = range(8)
 N_EDGE_ROWS = 8
-# Rows of the working memory: those of a flank, then of both kinds of edges.
-CHORDS, PITS = 16, 24
-# Normals of flanks, chords and pits in fixed axes.
-FLANK_NORMALS, CHORD_NORMALS, PIT_NORMALS = 32, 34, 36
-N_FRAME_ROWS, N_EDGE_KINDS = 38, 2
-TOUCHING, OPEN, LINED, ON_CHORD, AT_PIT, NEAR_CHORD, NEAR_PIT = range(7)
-N_MASKS = 7
+ON_CHORD, AT_PIT, ON_TIP = range(3)
+N_EDGE_KINDS = 3
+# Rows of the working memory: those of a flank, of each kind of edges, and normals of all in fixed axes.
+EDGE_FRAMES, FLANK_NORMALS, EDGE_NORMALS, N_FRAME_ROWS = 16, 40, 42, 48
+# Masks; of each kind of edges two.
+TOUCHING, OPEN, LINED, ON_EDGE, NEAR_EDGE = 0, 1, 2, 3, 6
+N_MASKS = 9
 
 PIN_COS, PIN_SIN, PIN_SHARE = range(3)
-# Weights of the half of a lobe from tip to pit, of the half from pit to the next tip, and of its chord.
-FIRST_HALF, SECOND_HALF, CHORD = range(3)
+# Weights of the half of a lobe from tip to pit, of the half from pit to the next tip, and of its chord; that
+# of its tip as a vertex is negative where the lobe behind is removed.
+FIRST_HALF, SECOND_HALF, CHORD, TIP = range(4)
+N_WEIGHTS = 4
 
-# Columns of the geometry; two for values of each wheel.
+# Columns of the geometry; three for each kind of edges (vertex from the tip, normal), two for each wheel.
 (
     ECCENTRICITY, INVERSE_M, Z, N_PINS, INVERSE_EZ, CIRCLE_RADIUS, CLEARANCE, RADIUS, CURVE_1, CURVE_3,
-    STEEPNESS, STEEPNESS_CHANGE, LARGEST_STEP, PITCH, TIP_LESS, TIP_TO_PIT_X, PIT_Y, PIT_NX, PIT_NY,
-    PIT_DOT, CHORD_X, CHORD_Y, CONSTANT_RADIUS, NEAR, CLOSE, FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH,
-) = range(29)  # fmt: skip
-REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(29, 47, 2)
-N_COLUMNS = 47
+    STEEPNESS, STEEPNESS_CHANGE, LARGEST_STEP, PITCH, TIP_LESS, PIT_DOT, CONSTANT_RADIUS, NEAR, CLOSE,
+    FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH,
+) = range(23)  # fmt: skip
+EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(23, 35, 3)
+REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(35, 53, 2)
+N_COLUMNS = 53
 
 # Why a lane ended.
 RUNNING, LEFT_RANGE, LOCKED_UP, FAR_DISPLACED = range(4)
