@@ -94,7 +94,7 @@ bench-features: $(INSTALLED)  ## the features' speed and memory; writes benchmar
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python benchmarks/features.py --out benchmarks/features.md
 
-RUNS ?= 1000
+RUNS ?= 512
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
 	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from cyclofeat.simulators import (
     GearboxParameter,
     Hum,
     Machine,
+    MachineRun,
     Noise,
     Quantisation,
     Rig,
@@ -33,11 +34,11 @@ from cyclofeat.simulators import (
     run_campaign,
     simulation,
 )
+from cyclofeat.simulators.batch import _run, n_lanes
+from cyclofeat.simulators.campaign import _workers
 
 N_JOBS = 2
-PROFILED_RUNS = 32
-COMPARED_RUNS = 32
-ROUNDS = 3
+PROFILED_RUNS = {"exact": 32, "batch": 64}
 HEADING = "## Outside the kernel"
 RIG = Rig.r1().with_effects(
     GearboxParameter("load_torque", (15.0, 25.0)), Noise((0.05, 0.5)), Hum((0.05, 0.3)), Quantisation(0.05)
@@ -75,7 +76,7 @@ class Watch(threading.Thread):
         super().__init__(daemon=True)
         self.peak = 0.0
         self.cpu: dict[int, float] = {}
-        self._before = each(_cpu)
+        self.before = each(_cpu)
         self._end = threading.Event()
 
     def run(self) -> None:
@@ -91,7 +92,7 @@ class Watch(threading.Thread):
         self.look()
         self._end.set()
         self.join()
-        return sum(self.cpu.values()) - sum(self._before.values())
+        return sum(self.cpu.values()) - sum(self.before.values())
 
 
 def _cpu(process: psutil.Process) -> float:
@@ -118,104 +119,121 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, real)
 
 
+KERNEL: dict[str, tuple[Any, str]] = {"exact": (_kernels, "integrate"), "batch": (_run, "integrate")}
 # Parts of a run outside the kernel, with the functions that do them.
 OUTSIDE: dict[str, tuple[Any, str]] = {
-    "anti-alias filter of the torque, from 100 kHz": (simulation, "resample_poly"),
-    "speed and angle of the drive on half steps (200 kHz)": (courses, "_drive"),
-    "load with its drift on half steps": (courses, "_load"),
+    "speed and angle of the drive at every evaluation": (courses, "_drive"),
+    "load with its drift at every evaluation": (courses, "_load"),
+    "drive and load into the lanes": (_run, "fill"),
+    "anti-alias filter of the torque, from 100 kHz (exact)": (simulation, "resample_poly"),
+    "the same for all lanes (batch)": (_run, "_decimated"),
+    "drawing the machine": (Machine, "drawn"),
     "drawing the drift": (Machine, "fluctuations"),
-    "effects, noise and copies of the channels": (Machine, "measured"),
+    "effects, noise and copies of the channels": (MachineRun, "record"),
 }
 
 
-def shares() -> dict[str, float]:
+def warm_up(campaign: Campaign, folder: Path, n_jobs: int = 1) -> None:
+    """Compile, and start the workers."""
+    run_campaign(campaign.replace(repeats=4 * n_jobs, duration=0.05), folder, n_jobs=n_jobs)
+
+
+def shares(kernel: str) -> dict[str, float]:
     """Shares of the processor time outside the kernel, in one process; the first is their total."""
-    campaign = DESIGN.replace(repeats=PROFILED_RUNS // 8, runs_per_shard=PROFILED_RUNS)
+    campaign = DESIGN.replace(repeats=PROFILED_RUNS[kernel] // 8, kernel=kernel)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        run_campaign(campaign.replace(repeats=1, duration=0.05), Path(folder) / "compiled")
-        kernel = stack.enter_context(timed(_kernels, "integrate"))
-        simulator = stack.enter_context(timed(Rig, "simulate"))
+        warm_up(campaign, Path(folder) / "compiled")
+        inside = stack.enter_context(timed(*KERNEL[kernel]))
+        runs = stack.enter_context(timed(_workers, "simulate_runs"))
         parts = {what: stack.enter_context(timed(*where)) for what, where in OUTSIDE.items()}
         began = time.process_time()
         run_campaign(campaign, Path(folder) / "profiled")
         total = time.process_time() - began
     found = {what: spent[0] / total for what, spent in parts.items()}
-    found["the campaign itself: designs, rows, digests, files"] = 1 - simulator[0] / total
-    outside = 1 - kernel[0] / total
+    found["the campaign itself: designs, digests, files"] = 1 - runs[0] / total
+    outside = 1 - inside[0] / total
     return {"outside the kernel": outside, **found, "the rest": outside - sum(found.values())}
-
-
-def runs_per_second(backend: str) -> float:
-    """Measure runs on two workers of a kind that have already started."""
-    campaign = DESIGN.replace(repeats=COMPARED_RUNS // 8)
-    with tempfile.TemporaryDirectory() as folder, joblib.parallel_config(backend=backend):
-        run_campaign(campaign.replace(repeats=1, duration=0.05), Path(folder) / "started", n_jobs=N_JOBS)
-        began = time.perf_counter()
-        run_campaign(campaign, Path(folder) / "out", n_jobs=N_JOBS)
-        return campaign.n_runs / (time.perf_counter() - began)
 
 
 def shares_text() -> str:
     """Return the shares of the processor time outside the kernel as Markdown."""
-    found = shares()
-    rows = [f"| {what} | {100 * share:.1f} % |" for what, share in found.items()]
-    return (
-        "\n".join(
-            [
-                f"{HEADING}\n",
-                f"Shares of the processor time of {PROFILED_RUNS} runs in one process; goal: 10 % outside",
-                "the kernel (`python benchmarks/campaign.py --shares`):\n",
-                "| what | share |",
-                "|---|---|",
-                *rows,
-            ]
-        )
-        + "\n"
-    )
+    exact, batch = (shares(kernel) for kernel in KERNEL)
+    rows = [f"| {what} | {100 * exact[what]:.1f} % | {100 * batch[what]:.1f} % |" for what in exact]
+    lines = [
+        f"{HEADING}\n",
+        f"Shares of the processor time of {PROFILED_RUNS['exact']} and {PROFILED_RUNS['batch']} runs in one",
+        "process; goal: 25 % of a batch's time (`python benchmarks/campaign.py --shares`):\n",
+        "| what | exact | batch |",
+        "|---|---|---|",
+        *rows,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of one campaign, by run where nothing else is said."""
+
+    rate: float  #: runs/s
+    cpu: float  #: processor time of all processes in s
+    writer: float  #: that of the process that writes
+    peak: float  #: memory of all processes together in GiB
+    disk: float  #: bytes
+
+
+def cost(campaign: Campaign, n_jobs: int, backend: str = "loky") -> Cost:
+    """Measure a campaign on workers that have started before."""
+    with tempfile.TemporaryDirectory() as folder, joblib.parallel_config(backend=backend):
+        warm_up(campaign, Path(folder) / "started", n_jobs)
+        watch = Watch()
+        watch.start()
+        began = time.perf_counter()
+        run_campaign(campaign, Path(folder) / "out", n_jobs=n_jobs)
+        wall = time.perf_counter() - began
+        began_writer, cpu = watch.before[os.getpid()], watch.stop()
+        writer = watch.cpu[os.getpid()] - began_writer
+        n_bytes = sum(path.stat().st_size for path in (Path(folder) / "out").iterdir())
+    n = campaign.n_runs
+    return Cost(n / wall, cpu / n, writer / n, watch.peak / 2**30, n_bytes / n)
 
 
 def table(n_runs: int) -> str:
     """Return the results as a Markdown table."""
-    rates: dict[str, list[float]] = {"loky": [], "threading": []}
-    for _ in range(ROUNDS):
-        for backend, found in rates.items():
-            found.append(runs_per_second(backend))
-    campaign = DESIGN.replace(repeats=n_runs // 8)
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        watch = Watch()
-        watch.start()
-        began = time.perf_counter()
-        run_campaign(campaign, out, n_jobs=N_JOBS)
-        wall = time.perf_counter() - began
-        cpu = watch.stop()
-        n_bytes = sum(path.stat().st_size for path in out.iterdir())
-    per_run, bytes_per_run = cpu / campaign.n_runs, n_bytes / campaign.n_runs
-    processes, threads = (statistics.median(rates[backend]) for backend in ("loky", "threading"))
-    rows = [
-        (f"{N_JOBS} processes, started before", f"{campaign.n_runs / wall:.2f} runs/s"),
-        ("processor time per run, all processes", f"{per_run:.3f} s"),
-        (f"so, with {N_JOBS} cores to itself", f"{N_JOBS / per_run:.2f} runs/s"),
-        ("peak memory, all processes", f"{watch.peak / 2**30:.2f} GiB"),
-        ("size on disk per run", f"{bytes_per_run / 1e3:.1f} kB"),
-        (f"{N_JOBS} processes, started before ({COMPARED_RUNS} runs)", f"{processes:.2f} runs/s"),
-        (f"{N_JOBS} threads ({COMPARED_RUNS} runs, in turn with those)", f"{threads:.2f} runs/s"),
-        ("1,000,000 such runs: core hours", f"{per_run * 1e6 / 3600:.0f}"),
-        ("1,000,000 such runs: on disk", f"{bytes_per_run * 1e6 / 1e9:.0f} GB"),
-    ]
+    batch = DESIGN.replace(repeats=n_runs // 8, kernel="batch")
+    # A quarter of the runs takes the exact kernel about as long.
+    measured = {
+        "exact": cost(batch.replace(kernel="exact", repeats=max(n_runs // 32, 1)), N_JOBS),
+        "batch": cost(batch, N_JOBS),
+        "threads": cost(batch, N_JOBS, "threading"),
+        "alone": cost(batch, 1),
+    }
+    many = f"{N_JOBS} processes"
+    names = (f"exact, {many}", f"batch, {many}", f"batch, {N_JOBS} threads", "batch, 1 process")
+    rows = {
+        "runs/s": [f"{one.rate:.1f}" for one in measured.values()],
+        "processor time per run": [f"{1e3 * one.cpu:.0f} ms" for one in measured.values()],
+        "of it in the process that writes": [
+            f"{1e3 * one.writer:.1f} ms" if which in ("exact", "batch") else ""
+            for which, one in measured.items()
+        ],
+        "peak memory, all processes": [f"{one.peak:.2f} GiB" for one in measured.values()],
+        "1,000,000 such runs: core hours": [f"{one.cpu * 1e6 / 3600:.1f}" for one in measured.values()],
+        "1,000,000 such runs: on disk": [f"{one.disk / 1e3:.0f} GB" for one in measured.values()],
+    }
     head = (
-        f"{campaign.n_runs} runs of rig {RIG.name} with hum and quantisation, records of "
-        f"{DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes. The machine has "
+        f"{batch.n_runs} runs (a quarter with the exact kernel) of {RIG.name} with hum and quantisation, "
+        f"records of {DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes, "
+        f"{n_lanes()} runs in a batch. Workers have started before; everything else is counted, the disk too. The machine has "
         f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
-        "benchmark's own. If other programs run too, compare processor time, not runs per second.\n"
+        "benchmark's own at most. If other programs run too, compare processor time, not runs per second.\n"
     )
-    lines = [head, "| what | result |", "|---|---|"]
-    return "\n".join(lines + [f"| {name} | {value} |" for name, value in rows]) + "\n"
+    lines = [head, "| what | " + " | ".join(names) + " |", "|---" * (1 + len(names)) + "|"]
+    return "\n".join(lines + [f"| {name} | {' | '.join(values)} |" for name, values in rows.items()]) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=1000, help="a multiple of 8 (default 1000)")
+    parser.add_argument("--runs", type=int, default=512, help="a multiple of 32 (default 512)")
     parser.add_argument("--shares", action="store_true", help="print only the time outside the kernel")
     parser.add_argument("--out", type=Path, help="also write the table to this file")
     arguments = parser.parse_args()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import itertools
 import json
 import os
 import shutil
@@ -31,7 +32,7 @@ from cyclofeat.simulators.campaign._run import (
 DESIGN, MANIFEST, PARAMETERS = "campaign.json", "manifest.json", "parameters.parquet"
 MANIFEST_FORMAT = "cyclofeat campaign manifest 1"
 _KINDS = ("npy", "parquet", "sha256")  # files of a shard, in the order of writing
-# Number of shards whose rows are in memory at once when the table is written.
+# Number of shards whose rows are in memory at once when the table is written, or that are planned at once.
 _SHARDS_PER_GROUP = 64
 
 
@@ -84,11 +85,7 @@ def complete(
         if not missing and _is_finished(folder):
             return
         _check_space(campaign, folder, missing)
-        plans = (
-            plan
-            for shard in missing
-            for plan in campaign.plans(shard * campaign.shard_length, campaign.shard_size(shard))
-        )
+        plans = itertools.chain.from_iterable(campaign.plans(*runs) for runs in _stretches(campaign, missing))
         with contextlib.closing(results(plans)) as made:
             counted = _counted(made, done, campaign.n_runs, progress)
             for shard in missing:
@@ -96,6 +93,14 @@ def complete(
                     digests[shard] = _make_shard(campaign, folder, shard, counted)
         with _full_disk_explained(folder, digests):
             _finish(campaign, folder, digests)
+
+
+def _stretches(campaign: Campaign, shards: list[int]) -> Iterator[tuple[int, int]]:
+    """Yield first run and number of runs of neighbouring shards: to plan many at once costs little more."""
+    numbered = enumerate(shards)
+    for _, group in itertools.groupby(numbered, lambda one: (one[1] - one[0], one[0] // _SHARDS_PER_GROUP)):
+        together = [shard for _, shard in group]
+        yield together[0] * campaign.shard_length, sum(map(campaign.shard_size, together))
 
 
 def _differences(stored: Any, given: Any, key: str = "") -> Iterator[str]:
@@ -252,13 +257,14 @@ def _make_shard(campaign: Campaign, folder: Path, shard: int, results: Iterator[
     names = [shard_file(shard, kind) for kind in _KINDS]
     write_whole(folder / names[0], write_torque, durable=True)
     write_whole(folder / names[1], lambda file: tables.write_table(table, file), durable=True)
-    lines = _digest_lines(folder, names[:2])
-    write_whole(folder / names[2], lambda file: file.write(lines), durable=True)
-    return {name: digest(folder / name) for name in names}
+    digests = {name: digest(folder / name) for name in names[:2]}
+    write_whole(folder / names[2], lambda file: file.write(_lines(digests)), durable=True)
+    return digests | {names[2]: digest(folder / names[2])}
 
 
-def _digest_lines(folder: Path, names: Iterable[str]) -> bytes:
-    return "".join(f"{digest(folder / name)}  {name}\n" for name in names).encode()
+def _lines(digests: Mapping[str, str]) -> bytes:
+    """Return digests by name as ``sha256sum`` writes them."""
+    return "".join(f"{sha256}  {name}\n" for name, sha256 in digests.items()).encode()
 
 
 def _schema(campaign: Campaign) -> Any:
@@ -286,9 +292,9 @@ def _digests_if_whole(folder: Path, shard: int) -> dict[str, str]:
     names = [shard_file(shard, kind) for kind in _KINDS]
     if not all((folder / name).is_file() for name in names):
         return {}
-    if (folder / names[2]).read_bytes() != _digest_lines(folder, names[:2]):
-        return {}
-    return {name: digest(folder / name) for name in names}
+    digests = {name: digest(folder / name) for name in names}
+    of_both = {name: digests[name] for name in names[:2]}
+    return digests if (folder / names[2]).read_bytes() == _lines(of_both) else {}
 
 
 def _finish(campaign: Campaign, folder: Path, digests: Mapping[int, Mapping[str, str]]) -> None:

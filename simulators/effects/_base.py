@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import enum
 import inspect
 import math
@@ -264,8 +265,9 @@ class Effect(BaseEstimator):
 
     def with_parameters(self, **values: Any) -> Self:
         """Return a checked copy with single parameters changed."""
-        changed = type(self)(**self.get_params(deep=False))
-        changed.set_params(**values)
+        changed = copy.copy(self)
+        if values:
+            changed.set_params(**values)
         return changed.check()
 
     def neutral(self) -> Self:
