@@ -222,8 +222,8 @@ def table(n_runs: int) -> str:
     }
     head = (
         f"{batch.n_runs} runs (a quarter with the exact kernel) of {RIG.name} with hum and quantisation, "
-        f"records of {DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes, "
-        f"{n_lanes()} runs in a batch. Workers have started before; everything else is counted, the disk too. The machine has "
+        f"records of {DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes, {n_lanes()} in "
+        "a batch. Workers have started before; everything else is counted, the disk too. The machine has "
         f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
         "benchmark's own at most. If other programs run too, compare processor time, not runs per second.\n"
     )
