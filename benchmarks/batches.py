@@ -9,7 +9,7 @@ import numpy as np
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, batch, simulate_many
 from cyclofeat.simulators.courses import drive_and_load
-from cyclofeat.simulators.simulation import Integration
+from cyclofeat.simulators.simulation import STAGES, Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 DURATION_S = 0.6
@@ -17,6 +17,18 @@ INTEGRATORS = ("midpoint", "adams_bashforth")
 FINER = 8
 RIGS = (Rig.r0(), Rig.r1(), Rig.r2())
 COUNTS = range(8)
+
+
+class Prepared:
+    """A course at half steps, in the pieces that batches take."""
+
+    def __init__(self, course: np.ndarray, stride: int) -> None:
+        self._course = np.ascontiguousarray(course[:, ::stride])
+        self.n = self._course.shape[1]
+
+    def piece(self, first: int, last: int) -> np.ndarray:
+        """Rows from evaluation ``first`` to ``last``."""
+        return np.ascontiguousarray(self._course[:, first : last + 1])
 
 
 @dataclass(frozen=True)
@@ -61,9 +73,8 @@ class Machines:
         """Torques of a batch, (n_steps, 2, n_machines)."""
         constants = [kernel_input(*one) for one in zip(self.gearboxes, self.defects, strict=True)]
         states = [rest_state(gearbox) for gearbox in self.gearboxes]
-        stride = 1 if solver.integrator == "midpoint" else 2
-        streams = [np.ascontiguousarray(course[:, ::stride]) for course in courses]
-        results, reached = batch.integrated(constants, streams, states, solver)
+        pieces = [Prepared(course, 2 // STAGES[solver.integrator]) for course in courses]
+        results, reached = batch.integrated(constants, pieces, states, solver)
         if not reached[: len(states)].all():
             raise RuntimeError("a lane did not reach its end")
         return results[:, :2, : len(states)]

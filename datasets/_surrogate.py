@@ -234,7 +234,7 @@ def _recordings(
     from cyclofeat.simulators.many import simulate_each
 
     def recorded(index: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
-        plan = plans[index]
+        plan = plans.pop(index)
         if isinstance(simulated, SimulationFailed):
             words = _words(run.assembly(index), plan.machine, defects[index])
             simulated.args = (f"{words}: {simulated}",)
@@ -242,8 +242,8 @@ def _recordings(
         return _recording(run, defects[index], plan.finished(simulated), index)
 
     try:
-        plans = [_plan(run, index, worn) for index, worn in enumerate(defects)]
-        yield from simulate_each([plan.arguments for plan in plans], kernel, n_jobs, recorded)
+        plans = {index: _plan(run, index, worn) for index, worn in enumerate(defects)}
+        yield from simulate_each([plan.arguments for plan in plans.values()], kernel, n_jobs, recorded)
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
 

@@ -28,20 +28,20 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=False)
-def on_grid(at, step, values):  # type: ignore[no-untyped-def]
-    """As :func:`on_lines` for points ``step`` apart from 0, none of which need be in memory."""
+def on_grid(at, step, values, first=0):  # type: ignore[no-untyped-def]
+    """As :func:`on_lines` for points ``step`` apart from number ``first`` on, none of which is in memory."""
     joined = np.empty(at.size)
-    last = values.size - 1
+    last = first + values.size - 1
     for i in range(at.size):
         x = at[i]
-        k = min(max(int(x / step), 0), last)
+        k = min(max(int(x / step), first), last)
         while k < last and (k + 1) * step <= x:
             k += 1
-        while k > 0 and x < k * step:
+        while k > first and x < k * step:
             k -= 1
         if k == last or x <= k * step:
-            joined[i] = values[k]
+            joined[i] = values[k - first]
         else:
-            slope = (values[k + 1] - values[k]) / ((k + 1) * step - k * step)
-            joined[i] = slope * (x - k * step) + values[k]
+            slope = (values[k + 1 - first] - values[k - first]) / ((k + 1) * step - k * step)
+            joined[i] = slope * (x - k * step) + values[k - first]
     return joined

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from cyclofeat._base.checks import short
 from cyclofeat.simulators._lines import on_lines
@@ -20,7 +18,6 @@ __all__ = ["Courses", "TimeCourse", "drive_and_load"]
 Float = NDArray[np.float64]
 TimeCourse = float | ArrayLike | Callable[[Float], ArrayLike]
 
-_GRID = 2**16  # times are made in blocks, so that runs of different length share them
 MARGIN = 40  # samples that a run is longer than its result, for the anti-alias filter
 
 
@@ -29,7 +26,8 @@ class Courses:
     """Input speed and load of one run over time, in place of the gearbox's.
 
     Each is a number, an array with one value per sample of the result (linearly interpolated), or a function
-    that takes times of shape (n,) in s and returns as many values.
+    that takes times of shape (n,) in s and returns as many values, each from its own time alone: batches ask
+    for the times of a run in pieces.
 
     Parameters
     ----------
@@ -61,90 +59,150 @@ def drive_and_load(
 
     At ``n`` times, ``step`` s apart from 0. Arrays among the courses are at ``sampling_rate``.
     """
-    # One block: numpy requests large pages from 4 MB on, which halves the time.
-    block: Float = np.empty((4, n))
-    time = _times(-(-n // _GRID) * _GRID, step)[:n]
-    courses = courses or Courses()
-    _drive(block[:3], gearbox, time, start_angle, sampling_rate, courses)
-    _load(block[3], gearbox, time, sampling_rate, courses)
-    return block
+    return DriveAndLoad(gearbox, n, step, sampling_rate, start_angle, courses).piece(0, n - 1)
 
 
-@functools.lru_cache(maxsize=1)
-def _times(n: int, step: float) -> Float:
-    """Return ``n`` times ``step`` apart from 0, which most runs of a batch share."""
-    times: Float = np.arange(n, dtype=float)
-    times *= step
-    times.flags.writeable = False
-    return times
+class DriveAndLoad:
+    """Input and load of one run in pieces, which follow one another; parameters of :func:`drive_and_load`.
 
+    To the last bit, pieces hold what :func:`drive_and_load` gives at once, and stay in the processor's cache.
+    """
 
-def _drive(
-    out: Float,
-    gearbox: CycloidalGearbox,
-    time: Float,
-    start_angle: float,
-    sampling_rate: float,
-    courses: Courses,
-) -> None:
-    """Drive with linear ramp to a constant speed; the angle is its integral (paper B eq. 6 has a jump)."""
-    angle, omega, alpha = out
-    speed, fluctuation = courses.speed, courses.speed_fluctuation
-    given = _course("speed", gearbox.input_speed if speed is None else speed, sampling_rate, time)
-    steady = given.ndim == 0
-    alpha[:] = 0.0
-    omega[:] = given
-    if steady:
-        ramp = gearbox.ramp_time
-        np.subtract(time, ramp / 2, out=angle)
-        angle *= given
-        if ramp > 0:
-            rising = slice(_n_rising(gearbox, time))
-            angle[rising] = 0.5 * given / ramp * time[rising] ** 2
-            omega[rising] = given / ramp * time[rising]
-            alpha[rising] = given / ramp
-    else:
-        angle[:] = 0.0
-    if fluctuation is not None or not steady:
-        extra: Float | float = 0.0
-        if fluctuation is not None:
-            extra = _ramp(gearbox, time) * _course("speed_fluctuation", fluctuation, sampling_rate, time)
-        numeric = np.asarray(extra) if steady else omega + extra
-        angle += cumulative_trapezoid(numeric, dx=time[1] - time[0], initial=0)
-        alpha += np.gradient(numeric, time[1] - time[0])
-        omega += extra
-    angle += start_angle
+    def __init__(
+        self,
+        gearbox: CycloidalGearbox,
+        n: int,
+        step: float,
+        sampling_rate: float,
+        start_angle: float = 0.0,
+        courses: Courses | None = None,
+    ) -> None:
+        self.n = n
+        self._gearbox, self._step, self._rate = gearbox, step, sampling_rate
+        courses = courses or Courses()
+        speed, load = courses.speed, courses.load
+        self._speed = self._given("speed", gearbox.input_speed if speed is None else speed)
+        self._load = self._given("load", gearbox.load_torque if load is None else load)
+        self._fluctuates = courses.speed_fluctuation is not None
+        self._faster = self._given("speed_fluctuation", courses.speed_fluctuation)
+        self._heavier = self._given("load_fluctuation", courses.load_fluctuation)
+        self._start_angle = start_angle
+        # Angle by the part of the speed that has no formula, at the first time of the next piece.
+        self._turned = 0.0
 
+    def piece(self, first: int, last: int) -> Float:
+        """Return the rows from time number ``first`` to ``last``, at which the next piece begins."""
+        # One block: numpy requests large pages from 4 MB on, which halves the time.
+        block: Float = np.empty((4, last + 1 - first))
+        # The acceleration is the slope between the neighbours.
+        before, after = min(first, 1), min(self.n - 1 - last, 1)
+        around = np.arange(first - before, last + after + 1, dtype=float) * self._step
+        inside = slice(before, around.size - after)
+        self._drive(block[:3], around, inside)
+        self._torque(block[3], around, inside)
+        return block
 
-def _load(out: Float, gearbox: CycloidalGearbox, time: Float, sampling_rate: float, courses: Courses) -> None:
-    """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
-    load, fluctuation = courses.load, courses.load_fluctuation
-    given = _course("load", gearbox.load_torque if load is None else load, sampling_rate, time)
-    extra = _course("load_fluctuation", 0.0 if fluctuation is None else fluctuation, sampling_rate, time)
-    if given.ndim > 0:
-        out[:] = given + extra * _ramp(gearbox, time)
-        return
-    np.add(given, extra, out=out)
-    n_rising = _n_rising(gearbox, time)
-    out[:n_rising] *= time[:n_rising] / gearbox.ramp_time
+    def _drive(self, out: Float, around: Float, inside: slice) -> None:
+        """Drive with linear ramp to a constant speed.
 
+        The angle is its integral: paper B eq. 6 has a jump.
+        """
+        angle, omega, alpha = out
+        time = around[inside]
+        speed = self._speed(around)
+        steady = speed.ndim == 0
+        alpha[:] = 0.0
+        omega[:] = speed if steady else speed[inside]
+        if steady:
+            ramp = self._gearbox.ramp_time
+            np.subtract(time, ramp / 2, out=angle)
+            angle *= speed
+            if ramp > 0:
+                rising = slice(_n_rising(self._gearbox, time))
+                angle[rising] = 0.5 * speed / ramp * time[rising] ** 2
+                omega[rising] = speed / ramp * time[rising]
+                alpha[rising] = speed / ramp
+        else:
+            angle[:] = 0.0
+        if self._fluctuates or not steady:
+            extra = _ramp(self._gearbox, around) * self._faster(around)
+            numeric = extra if steady else speed + extra
+            angle += self._integral(numeric[inside])
+            alpha += np.gradient(numeric, self._step)[inside]
+            omega += extra[inside]
+        angle += self._start_angle
 
-def _course(name: str, values: TimeCourse, sampling_rate: float, time: Float) -> Float:
-    """Return a number unchanged, or the values of an array or a function at ``time``."""
-    if callable(values):
-        course = _floats(name, values(time))
-        if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
-            raise ValueError(
-                f"{name} must be a number, an array or a function of time that returns one value per time; "
-                f"it gave shape {course.shape} for {time.shape[0]} times"
-            )
-        course = np.broadcast_to(course, time.shape)
-    else:
-        course = _floats(name, values)
+    def _integral(self, speed: Float) -> Float:
+        """Return the angle from the start of the run, by the trapezoid rule."""
+        growth = np.empty(speed.size)
+        growth[0] = self._turned
+        growth[1:] = self._step * (speed[1:] + speed[:-1]) / 2.0
+        turned = np.cumsum(growth)
+        self._turned = float(turned[-1])
+        return turned
+
+    def _torque(self, out: Float, around: Float, inside: slice) -> None:
+        """Load torque on the output (paper B eq. 9-10), plus its fluctuation, both under the ramp."""
+        time, given, extra = around[inside], self._load(around), self._heavier(around)
+        if extra.ndim:
+            extra = extra[inside]
+        if given.ndim > 0:
+            out[:] = given[inside] + extra * _ramp(self._gearbox, time)
+            return
+        np.add(given, extra, out=out)
+        n_rising = _n_rising(self._gearbox, time)
+        out[:n_rising] *= time[:n_rising] / self._gearbox.ramp_time
+
+    def _given(self, name: str, values: TimeCourse | None) -> Callable[[Float], Float]:
+        """Return a course as a function of times that gives a number where it is one."""
+        if values is None:
+            return lambda time: np.asarray(0.0)
+        if callable(values):
+            return _OfTime(name, values)
+        course = _finite(name, _floats(name, values))
         if course.ndim > 1:
             raise ValueError(f"{name} as an array must have one dimension, got shape {course.shape}")
-        if course.ndim == 1:
-            course = _interpolated(name, course, sampling_rate, time)
+        if course.ndim == 0:
+            return lambda time: course
+        # The last value continues, because the run is longer for the anti-alias filter.
+        needed = max(math.floor((self.n - 1) * self._step * self._rate) - MARGIN, 1)
+        if course.size < needed:
+            raise ValueError(
+                f"{name} as an array must hold one value per sample of the result, at least {needed} at "
+                f"{self._rate:g} Hz, got {course.size}"
+            )
+        times = np.arange(course.size) / self._rate
+        return lambda time: np.asarray(on_lines(time, times, course))
+
+
+class _OfTime:
+    """A user's function of time, which must not depend on how many times it is given."""
+
+    def __init__(self, name: str, function: Callable[[Float], ArrayLike]) -> None:
+        self._name, self._function = name, function
+        self._known: tuple[Float, Float] | None = None  # the last times of the last piece, and the values
+
+    def __call__(self, time: Float) -> Float:
+        course = _floats(self._name, self._function(time))
+        if course.ndim > 1 or (course.ndim == 1 and course.shape != time.shape):
+            raise ValueError(
+                f"{self._name} must be a number, an array or a function of time that returns one value per "
+                f"time; it gave shape {course.shape} for {time.shape[0]} times"
+            )
+        course = _finite(self._name, np.broadcast_to(course, time.shape))
+        if self._known is not None:
+            times, values = self._known
+            again = course[np.searchsorted(time, times)]
+            if not np.allclose(again, values, rtol=1e-9, atol=1e-12 * np.abs(course).max()):
+                raise ValueError(
+                    f"{self._name} must be a function of time alone: at {times[-1]:g} s it gave "
+                    f"{values[-1]:.6g} and, among other times, {again[-1]:.6g}"
+                )
+        self._known = time[-2:].copy(), course[-2:].copy()
+        return course
+
+
+def _finite(name: str, course: Float) -> Float:
     if not np.all(np.isfinite(course)):
         raise ValueError(f"{name} must be finite, it gave NaN or infinity")
     return course
@@ -158,17 +216,6 @@ def _floats(name: str, values: ArrayLike) -> Float:
             f"{name} must be a number, an array or a function of time, and hold or return numbers, "
             f"got {short(values)}"
         ) from None
-
-
-def _interpolated(name: str, values: Float, sampling_rate: float, time: Float) -> Float:
-    # The last value continues, because the run is longer for the anti-alias filter.
-    needed = math.floor(time[-1] * sampling_rate) - MARGIN
-    if values.size < max(needed, 1):
-        raise ValueError(
-            f"{name} as an array must hold one value per sample of the result, at least {needed} at "
-            f"{sampling_rate:g} Hz, got {values.size}"
-        )
-    return np.asarray(on_lines(time, np.arange(values.size) / sampling_rate, values))
 
 
 def _ramp(gearbox: CycloidalGearbox, time: Float) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
@@ -158,12 +159,14 @@ def simulate_each(
     Those that share a batch come together. ``then`` makes something else of index and run, in the thread that
     made the run.
     """
-    tasks = _tasks(runs, kernel)
+    tasks = deque(_tasks(runs, kernel))
+    numbers = [tuple(task.runs) for task in tasks]
+    del runs  # the arguments of a run that is done, with their courses, go with their task
     workers = joblib.Parallel(n_jobs=n_jobs, prefer="threads", return_as="generator")
-    made = workers(joblib.delayed(_simulated)(task, then) for task in tasks)
+    made = workers(joblib.delayed(_simulated)(tasks.popleft(), then) for _ in numbers)
     with stopped_quietly(made):
-        for task, results in zip(tasks, made, strict=True):
-            yield from zip(task.runs, results, strict=True)
+        for indices, results in zip(numbers, made, strict=True):
+            yield from zip(indices, results, strict=True)
 
 
 def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[MachineRun | SimulationFailed]:

@@ -10,8 +10,10 @@ module          responsibility
 ``_steps``      steps of the states in time
 ``_frames``     frames of all contacts of a lane, which the others are counted from
 ``_kernel``     time loop
-``_streams``    input and load of all lanes over time
+``_streams``    input and load of all lanes over time, and the anti-alias filter
 ``_prepare``    tables of a batch
+``_integrate``  a batch, piece by piece
+``_samples``    samples of its runs
 ``_run``        runs from parameters to records
 ==============  ==========================================================================
 

@@ -13,25 +13,16 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import number, one_of
 from cyclofeat.simulators import simulation
-from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators.batch import _rows as rows
-from cyclofeat.simulators.batch._kernel import integrate
-from cyclofeat.simulators.batch._prepare import batch_tables, set_states, unsuited, zeros
-from cyclofeat.simulators.batch._streams import decimate, fill
-from cyclofeat.simulators.batch._vectors import Lanes
-from cyclofeat.simulators.courses import Courses, drive_and_load
+from cyclofeat.simulators.batch._integrate import Course, Integrating
+from cyclofeat.simulators.batch._prepare import unsuited
+from cyclofeat.simulators.batch._samples import SampledCourse, Samples
+from cyclofeat.simulators.courses import Courses, DriveAndLoad, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
 from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 
 Float = NDArray[np.float64]
-
-# Pins of one wheel that are described at once.
-_PINS = 16
-_CHUNK = 1024  # steps of which the drive is written at once: it stays in the cache
-# Bytes of the courses of one batch, beyond which it takes fewer runs.
-_BUDGET = 512 * 2**20
-_BYTES_PER_STEP = 2 * 4 * 8 + rows.N_RESULTS * 4
 
 
 @functools.cache
@@ -108,7 +99,7 @@ class Request:
 def compile_error() -> str | None:
     """Return in one line why batches cannot be compiled here, or None."""
     gearbox = CycloidalGearbox.steel()
-    course = drive_and_load(gearbox, 3, 5e-6, 1e5)
+    course = DriveAndLoad(gearbox, 3, 5e-6, 1e5)
     constants = kernel_input(gearbox, LobeDefects.healthy())
     try:
         integrated([constants], [course], [rest_state(gearbox)], Solver())
@@ -134,7 +125,7 @@ def obstacle(request: Request, arguments: Mapping[str, Any]) -> str | None:
 
 
 def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
-    """Yield requests that can run together, as many as fit the lanes and the memory, by their keys.
+    """Yield requests that can run together, as many as there are lanes, by their keys.
 
     A batch takes as long as the longest run, and at each step as the lane with most contacts: runs with as
     many defects and of similar length stand together.
@@ -144,10 +135,8 @@ def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
         by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():
         while keys:
-            longest = max(requests[key].sampling.n_steps for key in keys[-n_lanes() :])
-            size = max(1, min(n_lanes(), _BUDGET // (_BYTES_PER_STEP * longest)))
-            yield {key: requests[key] for key in keys[-size:]}
-            del keys[-size:]
+            yield {key: requests[key] for key in keys[-n_lanes() :]}
+            del keys[-n_lanes() :]
 
 
 def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
@@ -163,67 +152,53 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     list of SimulationRun or None
         The bits of a run depend on its own request only.
     """
-    settings = requests[0].settings
-    solver, stages = settings.solver, settings.stages
+    settings, stages, dt = requests[0].settings, requests[0].settings.stages, requests[0].settings.solver.dt
     courses = [
-        drive_and_load(
-            one.gearbox, stages * one.sampling.n_steps + 1, solver.dt / stages, settings.sampling_rate,
-            one.start_angle, one.courses,
+        SampledCourse(
+            DriveAndLoad(
+                one.gearbox, stages * one.sampling.n_steps + 1, dt / stages, settings.sampling_rate,
+                one.start_angle, one.courses,
+            ),
+            one.sampling, stages, dt,
         )
         for one in requests
     ]  # fmt: skip
-    states = [_start(one, course) for one, course in zip(requests, courses, strict=True)]
-    results, reached = integrated([one.constants for one in requests], courses, states, solver)
+    states = [_start(one) for one in requests]
+    batch = Integrating(
+        [one.constants for one in requests], courses, states, settings.solver, lanes=n_lanes()
+    )
+    torques = (rows.TORQUE_OUT, rows.TORQUE_IN) if settings.torque_in else (rows.TORQUE_OUT,)
+    motion = (rows.OUTPUT, rows.OUTPUT_RATE) if settings.motion else ()
     longest = max((one.sampling for one in requests), key=lambda sampling: sampling.n_steps)
-    torque_out = _decimated(results, rows.TORQUE_OUT, longest)
-    torque_in = _decimated(results, rows.TORQUE_IN, longest) if settings.torque_in else None
-    runs: list[SimulationRun | None] = []
-    for lane, (one, course) in enumerate(zip(requests, courses, strict=True)):
-        if not reached[lane]:
-            runs.append(None)
-            continue
-        own = slice(one.sampling.time.size)
-        torques = torque_out[lane, own].copy(), None if torque_in is None else torque_in[lane, own].copy()
-        runs.append(_result(one, course, torques, results[:, rows.OUTPUT :, lane]))
-    return runs
+    samples = Samples(longest, n_lanes(), torques, motion)
+    for begin, results in batch.pieces(samples.again):
+        samples.take(begin, results)
+    taken = {row: samples.of_lanes(row) for row in range(rows.N_RESULTS)}
+    return [
+        _result(one, course, {row: None if of is None else of[lane] for row, of in taken.items()})
+        if batch.reached[lane]
+        else None
+        for lane, (one, course) in enumerate(zip(requests, courses, strict=True))
+    ]
 
 
-def _decimated(results: NDArray[Any], row: int, sampling: Sampling) -> Float:
-    """Return the samples of one row of the results: (lanes, n_samples)."""
-    if sampling.picks:
-        return np.ascontiguousarray(results[sampling.steps, row].T, dtype=float)
-    up, down = sampling.ratio.numerator, sampling.ratio.denominator
-    lanes = results.shape[2]
-    samples = zeros((sampling.time.size, lanes), np.float64)
-    decimate(Lanes(lanes), results, row, _phases(up, down), down, samples)
-    return np.ascontiguousarray(samples.T)
-
-
-@functools.cache
-def _phases(up: int, down: int) -> Float:
-    """Return the low-pass by phases, (up, n_taps), in the order of time."""
-    low_pass = up * simulation.anti_alias_filter(up, down)
-    half = low_pass.size // 2
-    n_taps = 2 * (half // up + 1)
-    padded = np.zeros(n_taps * up)
-    first = n_taps * up // 2 - half
-    padded[first : first + low_pass.size] = low_pass
-    return np.ascontiguousarray(padded.reshape(n_taps, up).T[:, ::-1])
-
-
-def _start(request: Request, course: Float) -> Float:
+def _start(request: Request) -> Float:
     """Return the state at the start."""
-    state, solver = rest_state(request.gearbox), request.settings.solver
-    if request.settings.start == "rest":
+    gearbox, settings, solver = request.gearbox, request.settings, request.settings.solver
+    state = rest_state(gearbox)
+    if settings.start == "rest":
         return state
+    course = drive_and_load(
+        gearbox, 3, solver.dt / 2, settings.sampling_rate, request.start_angle, request.courses
+    )
     return simulation.relaxed(
-        Integration(request.gearbox, request.constants, course, solver.dt, solver.integrator), state
+        Integration(gearbox, request.constants, course, solver.dt, solver.integrator), state
     )
 
 
 def integrated(
     machines: Sequence[KernelInput],
-    courses: Sequence[Float],
+    courses: Sequence[Course],
     states: Sequence[Float],
     solver: Solver,
     *,
@@ -244,55 +219,30 @@ def integrated(
     Returns
     -------
     results : ndarray, shape (n_steps, N_RESULTS, lanes)
-        To the end of the longest run; what stands behind a run's own end means nothing.
+        Of all steps; what stands behind a run's own end means nothing.
     reached : ndarray of bool, shape (lanes,)
         True for the lanes that reached the end of their runs.
     """
     lanes = n_lanes() if lanes is None else lanes
-    stages = STAGES[solver.integrator]
-    own_steps = [(course.shape[1] - 1) // stages for course in courses]
-    n_steps = max(own_steps)
-    limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
-    tables = batch_tables(machines, solver.dt, limits, (lanes, _PINS), dtype)
-    set_states(tables, states)
-    faulty = bool(tables.geometry[:, rows.HAS_FAULTS : rows.HAS_FAULTS + 2].any())
-    results = zeros((n_steps, rows.N_RESULTS, lanes), dtype)
-    angle = zeros((stages * _CHUNK, lanes), np.float64)
-    drive = zeros((stages * _CHUNK, rows.N_DRIVE_ROWS, lanes), dtype)
-    for first in range(0, n_steps, _CHUNK):
-        n = min(_CHUNK, n_steps - first)
-        fill(tuple(courses), first, n, stages, tables.n_lobes, angle, drive)
-        done = integrate(
-            Lanes(lanes), Lanes(_PINS), stages, first, n, solver.dt, simulation.ABSURD_TORQUE, faulty,
-            angle, drive, tables, results[first : first + n],
-        )  # fmt: skip
-        if done < n:
-            break
-    reached = tables.ended[1] == rows.RUNNING
-    reached[: len(own_steps)] |= tables.ended[0, : len(own_steps)] >= own_steps
-    return results, reached
+    batch = Integrating(machines, courses, states, solver, lanes=lanes, dtype=dtype)
+    pieces = [results.copy() for _, results in batch.pieces()]
+    return np.concatenate(pieces), batch.reached
 
 
-def _result(
-    request: Request, course: Float, torques: tuple[Float, Float | None], motion: NDArray[Any]
-) -> SimulationRun:
-    """Return one lane's run as ``simulate`` does; ``motion`` is that of the output at each step."""
-    settings, steps, z = request.settings, request.sampling.steps, request.gearbox.n_lobes
-    dt, stages = settings.solver.dt, settings.stages
-    input_angle = on_grid(request.sampling.time, dt / stages, course[0])
-    output_angle = output_speed = None
-    if settings.motion:
-        output_angle = motion[steps, 0] - input_angle / z
-        output_speed = motion[steps, 1] - course[1, stages * steps] / z
+def _result(request: Request, course: SampledCourse, samples: Mapping[int, Float | None]) -> SimulationRun:
+    """Return one lane's run as ``simulate`` does; ``samples`` are the rows of the results."""
+    own, z = slice(request.sampling.time.size), request.gearbox.n_lobes
+    out, into, angle, rate = (None if row is None else row[own].copy() for row in samples.values())
+    assert out is not None
     return SimulationRun(
         gearbox=request.gearbox,
         defects=request.defects,
-        sampling_rate=float(settings.sampling_rate),
-        torque_out=torques[0],
-        torque_in=torques[1],
-        input_angle=input_angle,
-        output_angle=output_angle,
-        output_speed=output_speed,
-        dt=dt,
+        sampling_rate=float(request.settings.sampling_rate),
+        torque_out=out,
+        torque_in=into,
+        input_angle=course.angle,
+        output_angle=None if angle is None else angle - course.angle / z,
+        output_speed=None if rate is None else rate - course.speed / z,
+        dt=request.settings.solver.dt,
         kernel="batch",
     )

@@ -9,19 +9,19 @@ from cyclofeat.simulators.batch._vectors import FASTMATH, addresses, filled, loa
 
 @njit(fastmath=False, nogil=True)
 def fill(courses, first, n, stages, n_lobes, angle, drive):
-    """Write ``n`` steps from step ``first`` on into ``angle`` and ``drive`` of the kernel.
+    """Write ``n`` evaluations from number ``first`` of a piece on into ``angle`` and ``drive`` of the kernel.
 
-    ``courses`` is a tuple of the lanes' courses at every evaluation. A lane whose course has ended stands
-    still: nothing reads what it does from there on.
+    ``courses`` is a tuple of a piece of each lane's course, with one evaluation more. A lane whose course has
+    ended stands still: nothing reads what it does from there on.
     """
     for lane in range(len(courses)):
-        course, begin = courses[lane], stages * first
-        own = max(min(course.shape[1] - 1 - begin, stages * n), 0)
-        for k in range(own, stages * n):
+        course = courses[lane]
+        own = max(min(course.shape[1] - 1 - first, n), 0)
+        for k in range(own, n):
             angle[k, lane] = course[0, -1]
             drive[k, :, lane] = 0.0
         for k in range(own):
-            i = begin + k
+            i = first + k
             angle[k, lane] = course[0, i]
             drive[k, rows.OMEGA, lane] = course[1, i]
             drive[k, rows.ALPHA, lane] = course[2, i]
@@ -32,22 +32,22 @@ def fill(courses, first, n, stages, n_lobes, angle, drive):
 
 
 @njit(fastmath=FASTMATH, nogil=True)
-def decimate(lanes, results_, row, phases_, down, samples_):
+def decimate(lanes, results_, first, row, phases_, down, begin, samples_):
     """Write the low-passed samples of one row of the results into ``samples`` (n_samples, lanes), in float64.
 
-    As ``scipy.signal.resample_poly``, for all lanes at once; ``phases`` (up, n_taps) holds the low-pass by
-    phases, the latest sample's weight last.
+    As ``scipy.signal.resample_poly``, for all lanes at once. ``results`` begin with step ``first`` and hold
+    all steps on which ``samples``, from number ``begin`` on, depend; ``phases`` (up, n_taps) holds the
+    low-pass by phases, the latest step's weight last.
     """
     results, phases, samples = addresses((results_, phases_, samples_))
-    n, (up, n_taps) = results_.shape[0], phases_.shape
+    up, n_taps = phases_.shape
     # The phases hold the middle of the low-pass at this place.
     middle = (n_taps * up) // 2
     for k in range(samples_.shape[0]):
-        at = k * down + middle
-        phase, last = at % up, at // up
+        at = (begin + k) * down + middle
+        phase, earliest = at % up, at // up - (n_taps - 1) - first
         total = filled(0.0, samples, lanes)
-        for tap in range(max(n_taps - 1 - last, 0), min(n - 1 - last + n_taps, n_taps)):
-            i = last - (n_taps - 1) + tap
-            value = rounded_to(load(results, rows.N_RESULTS * i + row, lanes), samples)
+        for tap in range(n_taps):
+            value = rounded_to(load(results, rows.N_RESULTS * (earliest + tap) + row, lanes), samples)
             total = total + phases[phase * n_taps + tap] * value
         store(samples, k, total)

@@ -44,10 +44,8 @@ class LoadDrift(Drift):
         if self.rms_nm == 0:
             return None
         end = duration + _noise.MARGIN
-        knots = _noise.low_passed_noise(
-            _noise.seed_from(random), self.rms_nm, self.cutoff_hz, self.order, end
-        )
-        return lambda time: np.asarray(on_lines(_noise.checked_time(time, end), *knots))
+        low_pass = self.cutoff_hz, self.order
+        return _noise.LowPassed(_noise.seed_from(random), self.rms_nm, low_pass, end)
 
 
 class ProportionalDrift(Effect):
@@ -103,17 +101,12 @@ class ProportionalDrift(Effect):
             return None
         end = duration + _noise.MARGIN
         # For cutoffs of tens of hertz the coarser steps keep the density accurate at the lobe lines.
-        times, logarithm = _noise.low_passed_noise(
-            _noise.seed_from(random), self.relative, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
+        low_pass = self.cutoff_hz, self.order
+        logarithm = _noise.LowPassed(
+            _noise.seed_from(random), self.relative, low_pass, end, _noise.OVERSAMPLING
         )
         load, shift = gearbox.load_torque, 0.5 * float(self.relative) ** 2
-
-        def fluctuation(time: Float) -> Float:
-            return np.asarray(
-                load * np.expm1(on_lines(_noise.checked_time(time, end), times, logarithm) - shift)
-            )
-
-        return fluctuation
+        return lambda time: load * np.expm1(logarithm(time) - shift)
 
 
 class LoadScale(Effect):
@@ -239,9 +232,8 @@ class SpeedWander(Effect):
         end = duration + _noise.MARGIN
         times, wander = np.array([0.0, 2 * end]), np.zeros(2)
         if self.rms > 0:
-            times, wander = _noise.low_passed_noise(
-                seed, self.rms, self.cutoff_hz, self.order, end, _noise.OVERSAMPLING
-            )
+            low_pass = self.cutoff_hz, self.order
+            times, wander = _noise.LowPassed(seed, self.rms, low_pass, end, _noise.OVERSAMPLING).knots
         speed, ramp = gearbox.input_speed, gearbox.ramp_time
         # Fluctuations are scaled by the ramp like the speed; the angle is their integral.
         reached = wander * np.clip(times / ramp, 0, 1) if ramp else wander

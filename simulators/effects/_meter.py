@@ -12,7 +12,6 @@ from scipy.signal import butter, fftconvolve, sosfilt, sosfilt_zi
 from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import is_number
-from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.effects import _noise
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext, check_phase
 from cyclofeat.simulators.effects._noise import Drift, check_order
@@ -102,8 +101,8 @@ class SensorDrift(Drift):
             return torque
         end = torque.size / sampling_rate
         seed = _noise.seed_from(random)
-        drift = _noise.low_passed_noise(seed, self.rms_nm, self.cutoff_hz, self.order, end)
-        return np.asarray(torque + on_lines(np.arange(torque.size) / sampling_rate, *drift))
+        drift = _noise.LowPassed(seed, self.rms_nm, (self.cutoff_hz, self.order), end)
+        return np.asarray(torque + drift(np.arange(torque.size) / sampling_rate))
 
 
 class Gain(Effect):

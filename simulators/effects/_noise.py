@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfilt
 from scipy.stats import loguniform
 
 from cyclofeat._base.checks import whole
+from cyclofeat.simulators._lines import on_lines
 from cyclofeat.simulators.effects._base import Effect, Float
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
@@ -58,16 +59,36 @@ def seed_from(random: Generator) -> NDArray[np.int64]:
     return random.integers(2**63, size=4)
 
 
-def low_passed_noise(
-    seed: NDArray[np.int64], rms: float, cutoff: float, order: int, end: float, oversampling: int = FINE
-) -> tuple[Float, Float]:
-    """Return times in s, from 0 to ``end``, and values of stationary noise with the given expected rms."""
-    rate = oversampling * cutoff
-    warm_up = math.ceil(decay_time(cutoff, order) * rate)
-    sos, power = _low_pass(cutoff, order, warm_up, oversampling)
-    n = math.ceil(end * rate) + 1
-    noise = np.random.default_rng(seed).normal(size=warm_up + n)
-    return np.arange(n) / rate, rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
+class LowPassed:
+    """Stationary low-passed noise with the given expected rms, as a function of time from 0 to ``end`` (s).
+
+    It is made at its first use, from its seed: planned runs wait without their noise.
+    """
+
+    def __init__(
+        self,
+        seed: NDArray[np.int64],
+        rms: float,
+        low_pass: tuple[float, int],
+        end: float,
+        oversampling: int = FINE,
+    ) -> None:
+        self._seed, self._rms, (self._cutoff, self._order) = seed, rms, low_pass
+        self._end, self._oversampling = end, oversampling
+
+    @functools.cached_property
+    def knots(self) -> tuple[Float, Float]:
+        """Times in s, and the values between which lines are straight."""
+        rate = self._oversampling * self._cutoff
+        warm_up = math.ceil(decay_time(self._cutoff, self._order) * rate)
+        sos, power = _low_pass(self._cutoff, self._order, warm_up, self._oversampling)
+        n = math.ceil(self._end * rate) + 1
+        noise = np.random.default_rng(self._seed).normal(size=warm_up + n)
+        return np.arange(n) / rate, self._rms / math.sqrt(power) * sosfilt(sos, noise)[warm_up:]
+
+    def __call__(self, time: Float) -> Float:
+        """Return the values at increasing times in s; raise ValueError for times outside 0 to the end."""
+        return np.asarray(on_lines(checked_time(time, self._end), *self.knots))
 
 
 @functools.lru_cache(maxsize=64)

@@ -112,9 +112,15 @@ def exactly(each: Machines, courses: list[np.ndarray], solver: Solver, n: int) -
     return np.stack([one.torques for one in results], axis=2)
 
 
-def at_evaluations(course: np.ndarray, solver: Solver) -> np.ndarray:
-    """What batches take of a course at half steps."""
-    return course if solver.integrator == "midpoint" else np.ascontiguousarray(course[:, ::2])
+class Given:
+    """A course at half steps, in the pieces that batches take."""
+
+    def __init__(self, course: np.ndarray, solver: Solver) -> None:
+        self.course = course[:, :: 1 if solver.integrator == "midpoint" else 2]
+        self.n = self.course.shape[1]
+
+    def piece(self, first: int, last: int) -> np.ndarray:
+        return np.ascontiguousarray(self.course[:, first : last + 1])
 
 
 def in_lanes(
@@ -131,7 +137,7 @@ def in_lanes(
         chosen = slice(first, first + lanes)
         states = [rest_state(g) for g, _ in each[chosen]]
         constants = [kernel_input(*one) for one in each[chosen]]
-        streams = [at_evaluations(course, solver) for course in courses[chosen]]
+        streams = [Given(course, solver) for course in courses[chosen]]
         results, reached = batch.integrated(constants, streams, states, solver, lanes=lanes, dtype=dtype)
         assert reached[: len(states)].all()
         assert len(results) == n
@@ -231,7 +237,9 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     n, solver = 2000, Solver()
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(constants, courses, states, solver, lanes=8)
+    results, reached = batch.integrated(
+        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=8
+    )
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
     assert np.array_equal(results[:, :2, [0, 2]], alone)
@@ -257,7 +265,9 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     each += [(STEEL.replace(load_torque=1.0), LobeDefects.healthy())]
     courses = courses_of(each, 3000)
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(constants, courses, states, Solver(), lanes=8)
+    results, reached = batch.integrated(
+        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=8
+    )
     assert reached[:3].tolist() == [False, False, True]
     for lane in range(2):
         gearbox, defects = each[lane]
@@ -311,20 +321,15 @@ def test_options_are_those_of_simulate() -> None:
         simulate_many(duration=-1.0, kernel="auto")
 
 
-def test_batches_fit_the_lanes_the_memory_and_one_form() -> None:
+def test_batches_fit_the_lanes_and_one_form() -> None:
     few = CycloidalGearbox.steel(n_pins=12, pin_radius=4e-3)
     gearboxes = [STEEL, few, STEEL.replace(sleeve_friction=0.05)] * 9
 
-    def requests(duration: float) -> dict[int, batch.Request]:
-        arguments = [{"gearbox": one, "duration": duration} for one in gearboxes]
-        return {k: batch.Request.of(one) for k, one in enumerate(arguments)}
-
-    groups = list(batch.batches(requests(0.1)))
+    requests = {k: batch.Request.of({"gearbox": one}) for k, one in enumerate(gearboxes)}
+    groups = list(batch.batches(requests))
     assert sorted(key for group in groups for key in group) == list(range(27))
     assert all(len({one.form for one in group.values()}) == 1 for group in groups)
     assert max(len(group) for group in groups) == min(batch.n_lanes(), 9)
-    long = list(batch.batches(requests(60.0)))
-    assert [len(group) for group in long] == [1] * 27
     mixed = [{"duration": 0.1, "solver": Solver(dt=dt)} for dt in (1e-5, 5e-6, 1e-5)]
     groups = list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(mixed)}))
     assert sorted(sorted(group) for group in groups) == [[0, 2], [1]]

@@ -19,7 +19,8 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators._lines import on_grid, on_lines
-from cyclofeat.simulators.courses import drive_and_load
+from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load
+from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration, external_points, relaxed
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
@@ -118,6 +119,38 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
         at = step * np.r_[rng.uniform(-3, 203, 3000), np.arange(203), np.nextafter(np.arange(203), 0)]
         points = np.arange(values.size) * step
         np.testing.assert_array_equal(on_grid(at, step, values), np.interp(at, points, values))
+        some = at[(at >= points[20]) & (at < points[70])]
+        np.testing.assert_array_equal(on_grid(some, step, values[20:71], 20), np.interp(some, points, values))
+
+
+@pytest.mark.parametrize(
+    "courses",
+    [
+        Courses(),
+        Courses(speed_fluctuation=0.7, load_fluctuation=1.5),
+        Courses(speed=lambda t: 50 + np.sin(40 * t), load_fluctuation=lambda t: np.cos(300 * t)),
+        Courses(speed_fluctuation=lambda t: np.sin(70 * t), load=np.linspace(5, 30, 500)),
+        Courses(speed=np.linspace(40, 60, 500), speed_fluctuation=np.full(400, 0.2), load=lambda t: 7.0),
+    ],
+)
+def test_pieces_are_the_course_to_the_last_bit(courses: Courses) -> None:
+    gearbox = STEEL.replace(ramp_time=0.011)
+    for n, step in ((3001, 5e-6), (40, 1e-4)):
+        whole = drive_and_load(gearbox, n, step, 25_600.0, 0.3, courses)
+        for size in (1, 7, 1000, n):
+            pieces = DriveAndLoad(gearbox, n, step, 25_600.0, 0.3, courses)
+            for first in range(0, n - 1, size):
+                last = min(first + size, n - 1)
+                np.testing.assert_array_equal(pieces.piece(first, last), whole[:, first : last + 1])
+
+
+def test_a_function_that_is_not_one_of_time_is_refused_in_pieces() -> None:
+    random = np.random.default_rng(1)
+    walks = Courses(load_fluctuation=lambda t: 0.01 * np.cumsum(random.normal(size=t.size)))
+    simulate(STEEL, duration=0.01, courses=walks)
+    arguments = {"gearbox": STEEL, "courses": walks, "duration": 0.4}
+    with pytest.raises(ValueError, match="load_fluctuation must be a function of time alone: at 0.16"):
+        list(simulate_each([arguments], "batch"))
 
 
 def test_the_input_torque_is_left_out_where_not_asked_for() -> None:
