@@ -24,7 +24,6 @@ from cyclofeat.gap import (
 from cyclofeat.gap.proof import Part, Sample, Scale, _downstream, score_alternatives
 from cyclofeat.gap.proof import _alternatives as alternatives
 from cyclofeat.gap.proof import _distance as distance
-from cyclofeat.gap.proof._downstream import _share
 from cyclofeat.simulators import (
     BrakeRotor,
     CycloidalGearbox,
@@ -519,5 +518,7 @@ def test_a_counter_is_trained_once_for_each_simulator(cache: Path, monkeypatch: 
 
 
 def test_share_of_the_oracles_gain() -> None:
-    found = _share(np.array([0.5, 0.5, 0.5]), np.array([0.7, 0.6, 0.4]), np.array([0.9, 0.5, 0.5]))
+    found = _downstream._share(
+        np.array([0.5, 0.5, 0.5]), np.array([0.7, 0.6, 0.4]), np.array([0.9, 0.5, 0.5])
+    )
     assert found == pytest.approx([0.5, np.inf, -np.inf])
