@@ -15,7 +15,7 @@ from cyclofeat.simulators.effects import Effect, TorqueContext
 from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._base import Fluctuation
 from cyclofeat.simulators.gearbox import CycloidalGearbox
-from cyclofeat.simulators.simulation import SimulationRun
+from cyclofeat.simulators.simulation import SimulationRun, simulate
 
 Float = NDArray[np.float64]
 RandomState = int | np.random.SeedSequence
@@ -137,9 +137,20 @@ class Machine:
         return channels
 
 
-@dataclasses.dataclass(frozen=True)
-class PlannedRun:
-    """A run of a machine that is still to be simulated.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _RunOfMachine:
+    """What a run of a machine is, before and after its simulation."""
+
+    machine: Machine
+    random_state: np.random.SeedSequence = dataclasses.field(repr=False)
+    n_samples: int
+    n_settling: int
+    from_rest: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlannedRun(_RunOfMachine):
+    """A run that is still to be simulated; made by :meth:`cyclofeat.simulators.Rig.plan_run`.
 
     Attributes
     ----------
@@ -154,23 +165,23 @@ class PlannedRun:
         True if the record begins with the start.
     """
 
-    machine: Machine
     arguments: dict[str, Any]
-    random_state: np.random.SeedSequence
-    n_samples: int
-    n_settling: int
-    from_rest: bool
+
+    def simulate(self) -> MachineRun:
+        """Simulate the run; raise :class:`cyclofeat.simulators.SimulationFailed` if it diverges or locks."""
+        return self.finished(simulate(**self.arguments))
 
     def finished(self, run: SimulationRun) -> MachineRun:
         """Return the machine's run, made of its simulation."""
-        return MachineRun(
-            self.machine, run, self.random_state, self.n_samples, self.n_settling, self.from_rest
-        )
+        own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
+        return MachineRun(run=run, **own)
 
 
-@dataclasses.dataclass(frozen=True)
-class MachineRun:
-    """One run of a machine before measurement; made by :meth:`cyclofeat.simulators.Rig.run_machine`.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MachineRun(_RunOfMachine):
+    """A run before measurement, for one or several chains of measurement.
+
+    Made by :meth:`PlannedRun.simulate` or :func:`cyclofeat.simulators.run_planned`.
 
     Attributes
     ----------
@@ -185,12 +196,7 @@ class MachineRun:
         True if the record begins with the start.
     """
 
-    machine: Machine
     run: SimulationRun = dataclasses.field(repr=False)
-    random_state: np.random.SeedSequence = dataclasses.field(repr=False)
-    n_samples: int
-    n_settling: int
-    from_rest: bool
 
     def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:
         """Return the record of the chain of measurement.

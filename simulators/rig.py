@@ -19,7 +19,6 @@ from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._machine import (
     SPARE_SAMPLES,
     Machine,
-    MachineRun,
     PlannedRun,
     RandomState,
     seed_sequence,
@@ -43,7 +42,7 @@ from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._numbers import meant
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.simulation import SimulationRun, simulate
+from cyclofeat.simulators.simulation import SimulationRun
 
 __all__ = ["DEFECTS", "Rig"]
 
@@ -342,57 +341,11 @@ class Rig:
         SimulationDiverged
             If the simulation diverges.
         """
-        return self.run_machine(
-            defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
-            start_angle=start_angle, settled=settled, **options,
-        ).record()  # fmt: skip
-
-    def run_machine(
-        self,
-        defects: LobeDefects | None = None,
-        *,
-        duration: float = 1.8,
-        sampling_rate: float = 25_600.0,
-        random_state: RandomState = 0,
-        assembly: RandomState | None = None,
-        start_angle: float | None = None,
-        settled: bool = True,
-        spare_s: float = 0.0,
-        **options: Any,
-    ) -> MachineRun:
-        """Simulate a machine once, for one or several chains of measurement.
-
-        Parameters
-        ----------
-        defects, duration, sampling_rate, random_state, start_angle, settled, **options
-            As in :meth:`simulate`.
-        assembly : int or numpy.random.SeedSequence, optional
-            Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
-        spare_s : float, default 0
-            Additional time in s, for converters that run slow (:class:`cyclofeat.simulators.ClockError`).
-
-        Returns
-        -------
-        MachineRun
-
-        Raises
-        ------
-        TypeError, ValueError, SimulationDiverged
-            As :meth:`simulate`.
-
-        Examples
-        --------
-        >>> from cyclofeat.simulators import Offset
-        >>> run = Rig().run_machine(duration=0.1)
-        >>> shifted = run.record([Offset(0.5)])
-        >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
-        0.5
-        """
         planned = self.plan_run(
             defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
-            assembly=assembly, start_angle=start_angle, settled=settled, spare_s=spare_s, **options,
+            start_angle=start_angle, settled=settled, **options,
         )  # fmt: skip
-        return planned.finished(simulate(**planned.arguments))
+        return planned.simulate().record()
 
     def plan_run(
         self,
@@ -411,18 +364,32 @@ class Rig:
 
         Parameters
         ----------
-        defects, duration, sampling_rate, random_state, assembly, start_angle, settled, spare_s, **options
-            As in :meth:`run_machine`.
+        defects, duration, sampling_rate, random_state, start_angle, settled, **options
+            As in :meth:`simulate`.
+        assembly : int or numpy.random.SeedSequence, optional
+            Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
+        spare_s : float, default 0
+            Additional time in s, for converters that run slow (:class:`cyclofeat.simulators.ClockError`).
 
         Returns
         -------
         PlannedRun
-            For :func:`run_planned`, which simulates many at once.
+            Its ``simulate`` makes it; :func:`run_planned` makes many at once.
 
         Raises
         ------
         TypeError, ValueError
             As :meth:`simulate`.
+
+        Examples
+        --------
+        One simulation, recorded by two chains of measurement:
+
+        >>> from cyclofeat.simulators import Offset
+        >>> run = Rig().plan_run(duration=0.1).simulate()
+        >>> shifted = run.record([Offset(0.5)])
+        >>> float((shifted.torque_out - run.record().torque_out).mean().round(6))
+        0.5
         """
         duration = positive("duration", duration, "a number of s")
         sampling_rate = positive("sampling_rate", sampling_rate, "a number of Hz")
@@ -448,7 +415,10 @@ class Rig:
             "start_angle": start_angle,
             "courses": machine.fluctuations(seed, total + SPARE_SAMPLES / sampling_rate),
         }
-        return PlannedRun(machine, arguments, seed, n_samples, n_settling, from_rest=not settled)
+        return PlannedRun(
+            machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,
+            n_settling=n_settling, from_rest=not settled,
+        )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""

@@ -231,7 +231,9 @@ def test_the_same_seed_gives_the_same_record():
 
 def test_the_assembly_follows_from_its_own_seed_and_drift_and_noise_from_the_runs():
     rig_of_ranges = Rig(STEEL, [PinErrors((2e-6, 2e-5)), Noise((0.1, 0.5)), LoadDrift(2.0, 20.0)])
-    one, other = (rig_of_ranges.run_machine(random_state=seed, assembly=7, **SHORT) for seed in (1, 2))
+    one, other = (
+        rig_of_ranges.plan_run(random_state=seed, assembly=7, **SHORT).simulate() for seed in (1, 2)
+    )
     assert one.machine == other.machine == rig_of_ranges.draw(7)
     assert one.run.gearbox == other.run.gearbox
     first, second = (run.record().torque_out - run.run.torque_out[-640:] for run in (one, other))
@@ -419,7 +421,7 @@ def test_one_run_of_the_machine_is_recorded_by_several_chains() -> None:
     """The same, bit for bit, as a simulation for each; and what the gearbox answers is refused."""
     base = Rig.r1().with_added(Noise(0.05))
     chains: list[list[Effect]] = [[], [Hum(0.2)], [Offset(0.5), Quantisation(0.05)]]
-    run = base.run_machine(duration=0.2, random_state=4, spare_s=0.02)
+    run = base.plan_run(duration=0.2, random_state=4, spare_s=0.02).simulate()
     for chain in chains:
         alone = base.with_added(*chain).simulate(duration=0.2, random_state=4)
         assert np.array_equal(run.record(chain).torque_out, alone.torque_out)

@@ -161,10 +161,7 @@ class Population:
         Arguments as :meth:`plan_run`. Raises SimulationFailed or ValueError if the rig cannot be simulated or
         built.
         """
-        (run,) = run_planned([self.plan_run(count, random_state, assembly, spare)], kernel="exact")
-        if isinstance(run, SimulationFailed):
-            raise run
-        return run
+        return self.plan_run(count, random_state, assembly, spare).simulate()
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
         """Simulate one recording; arguments and errors as :meth:`run_machine`."""
