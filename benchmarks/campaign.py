@@ -10,7 +10,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,7 +38,7 @@ from cyclofeat.simulators.batch import _run, n_lanes
 from cyclofeat.simulators.campaign import _workers
 
 N_JOBS = 2
-PROFILED_RUNS = {"exact": 32, "batch": 64}
+PROFILED_RUNS = 64
 HEADING = "## Outside the kernel"
 RIG = Rig.r1().with_effects(
     GearboxParameter("load_torque", (15.0, 25.0)), Noise((0.05, 0.5)), Hum((0.05, 0.3)), Quantisation(0.05)
@@ -50,6 +50,12 @@ DESIGN = Campaign(
     depth=(0.3, 1.0),
     duration=2.0,
 )
+FAST = "batch, Adams-Bashforth"
+DESIGNS = {
+    "exact": DESIGN.replace(kernel="exact"),
+    "batch": DESIGN.replace(kernel="batch"),
+    FAST: DESIGN.replace(kernel="batch", integrator="adams_bashforth"),
+}
 
 
 def family() -> list[psutil.Process]:
@@ -138,12 +144,12 @@ def warm_up(campaign: Campaign, folder: Path, n_jobs: int = 1) -> None:
     run_campaign(campaign.replace(repeats=4 * n_jobs, duration=0.05), folder, n_jobs=n_jobs)
 
 
-def shares(kernel: str) -> dict[str, float]:
+def shares(campaign: Campaign) -> dict[str, float]:
     """Shares of the processor time outside the kernel, in one process; the first is their total."""
-    campaign = DESIGN.replace(repeats=PROFILED_RUNS[kernel] // 8, kernel=kernel)
+    campaign = campaign.replace(repeats=PROFILED_RUNS // 8)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         warm_up(campaign, Path(folder) / "compiled")
-        inside = stack.enter_context(timed(*KERNEL[kernel]))
+        inside = stack.enter_context(timed(*KERNEL[campaign.kernel]))
         runs = stack.enter_context(timed(_workers, "simulate_runs"))
         parts = {what: stack.enter_context(timed(*where)) for what, where in OUTSIDE.items()}
         began = time.process_time()
@@ -157,17 +163,19 @@ def shares(kernel: str) -> dict[str, float]:
 
 def shares_text() -> str:
     """Return the shares of the processor time outside the kernel as Markdown."""
-    exact, batch = (shares(kernel) for kernel in KERNEL)
-    rows = [f"| {what} | {100 * exact[what]:.1f} % | {100 * batch[what]:.1f} % |" for what in exact]
-    lines = [
-        f"{HEADING}\n",
-        f"Shares of the processor time of {PROFILED_RUNS['exact']} and {PROFILED_RUNS['batch']} runs in one",
-        "process; goal: 25 % of a batch's time (`python benchmarks/campaign.py --shares`):\n",
-        "| what | exact | batch |",
-        "|---|---|---|",
-        *rows,
-    ]
-    return "\n".join(lines) + "\n"
+    made = [shares(campaign) for campaign in DESIGNS.values()]
+    rows = [(what, [f"{100 * one[what]:.1f} %" for one in made]) for what in made[0]]
+    text = (
+        f"Shares of the processor time of {PROFILED_RUNS} runs in one process; goal: 25 % of a batch's time "
+        "(`python benchmarks/campaign.py --shares`):"
+    )
+    return f"{HEADING}\n\n{text}\n\n{markdown(DESIGNS, rows)}"
+
+
+def markdown(names: Iterable[str], rows: Iterable[tuple[str, list[str]]]) -> str:
+    """Return a table with a column for each name."""
+    lines = [["what", *names], ["---"] * (1 + len(list(names))), *([what, *values] for what, values in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 @dataclass(frozen=True)
@@ -176,7 +184,7 @@ class Cost:
 
     rate: float  #: runs/s
     cpu: float  #: processor time of all processes in s
-    writer: float  #: that of the process that writes
+    writer: float  #: that of this process, which writes
     peak: float  #: memory of all processes together in GiB
     disk: float  #: bytes
 
@@ -199,36 +207,31 @@ def cost(campaign: Campaign, n_jobs: int, backend: str = "loky") -> Cost:
 
 def table(n_runs: int) -> str:
     """Return the results as a Markdown table."""
-    batch = DESIGN.replace(repeats=n_runs // 8, kernel="batch")
-    # A quarter of the runs takes the exact kernel about as long.
-    measured = {
-        "exact": cost(batch.replace(kernel="exact", repeats=max(n_runs // 32, 1)), N_JOBS),
-        "batch": cost(batch, N_JOBS),
-        "threads": cost(batch, N_JOBS, "threading"),
-        "alone": cost(batch, 1),
-    }
-    many = f"{N_JOBS} processes"
-    names = (f"exact, {many}", f"batch, {many}", f"batch, {N_JOBS} threads", "batch, 1 process")
-    rows = {
-        "runs/s": [f"{one.rate:.1f}" for one in measured.values()],
-        "processor time per run": [f"{1e3 * one.cpu:.0f} ms" for one in measured.values()],
-        "of it in the process that writes": [
-            f"{1e3 * one.writer:.1f} ms" if which in ("exact", "batch") else ""
-            for which, one in measured.items()
-        ],
-        "peak memory, all processes": [f"{one.peak:.2f} GiB" for one in measured.values()],
-        "1,000,000 such runs: core hours": [f"{one.cpu * 1e6 / 3600:.1f}" for one in measured.values()],
-        "1,000,000 such runs: on disk": [f"{one.disk / 1e3:.0f} GB" for one in measured.values()],
-    }
+    # The exact kernel takes about as long for a quarter of the runs.
+    n_repeats = {name: n_runs // (32 if name == "exact" else 8) for name in DESIGNS}
+    designs = {name: campaign.replace(repeats=n_repeats[name]) for name, campaign in DESIGNS.items()}
+    fast = f"{FAST}, "
+    # Processes last: their workers stay, and their memory with them.
+    alone = {fast + "1 process": cost(designs[FAST], 1)}
+    threads = {fast + f"{N_JOBS} threads": cost(designs[FAST], N_JOBS, "threading")}
+    processes = {f"{name}, {N_JOBS} processes": cost(one, N_JOBS) for name, one in designs.items()}
+    measured = processes | threads | alone
+    rows = [
+        ("runs/s", [f"{one.rate:.1f}" for one in measured.values()]),
+        ("processor time per run", [f"{1e3 * one.cpu:.0f} ms" for one in measured.values()]),
+        ("of it in this process", [f"{1e3 * one.writer:.1f} ms" for one in measured.values()]),
+        ("peak memory, all processes", [f"{one.peak:.2f} GiB" for one in measured.values()]),
+        ("1,000,000 such runs: core hours", [f"{one.cpu * 1e6 / 3600:.1f}" for one in measured.values()]),
+        ("1,000,000 such runs: on disk", [f"{one.disk / 1e3:.0f} GB" for one in measured.values()]),
+    ]
     head = (
-        f"{batch.n_runs} runs (a quarter with the exact kernel) of {RIG.name} with hum and quantisation, "
+        f"{n_runs} runs (a quarter with the exact kernel) of {RIG.name} with hum and quantisation, "
         f"records of {DESIGN.duration:g} s at {DESIGN.sampling_rate:g} Hz, 0 to 7 worn lobes, {n_lanes()} in "
         "a batch. Workers have started before; everything else is counted, the disk too. The machine has "
         f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
         "benchmark's own at most. If other programs run too, compare processor time, not runs per second.\n"
     )
-    lines = [head, "| what | " + " | ".join(names) + " |", "|---" * (1 + len(names)) + "|"]
-    return "\n".join(lines + [f"| {name} | {' | '.join(values)} |" for name, values in rows.items()]) + "\n"
+    return f"{head}\n{markdown(measured, rows)}"
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from cyclofeat.simulators.effects._library import stream
 from cyclofeat.simulators.gearbox import LobeDefects
 from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
-from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed
+from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver
 
 # Columns of every campaign and their kinds; those of its effects follow.
 INTEGER, NUMBER, TEXT, INTEGERS = "integer", "number", "text", "integers"
@@ -158,6 +158,7 @@ def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRu
             planned = rig.plan_run(
                 defects, duration=campaign.n_samples / campaign.sampling_rate,
                 sampling_rate=campaign.sampling_rate, random_state=seed, torque_in=False, motion=False,
+                solver=Solver(integrator=campaign.integrator),
             )  # fmt: skip
         except ValueError as error:
             machine, planned = rig.draw(seed), error

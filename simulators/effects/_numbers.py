@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,12 @@ DISTRIBUTIONS: Mapping[str, Any] = {
 }
 # Probabilities of quantiles are limited to this distance from 0 and 1, where quantiles may be infinite.
 _LEAST_SHARE = 1e-12
+
+
+@functools.lru_cache
+def _probabilities(distribution: Any, low: float, high: float) -> tuple[float, float]:
+    """Return the probabilities below two bounds: thousands of draws are of few distributions."""
+    return float(distribution.cdf(low)), float(distribution.cdf(high))
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class EffectParameter:
 
     def quantile(self, distribution: Any, share: float) -> float:
         """Return the quantile of a frozen distribution, truncated to the bounds, at a share from 0 to 1."""
-        below, up_to = float(distribution.cdf(self.low)), float(distribution.cdf(self.high))
+        below, up_to = _probabilities(distribution, self.low, self.high)
         share = min(max(below + (up_to - below) * share, _LEAST_SHARE), 1 - _LEAST_SHARE)
         return min(max(float(distribution.ppf(share)), self.low), self.high)
 

@@ -252,6 +252,7 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"defect_counts": 3}', "defect_counts must be several whole numbers"),
         ('{"lobes": "all"}', "lobes must be 'consecutive' or 'random', got 'all'"),
         ('{"kernel": "fast"}', "kernel must be one of 'exact', 'batch', 'auto', got 'fast'"),
+        ('{"integrator": "euler"}', "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
         ('{"design": "grid"}', "design must be 'sobol' or 'random', got 'grid'"),
         ('{"wheels": [2]}', "wheels must be 'random'"),
         ('{"depth": 0}', "depth must lie above 0 and up to 1"),
@@ -311,6 +312,19 @@ def test_batches_make_the_assemblies_and_the_torque_of_the_exact_kernel() -> Non
         assert one.torque is not None
         assert other.torque is not None
         assert np.abs(one.torque - other.torque).max() < 1e-3 * np.ptp(one.torque)
+
+
+@pytest.mark.parametrize("kernel", ["exact", "batch"])
+def test_another_integrator_makes_the_same_assemblies(kernel: str) -> None:
+    campaign = SMALL.replace(kernel=kernel, repeats=2, duration=0.1)
+    plans = list(campaign.plans())
+    runs = _run.simulate_runs(campaign, plans)
+    fast = _run.simulate_runs(campaign.replace(integrator="adams_bashforth"), plans)
+    for one, other in zip(runs, fast, strict=True):
+        assert one.row == other.row
+        assert one.torque is not None
+        assert other.torque is not None
+        assert 0 < np.abs(one.torque - other.torque).max() < 2e-3 * np.ptp(one.torque)
 
 
 def test_runs_that_fail_in_a_batch_have_the_exact_kernels_reason() -> None:
