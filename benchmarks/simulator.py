@@ -352,14 +352,19 @@ def on_two_cores() -> list[Row]:
     than one if the second core is in use.
     """
     rows = []
-    for kind, backend in (("threads", "threading"), ("processes", "loky")):
+    kinds = (
+        ("threads", "threading", "exact", SHORT_S, ">= 1.8 x"),
+        ("processes", "loky", "exact", SHORT_S, ">= 1.8 x"),
+        ("threads with batches", "threading", "batch", DURATION_S, ">= 1.9 x"),
+    )
+    for kind, backend, kernel, duration, goal in kinds:
         walls: tuple[list[float], list[float]] = ([], [])
         given_up = time.perf_counter() + PATIENCE_S
         for attempt in range(41):
             for n_jobs, undisturbed in zip((1, 2), walls, strict=True):
                 machine, own, began = busy_seconds(), children_seconds(), time.perf_counter()
                 with joblib.parallel_config(backend=backend):
-                    simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=SHORT_S, n_jobs=n_jobs)
+                    simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=duration, kernel=kernel, n_jobs=n_jobs)
                 wall = time.perf_counter() - began
                 others = busy_seconds() - machine - (children_seconds() - own)
                 if others < 0.1 * wall and attempt > 0:  # the first starts the workers
@@ -372,9 +377,9 @@ def on_two_cores() -> list[Row]:
             text = f"{statistics.median(walls[0]) / statistics.median(walls[1]):.2f} x faster"
         rows.append(
             (
-                f"two cores against one, {SHORT_RUNS} runs of {SHORT_S:g} s, {kind}, wall time",
+                f"two cores against one, {SHORT_RUNS} runs of {duration:g} s, {kind}, wall time",
                 text,
-                ">= 1.8 x",
+                goal,
             )
         )
     return rows
