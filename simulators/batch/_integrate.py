@@ -88,7 +88,8 @@ class Integrating:
             inputs = [self._piece(lane, stages * begin, inputs) for lane in range(len(self._courses))]
             for first in range(0, size, _CHUNK):
                 n = min(_CHUNK, size - first)
-                fill(tuple(inputs), stages * first, stages * n, stages, tables.n_lobes, angle, drive)
+                for lane, course in enumerate(inputs):
+                    fill(course, stages * first, stages * n, stages, tables.n_lobes, lane, angle, drive)
                 done = integrate(
                     Lanes(self._lanes), Lanes(_PINS), stages, begin + first, n, self._solver.dt,
                     simulation.ABSURD_TORQUE, faulty, angle, drive, tables,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import enum
+import functools
 import inspect
 import math
 import re
@@ -358,7 +359,7 @@ class Effect(BaseEstimator):
         >>> TorqueMeterLowPass(cutoff_hz=(200, 400)).to_dict()
         {'effect': 'torque_meter_low_pass', 'cutoff_hz': [200.0, 400.0], 'order': 2}
         """
-        names = list(inspect.signature(type(self).__init__).parameters)[1:]  # without self
+        names = _arguments(type(self))
         values = {name: to_plain(getattr(self, name), is_parameter=name in self.parameters) for name in names}
         return {"effect": self.effect_id, **values}
 
@@ -369,12 +370,17 @@ class Effect(BaseEstimator):
         return hash(type(self))  # parameters may be set later
 
     def __repr__(self) -> str:
-        arguments = inspect.signature(type(self)).parameters
+        arguments = _arguments(type(self))
         values = {name: shown(getattr(self, name)) for name in arguments}
         given = ", ".join(
             f"{name}={value}" for name, value in values.items() if value != shown(arguments[name].default)
         )
         return f"{type(self).__name__}({given})"
+
+
+@functools.lru_cache
+def _arguments(kind: type[Effect]) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(kind).parameters
 
 
 def check_phase(where: str, value: Any) -> None:
