@@ -13,6 +13,7 @@ room               question
 ``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
 ``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
 ``world``          Which rigs could it be? (random rigs, from which a joint posterior learns)
+``posterior``      Which effects are missing, all at once? (learned from such rigs)
 ``_workflow``      The four stages in turn (:func:`find_gap`)
 =================  =========================================================================================
 

@@ -90,6 +90,7 @@ def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
     assert np.isfinite(rigs.values).all()
     assert rigs.present.shape == (16, 4)
     assert rigs.present.sum(axis=1).max() <= 3
+    assert rigs.logarithmic == (False, True, True, True)
     sizes = dict(zip(rigs.size_names, np.nan_to_num(rigs.sizes.T), strict=True))
     # Torque times direction: gain * load + direction * offset, but for some 0.5 % of the load.
     mean = rigs.values[:, :, rigs.cells.index("amplitudes: mean")]

@@ -22,6 +22,7 @@ PACKAGES = (
     "cyclofeat.gap",
     "cyclofeat.gap.comparison",
     "cyclofeat.gap.loops",
+    "cyclofeat.gap.posterior",
     "cyclofeat.gap.proof",
     "cyclofeat.gap.published",
     "cyclofeat.gap.simulations",

@@ -102,7 +102,8 @@ def _state(world: World, folder: Path) -> None:
     """Write the settings of a world, or check that the folder has the same."""
     content = {
         "format": _FORMAT, "made_with": versions(*_SIMULATED_BY), "world": world.to_dict(),
-        "names": world.names, "size_names": world.size_names, "cells": world.cells,
+        "names": world.names, "size_names": world.size_names, "logarithmic": world.logarithmic,
+        "cells": world.cells,
     }  # fmt: skip
     text = json.dumps(content, indent=1)
     file = folder / _SETTINGS
@@ -135,6 +136,7 @@ def _read(folder: Path, files: list[Path]) -> Rigs:
     rigs = Rigs(
         names=tuple(stated["names"]),
         size_names=tuple(stated["size_names"]),
+        logarithmic=tuple(stated["logarithmic"]),
         cells=tuple(stated["cells"]),
         machines=columns["numbers"] // stated["world"]["n_rigs_per_machine"],
         **columns,

@@ -108,6 +108,8 @@ class Rigs:
     ----------
     names, size_names, cells : tuple of str
         Effects, their fitted parameters, and summaries of a recording.
+    logarithmic : tuple of bool
+        Whether ``sizes`` holds the logarithm of a parameter.
     numbers : ndarray of int, shape (n_rigs,)
     machines : ndarray of int, shape (n_rigs,)
         Rigs of one machine share its runs: keep them on one side of a split.
@@ -124,6 +126,7 @@ class Rigs:
 
     names: tuple[str, ...]
     size_names: tuple[str, ...]
+    logarithmic: tuple[bool, ...] = field(repr=False)
     cells: tuple[str, ...] = field(repr=False)
     numbers: NDArray[np.int64] = field(repr=False)
     machines: NDArray[np.int64] = field(repr=False)

@@ -107,6 +107,11 @@ class World:
         return tuple(f"{e.effect_id}.{name}" for e in self.effects or () for name in e.vector_names())
 
     @property
+    def logarithmic(self) -> tuple[bool, ...]:
+        """Whether each of these parameters is fitted in its logarithm."""
+        return tuple(e.parameters[name].log for e in self.effects or () for name in e.vector_names())
+
+    @property
     def n_lobes(self) -> int:
         """Number of lobes of the model's discs."""
         return int(self.rig.gearbox.n_lobes)

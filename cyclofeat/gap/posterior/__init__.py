@@ -1,0 +1,20 @@
+"""Joint posterior of all missing effects at once.
+
+:class:`EffectPosterior` learns from the rigs of a :class:`cyclofeat.gap.world.World` and gives, for a session
+of recordings, the probability of each effect and quantiles of its size. :func:`score_posterior` states how
+often it is right on rigs that it has not seen.
+"""
+
+from cyclofeat.gap.posterior._learners import QUANTILES
+from cyclofeat.gap.posterior._posterior import EffectPosterior, load_posterior, random_session
+from cyclofeat.gap.posterior._score import TIES, PosteriorScore, score_posterior
+
+__all__ = [
+    "QUANTILES",
+    "TIES",
+    "EffectPosterior",
+    "PosteriorScore",
+    "load_posterior",
+    "random_session",
+    "score_posterior",
+]
