@@ -8,9 +8,14 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from threadpoolctl import threadpool_limits
 
-from cyclofeat.gap.posterior import EffectPosterior, load_posterior, random_session, score_posterior
-from cyclofeat.gap.posterior._pool import gain_and_offset
-from cyclofeat.gap.posterior._score import calibration_error
+from cyclofeat.gap.posterior import (
+    EffectPosterior,
+    calibration_error,
+    gain_and_offset,
+    load_posterior,
+    random_session,
+    score_posterior,
+)
 from cyclofeat.gap.world import Rigs, Session
 
 CELLS = ("speed: input speed by the mesh lines", "amplitudes: mean", "hum", "noise", "other")

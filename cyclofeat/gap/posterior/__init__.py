@@ -6,14 +6,17 @@ often it is right on rigs that it has not seen.
 """
 
 from cyclofeat.gap.posterior._learners import QUANTILES
+from cyclofeat.gap.posterior._pool import gain_and_offset
 from cyclofeat.gap.posterior._posterior import EffectPosterior, load_posterior, random_session
-from cyclofeat.gap.posterior._score import TIES, PosteriorScore, score_posterior
+from cyclofeat.gap.posterior._score import TIES, PosteriorScore, calibration_error, score_posterior
 
 __all__ = [
     "QUANTILES",
     "TIES",
     "EffectPosterior",
     "PosteriorScore",
+    "calibration_error",
+    "gain_and_offset",
     "load_posterior",
     "random_session",
     "score_posterior",

@@ -26,14 +26,17 @@ def pooled(sessions: Iterable[Session], reference: Reference, cells: tuple[str, 
 
 
 def _of_session(session: Session, reference: Reference, cells: tuple[str, ...]) -> Float:
-    deviations = np.arcsinh(reference.deviations(session))
+    deviations = reference.deviations(session)
+    uncorrelated = deviations.mean(axis=0) @ reference.uncorrelating_
     deviations = np.column_stack([deviations, _of_tachometer(session, cells.index(_SPEED_CELL))])
-    low, high = _means_by_count(deviations, session.counts)
+    mean = deviations.mean(axis=0)
     mean_torque = session.values[:, cells.index(_MEAN_CELL)]
     return np.concatenate(
         [
-            deviations.mean(axis=0), deviations.std(axis=0), deviations.min(axis=0), deviations.max(axis=0),
-            low, high, gain_and_offset(mean_torque, session.conditions), _of_conditions(session),
+            mean, uncorrelated, deviations.std(axis=0),
+            deviations.min(axis=0) - mean, deviations.max(axis=0) - mean,
+            _difference_by_count(deviations, session.counts),
+            gain_and_offset(mean_torque, session.conditions), _of_conditions(session),
         ]
     )  # fmt: skip
 
@@ -46,14 +49,12 @@ def _of_tachometer(session: Session, speed_cell: int) -> Float:
     return np.column_stack([deviation, session.values[:, speed_cell] - deviation])
 
 
-def _means_by_count(deviations: Float, counts: NDArray[np.int64] | None) -> tuple[Float, Float]:
-    """Return the means of recordings with few and with many worn lobes; that of all where there are none."""
-    whole = deviations.mean(axis=0)
-    if counts is None:
-        return whole, whole
-    few = counts <= _LOW_COUNTS
-    first, second = (deviations[part].mean(axis=0) if part.any() else whole for part in (few, ~few))
-    return first, second
+def _difference_by_count(deviations: Float, counts: NDArray[np.int64] | None) -> Float:
+    """Return the mean over recordings with many worn lobes less that with few; 0 where one is missing."""
+    many = np.zeros(len(deviations), dtype=bool) if counts is None else counts > _LOW_COUNTS
+    if not many.any() or many.all():
+        return np.zeros(deviations.shape[1])
+    return np.asarray(deviations[many].mean(axis=0) - deviations[~many].mean(axis=0))
 
 
 def gain_and_offset(mean_torque: Float, conditions: Float) -> Float:

@@ -31,16 +31,16 @@ class EffectPosterior(BaseEstimator):
     """Probability of each effect and distribution of its size, given the recordings of a rig.
 
     The summaries of recordings become deviations from those of a rig without missing effects at the same
-    speed, load and count; mean, spread, extremes and means by count of the deviations, and a fit of gain and
-    offset, describe a session. Gradient-boosted trees with calibrated probabilities learn the presence of
-    each effect, others the quantiles of each size.
+    speed, load and count. Their mean, also uncorrelated, their spread and extremes, their difference between
+    few and many worn lobes, and a fit of gain and offset describe a session. Gradient-boosted trees with
+    calibrated probabilities learn the presence of each effect, others the quantiles of each size.
 
     Parameters
     ----------
     n_views : int, default=2
         Random sessions of each simulated rig: 4 or more of its recordings, with counts and tachometer or
         without.
-    max_iter : int, default=100
+    max_iter : int, default=120
         Trees of each classifier and regressor.
     random_state : int, default=0
     n_jobs : int, default=1
@@ -67,7 +67,7 @@ class EffectPosterior(BaseEstimator):
     like those. Whether a rig is one of that world is not asked.
     """
 
-    def __init__(self, n_views: int = 2, max_iter: int = 100, random_state: int = 0, n_jobs: int = 1) -> None:
+    def __init__(self, n_views: int = 2, max_iter: int = 120, random_state: int = 0, n_jobs: int = 1) -> None:
         self.n_views = n_views
         self.max_iter = max_iter
         self.random_state = random_state

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import Ridge
 
+from cyclofeat.gap.summaries import uncorrelating
 from cyclofeat.gap.world import Rigs, Session
 
 Float = NDArray[np.float64]
@@ -23,6 +24,9 @@ class Reference(BaseEstimator):
     Attributes
     ----------
     spread_ : ndarray, shape (n_cells,)
+    uncorrelating_ : ndarray, shape (n_cells, n_cells)
+        Matrix that makes the deviations of such recordings uncorrelated: combinations of summaries that
+        hardly vary show what no summary shows alone.
     known_, unknown_ : Ridge
         With the count and without it.
     """
@@ -45,13 +49,17 @@ class Reference(BaseEstimator):
         residuals = values - self.known_.predict(self._inputs(conditions, counts))
         overall = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64)
         self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * overall) + 1e-6
+        self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
         return self
 
     def deviations(self, session: Session) -> Float:
-        """Return the summaries less their reference, in units of its spread: (n_recordings, n_cells)."""
+        """Return the summaries less their reference, in units of its spread: (n_recordings, n_cells).
+
+        On a scale that is linear for small deviations and logarithmic for large ones.
+        """
         model = self.unknown_ if session.counts is None else self.known_
         expected = model.predict(self._inputs(session.conditions, session.counts))
-        return np.asarray((session.values - expected) / self.spread_)
+        return np.asarray(np.arcsinh((session.values - expected) / self.spread_))
 
     def _inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
         speed, load = (
