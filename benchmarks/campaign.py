@@ -30,12 +30,13 @@ from cyclofeat.simulators import (
     Quantisation,
     Rig,
     _kernels,
-    courses,
     run_campaign,
     simulation,
 )
-from cyclofeat.simulators.batch import _run, n_lanes
+from cyclofeat.simulators.batch import _integrate, n_lanes
+from cyclofeat.simulators.batch._samples import Samples
 from cyclofeat.simulators.campaign import _workers
+from cyclofeat.simulators.courses import DriveAndLoad
 
 N_JOBS = 2
 PROFILED_RUNS = 64
@@ -125,14 +126,14 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, real)
 
 
-KERNEL: dict[str, tuple[Any, str]] = {"exact": (_kernels, "integrate"), "batch": (_run, "integrate")}
+KERNEL: dict[str, tuple[Any, str]] = {"exact": (_kernels, "integrate"), "batch": (_integrate, "integrate")}
 # Parts of a run outside the kernel, with the functions that do them.
 OUTSIDE: dict[str, tuple[Any, str]] = {
-    "speed and angle of the drive at every evaluation": (courses, "_drive"),
-    "load with its drift at every evaluation": (courses, "_load"),
-    "drive and load into the lanes": (_run, "fill"),
+    "speed and angle of the drive at every evaluation": (DriveAndLoad, "_drive"),
+    "load with its drift at every evaluation": (DriveAndLoad, "_torque"),
+    "drive and load into the lanes": (_integrate, "fill"),
     "anti-alias filter of the torque, from 100 kHz (exact)": (simulation, "resample_poly"),
-    "the same for all lanes (batch)": (_run, "_decimated"),
+    "the same for all lanes (batch)": (Samples, "take"),
     "drawing the machine": (Machine, "drawn"),
     "drawing the drift": (Machine, "fluctuations"),
     "effects, noise and copies of the channels": (MachineRun, "record"),
