@@ -359,7 +359,8 @@ class Effect(BaseEstimator):
         >>> TorqueMeterLowPass(cutoff_hz=(200, 400)).to_dict()
         {'effect': 'torque_meter_low_pass', 'cutoff_hz': [200.0, 400.0], 'order': 2}
         """
-        names = _arguments(type(self))
+        kind: Any = type(self)  # mypy takes the instances' hash for that of the class
+        names = _arguments(kind)
         values = {name: to_plain(getattr(self, name), is_parameter=name in self.parameters) for name in names}
         return {"effect": self.effect_id, **values}
 
@@ -370,7 +371,8 @@ class Effect(BaseEstimator):
         return hash(type(self))  # parameters may be set later
 
     def __repr__(self) -> str:
-        arguments = _arguments(type(self))
+        kind: Any = type(self)
+        arguments = _arguments(kind)
         values = {name: shown(getattr(self, name)) for name in arguments}
         given = ", ".join(
             f"{name}={value}" for name, value in values.items() if value != shown(arguments[name].default)
