@@ -188,6 +188,14 @@ def test_bad_input_is_named(posterior, rigs):
     wrong = Session(np.zeros((3, 2)), np.ones((3, 3)))
     with pytest.raises(ValueError, match=r"session must hold recordings with the 5 .* got .*\(3, 2\)"):
         posterior.presence(wrong)
+    for conditions, message in (
+        ((900, 20, 1), r"speeds in RPM from 35\d\.?\d* to .*, got 900 to 900"),
+        ((500, 50, 1), "loads in Nm from 10"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            posterior.presence(Session(np.zeros((1, 5)), np.array([conditions], dtype=float)))
+    with pytest.raises(ValueError, match=r"counts of \[0, 1, .*, 7\], like the world .* got \[9\]"):
+        posterior.presence(Session(np.zeros((1, 5)), np.array([[500.0, 20.0, 1.0]]), counts=np.array([9])))
     with pytest.raises(ValueError, match="n_views must be at least 1, got 0"):
         EffectPosterior(n_views=0).fit(rigs)
     with pytest.raises(ValueError, match="rigs must hold at least 100 recordings of rigs without an effect"):
@@ -244,3 +252,4 @@ def test_scores_count_sets_and_ties(held_out):
     assert score.recall == pytest.approx(right / present.sum())
     assert score.effect_recall["offset"] == 0
     assert np.isnan(score.effect_precision["offset"])
+    assert np.isnan(score.between(5, 6))

@@ -161,6 +161,7 @@ class EffectPosterior(BaseEstimator):
                     f"session must hold recordings with the {len(self.cells_)} summaries of the world, got "
                     f"shape {session.values.shape}"
                 )
+            self.reference_.check(session)
         return pooled(sessions, self.reference_, self.cells_)
 
     def save(self, path: str | os.PathLike[str]) -> Path:

@@ -13,6 +13,7 @@ from cyclofeat.gap.world import Rigs, Session
 Float = NDArray[np.float64]
 
 _WAVES = 6  # lines in orders pass the bands in Hz as the speed changes
+_BEYOND = 0.03  # share by which a session may lie outside of the speeds and loads that were learned
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
 
@@ -51,6 +52,22 @@ class Reference(BaseEstimator):
         self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * overall) + 1e-6
         self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
         return self
+
+    def check(self, session: Session) -> None:
+        """Raise ValueError unless conditions and counts are like those of the rigs that it learned from."""
+        named = (("speeds in RPM", self.speed_), ("loads in Nm", self.load_))
+        for k, (what, (low, high)) in enumerate(named):
+            least, most = session.conditions[:, k].min(), session.conditions[:, k].max()
+            if not low * (1 - _BEYOND) <= least <= most <= high * (1 + _BEYOND):
+                raise ValueError(
+                    f"session must have {what} from {low:.4g} to {high:.4g}, like the world that the "
+                    f"posterior learned from, got {least:.4g} to {most:.4g}"
+                )
+        if session.counts is not None and not np.isin(session.counts, self.counts_).all():
+            raise ValueError(
+                f"session must have counts of {self.counts_.tolist()}, like the world that the posterior "
+                f"learned from, got {np.unique(session.counts).tolist()}"
+            )
 
     def deviations(self, session: Session) -> Float:
         """Return the summaries less their reference, in units of its spread: (n_recordings, n_cells).

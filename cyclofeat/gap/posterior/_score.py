@@ -58,10 +58,10 @@ class PosteriorScore:
     n_of_number: dict[int, int] = field(repr=False)
 
     def between(self, least: int, most: int, *, ties: bool = False) -> float:
-        """Return the share of whole sets right among rigs with ``least`` to ``most`` effects."""
+        """Return the share of sets right among rigs with ``least`` to ``most`` effects, NaN without any."""
         shares = self.with_ties if ties else self.whole_set
-        numbers = [k for k in shares if least <= k <= most]
-        return float(np.average([shares[k] for k in numbers], weights=[self.n_of_number[k] for k in numbers]))
+        n = {k: self.n_of_number[k] for k in shares if least <= k <= most}
+        return _share(sum(shares[k] * n[k] for k in n), sum(n.values()))
 
 
 def score_posterior(
