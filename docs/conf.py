@@ -70,6 +70,7 @@ RESULTS = {
     "other_speed": "Discs at another speed",
     "gap": "Hidden effects: the whole chain",
     "gap_names": "Hidden effects: where and what, without sizes",
+    "joint_posterior": "Hidden effects: all at once",
     "gap_fits": "Hidden effects: sizes and intervals",
     "gap_downstream": "Hidden effects: what the corrected model is worth to a counter",
     "hidden_effects/README": "Hidden effects: the cases, and how to compete",
