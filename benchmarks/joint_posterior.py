@@ -118,6 +118,8 @@ load; drifts of load and sensor; errors of clock and speed) may stand for each o
 of the library, so that many effects are too small to be seen; "visible sizes" keeps rigs whose effects are
 all larger than the smallest sizes listed in the script. Rigs and recordings are simulated by the simulator
 that the posterior learns from: no score is of measured recordings.
+
+The effects are {names}.
 """
 
 
@@ -139,7 +141,11 @@ def main() -> None:
         )
     else:
         rigs = load_rigs(arguments.folder)
-    text = INTRODUCTION.format(n=len(rigs.names)) + written(rigs, arguments.n_jobs) + "\n"
+    text = (
+        INTRODUCTION.format(n=len(rigs.names), names=", ".join(rigs.names))
+        + written(rigs, arguments.n_jobs)
+        + "\n"
+    )
     arguments.out.write_text(text, encoding="utf-8")
     print(text)
 
