@@ -26,9 +26,10 @@ class Prepared:
         self._course = np.ascontiguousarray(course[:, ::stride])
         self.n = self._course.shape[1]
 
-    def piece(self, first: int, last: int) -> np.ndarray:
-        """Rows from evaluation ``first`` to ``last``."""
-        return np.ascontiguousarray(self._course[:, first : last + 1])
+    def piece(self, first: int, last: int, out: np.ndarray) -> np.ndarray:
+        """Write the rows from evaluation ``first`` to ``last``."""
+        out[:, : last + 1 - first] = self._course[:, first : last + 1]
+        return out
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ def on_lines(at, knots, values):  # type: ignore[no-untyped-def]
     joined = np.empty(at.size)
     last = knots.size - 1
     k, of, slope = 0, -1, 0.0
+    if at.size > 0 and at[0] > knots[0]:
+        k = np.searchsorted(knots, at[0], side="right") - 1
     for i in range(at.size):
         x = at[i]
         while k < last and knots[k + 1] <= x:

@@ -30,8 +30,8 @@ class Course(Protocol):
 
     n: int
 
-    def piece(self, first: int, last: int) -> Float:
-        """Return the rows from one evaluation to another, at which the next piece begins."""
+    def piece(self, first: int, last: int, out: Float) -> Float:
+        """Write the rows from one evaluation to another, at which the next piece begins, to ``out``."""
 
 
 class Integrating:
@@ -82,14 +82,15 @@ class Integrating:
         results = zeros((again + min(_PIECE, n_steps), rows.N_RESULTS, self._lanes), self._dtype)
         angle = zeros((stages * _CHUNK, self._lanes), np.float64)
         drive = zeros((stages * _CHUNK, rows.N_DRIVE_ROWS, self._lanes), self._dtype)
-        inputs: list[Float] = []
+        inputs = np.empty((len(self._courses), 4, stages * _PIECE + 1))
+        sizes = np.zeros(len(self._courses), dtype=np.int64)
         for begin in range(0, n_steps, _PIECE):
             size = min(_PIECE, n_steps - begin)
-            inputs = [self._piece(lane, stages * begin, inputs) for lane in range(len(self._courses))]
+            for lane, course in enumerate(self._courses):
+                self._read(course, stages * begin, inputs[lane], sizes[lane : lane + 1])
             for first in range(0, size, _CHUNK):
                 n = min(_CHUNK, size - first)
-                for lane, course in enumerate(inputs):
-                    fill(course, stages * first, stages * n, stages, tables.n_lobes, lane, angle, drive)
+                fill(inputs, sizes, stages * first, stages * n, stages, tables.n_lobes, angle, drive)
                 done = integrate(
                     Lanes(self._lanes), Lanes(_PINS), stages, begin + first, n, self._solver.dt,
                     simulation.ABSURD_TORQUE, faulty, angle, drive, tables,
@@ -100,10 +101,12 @@ class Integrating:
             yield begin, results[: again + size]
             results[:again] = results[size : again + size]
 
-    def _piece(self, lane: int, first: int, before: list[Float]) -> Float:
-        """Return the evaluations of one piece and one more; after the end of a course its last one."""
-        course = self._courses[lane]
-        last = course.n - 1
-        if first >= last:
-            return before[lane][:, -1:].copy()
-        return course.piece(first, min(first + self._stages * _PIECE, last))
+    def _read(self, course: Course, first: int, out: Float, size: NDArray[np.int64]) -> None:
+        """Read a piece of a course and its size; after the end of the course keep its last evaluation."""
+        if first < course.n - 1:
+            last = min(first + self._stages * _PIECE, course.n - 1)
+            course.piece(first, last, out)
+            size[0] = last - first
+        elif size[0] > 0:
+            out[:, 0] = out[:, size[0]]
+            size[0] = 0

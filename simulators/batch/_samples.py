@@ -36,9 +36,9 @@ class SampledCourse:
         self._evaluations = stages * sampling.steps
         self.angle, self.speed = np.empty(self._time.size), np.empty(self._time.size)
 
-    def piece(self, first: int, last: int) -> Float:
+    def piece(self, first: int, last: int, out: Float) -> Float:
         """Return what :class:`DriveAndLoad` does."""
-        piece = self._whole.piece(first, last)
+        piece = self._whole.piece(first, last, out)
         inside = slice(*np.searchsorted(self._time, [first * self._step, last * self._step]))
         self.angle[inside] = on_grid(self._time[inside], self._step, piece[0], first)
         inside = slice(*np.searchsorted(self._evaluations, [first, last]))

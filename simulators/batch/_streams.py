@@ -8,25 +8,27 @@ from cyclofeat.simulators.batch._vectors import FASTMATH, addresses, filled, loa
 
 
 @njit(fastmath=False, nogil=True)
-def fill(course, first, n, stages, n_lobes, lane, angle, drive):
-    """Write ``n`` evaluations from number ``first`` of a piece on into a lane of the kernel's input.
+def fill(courses, sizes, first, n, stages, n_lobes, angle, drive):
+    """Write ``n`` evaluations from number ``first`` of a piece on into ``angle`` and ``drive`` of the kernel.
 
-    ``course`` is a piece of the lane's course, with one evaluation more. A lane whose course has ended stands
-    still: nothing reads what it does from there on.
+    ``courses`` (lanes, 4, evaluations) hold a piece of each lane's course, with one evaluation more than the
+    lane's ``size``. A lane whose course has ended stands still: nothing reads what it does from there on.
     """
-    own = max(min(course.shape[1] - 1 - first, n), 0)
-    for k in range(own, n):
-        angle[k, lane] = course[0, -1]
-        drive[k, :, lane] = 0.0
-    for k in range(own):
-        i = first + k
-        angle[k, lane] = course[0, i]
-        drive[k, rows.OMEGA, lane] = course[1, i]
-        drive[k, rows.ALPHA, lane] = course[2, i]
-        drive[k, rows.LOAD, lane] = course[3, i]
-        # Where a ramp ends the acceleration jumps: the rule of one stage takes its part from the speed.
-        push = course[2, i] if stages == 2 else course[1, i + 1] - course[1, i]
-        drive[k, rows.PUSH, lane] = push / n_lobes
+    for lane in range(sizes.size):
+        course = courses[lane]
+        own = max(min(sizes[lane] - first, n), 0)
+        for k in range(own, n):
+            angle[k, lane] = course[0, sizes[lane]]
+            drive[k, :, lane] = 0.0
+        for k in range(own):
+            i = first + k
+            angle[k, lane] = course[0, i]
+            drive[k, rows.OMEGA, lane] = course[1, i]
+            drive[k, rows.ALPHA, lane] = course[2, i]
+            drive[k, rows.LOAD, lane] = course[3, i]
+            # Where a ramp ends the acceleration jumps: the rule of one stage takes its part from the speed.
+            push = course[2, i] if stages == 2 else course[1, i + 1] - course[1, i]
+            drive[k, rows.PUSH, lane] = push / n_lobes
 
 
 @njit(fastmath=FASTMATH, nogil=True)

@@ -119,8 +119,9 @@ class Given:
         self.course = course[:, :: 1 if solver.integrator == "midpoint" else 2]
         self.n = self.course.shape[1]
 
-    def piece(self, first: int, last: int) -> np.ndarray:
-        return np.ascontiguousarray(self.course[:, first : last + 1])
+    def piece(self, first: int, last: int, out: np.ndarray) -> np.ndarray:
+        out[:, : last + 1 - first] = self.course[:, first : last + 1]
+        return out
 
 
 def in_lanes(
