@@ -310,11 +310,12 @@ def _pitch_error(lobes, w, lobe, n_lobes, part):
 
 @njit(fastmath=FASTMATH)
 def _lobe_direction(lobes, w, lobe, cos_theta, sin_theta):
-    """Direction of a lobe's tip in the fixed frame, with its pitch error."""
+    """Direction of a lobe's tip in the fixed frame, turned by its pitch error."""
     own = np.uintp(w * COLUMNS)
     error = lobes[own + PITCH_ERROR + np.uintp(lobe)]
-    cl = lobes[LOBE_COS + np.uintp(lobe)] - error * lobes[LOBE_SIN + np.uintp(lobe)]
-    sl = lobes[LOBE_SIN + np.uintp(lobe)] + error * lobes[LOBE_COS + np.uintp(lobe)]
+    sine, cosine = small_sincos(error)
+    cl = cosine * lobes[LOBE_COS + np.uintp(lobe)] - sine * lobes[LOBE_SIN + np.uintp(lobe)]
+    sl = cosine * lobes[LOBE_SIN + np.uintp(lobe)] + sine * lobes[LOBE_COS + np.uintp(lobe)]
     return cos_theta * cl - sin_theta * sl, sin_theta * cl + cos_theta * sl
 
 

@@ -72,8 +72,8 @@ def simulate_many(
     kernel : {"exact", "batch", "auto"}
         "exact" makes each run as :func:`simulate` does, in double precision. "batch" puts one gearbox into
         each lane of the processor's vectors, in single precision: several times as fast, with errors below
-        those of the time step. It refuses pitch errors of lobes, polylines, fewer than 10 pins, and the
-        options ``forces`` and ``points``. "auto" leaves what batches refuse to the exact
+        those of the time step. It refuses polylines as profile, fewer than 10 pins, and the options
+        ``forces`` and ``points``. "auto" leaves what batches refuse to the exact
         kernel; the attribute ``kernel`` of a run says which made it. With both, a run depends on its own
         arguments only, and the exact kernel repeats a run that diverges or locks.
     **options

@@ -146,7 +146,7 @@ def _weights_from(weights, first, shift, half):
     return joined(load_from(weights, first[0] + shift, half), load_from(weights, first[1] + shift, half))
 
 
-@inner_njit(fastmath=FASTMATH, forceinline=True)
+@inner_njit(fastmath=FASTMATH)
 def _weight_at(weights, first, step, half):
     """Weights of the lobes from an index for each wheel on, plus a step of -2 to 1 lobes."""
     before = choose(
@@ -163,15 +163,18 @@ def _weight_at(weights, first, step, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _beside(part, further, middle, lever, normal, g, at):
-    """The line across a flank where the outline may pass into a defect: value, slopes along v and u."""
-    sine, fall = sine_and_fall((part - further) * g[at + rows.PITCH])
-    along_x = choose(middle, -g[at + rows.EDGE_NY + rows.AT_PIT], part * 0.0)
-    along_y = choose(middle, g[at + rows.EDGE_NX + rows.AT_PIT], part * 0.0 + 1.0)
+def _beside(angle, middle, lever, normal, g, at):
+    """The line across a flank where the outline may pass into a defect: value, slopes along v and u.
+
+    ``angle`` is of the pin against the tip of the lobe ahead.
+    """
+    sine, fall = sine_and_fall(angle)
+    along_x = choose(middle, -g[at + rows.EDGE_NY + rows.AT_PIT], 0.0 * angle)
+    along_y = choose(middle, g[at + rows.EDGE_NX + rows.AT_PIT], 0.0 * angle + 1.0)
     x = along_x - fall * along_x + sine * along_y
     y = along_y - fall * along_y - sine * along_x
     nx, ny = normal
-    value = lever[0] * x + lever[1] * y - choose(middle, g[at + rows.PIT_DOT], part * 0.0)
+    value = lever[0] * x + lever[1] * y - choose(middle, g[at + rows.PIT_DOT], 0.0 * angle)
     return value, x * nx + y * ny, y * nx - x * ny
 
 
@@ -187,15 +190,15 @@ def _write_normal(spins, row, normal, axes, frames, n_blocks, b):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _edge_frames(kind, at_lobe, share, side, arm, beyond_tip, pin, reach, tables, at, b):
+def _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, reach, tables, at, b):
     """Frames of one kind of edges, and the masks of those that touch and of those only in reach.
 
-    ``at_lobe`` is the pin's place in pitches from the tip, ``arm`` the vector from the profile to it,
-    ``beyond_tip`` the radial part of that from the tip at place 0.
+    ``angle`` is of the pin against the tip, ``arm`` the vector from the profile to it, ``beyond_tip`` the
+    radial part of that from the tip at the pin's own angle.
     """
     g, frames, n_blocks = tables.rounded, tables.frames, tables.n_blocks
     lever, cam, axes = pin
-    sine, fall = sine_and_fall(at_lobe * g[at + rows.PITCH])
+    sine, fall = sine_and_fall(angle)
     from_x = beyond_tip - fall * arm[0] - sine * arm[1] - g[at + rows.EDGE_X + kind]
     from_y = sine * arm[0] + (arm[1] - fall * arm[1]) - g[at + rows.EDGE_Y + kind]
     nx, ny = g[at + rows.EDGE_NX + kind], g[at + rows.EDGE_NY + kind]
@@ -251,6 +254,34 @@ def _places_of_weights(place, b, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _pitch_errors(b, first, second, lane, tables, half):
+    """Angle by which the profile is displaced at each pin, and its slope by share of a pitch."""
+    (index_0, index_1), n_places, over = _places_of_weights(
+        (first.place, second.place), b, lane, tables, half
+    )
+    step = whole_below(over)
+    at = np.uintp(rows.PITCH_ERROR) * n_places
+    here = _weight_at(tables.weights, (index_0 + at, index_1 + at), step, half)
+    change = _weight_at(tables.weights, (index_0 + at, index_1 + at), step + 1.0, half) - here
+    # The half from tip to pit is displaced as a whole; the other half passes smoothly to the next lobe.
+    x = larger(2.0 * (over - step) - 1.0, 0.0)
+    return here + change * x * x * (3.0 - 2.0 * x), change * 12.0 * x * (1.0 - x)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _tilted(normal, gaps, error, slope, at_foot, arm, g, at):
+    """Normal and gap of a profile that a pitch error turns, and tilts where it leads to the next lobe's."""
+    nx, ny = normal
+    _, _, rx, ry, _, _, hx, hy = at_foot
+    foot_u = ry * nx - rx * ny
+    nx, ny = nx - error * ny, ny + error * nx
+    foot_x, foot_y = arm[0] - rx, arm[1] - ry
+    along = g[at + rows.PER_PITCH] * g[at + rows.INVERSE_EZ] / root(hx * hx + hy * hy)
+    tilt = slope * along * (foot_y * nx - foot_x * ny)
+    return (nx, ny), (gaps[0] + tilt * foot_u, gaps[1] + tilt, gaps[2], gaps[3])
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
     """Weights and lines of the flanks, and all edges, of the pins in block ``b``.
 
@@ -270,11 +301,12 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     # The next place where lobes or their halves meet lies behind the pin, or ahead of it.
     passed = (at_half < 0.25) | ((at_half >= 0.5) & (at_half < 0.75))
     ahead = step + further
+    errors = np.uintp(rows.PITCH_ERROR) * n_places
     shift = np.uintp(rows.FIRST_HALF) * n_places
     first = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
     shift = np.uintp(rows.SECOND_HALF) * n_places
-    ahead = ahead - choose(middle, zero, 1.0)
-    second = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
+    behind = ahead - choose(middle, zero, 1.0)
+    second = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), behind, half)
     before, beyond = choose(middle, first, second), choose(middle, second, first)
     weight = choose(passed, beyond, before)
     used = gap < reach
@@ -282,7 +314,8 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     from_meeting = 0.25 - magnitude(magnitude(at_half - 0.5) - 0.25)
     uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
     if bits_of(uneven) != 0:
-        line = _beside(part, further, middle, arm, normal, g, at)
+        error = _weight_at(tables.weights, (index_0 + errors, index_1 + errors), ahead, half)
+        line = _beside((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
         store(frames, rows.F_LINE * n_blocks + b, line[0])
         store(frames, rows.F_LINE_V * n_blocks + b, line[1])
         store(frames, rows.F_LINE_U * n_blocks + b, line[2])
@@ -307,7 +340,9 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
         tables.bits[(rows.ON_EDGE + kind) * n_blocks + b] = np.uint64(0)
         tables.bits[(rows.NEAR_EDGE + kind) * n_blocks + b] = np.uint64(0)
         if bits_of(share > 0.0) != 0:
-            _edge_frames(kind, part - up, share, side, arm, beyond_tip, pin, edge_reach, tables, at, b)
+            error = _weight_at(tables.weights, (index_0 + errors, index_1 + errors), step + up, half)
+            angle = (part - up) * g[at + rows.PITCH] - error
+            _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, edge_reach, tables, at, b)
     return weight, used, lined
 
 
@@ -333,34 +368,44 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
         _both((first.lobe_x, second.lobe_x), frames, half),
         _both((first.lobe_y, second.lobe_y), frames, half),
     )
+    run_x, run_y = (
+        _both((first.run_x, second.run_x), frames, half),
+        _both((first.run_y, second.run_y), frames, half),
+    )
     # Each pin in its own frame: radial, tangential.
     displaced = (c * offset_x + s * offset_y + radial, c * offset_y - s * offset_x + tangential)
     lobe = (c * lobe_x + s * lobe_y, c * lobe_y - s * lobe_x)
+    cam = (c * cam_x + s * cam_y, c * cam_y - s * cam_x)
+    lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
+    run = (c * run_x + s * run_y, c * run_y - s * run_x)
+    arm = (lever[0] - run[0], lever[1] - run[1])
+    has_pitch_errors = g[at + rows.HAS_PITCH_ERRORS] > 0.0
+    error = slope = 0.0 * radial
+    if has_pitch_errors:
+        error, slope = _pitch_errors(b, first, second, lane, tables, half)
+        # An error of the pitch turns the pin back.
+        from_cam = g[at + rows.CIRCLE_RADIUS] - cam[0]
+        displaced = (displaced[0] - error * cam[1], displaced[1] - error * from_cam)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
     foot, at_foot = _near_foot(displaced, lobe, close, g, at)
     nx, ny, gaps, radii = _profile(at_foot, g, at)
-    cam = (c * cam_x + s * cam_y, c * cam_y - s * cam_x)
-    lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
+    normal = (nx, ny)
+    if has_pitch_errors:
+        normal, gaps = _tilted(normal, gaps, error, slope, at_foot, arm, g, at)
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
         constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
-    _write_flanks(lever, cam, (nx, ny), gaps, radii, frames, n_blocks, b)
-    _write_normal(tables.spins, rows.FLANK_NORMALS, (nx, ny), (c, s), frames, n_blocks, b)
+    _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b)
+    _write_normal(tables.spins, rows.FLANK_NORMALS, normal, (c, s), frames, n_blocks, b)
     wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
     weight = _both((1.0, 1.0), frames, half)
     used = gaps[0] < reach
     lined = used & ~used
     if faulty:
-        run_x, run_y = (
-            _both((first.run_x, second.run_x), frames, half),
-            _both((first.run_y, second.run_y), frames, half),
-        )
-        run = (c * run_x + s * run_y, c * run_y - s * run_x)
-        arm = (lever[0] - run[0], lever[1] - run[1])
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
         weight, used, lined = _defects(
-            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam, (c, s)), (nx, ny),
+            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam, (c, s)), normal,
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
     store(frames, rows.F_WEIGHT * n_blocks + b, weight)

@@ -28,8 +28,6 @@ _FEWEST_PINS = 10  # with fewer, a lobe is too wide for the short polynomials
 
 def unsuited(one: KernelInput) -> str | None:
     """Return what keeps a gearbox out of a batch, or None."""
-    if one.wheel.has_pitch_errors:
-        return "pitch errors of lobes"
     if one.wheel.profile_points > 0:
         return "a polyline as profile"
     if one.wheel.n_lobes + 1 < _FEWEST_PINS:
@@ -108,16 +106,19 @@ def batch_tables(
         for row, first in enumerate((_outline.PIN_RADIAL_ERROR, _outline.PIN_TANGENTIAL_ERROR)):
             errors[row] = one.pins[int(first) : int(first) + n_pins]
         lobes = (np.arange(n_places) - FIRST_PLACE - wheel.n_lobes) % wheel.n_lobes
-        tables.weights[lane] = _weights(_by_wheel(one.wear)[:, : wheel.n_lobes])[:, :, lobes]
+        tables.weights[lane] = _weights(one)[:, :, lobes]
     tables.rounded[:] = tables.geometry
     return tables
 
 
-def _weights(wear: NDArray[np.float64]) -> NDArray[np.float64]:
+def _weights(one: KernelInput) -> NDArray[np.float64]:
     """Return the weights of all lobes: (2, N_WEIGHTS, n_lobes)."""
+    wear = _by_wheel(one.wear)[:, : one.wheel.n_lobes]
     removed = 1.0 * (wear == _outline.REMOVED)
     worn = wear * (1.0 - removed)
     weights = np.empty((2, rows.N_WEIGHTS, wear.shape[1]))
+    lobes = _by_wheel(one.lobes[int(_outline.PITCH_ERROR) :])
+    weights[:, rows.PITCH_ERROR] = lobes[:, : one.wheel.n_lobes]
     weights[:, rows.FIRST_HALF], weights[:, rows.SECOND_HALF] = 1.0 - removed - worn, 1.0 - removed
     weights[:, rows.CHORD], weights[:, rows.TIP] = worn, removed - np.roll(removed, 1, axis=1)
     return weights
@@ -261,7 +262,8 @@ def _geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         rows.EDGE_NY: np.array([(wheel.tip_x - wheel.pit_x) / length, wheel.pit_ny, 0.0]),
         rows.CONSTANT_RADIUS: wheel.pin_radius if one.contact.law == _kernels.CONSERVATIVE_LAW else 0.0,
         rows.NEAR: wheel.near,
-        rows.CLOSE: _CLOSE * wheel.pin_circle_radius,
+        rows.CLOSE: 0.0 if wheel.has_pitch_errors else _CLOSE * wheel.pin_circle_radius,
+        rows.HAS_PITCH_ERRORS: wheel.has_pitch_errors,
         rows.PER_PITCH: z / (2 * np.pi),
         rows.FLANK_REACH: _FLANK_REACH * wheel.pin_circle_radius,
         rows.LINE_REACH: _LINE_REACH * wheel.pin_circle_radius,

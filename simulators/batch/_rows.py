@@ -100,19 +100,20 @@ N_MASKS = 9
 
 PIN_COS, PIN_SIN, PIN_SHARE = range(3)
 # Weights of the half of a lobe from tip to pit, of the half from pit to the next tip, and of its chord; that
-# of its tip as a vertex is negative where the lobe behind is removed.
-FIRST_HALF, SECOND_HALF, CHORD, TIP = range(4)
-N_WEIGHTS = 4
+# of its tip as a vertex is negative where the lobe behind is removed. The lobe's pitch error in rad stands
+# beside them.
+FIRST_HALF, SECOND_HALF, CHORD, TIP, PITCH_ERROR = range(5)
+N_WEIGHTS = 5
 
 # Columns of the geometry; three for each kind of edges (vertex from the tip, normal), two for each wheel.
 (
     ECCENTRICITY, INVERSE_M, Z, N_PINS, INVERSE_EZ, CIRCLE_RADIUS, CLEARANCE, RADIUS, CURVE_1, CURVE_3,
     STEEPNESS, STEEPNESS_CHANGE, LARGEST_STEP, PITCH, TIP_LESS, PIT_DOT, CONSTANT_RADIUS, NEAR, CLOSE,
-    FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH,
-) = range(23)  # fmt: skip
-EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(23, 35, 3)
-REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(35, 53, 2)
-N_COLUMNS = 53
+    FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH, HAS_PITCH_ERRORS,
+) = range(24)  # fmt: skip
+EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(24, 36, 3)
+REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(36, 54, 2)
+N_COLUMNS = 54
 
 # Why a lane ended.
 RUNNING, LEFT_RANGE, LOCKED_UP, FAR_DISPLACED = range(4)
