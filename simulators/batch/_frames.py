@@ -146,7 +146,7 @@ def _weights_from(weights, first, shift, half):
     return joined(load_from(weights, first[0] + shift, half), load_from(weights, first[1] + shift, half))
 
 
-@inner_njit(fastmath=FASTMATH)
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _weight_at(weights, first, step, half):
     """Weights of the lobes from an index for each wheel on, plus a step of -2 to 1 lobes."""
     before = choose(
@@ -254,30 +254,63 @@ def _places_of_weights(place, b, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _pitch_errors(b, first, second, lane, tables, half):
+def _lobe_error(pitched, index, n_places, step, tables, half):
+    """Pitch error of the lobes a step after those of an index for each wheel."""
+    if pitched is None:
+        return _both((0.0, 0.0), tables.frames, half)
+    shift = np.uintp(rows.PITCH_ERROR) * n_places
+    return _weight_at(tables.weights, (index[0] + shift, index[1] + shift), step, half)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _pitch_errors(pitched, b, wheels, lane, tables, half):
     """Angle by which the profile is displaced at each pin, and its slope by share of a pitch."""
-    (index_0, index_1), n_places, over = _places_of_weights(
-        (first.place, second.place), b, lane, tables, half
-    )
+    if pitched is None:
+        none = _both((0.0, 0.0), tables.frames, half)
+        return none, none
+    places = (wheels[0].place, wheels[1].place)
+    index, n_places, over = _places_of_weights(places, b, lane, tables, half)
     step = whole_below(over)
-    at = np.uintp(rows.PITCH_ERROR) * n_places
-    here = _weight_at(tables.weights, (index_0 + at, index_1 + at), step, half)
-    change = _weight_at(tables.weights, (index_0 + at, index_1 + at), step + 1.0, half) - here
+    here = _lobe_error(pitched, index, n_places, step, tables, half)
+    change = _lobe_error(pitched, index, n_places, step + 1.0, tables, half) - here
     # The half from tip to pit is displaced as a whole; the other half passes smoothly to the next lobe.
     x = larger(2.0 * (over - step) - 1.0, 0.0)
     return here + change * x * x * (3.0 - 2.0 * x), change * 12.0 * x * (1.0 - x)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _tilted(normal, gaps, error, slope, at_foot, arm, g, at):
+def _from_profile(pin, wheels, table, half):
+    """Run-out of the profiles in the pins' own frames, and the vectors from the profiles to the pins."""
+    lever, _, (c, s) = pin
+    x = _both((wheels[0].run_x, wheels[1].run_x), table, half)
+    y = _both((wheels[0].run_y, wheels[1].run_y), table, half)
+    run = (c * x + s * y, c * y - s * x)
+    return run, (lever[0] - run[0], lever[1] - run[1])
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _turned_back(pitched, errors, displaced, cam, g, at):
+    """Way of a pin from the rest position: an error of the pitch turns it back."""
+    if pitched is None:
+        return displaced
+    error, _ = errors
+    return displaced[0] - error * cam[1], displaced[1] - error * (g[at + rows.CIRCLE_RADIUS] - cam[0])
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _tilted(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, half):
     """Normal and gap of a profile that a pitch error turns, and tilts where it leads to the next lobe's."""
+    if pitched is None:
+        return normal, gaps
+    error, slope = errors
     nx, ny = normal
     _, _, rx, ry, _, _, hx, hy = at_foot
     foot_u = ry * nx - rx * ny
     nx, ny = nx - error * ny, ny + error * nx
+    _, arm = _from_profile(pin, wheels, tables.frames, half)
     foot_x, foot_y = arm[0] - rx, arm[1] - ry
-    along = g[at + rows.PER_PITCH] * g[at + rows.INVERSE_EZ] / root(hx * hx + hy * hy)
-    tilt = slope * along * (foot_y * nx - foot_x * ny)
+    along = tables.rounded[at + rows.PER_PITCH] * tables.rounded[at + rows.INVERSE_EZ]
+    tilt = slope * along * (foot_y * nx - foot_x * ny) / root(hx * hx + hy * hy)
     return (nx, ny), (gaps[0] + tilt * foot_u, gaps[1] + tilt, gaps[2], gaps[3])
 
 
@@ -301,7 +334,6 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     # The next place where lobes or their halves meet lies behind the pin, or ahead of it.
     passed = (at_half < 0.25) | ((at_half >= 0.5) & (at_half < 0.75))
     ahead = step + further
-    errors = np.uintp(rows.PITCH_ERROR) * n_places
     shift = np.uintp(rows.FIRST_HALF) * n_places
     first = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), ahead, half)
     shift = np.uintp(rows.SECOND_HALF) * n_places
@@ -314,7 +346,7 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     from_meeting = 0.25 - magnitude(magnitude(at_half - 0.5) - 0.25)
     uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
     if bits_of(uneven) != 0:
-        error = _weight_at(tables.weights, (index_0 + errors, index_1 + errors), ahead, half)
+        error = _lobe_error(tables.pitched, (index_0, index_1), n_places, ahead, tables, half)
         line = _beside((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
         store(frames, rows.F_LINE * n_blocks + b, line[0])
         store(frames, rows.F_LINE_V * n_blocks + b, line[1])
@@ -340,7 +372,7 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
         tables.bits[(rows.ON_EDGE + kind) * n_blocks + b] = np.uint64(0)
         tables.bits[(rows.NEAR_EDGE + kind) * n_blocks + b] = np.uint64(0)
         if bits_of(share > 0.0) != 0:
-            error = _weight_at(tables.weights, (index_0 + errors, index_1 + errors), step + up, half)
+            error = _lobe_error(tables.pitched, (index_0, index_1), n_places, step + up, tables, half)
             angle = (part - up) * g[at + rows.PITCH] - error
             _edge_frames(kind, angle, share, side, arm, beyond_tip, pin, edge_reach, tables, at, b)
     return weight, used, lined
@@ -368,30 +400,18 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
         _both((first.lobe_x, second.lobe_x), frames, half),
         _both((first.lobe_y, second.lobe_y), frames, half),
     )
-    run_x, run_y = (
-        _both((first.run_x, second.run_x), frames, half),
-        _both((first.run_y, second.run_y), frames, half),
-    )
     # Each pin in its own frame: radial, tangential.
     displaced = (c * offset_x + s * offset_y + radial, c * offset_y - s * offset_x + tangential)
     lobe = (c * lobe_x + s * lobe_y, c * lobe_y - s * lobe_x)
     cam = (c * cam_x + s * cam_y, c * cam_y - s * cam_x)
     lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
-    run = (c * run_x + s * run_y, c * run_y - s * run_x)
-    arm = (lever[0] - run[0], lever[1] - run[1])
-    has_pitch_errors = g[at + rows.HAS_PITCH_ERRORS] > 0.0
-    error = slope = 0.0 * radial
-    if has_pitch_errors:
-        error, slope = _pitch_errors(b, first, second, lane, tables, half)
-        # An error of the pitch turns the pin back.
-        from_cam = g[at + rows.CIRCLE_RADIUS] - cam[0]
-        displaced = (displaced[0] - error * cam[1], displaced[1] - error * from_cam)
+    pin, wheels = (lever, cam, (c, s)), (first, second)
+    errors = _pitch_errors(tables.pitched, b, wheels, lane, tables, half)
+    displaced = _turned_back(tables.pitched, errors, displaced, cam, g, at)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
     foot, at_foot = _near_foot(displaced, lobe, close, g, at)
     nx, ny, gaps, radii = _profile(at_foot, g, at)
-    normal = (nx, ny)
-    if has_pitch_errors:
-        normal, gaps = _tilted(normal, gaps, error, slope, at_foot, arm, g, at)
+    normal, gaps = _tilted(tables.pitched, errors, (nx, ny), gaps, at_foot, pin, wheels, tables, at, half)
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
         constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
@@ -403,9 +423,10 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     used = gaps[0] < reach
     lined = used & ~used
     if faulty:
+        run, arm = _from_profile(pin, wheels, frames, half)
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
         weight, used, lined = _defects(
-            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, (lever, cam, (c, s)), normal,
+            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, pin, normal,
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
     store(frames, rows.F_WEIGHT * n_blocks + b, weight)

@@ -87,6 +87,7 @@ def batch_tables(
         n_lobes=int(wheel.n_lobes),
         n_sleeves=int(joint.n_sleeves),
         n_blocks=n_blocks,
+        pitched=1 if machines[0].wheel.has_pitch_errors else None,
         n_wheels=2,
         spins=None if machines[0].friction is None else _spins(machines, lanes, dtype),
     )
@@ -263,7 +264,6 @@ def _geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         rows.CONSTANT_RADIUS: wheel.pin_radius if one.contact.law == _kernels.CONSERVATIVE_LAW else 0.0,
         rows.NEAR: wheel.near,
         rows.CLOSE: 0.0 if wheel.has_pitch_errors else _CLOSE * wheel.pin_circle_radius,
-        rows.HAS_PITCH_ERRORS: wheel.has_pitch_errors,
         rows.PER_PITCH: z / (2 * np.pi),
         rows.FLANK_REACH: _FLANK_REACH * wheel.pin_circle_radius,
         rows.LINE_REACH: _LINE_REACH * wheel.pin_circle_radius,

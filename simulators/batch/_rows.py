@@ -26,11 +26,12 @@ Tables = namedtuple(
         "n_lobes",
         "n_sleeves",
         "n_blocks",  # blocks that hold all pins
+        "pitched",  # 1 where lobes have pitch errors, else None: what is compiled differs
         "n_wheels",  # 2, but no constant: the compiler would write the loops over wheels out twice
     ],
 )
 
-N_TABLES = len(Tables._fields) - 4
+N_TABLES = len(Tables._fields) - 5
 
 # Place of one wheel at a description: way from the rest position, the cam's centre, direction of the lobes,
 # run-out, size of the first, place of pin 0 in pitches, and the cam in the axes of the holes.
@@ -109,11 +110,11 @@ N_WEIGHTS = 5
 (
     ECCENTRICITY, INVERSE_M, Z, N_PINS, INVERSE_EZ, CIRCLE_RADIUS, CLEARANCE, RADIUS, CURVE_1, CURVE_3,
     STEEPNESS, STEEPNESS_CHANGE, LARGEST_STEP, PITCH, TIP_LESS, PIT_DOT, CONSTANT_RADIUS, NEAR, CLOSE,
-    FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH, HAS_PITCH_ERRORS,
-) = range(24)  # fmt: skip
-EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(24, 36, 3)
-REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(36, 54, 2)
-N_COLUMNS = 54
+    FLANK_REACH, LINE_REACH, EDGE_REACH, PER_PITCH,
+) = range(23)  # fmt: skip
+EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(23, 35, 3)
+REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(35, 53, 2)
+N_COLUMNS = 53
 
 # Why a lane ended.
 RUNNING, LEFT_RANGE, LOCKED_UP, FAR_DISPLACED = range(4)

@@ -84,10 +84,11 @@ class Request:
         )
 
     @property
-    def form(self) -> tuple[int, int, bool, Settings]:
+    def form(self) -> tuple[int, int, bool, bool, Settings]:
         """What all runs of a batch share."""
-        gearbox = self.gearbox
-        return gearbox.n_lobes, gearbox.n_internal_sleeves, gearbox.has_friction, self.settings
+        one = self.gearbox
+        pitched = self.constants.wheel.has_pitch_errors
+        return one.n_lobes, one.n_internal_sleeves, one.has_friction, pitched, self.settings
 
     @property
     def cost(self) -> tuple[int, int]:
@@ -130,7 +131,7 @@ def batches(requests: Mapping[int, Request]) -> Iterator[dict[int, Request]]:
     A batch takes as long as the longest run, and at each step as the lane with most contacts: runs with as
     many defects and of similar length stand together.
     """
-    by_form: dict[tuple[int, int, bool, Settings], list[int]] = {}
+    by_form: dict[tuple[int, int, bool, bool, Settings], list[int]] = {}
     for key in sorted(requests, key=lambda key: requests[key].cost):
         by_form.setdefault(requests[key].form, []).append(key)
     for keys in by_form.values():
