@@ -180,6 +180,9 @@ def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
     assert "unseen" not in posterior.classifiers_
     assert np.isnan(posterior.presence(few.session(0))["unseen"])
     assert np.isnan(posterior.sizes(few.session(0))["unseen.size"]).all()
+    score = score_posterior(posterior, rigs.of(rigs.machines >= 400))
+    assert score.effect_recall["unseen"] == 0
+    assert "unseen.size" not in score.coverage
 
 
 def test_bad_input_is_named(posterior, rigs):
@@ -242,8 +245,18 @@ def test_scores_count_sets_and_ties(held_out):
         def predict_quantiles(self, sessions):
             return np.zeros((len(sessions), 4, 5))
 
-    score = score_posterior(Fixed(), held_out)
+    class Unlearned(Fixed):
+        """Has not learned the last effect."""
+
+        def predict_proba(self, sessions):
+            return np.column_stack([super().predict_proba(sessions)[:, :3], np.full(len(sessions), np.nan)])
+
     present = held_out.present
+    # Offsets with a probability of 0, and gains with one of 1 that are offsets: of three effects.
+    wrong = present[:, 1].sum() + (present[:, 1] & ~present[:, 2]).sum()
+    error = score_posterior(Unlearned(), held_out).calibration_error
+    assert error == pytest.approx(wrong / present[:, :3].size)
+    score = score_posterior(Fixed(), held_out)
     assert all(share == 1 for share in score.with_ties.values())
     assert score.between(0, 4) == pytest.approx(np.mean(~present[:, 1]))
     named = present[:, [0, 3]].sum() + (present[:, 1] | present[:, 2]).sum()

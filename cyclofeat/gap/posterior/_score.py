@@ -32,12 +32,14 @@ class PosteriorScore:
     ----------
     n_rigs : int
     precision, recall : float
-        Of the effects named with a probability above one half.
+        Of the effects named with a probability above one half. An effect that the posterior has not learned
+        is never named.
     whole_set, with_ties : dict from int to float
         Share of the rigs whose effects are named exactly, by their number; with ties, an effect may be named
         for another of its group.
     calibration_error : float
-        Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect.
+        Mean distance of probabilities, in 15 bins, from the shares of the rigs that have the effect; of
+        effects that the posterior has learned.
     coverage : dict from str to float
         Share of the true sizes inside the 90 % interval, by parameter.
     effect_recall, effect_precision : dict from str to float
@@ -93,8 +95,9 @@ def score_posterior(
     """
     shown = slice(None) if n_recordings is None else slice(whole("n_recordings", n_recordings, 1))
     sessions = [rigs.session(k, shown, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
-    probabilities = np.nan_to_num(posterior.predict_proba(sessions))
-    present, named = rigs.present, probabilities > 0.5
+    probabilities = posterior.predict_proba(sessions)
+    learned = np.isfinite(probabilities)
+    present, named = rigs.present, learned & (probabilities > 0.5)
     number = present.sum(axis=1)
     exact = np.all(named == present, axis=1)
     tied = np.all(_joined(named, rigs.names, ties) == _joined(present, rigs.names, ties), axis=1)
@@ -106,7 +109,7 @@ def score_posterior(
         recall=_share(right.sum(), present.sum()),
         whole_set={k: float(exact[number == k].mean()) for k in numbers},
         with_ties={k: float(tied[number == k].mean()) for k in numbers},
-        calibration_error=calibration_error(probabilities.ravel(), present.ravel()),
+        calibration_error=calibration_error(probabilities[learned], present[learned]),
         coverage=_coverage(posterior, rigs, posterior.predict_quantiles(sessions)),
         effect_recall=_shares(rigs.names, right, present),
         effect_precision=_shares(rigs.names, right, named),
