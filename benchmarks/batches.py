@@ -15,7 +15,13 @@ from cyclofeat.simulators.tables import kernel_input, rest_state
 DURATION_S = 0.6
 INTEGRATORS = ("midpoint", "adams_bashforth")
 FINER = 8
-RIGS = (Rig.r0(), Rig.r1(), Rig.r2())
+FRICTION = {"sleeve_friction": 0.05, "journal_friction": 0.02, "output_bearing_torque": 0.3}
+RIGS = (
+    Rig.r0(),
+    Rig.r1(),
+    Rig.r2(),
+    Rig.r1().replace(name="R1 with friction", gearbox=Rig.r1().gearbox.replace(**FRICTION)),
+)
 COUNTS = range(8)
 
 
