@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, reading
+from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, largest_unpacked, reading
 from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, check_version
 from cyclofeat.recordings import Recording
 
@@ -31,9 +31,8 @@ class NpzSource(Source):
 
     def __init__(self, path: Path) -> None:
         with _archive(path) as archive:
+            _check_sizes(path, archive)
             members = [name.removesuffix(".npy") for name in archive.namelist()]
-            for name in members:
-                _header(path, archive, name)  # a pickle among them is refused, asked for or not
             reserved = {*LABELS, FORMAT_KEY, "sampling_rate", "angle_unit"}
             super().__init__(path, [name for name in members if name not in reserved])
             small = {name: _array(path, archive, name) for name in members if name in reserved}
@@ -82,6 +81,7 @@ class NpzSource(Source):
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file. Pickled ones are refused: they are code."""
     with _archive(path) as archive:
+        _check_sizes(path, archive)
         return {name.removesuffix(".npy"): _array(path, archive, name) for name in archive.namelist()}
 
 
@@ -94,6 +94,27 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         file.seek(0)
         with zipfile.ZipFile(file) as archive:
             yield archive
+
+
+def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
+    """Raise ``ValueError`` for arrays too large to unpack, or pickled, asked for or not."""
+    unpacked = {info.filename: info.file_size for info in archive.infolist()}
+    _check_sum(path, unpacked)  # before any header: that may be as long
+    for name in unpacked:
+        shape, _ = _header(path, archive, name)
+        unpacked[name] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
+    _check_sum(path, unpacked)
+
+
+def _check_sum(path: Path, unpacked: dict[str, int]) -> None:
+    total, limit = sum(unpacked.values()), largest_unpacked(path)
+    if total > limit:
+        largest = max(unpacked, key=lambda name: unpacked[name])
+        raise ValueError(
+            f"{path.name} takes {total / 1e9:.3g} GB when unpacked, {unpacked[largest] / 1e9:.3g} GB of it "
+            f"array {largest.removesuffix('.npy')!r}; at most {limit / 1e9:.3g} GB are unpacked from "
+            f"{path.stat().st_size / 1e6:.3g} MB: split it, or save it uncompressed (numpy.savez)"
+        )
 
 
 def _header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import pickle
+import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cyclofeat.datasets import describe_recording, one_line, read_folder, read_recording, write_recording
+from cyclofeat.datasets.readers import _columns, load_arrays
 from cyclofeat.recordings import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=60)
@@ -513,6 +516,43 @@ def test_an_npz_channel_is_a_name(tmp_path):
     np.savez(tmp_path / "rig.npz", torque=[1, 2], sampling_rate=3)
     with pytest.raises(TypeError, match=r"channel must be an array's name, got 0; arrays are 'torque'"):
         read_recording(tmp_path / "rig.npz", channel=0)
+
+
+def zip_zeros(path, name, dtype, n_bytes):
+    """An NPZ file with one array of zeros, written in small parts."""
+    shape = (n_bytes // np.dtype(dtype).itemsize,)
+    head = {"descr": np.dtype(dtype).str, "fortran_order": False, "shape": shape}
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open(f"{name}.npy", "w") as file,
+    ):
+        np.lib.format.write_array_header_1_0(file, head)
+        for _ in range(n_bytes // 2**20):
+            file.write(bytes(2**20))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "n_bytes", "size"),
+    [(np.float64, 2**26, "0.0671"), (np.int8, 2**23, "0.0671")],  # read, the small integers take as much
+)
+@pytest.mark.parametrize("name", ["torque", "meta"])
+def test_what_unpacks_to_too_much_is_refused_before_it_is_read(
+    tmp_path, monkeypatch, dtype, n_bytes, size, name
+):
+    monkeypatch.setattr(_columns, "_LARGEST_UNPACKED", 6 * 10**7)  # in place of 2 GB: the test stays cheap
+    path = tmp_path / "rig.npz"
+    zip_zeros(path, name, dtype, n_bytes)
+    tracemalloc.start()
+    for read in (read_recording, load_arrays):
+        with pytest.raises(
+            ValueError, match=rf"rig.npz takes {size} GB.* {size} GB of it array '{name}'; at most 0.06 GB"
+        ):
+            read(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2**20
+    monkeypatch.undo()
+    assert load_arrays(path)[name].nbytes == n_bytes
 
 
 class Trap:
