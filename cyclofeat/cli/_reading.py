@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 T = TypeVar("T")
-FILES = "recordings (.csv, .npz, .tdms, .mat, .parquet, .wav), or folders of them"
+FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav), or folders of them"
 UNREADABLE = (ValueError, TypeError, OSError, ImportError)
 _DELIMITERS = {",": ",", ";": ";", "tab": "\t"}
 

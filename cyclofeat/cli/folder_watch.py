@@ -106,7 +106,7 @@ class FolderWatch:
             for entry in entries:
                 name = entry.name
                 hidden = name.startswith(".") or name in self.ignored
-                if hidden or Path(name).suffix.lower() not in self.suffixes:
+                if hidden or not name.lower().endswith(self.suffixes):
                     continue
                 try:
                     if entry.is_file():

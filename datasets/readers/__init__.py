@@ -6,6 +6,7 @@
 | `_columns` | names, units and numbers that all kinds of files share |
 | `_times` | sampling rate from a column of times, with its jitter and gaps |
 | `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav` | one kind of file each |
+| `_text` | text in any encoding, packed or not |
 | `_labels` | labels as files hold them |
 | `_folder` | a folder with its manifest |
 | `_describe`, `_quality` | content of a record, and defects that would spoil a count |

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
 from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
+from cyclofeat.datasets.readers._text import read_text
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
-_MOST_COLUMNS, _LONGEST_LINE = 4096, 2**20
+_MOST_COLUMNS = 4096
 
 
 class CsvSource(Source):
@@ -29,7 +30,7 @@ class CsvSource(Source):
 
     def __init__(self, path: Path, delimiter: str | None) -> None:
         self.file = path.name
-        lines = _decoded(path).split("\n")
+        lines = read_text(path).split("\n")
         while lines and not lines[-1].strip():
             lines.pop()
         head = 0
@@ -137,27 +138,6 @@ class CsvSource(Source):
                 )
                 return ValueError(f"{self.file}: {self.where(row)}, {column} holds {came}")
         return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
-
-
-def _decoded(path: Path) -> str:
-    with path.open("rb") as file:
-        start = file.read(_LONGEST_LINE + 1)
-    if b"\0" in start:
-        raise ValueError(f"{path.name} holds binary data, not CSV text")
-    if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
-        raise ValueError(
-            f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
-            "characters; one row per sample is right"
-        )
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # read_text turns all line ends into \n
-    except UnicodeDecodeError as error:
-        raise ValueError(
-            f"{path.name} is not UTF-8 text (byte {error.start}); save it as CSV in UTF-8"
-        ) from None
-    if "\0" in text:
-        raise ValueError(f"{path.name} holds binary data, not CSV text")
-    return text
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
+from cyclofeat.datasets.readers._text import read_text
 from cyclofeat.recordings import Recording
 
 #: Name of the file that describes the recordings of its folder.
@@ -68,7 +69,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         ``worn_lobes`` (counted from 0, separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
         ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``, ``angle_of``,
         ``angle_is_absolute`` (true or false). An empty cell states nothing. Without a manifest all files that
-        :func:`read_recording` knows are read, by name.
+        :func:`read_recording` knows are read, by name, but for ``.txt``.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
 
@@ -132,7 +133,9 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             "cyclofeat.simulators.load_campaign reads it"
         )
     files = sorted(
-        file for file in folder.iterdir() if file.suffix.lower() in SOURCES and file.name != MANIFEST
+        file
+        for file in folder.iterdir()
+        if file.name.lower().endswith(tuple(SOURCES)) and file.name != MANIFEST
     )
     if not (folder / MANIFEST).is_file():
         if not files:
@@ -148,12 +151,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
 
 
 def _manifest(folder: Path) -> list[Entry]:
-    path = folder / MANIFEST
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{MANIFEST} is not UTF-8 text (byte {error.start})") from None
-    lines = text.split("\n")
+    lines = read_text(folder / MANIFEST).split("\n")
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")

@@ -36,14 +36,16 @@ from cyclofeat.datasets.readers._wav import WavSource
 from cyclofeat.recordings import Recording
 
 SOURCES: dict[str, Callable[..., Source]] = {
-    ".csv": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource, ".parquet": ParquetSource,
-    ".wav": WavSource,
+    ".csv": CsvSource, ".csv.gz": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource,
+    ".parquet": ParquetSource, ".wav": WavSource,
 }  # fmt: skip
+# Read as these where they are named; a folder's other text files are notes.
+_TEXT_FILES = {".txt": ".csv", ".txt.gz": ".csv.gz"}
 # How files of each kind begin.
 _BEGINNINGS = (
     (b"PK\x03\x04", ".npz"), (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
     (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
-    (b"RF64", ".wav"), (b"\x1f\x8b", ".gz"), (b"%PDF", ".pdf"),
+    (b"RF64", ".wav"), (b"\x1f\x8b", ".csv.gz"), (b"%PDF", ".pdf"),
 )  # fmt: skip
 # No input shaft turns faster; an angle in degrees taken for rad would.
 _FASTEST_INPUT_HZ = 100.0
@@ -122,12 +124,13 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         (``torque [Nm]``, ``torque (Nm)``, ``torque / Nm``, ``torque_nm``) where the file has no place of its
         own for them.
 
-        ``.csv``: one row per sample, separated by comma, semicolon or tab, with or without a row of column
-        names and a row of units below it, in UTF-8. With semicolon or tab, a comma in a number is a decimal
-        comma.
+        ``.csv``, ``.txt``, or either with ``.gz``: one row per sample, separated by comma, semicolon or tab,
+        with or without a row of column names and a row of units below it, in UTF-8, Latin-1, or UTF-16 with a
+        byte-order mark. With semicolon or tab, a comma in a number is a decimal comma.
 
         ``.npz``: arrays ``torque`` (n,) in Nm, ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad,
-        and the labels that :func:`write_recording` writes. Pickled objects are never loaded.
+        and the labels that :func:`write_recording` writes. Pickled objects are never loaded, nor files that
+        unpack to more than 2 GB and 30 times their size.
 
         ``.tdms``: channels of all groups and segments, named ``group/channel``; the rate from the property
         ``wf_increment``, the unit from ``unit_string``. Values are scaled as the file says; a scale that
@@ -262,7 +265,7 @@ def _open(path: Path, delimiter: str | None) -> Source:
         raise FileNotFoundError(f"no such file: {path}")
     if not path.is_file():
         raise ValueError(f"{path} is no ordinary file")
-    suffix = path.suffix.lower()
+    suffix = _kind(path)
     if suffix not in SOURCES:
         *others, last = SOURCES
         raise ValueError(
@@ -278,7 +281,7 @@ def _open(path: Path, delimiter: str | None) -> Source:
             f"{path.name} is no {suffix} file: it begins like a {looks} file"
             + (f"; rename it to end in {looks}" if looks in SOURCES else "")
         )
-    if suffix == ".csv":
+    if SOURCES[suffix] is CsvSource:
         return CsvSource(path, delimiter)
     if delimiter is not None:
         raise ArgumentError(
@@ -286,6 +289,12 @@ def _open(path: Path, delimiter: str | None) -> Source:
             argument="delimiter", delimiter=delimiter, file=path.name,
         )  # fmt: skip
     return SOURCES[suffix](path)
+
+
+def _kind(path: Path) -> str:
+    """Return the ending of ``SOURCES`` that says how a file is read; the name's own where none does."""
+    ending = next((end for end in (*SOURCES, *_TEXT_FILES) if path.name.lower().endswith(end)), path.suffix)
+    return _TEXT_FILES.get(ending, ending)
 
 
 def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:

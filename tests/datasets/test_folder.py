@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
+
 import numpy as np
 import pytest
 
 from cyclofeat.datasets import read_folder, write_recording
+from cyclofeat.datasets.readers import folder_entries
 from cyclofeat.recordings import Recording
 
 TORQUE = 22 + np.random.default_rng(1).normal(size=50)
@@ -24,7 +27,7 @@ def manifest(folder, text, encoding="utf-8"):
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
     rows = [
         "file,channel,sampling_rate,defect_count,worn_lobes,run,speed,load,source,assembly,n_lobes",
@@ -119,10 +122,16 @@ def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
         write_recording(tmp_path / name, Recording(TORQUE, 100, run=name))
     (tmp_path / "notes.txt").write_text("hello")
     assert [recording.run for recording in read_folder(tmp_path)] == ["a.csv", "b.npz"]
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress((tmp_path / "a.csv").read_bytes()))
+    assert [entry.path.name for entry in folder_entries(tmp_path)] == ["a.csv", "a.csv.gz", "b.npz"]
+    manifest(tmp_path, "file\na.csv.gz\nb.npz\na.csv\n")
+    assert [recording.run for recording in read_folder(tmp_path)] == ["a.csv", "b.npz", "a.csv"]
     with pytest.raises(FileNotFoundError, match="no such folder"):
         read_folder(tmp_path / "missing")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ValueError, match=r"holds no .csv, .npz, .tdms, .mat, .parquet or .wav recordings"):
+    with pytest.raises(
+        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet or .wav recordings"
+    ):
         read_folder(tmp_path / "empty")
     with pytest.raises(ValueError, match="is no folder; use read_recording"):
         read_folder(tmp_path / "a.csv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import pickle
 import tracemalloc
@@ -403,13 +404,53 @@ def test_each_bad_csv_gives_its_one_clear_line(tmp_path, case):
 
 
 def test_files_that_are_no_text(tmp_path):
-    path = tmp_path / "rig.csv"
-    path.write_bytes("Drehmoment [Nm]; Prüfung\n1;2\n".encode("latin-1"))
-    with pytest.raises(ValueError, match=r"rig.csv is not UTF-8 text \(byte 19\)"):
+    text = "Drehmoment [Nm]; Prüfung\n1;2\n"
+    unknown = (
+        r"is not text in UTF-8, Latin-1, or UTF-16 with a byte-order mark \(byte 19\); save it as .* UTF-8"
+    )
+    for content, words in (
+        (text.encode("cp437"), unknown),
+        (b"\xff\xfe" + text.encode("utf-16-le")[:-1], r"is not text in utf-16 \(byte 58\)"),
+        (text.encode("utf-16-le"), "holds binary data, or UTF-16 without a byte-order mark"),
+        (b"1\n\x002\n", "holds binary data"),
+    ):
+        for path, packed in (
+            (tmp_path / "rig.csv", content),
+            (tmp_path / "rig.csv.gz", gzip.compress(content)),
+        ):
+            path.write_bytes(packed)
+            with pytest.raises(ValueError, match=rf"{path.name} {words}"):
+                read_recording(path, sampling_rate=1)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32", "latin-1", "cp1252"])
+@pytest.mark.parametrize("ending", [".csv", ".txt", ".csv.gz", ".TXT.gz"])
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_text_is_read_as_people_save_it(tmp_path, encoding, ending, separator):
+    rows = ["Zeit;Drehmoment;Prüfung 45°", "ms;N·m;°C", "0;21,5;1,0", "0,5;-3,25;1,0", "1;22,125;1,0"]
+    content = "\r\n".join(rows).replace(";", separator).encode(encoding)
+    path = tmp_path / f"rig{ending}"
+    path.write_bytes(gzip.compress(content) if ending.endswith("gz") else content)
+    recording = read_recording(path)
+    assert (recording.torque.tolist(), recording.sampling_rate) == (TORQUE, 2_000)
+    assert read_recording(path, channel="Prüfung 45°", scale=1).torque.tolist() == [1, 1, 1]
+
+
+def test_packed_text_is_bounded_and_whole(tmp_path, monkeypatch):
+    content = b"torque\n" + b"21.5\n" * 300_000
+    path = tmp_path / "rig.csv.gz"
+    path.write_bytes(gzip.compress(content))
+    assert read_recording(path, sampling_rate=1).n_samples == 300_000
+    monkeypatch.setattr(_columns, "_LARGEST_UNPACKED", 1_400_000)
+    with pytest.raises(ValueError, match=r"rig.csv.gz takes more than 0.0014 GB when unpacked"):
         read_recording(path, sampling_rate=1)
-    path.write_bytes(b"1\n\x002\n")
-    with pytest.raises(ValueError, match=r"rig.csv holds binary data"):
-        read_recording(path, sampling_rate=1)
+    for damaged in (path.read_bytes()[:-9], content):
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"rig.csv.gz is damaged, it cannot be read as gzip"):
+            read_recording(path, sampling_rate=1)
+    (tmp_path / "rig.csv").write_bytes(gzip.compress(content))
+    with pytest.raises(ValueError, match=r"begins like a .csv.gz file; rename it to end in .csv.gz"):
+        read_recording(tmp_path / "rig.csv", sampling_rate=1)
 
 
 # -- any file
@@ -422,7 +463,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         read_recording(tmp_path)
     with pytest.raises(
         ValueError,
-        match=r"rig.xls: unknown kind of file '.xls'; .csv, .npz, .tdms, .mat, .parquet and .wav can be read",
+        match=r"rig.xls: unknown kind of file '.xls'; .csv, .csv.gz, .npz, .tdms, .mat, .parquet and .wav can",
     ):
         read_recording(write(tmp_path / "rig.xls", "x"))
     for empty in ("empty.csv", "empty.npz"):
