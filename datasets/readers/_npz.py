@@ -101,7 +101,8 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     unpacked = {info.filename: info.file_size for info in archive.infolist()}
     _check_sum(path, unpacked)  # before any header: that may be as long
     for name in unpacked:
-        shape, _ = _header(path, archive, name)
+        shape, dtype = _header(path, archive, name)
+        check_claim(path, dtype.itemsize * math.prod(shape))
         unpacked[name] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
     _check_sum(path, unpacked)
 
