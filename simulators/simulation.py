@@ -262,7 +262,9 @@ def simulate(
     kept = steps if motion or forces or points else watched
     done = integration.run(state, 0, n_steps, kept, forces=forces or points)
     if gearbox.has_friction:
-        rates = _friction_rates(integration, done.motion[np.searchsorted(kept, watched)], watched)
+        states = done.motion[np.searchsorted(kept, watched)]
+        nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
+        rates = damping_by_friction(gearbox, integration.constants, dt, nearby, states)
         warn_of_chatter(rates, dt, solver.integrator)
     phi, omega = course[:2]
     input_angle = on_grid(sampling.time, dt / 2, phi)
@@ -419,18 +421,23 @@ class Integration:
         )
 
 
-def _friction_rates(integration: Integration, states: Float, steps: NDArray[np.int64]) -> Float:
-    """Damping rates by friction in 1/s, in the states at the beginning of ``steps``."""
+def damping_by_friction(
+    gearbox: CycloidalGearbox, constants: KernelInput, dt: float, courses: Float, states: Float
+) -> Float:
+    """Damping rates by friction in 1/s in several states, (n,).
+
+    ``courses`` (n, 4, 3) hold input and load in each of the ``states`` (n, n_state) and at the next two half
+    steps.
+    """
     first: NDArray[np.int64] = np.zeros(1, dtype=int)
-    one_step = replace(integration, integrator="midpoint")
     again = [
-        one_step.attempt(state, step, step + 1, first, forces=True)
-        for step, state in zip(steps, states, strict=True)
+        Integration(gearbox, constants, course, dt).attempt(state, 0, 1, first, forces=True)
+        for course, state in zip(courses, states, strict=True)
     ]
     external = np.concatenate([one.external for one in again])
     internal = np.concatenate([one.internal for one in again])
-    phi, omega = integration.course[:2, 2 * steps]
-    return friction_rates(integration.gearbox, phi, omega, states, external, internal)
+    phi, omega = courses[:, :2, 0].T
+    return friction_rates(gearbox, phi, omega, states, external, internal)
 
 
 def relaxed(integration: Integration, state: Float) -> Float:

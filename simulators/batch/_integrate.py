@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cyclofeat.simulators import simulation
 from cyclofeat.simulators.batch import _rows as rows
 from cyclofeat.simulators.batch._kernel import integrate
-from cyclofeat.simulators.batch._prepare import batch_tables, set_states, zeros
+from cyclofeat.simulators.batch._prepare import batch_tables, set_states, states, zeros
 from cyclofeat.simulators.batch._streams import fill
 from cyclofeat.simulators.batch._vectors import Lanes
 from cyclofeat.simulators.simulation import STAGES, Solver
@@ -39,7 +39,7 @@ class Integrating:
 
     Parameters
     ----------
-    machines, courses, states : sequence
+    machines, courses, starts : sequence
         Constants, input and load to the end of its run, and state at the start of each.
     solver : Solver
     lanes : int
@@ -50,7 +50,7 @@ class Integrating:
         self,
         machines: Sequence[KernelInput],
         courses: Sequence[Course],
-        states: Sequence[Float],
+        starts: Sequence[Float],
         solver: Solver,
         *,
         lanes: int,
@@ -61,7 +61,8 @@ class Integrating:
         self._own_steps = [(course.n - 1) // self._stages for course in courses]
         limits = (simulation.LOCKING_FORCE, simulation.LOCKING_TIME)
         self._tables = batch_tables(machines, solver.dt, limits, (lanes, _PINS), dtype)
-        set_states(self._tables, states)
+        set_states(self._tables, starts)
+        self._seen: list[tuple[int, Float, Float]] = []
 
     @property
     def reached(self) -> NDArray[np.bool_]:
@@ -70,6 +71,10 @@ class Integrating:
         reached: NDArray[np.bool_] = reason == rows.RUNNING
         reached[: len(self._own_steps)] |= step[: len(self._own_steps)] >= self._own_steps
         return reached
+
+    def watched(self, lane: int) -> list[tuple[Float, Float]]:
+        """Return input and load (4,), and state (n_state,), at some steps of a machine with friction."""
+        return [(rows[lane], states[lane]) for at, rows, states in self._seen if at <= self._own_steps[lane]]
 
     def pieces(self, again: int = 0) -> Iterator[tuple[int, NDArray[Any]]]:
         """Integrate; yield the number of steps before each piece, and its results.
@@ -98,6 +103,9 @@ class Integrating:
                 )  # fmt: skip
                 if done < n:  # all lanes have ended
                     return
+                if tables.spins is not None:
+                    rows_then = inputs[:, :, stages * (first + n)].copy()
+                    self._seen.append((begin + first + n, rows_then, states(tables)))
             yield begin, results[: again + size]
             results[:again] = results[size : again + size]
 

@@ -156,6 +156,14 @@ def set_states(tables: rows.Tables, states: Sequence[NDArray[np.float64]]) -> No
             _set_states(tables.spins[:, lane], state[8:])
 
 
+def states(tables: rows.Tables) -> NDArray[np.float64]:
+    """Return the states of all lanes, (lanes, n_state)."""
+    parts = [tables.lanes[:8]]
+    if tables.spins is not None:
+        parts.append(tables.spins[: tables.n_lobes + 1 + tables.n_sleeves])
+    return np.concatenate(parts).T.astype(float)
+
+
 def _set_states(column: NDArray[Any], state: NDArray[np.float64]) -> None:
     """Write states where a lane's table begins with them."""
     n = state.size

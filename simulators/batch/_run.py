@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import number, one_of
 from cyclofeat.simulators import simulation
+from cyclofeat.simulators._chatter import warn_of_chatter
 from cyclofeat.simulators.batch import _rows as rows
 from cyclofeat.simulators.batch._integrate import Course, Integrating
 from cyclofeat.simulators.batch._prepare import unsuited
@@ -174,6 +175,9 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     samples = Samples(longest, n_lanes(), torques, motion)
     for begin, results in batch.pieces(samples.again):
         samples.take(begin, results)
+    for lane, one in enumerate(requests):
+        if batch.reached[lane] and one.gearbox.has_friction:
+            _warn_of_chatter(one, batch.watched(lane))
     taken = {row: samples.of_lanes(row) for row in range(rows.N_RESULTS)}
     return [
         _result(one, course, {row: None if of is None else of[lane] for row, of in taken.items()})
@@ -181,6 +185,18 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
         else None
         for lane, (one, course) in enumerate(zip(requests, courses, strict=True))
     ]
+
+
+def _warn_of_chatter(request: Request, watched: Sequence[tuple[Float, Float]]) -> None:
+    """Warn as ``simulate`` does, by input and load, and state, at some steps."""
+    if not watched:  # the run ends before the first of them
+        return
+    solver = request.settings.solver
+    inputs, states = (np.stack(parts) for parts in zip(*watched, strict=True))
+    nearby = np.repeat(inputs[:, :, np.newaxis], 3, axis=2)
+    nearby[:, 0] += nearby[:, 1] * [0.0, solver.dt / 2, solver.dt]
+    rates = simulation.damping_by_friction(request.gearbox, request.constants, solver.dt, nearby, states)
+    warn_of_chatter(rates, solver.dt, solver.integrator)
 
 
 def _start(request: Request) -> Float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from zlib import crc32
@@ -266,6 +267,22 @@ def test_failures_have_the_exact_kernels_reason() -> None:
     with pytest.raises(SimulationDiverged) as error:
         simulate_many([STEEL, stiff], worn, duration=0.02, kernel="batch")
     assert error.value.__notes__ == ["in run 1 of 2 (counted from 0)"]
+
+
+@pytest.mark.parametrize(("integrator", "friction"), [("midpoint", 0.5), ("adams_bashforth", 0.3)])
+def test_friction_that_chatters_is_told(integrator: str, friction: float) -> None:
+    """As for the exact kernel (:mod:`test_friction`), and not of the steady runs beside it."""
+    steep, smooth = (STEEL.replace(sleeve_friction=one) for one in (friction, 0.05))
+    options = {"duration": 0.4, "solver": Solver(integrator=integrator), "kernel": "batch"}
+    with pytest.warns(RuntimeWarning, match="friction chatters where surfaces stick") as caught:
+        simulate_many([steep, smooth], LobeDefects.worn(7), **options)
+    assert len(caught) == 1
+    assert f"integrator='{integrator}' with dt = 1e-05 s" in str(caught[0].message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate_many([smooth], LobeDefects.worn(7), **options)
+        # The first looks at 0.01 s: one of these ends before.
+        dict(simulate_each([{"gearbox": smooth, "duration": one} for one in (0.005, 0.02)], "batch"))
 
 
 def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pytest.MonkeyPatch) -> None:
