@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Callable
@@ -26,6 +27,8 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bo
     ------
     FileNotFoundError
         If the folder does not exist.
+    OSError
+        If the file cannot be written; the message names it.
     """
     if not path.parent.is_dir():
         raise FileNotFoundError(f"folder {path.parent} does not exist: make it first")
@@ -37,6 +40,12 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bo
                 file.flush()
                 os.fsync(file.fileno())
         part.replace(path)
+    except OSError as error:
+        if error.filename not in (None, str(part)):
+            raise
+        # A full disk: the system names no file, or the one beside it.
+        reason = error.strerror or str(error)
+        raise OSError(error.errno or errno.EIO, reason, str(path)) from error
     finally:
         part.unlink(missing_ok=True)
     if durable and os.name == "posix":

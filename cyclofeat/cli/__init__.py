@@ -29,10 +29,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Collection, Sequence
+from io import TextIOWrapper
 
 from cyclofeat import __version__
-from cyclofeat.cli._printing import run_and_print
+from cyclofeat.cli._printing import run_and_print, show_warning, warn
 from cyclofeat.cli._table import COMMANDS
 
 __all__ = ["main", "make_parser"]
@@ -53,19 +55,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         Ctrl-C; 141 if standard output was closed.
     """
     words = sys.argv[1:] if argv is None else list(argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")  # a file's name may not suit the terminal
     # No option before the command takes a value, so the first other word is the command.
     called = next((word for word in words if not word.startswith("-")), "")
     try:
         arguments = make_parser([called]).parse_args(words)
-        failed = run_and_print(COMMANDS[arguments.command], arguments)
+        with warnings.catch_warnings():
+            warnings.showwarning = show_warning
+            failed = run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
-        # The reader (head, less) has closed the pipe: write nothing more, not even at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader (head, less) has closed the pipe.
+        _close_output()
         return 141
+    except OSError as error:  # of printing: those of the work are results
+        _close_output()
+        warn(f"standard output cannot be written: {error}")
+        return 2
     except KeyboardInterrupt:
         print("cyclofeat: interrupted", file=sys.stderr)
         return 130
     return 2 if failed else 0
+
+
+def _close_output() -> None:
+    """Write nothing more to standard output, not even at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:

@@ -6,6 +6,7 @@ import json
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from typing import Any
 
 from cyclofeat.cli._reading import error_text
 from cyclofeat.cli._rigs import load_own_effects
@@ -36,7 +37,7 @@ def run_and_print(command: Command, arguments: Namespace) -> bool:
     finally:
         # What is finished is printed although the work was interrupted.
         if documents:
-            print(json.dumps(documents if command.output == "list" else documents[0], indent=2))
+            print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
     return failed
 
 
@@ -60,6 +61,11 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     from cyclofeat.simulators import SimulationFailed
 
     return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed
+
+
+def show_warning(warning: Warning | str, *_: Any) -> None:
+    """Print a warning as one line, without the place in the code."""
+    note(f"cyclofeat: warning: {' '.join(str(warning).split())}")
 
 
 def note(message: str) -> None:

@@ -108,7 +108,10 @@ def _arrivals(
     from cyclofeat.datasets import read_recording
 
     began = now = time.monotonic()
-    lost, unwritten = _Trouble("folder cannot be read"), _Trouble("--done cannot be written")
+    lost, unwritten = (
+        _Trouble("folder cannot be read"),
+        _Trouble(f"--done {arguments.done} cannot be written"),
+    )
     while not stop.is_asked():
         ready: list[Path] = []
         with lost:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_number, flag, is_whole, whole
-from cyclofeat.signal.windows import Float
+from cyclofeat.signal.windows import LARGEST, Float
 
 __all__ = ["defects", "flag", "label", "meta", "number", "positive", "samples", "text", "whole"]
 
@@ -29,6 +29,9 @@ def samples(name: str, values: Any) -> Float:
     if not np.all(np.isfinite(array)):
         where = int(np.argmax(~np.isfinite(array)))
         raise ValueError(f"{name} must be finite, got {array[where]} at sample {where}")
+    if not max(-array.min(), array.max()) <= LARGEST:
+        where = int(np.argmax(np.abs(array)))
+        raise ValueError(f"{name} must lie within +-{LARGEST:g}, got {array[where]} at sample {where}")
     array.flags.writeable = False
     return array
 

@@ -25,7 +25,7 @@ class Recording:
     Parameters
     ----------
     torque : array_like of shape (n,)
-        Output torque in Nm; real, finite, at least two samples. Copied, then read-only.
+        Output torque in Nm; real, finite, within +-1e100, at least two samples. Copied, then read-only.
     sampling_rate : float
         Samples per second, in Hz.
     angle : array_like of shape (n,), optional

@@ -13,7 +13,7 @@ __all__ = ["as_windows", "check_sampling_rate", "chunks", "ratio"]
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_LARGEST = 1e100  # Nm; the fourth power of a deviation or the square in a spectrum would overflow far beyond
+LARGEST = 1e100  # Nm; the fourth power of a deviation or the square in a spectrum would overflow far beyond
 _CHUNK = 2**17  # numbers that are worked on at one time: 1 to 2 MiB stay in the processor's cache
 
 
@@ -30,9 +30,9 @@ def as_windows(X: ArrayLike) -> NDArray[Any]:
         )
     if X.size:
         low, high = float(X.min()), float(X.max())
-        if not (low >= -_LARGEST and high <= _LARGEST):  # true for NaN, too
+        if not (low >= -LARGEST and high <= LARGEST):  # true for NaN, too
             raise ValueError(
-                f"X must be finite and within +-{_LARGEST:g} Nm, got values from {low:g} to {high:g}"
+                f"X must be finite and within +-{LARGEST:g} Nm, got values from {low:g} to {high:g}"
             )
     return X
 

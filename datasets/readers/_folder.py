@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,10 +28,21 @@ _COLUMNS = ("file", *_ARGUMENTS, *_LABELS)
 _BOOLEANS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 # What a cell of the column must be.
 _RIGHT = {
-    **dict.fromkeys(("sampling_rate", "scale", "speed", "load"), "a number"),
-    **dict.fromkeys(("defect_count", "n_lobes"), "a whole number"),
+    **dict.fromkeys(("sampling_rate", "speed"), "a positive number"),
+    "scale": "a number other than 0",
+    "load": "a number",
+    "defect_count": "a whole number from 0",
+    "n_lobes": "a whole number from 2",
     "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
     "angle_is_absolute": "true or false",
+}
+_FITS: dict[str, Callable[[Any], bool]] = {
+    **dict.fromkeys(("sampling_rate", "speed"), lambda value: 0 < value < math.inf),
+    "scale": lambda value: value != 0 and math.isfinite(value),
+    "load": math.isfinite,
+    "defect_count": lambda value: value >= 0,
+    "n_lobes": lambda value: value >= 2,
+    "worn_lobes": lambda lobes: all(lobe >= 0 for lobe in lobes),
 }
 _MOST_ERRORS = 10
 
@@ -219,18 +232,29 @@ def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entr
 
 
 def _value(column: str, cell: str, delimiter: str) -> Any:
-    """Convert a cell to the type of its column."""
+    """Convert a cell to the type of its column, and check it."""
     try:
-        if column == "worn_lobes":
-            return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
-        if column == "angle_is_absolute":
-            return _BOOLEANS[cell.lower()]
-        if _RIGHT.get(column) == "a whole number":
-            return int(cell)
-        if _RIGHT.get(column) == "a number":
-            return float(cell.replace(",", ".") if delimiter != "," else cell)
+        value = _converted(column, cell, delimiter)
     except (ValueError, KeyError):
-        raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}") from None
+        fits = False
+    else:
+        fits = column not in _FITS or _FITS[column](value)
+    if not fits:
+        raise ValueError(f"{column} must be {_RIGHT[column]}, got {cell!r}")
+    return value
+
+
+def _converted(column: str, cell: str, delimiter: str) -> Any:
+    if column in _FITS and "_" in cell:
+        raise ValueError("Python takes 1_000 for a number, other programs do not")
+    if column == "worn_lobes":
+        return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
+    if column == "angle_is_absolute":
+        return _BOOLEANS[cell.lower()]
+    if column in ("defect_count", "n_lobes"):
+        return int(cell)
+    if column in _FITS:
+        return float(cell.replace(",", ".") if delimiter != "," else cell)
     return cell
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -58,3 +60,16 @@ def test_the_sum_of_code_follows_names_and_content(tmp_path: Path) -> None:
     assert code_sha256(tmp_path, reversed(files)) != first
     files[1].write_text("2")
     assert code_sha256(tmp_path, files) != first
+
+
+@pytest.mark.parametrize(
+    "failed", [OSError(errno.ENOSPC, "No space left on device"), OSError("9 requested, 0 written")]
+)
+def test_a_file_for_which_the_disk_is_too_small_is_named(tmp_path: Path, failed: OSError) -> None:
+    def full(file: IO[bytes]) -> None:
+        raise failed
+
+    with pytest.raises(OSError, match=f"{failed.args[-1]}: .*{tmp_path.name}/a'$") as caught:
+        write_whole(tmp_path / "a", full)
+    assert caught.value.errno == (failed.errno or errno.EIO)
+    assert list(tmp_path.iterdir()) == []

@@ -429,6 +429,42 @@ def test_a_closed_standard_output_is_an_error():
     assert "standard output is closed" in done.stderr
 
 
+@pytest.fixture
+def small(tmp_path):
+    """A folder of two small recordings with names beyond ASCII; its manifest leaves one out."""
+    for name in ("Prüfung", "zweite"):
+        (tmp_path / f"{name}.csv").write_text("torque [Nm]\n1\n2\n3\n")
+    (tmp_path / "recordings.csv").write_text("file,sampling_rate\nPrüfung.csv,1000\n", encoding="utf-16")
+    return tmp_path
+
+
+@pytest.mark.parametrize("option", [[], ["--json"]])
+def test_a_terminal_that_knows_ascii_only_is_no_reason_to_fail(small, option):
+    command = [sys.executable, "-m", "cyclofeat", "inspect", str(small), *option]
+    done = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0, done.stderr
+    assert rb"Pr\xfcfung.csv" in done.stdout or rb"Pr\u00fcfung.csv" in done.stdout
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_one_line_without_code(capsys, small):
+    code, _, err = run(capsys, "inspect", small)
+    assert (code, err) == (0, "cyclofeat: warning: recordings.csv does not name zweite.csv: not read\n")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+@pytest.mark.parametrize("option", [[], ["--json"]])
+def test_a_full_disk_below_standard_output_is_an_error(small, option):
+    with open("/dev/full", "wb") as full:
+        command = [sys.executable, "-m", "cyclofeat", "inspect", str(small / "Prüfung.csv"),
+                   "--sampling-rate", "1000", *option]  # fmt: skip
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert re.fullmatch(
+        r"cyclofeat: error: standard output cannot be written: .*No space left.*\n", done.stderr
+    )
+
+
 def wrong_column(folder):
     file = folder / "other.csv"
     file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n")

@@ -64,12 +64,12 @@ def test_wrong_and_missing_entries_are_all_named_by_line(folder):
         read_folder(manifest(folder, text))
     message = str(caught.value)
     for words in (
-        "line 2: defect_count must be a whole number, got 'two'",
+        "line 2: defect_count must be a whole number from 0, got 'two'",
         "line 3: no such file: missing.csv",
         "line 4: file is missing",
         "line 5: worn_lobes must be lobes counted from 0 and separated by spaces, like 0 4, got '0;x'",
         "line 6: defect_count must be the number of worn_lobes, got 3 and '0 4'",
-        "line 7: sampling_rate must be a number, got 'fast'",
+        "line 7: sampling_rate must be a positive number, got 'fast'",
         "line 8: 4 columns are right, got 2",
     ):
         assert words in message
@@ -77,15 +77,35 @@ def test_wrong_and_missing_entries_are_all_named_by_line(folder):
     assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("column", "cells", "right"),
+    [
+        ("sampling_rate", ["0", "-1", "nan", "inf", "1e999", "1_000", "1.000.000"], "a positive number"),
+        ("speed", ["0", "-500", "NaN", "500 RPM"], "a positive number"),
+        ("scale", ["0", "-inf", "0x10"], "a number other than 0"),
+        ("load", ["nan", "-1e999", "22_5"], "a number"),
+        ("defect_count", ["-1", "2.0", "1_0"], "a whole number from 0"),
+        ("n_lobes", ["1", "15.5"], "a whole number from 2"),
+        ("worn_lobes", ["-1", "0 1_0", "nan"], "lobes counted from 0 and separated by spaces, like 0 4"),
+    ],
+)
+def test_a_bad_number_is_blamed_on_its_line_and_column(folder, column, cells, right):
+    text = f"file,{column}\nb.csv,\n" + "".join(f"a.csv,{cell}\n" for cell in cells)
+    with pytest.raises(ValueError) as caught:
+        folder_entries(manifest(folder, text))
+    lines = [f"line {3 + index}: {column} must be {right}, got {cell!r}" for index, cell in enumerate(cells)]
+    assert str(caught.value) == "recordings.csv: " + "; ".join(lines)
+
+
 def test_recordings_that_cannot_be_read_are_named_by_line_too(folder):
     (folder / "b.csv").write_text("torque,x\n1,nan\nnan,1\n")
-    text = "file,sampling_rate,speed\na.csv,,500\nb.csv,1,500\nc.csv,1,-500\n"
+    text = "file,sampling_rate,defect_count\na.csv,,0\nb.csv,1,0\nc.csv,1,40\n"
     with pytest.raises(ValueError) as caught:
         read_folder(manifest(folder, text))
     for words in (
         "line 2: a.csv: no sampling rate",
         "line 3: b.csv: column 'torque' must be finite, got nan at line 3",
-        "line 4: c.csv: spe",
+        "line 4: c.csv: defect_count must be at most n_lobes = 15",
     ):
         assert words in str(caught.value)
 

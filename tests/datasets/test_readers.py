@@ -33,7 +33,7 @@ json_values = st.recursive(
 
 @st.composite
 def recordings(draw):
-    torque = draw(arrays(np.float64, st.integers(2, 30), elements=finite))
+    torque = draw(arrays(np.float64, st.integers(2, 30), elements=st.floats(-1e100, 1e100)))
     angle = None
     if draw(st.booleans()):
         angle = draw(st.floats(-1e3, 1e3)) + np.cumsum(
@@ -386,6 +386,7 @@ BAD_CSV = {
         ["sampling_rate", "header", "None"],
     ),
     "a later format": ("# cyclofeat recording: 2\ntorque\n1\n2\n", {}, ["format 2", "update"]),
+    "a huge number": ("torque\n1\n-1e300\n", {}, ["torque must lie within +-1e+100", "-1e+300 at sample 1"]),
     "a strange label": ("# cyclofeat recording: 1\n# hue: 1\ntorque\n1\n2\n", {}, ["unknown label 'hue'"]),
     "a bad label": ("torque\n1\n2\n", {"speed_rpm": -1}, ["speed_rpm must be positive"]),
 }
