@@ -63,9 +63,9 @@ def _expected_errors() -> tuple[type[Exception], ...]:
     return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed
 
 
-def show_warning(warning: Warning | str, *_: Any) -> None:
+def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without the place in the code."""
-    note(f"cyclofeat: warning: {' '.join(str(warning).split())}")
+    note(f"cyclofeat: warning: {' '.join(str(message).split())}")
 
 
 def note(message: str) -> None:
