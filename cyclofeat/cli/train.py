@@ -26,6 +26,7 @@ _SIMULATION = (
     "max_count",
     "lobes",
     "kernel",
+    "jobs",
     "rig",
     "simulator",
     "effects_from",
@@ -56,15 +57,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the simulation: many assemblies at once in single precision where that is possible (auto, "
         "default; batch makes it an error where it is not), or one by one in double precision (exact)",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=-1, help="threads (default: all cores)")
+    parser.add_argument("--jobs", type=int, default=-1, help="threads of the simulation (default: all cores)")
     add_rig(parser, "r2")
     add_reading_options(parser, sampling_rate=False)
 
 
 def run(arguments: argparse.Namespace) -> LobeModel:
     """Read or simulate recordings, train on them, and write the model."""
-    import joblib
-
     from cyclofeat.counting import LobeModel
     from cyclofeat.models import save_model
 
@@ -77,8 +76,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         recordings, name = _simulated(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
     note(f"training on {origin}")
-    with joblib.parallel_config(n_jobs=arguments.jobs):
-        model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
+    model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
     save_model(arguments.out, model)
     return model
 
