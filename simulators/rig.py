@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base.checks import check_type, positive
+from cyclofeat._base.files import write_whole
 from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._machine import (
     SPARE_SAMPLES,
@@ -436,11 +437,16 @@ class Rig:
         path : path
             File to write; one that exists is replaced.
 
+        Raises
+        ------
+        OSError
+            If the file cannot be written; the message names it.
+
         See Also
         --------
         from_json : Describes the file.
         """
-        Path(path).write_text(self.to_text(), encoding="utf-8")
+        write_whole(Path(path), lambda file: file.write(self.to_text().encode()))
 
     @classmethod
     def from_dict(cls, content: Any) -> Rig:

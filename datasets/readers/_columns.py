@@ -48,7 +48,7 @@ ANGLE_REMEDY = "give {angle_unit:='rad' or 'deg'}, or {angle_channel:=False} to 
 # damaged, or made to fill the memory.
 _LARGEST_RATIO, _ALWAYS_ALLOWED = 1100, 2**26
 # Records pack at most so tightly; what unpacks to more is refused above a size that memories hold.
-_USUAL_RATIO, _LARGEST_UNPACKED = 30, 2 * 10**9
+_USUAL_RATIO, LARGEST_UNPACKED = 30, 2 * 10**9
 
 
 class Source:
@@ -287,7 +287,7 @@ def check_claim(path: Path, n_bytes: int) -> None:
 
 def largest_unpacked(path: Path) -> int:
     """Return the bytes that a compressed file of this size may unpack to: 2 GB, or 30 times its size."""
-    return max(_LARGEST_UNPACKED, _USUAL_RATIO * path.stat().st_size)
+    return max(LARGEST_UNPACKED, _USUAL_RATIO * path.stat().st_size)
 
 
 @contextmanager

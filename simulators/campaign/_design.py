@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import check_type, is_number, number, one_of, positive, short, whole
+from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import Solver
@@ -270,7 +271,8 @@ class Campaign:
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write the design to a JSON file, every value explicit; replace an existing file."""
-        Path(path).write_bytes(json_bytes({"format": FORMAT, "note": _NOTE, **self.to_dict()}))
+        content = json_bytes({"format": FORMAT, "note": _NOTE, **self.to_dict()})
+        write_whole(Path(path), lambda file: file.write(content))
 
     @classmethod
     def from_json(

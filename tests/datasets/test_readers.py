@@ -442,7 +442,7 @@ def test_packed_text_is_bounded_and_whole(tmp_path, monkeypatch):
     path = tmp_path / "rig.csv.gz"
     path.write_bytes(gzip.compress(content))
     assert read_recording(path, sampling_rate=1).n_samples == 300_000
-    monkeypatch.setattr(_columns, "_LARGEST_UNPACKED", 1_400_000)
+    monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 1_400_000)
     with pytest.raises(ValueError, match=r"rig.csv.gz takes more than 0.0014 GB when unpacked"):
         read_recording(path, sampling_rate=1)
     for damaged in (path.read_bytes()[:-9], content):
@@ -581,7 +581,7 @@ def zip_zeros(path, name, dtype, n_bytes):
 def test_what_unpacks_to_too_much_is_refused_before_it_is_read(
     tmp_path, monkeypatch, dtype, n_bytes, size, name
 ):
-    monkeypatch.setattr(_columns, "_LARGEST_UNPACKED", 6 * 10**7)  # in place of 2 GB: the test stays cheap
+    monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 6 * 10**7)  # in place of 2 GB: the test stays cheap
     path = tmp_path / "rig.npz"
     zip_zeros(path, name, dtype, n_bytes)
     tracemalloc.start()

@@ -466,6 +466,22 @@ def test_a_bad_file_gives_one_clear_line(text, message, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+def test_a_rig_that_cannot_be_written_names_the_file_and_leaves_the_old_one(tmp_path):
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "rig.json"
+    Rig.r1().to_json(path)
+    before = path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # bytes of a file
+    try:
+        with pytest.raises(OSError, match=r"rig\.json"):
+            Rig.r2().to_json(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_files_that_are_none_are_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"gone.json: no such file; to_json writes"):
         Rig.from_json(tmp_path / "gone.json")
