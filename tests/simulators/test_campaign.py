@@ -926,18 +926,22 @@ def test_a_cluster_without_workers_is_an_error_and_the_campaign_goes_on_elsewher
 
 CHILD = textwrap.dedent(
     """
-    import os, sys
+    import os, sys, time
     from cyclofeat.simulators import Campaign, run_campaign
+
+    def told(*_):
+        os.write(1, b".")
+        time.sleep(0.005)  # no machine is so fast that it ends before it is killed
+
     if __name__ == "__main__":  # worker processes import this file too
-        campaign = Campaign.from_json(sys.argv[1])
-        run_campaign(campaign, sys.argv[2], n_jobs=int(sys.argv[3]), progress=lambda *_: os.write(1, b"."))
+        run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2], n_jobs=int(sys.argv[3]), progress=told)
     """
 )
 
 
 @pytest.mark.slow
 def test_killed_ten_times_and_resumed_equals_one_that_ran_through(tmp_path: Path) -> None:
-    campaign = SMALL.replace(repeats=48)
+    campaign = SMALL.replace(repeats=96)
     run_campaign(campaign, tmp_path / "alone")
     (tmp_path / "child.py").write_text(CHILD)
     campaign.to_json(tmp_path / "design.json")
