@@ -20,9 +20,6 @@ from cyclofeat.simulators.simulation import SimulationRun, simulate
 Float = NDArray[np.float64]
 RandomState = int | np.random.SeedSequence
 
-# Samples for which speed and load are known after the end of a run, for the anti-alias filter.
-SPARE_SAMPLES = 64
-
 
 def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.SeedSequence:
     """Return the SeedSequence of a whole number; one given is returned as it is."""

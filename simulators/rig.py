@@ -18,7 +18,6 @@ from cyclofeat._base.checks import check_type, positive
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._machine import (
-    SPARE_SAMPLES,
     Machine,
     PlannedRun,
     RandomState,
@@ -50,6 +49,8 @@ __all__ = ["DEFECTS", "Rig"]
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
 DEFECTS, _START = 1, 2
 _GEARBOX = "gearbox."
+# Samples for which speed and load are known after the end of a run, for the anti-alias filter.
+_SPARE_SAMPLES = 64
 
 
 @dataclass(frozen=True)
@@ -414,7 +415,7 @@ class Rig:
             "duration": total,
             "sampling_rate": sampling_rate,
             "start_angle": start_angle,
-            "courses": machine.fluctuations(seed, total + SPARE_SAMPLES / sampling_rate),
+            "courses": machine.fluctuations(seed, total + _SPARE_SAMPLES / sampling_rate),
         }
         return PlannedRun(
             machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,

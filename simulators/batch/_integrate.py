@@ -92,7 +92,7 @@ class Integrating:
         for begin in range(0, n_steps, _PIECE):
             size = min(_PIECE, n_steps - begin)
             for lane, course in enumerate(self._courses):
-                self._read(course, stages * begin, inputs[lane], sizes[lane : lane + 1])
+                sizes[lane] = self._read(course, stages * begin, inputs[lane], sizes[lane])
             for first in range(0, size, _CHUNK):
                 n = min(_CHUNK, size - first)
                 fill(inputs, sizes, stages * first, stages * n, stages, tables.n_lobes, angle, drive)
@@ -109,12 +109,14 @@ class Integrating:
             yield begin, results[: again + size]
             results[:again] = results[size : again + size]
 
-    def _read(self, course: Course, first: int, out: Float, size: NDArray[np.int64]) -> None:
-        """Read a piece of a course and its size; after the end of the course keep its last evaluation."""
+    def _read(self, course: Course, first: int, out: Float, before: np.int64) -> int:
+        """Read a piece of a course; return its size, which is 0 for the last evaluation after the end.
+
+        ``before`` is the size of the piece that ``out`` holds.
+        """
         if first < course.n - 1:
             last = min(first + self._stages * _PIECE, course.n - 1)
             course.piece(first, last, out)
-            size[0] = last - first
-        elif size[0] > 0:
-            out[:, 0] = out[:, size[0]]
-            size[0] = 0
+            return last - first
+        out[:, 0] = out[:, before]
+        return 0

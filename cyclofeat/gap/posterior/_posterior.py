@@ -100,8 +100,9 @@ class EffectPosterior(BaseEstimator):
         rows = np.repeat(np.arange(len(rigs)), self.n_views)
         X = self._features([random_session(rigs, row, random) for row in rows.tolist()])
         groups, present, sizes = rigs.machines[rows], rigs.present[rows], rigs.sizes[rows]
-        learnable = [k for k in range(len(self.names_)) if np.unique(groups[present[:, k]]).size > 0]
-        learnable = [k for k in learnable if enough(groups[present[:, k]]) and not present[:, k].all()]
+        learnable = [
+            k for k, with_it in enumerate(present.T) if enough(groups[with_it]) and not with_it.all()
+        ]
         workers = joblib.Parallel(n_jobs=self.n_jobs)
         classifiers = workers(
             joblib.delayed(fit_presence)(X, present[:, k], groups, self.max_iter, self.random_state)

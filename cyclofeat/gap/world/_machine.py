@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -10,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.simulations import NO_SUCH_RIG, SPARE, Population, record
+from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SPARE, Population, record
 from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
 from cyclofeat.gap.world._prior import DrawnSession, draw_session, with_floor
-from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed, run_planned
+from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed
+from cyclofeat.simulators.many import attempt_planned
 
 if TYPE_CHECKING:
     from cyclofeat.gap.world._world import World
@@ -26,12 +26,12 @@ _MACHINE, _RIG, _RECORDING = range(3)
 
 @dataclasses.dataclass(frozen=True)
 class _Drawn:
-    """One machine before its simulation: its effects, its session, and the plan of each recording or None."""
+    """One machine before its simulation: its effects, its session, and the plans of its recordings."""
 
     number: int
     effects: tuple[Effect, ...]
     session: DrawnSession
-    plans: list[PlannedRun | None]
+    plans: list[PlannedRun | ValueError]
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
@@ -41,13 +41,8 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
     first.
     """
     machines = [_draw(world, number) for number in numbers]
-    planned = [plan for machine in machines for plan in machine.plans if plan is not None]
-    made = iter(run_planned(planned))
-    rows = []
-    for machine in machines:
-        runs = [None if plan is None else next(made) for plan in machine.plans]
-        rows.append(_summarised(world, machine, runs))
-    return rows
+    made = iter(attempt_planned([plan for machine in machines for plan in machine.plans], KERNEL))
+    return [_summarised(world, machine, [next(made) for _ in machine.plans]) for machine in machines]
 
 
 def _seed(world: World, *key: int) -> np.random.SeedSequence:
@@ -59,21 +54,22 @@ def _draw(world: World, number: int) -> _Drawn:
     session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, world.n_recordings, random)
     effects = world.prior.in_machine(random)
     rig = with_floor(world.rig, world.may_differ).with_added(*effects)
-    plans: list[PlannedRun | None] = []
+    plans: list[PlannedRun | ValueError] = []
     for i in range(world.n_recordings):
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
         n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
         population = Population(at, n_samples, world.sampling_rate, world.wheels)
         seed = _seed(world, _RECORDING, number, i)
-        plans.append(None)
-        with contextlib.suppress(*NO_SUCH_RIG):
-            plans[-1] = population.plan_run(int(session.counts[i]), seed, spare=SPARE)
+        try:
+            plans.append(population.plan_run(int(session.counts[i]), seed, spare=SPARE))
+        except ValueError as error:
+            plans.append(error)
     return _Drawn(number, effects, session, plans)
 
 
 def _summarised(
-    world: World, machine: _Drawn, runs: list[MachineRun | SimulationFailed | None]
+    world: World, machine: _Drawn, runs: list[MachineRun | SimulationFailed | ValueError]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
     session = machine.session
@@ -112,7 +108,7 @@ def _summarised(
 
 
 def _recorded(
-    run: MachineRun | SimulationFailed | None, chain: tuple[Effect, ...], direction: int
+    run: MachineRun | SimulationFailed | ValueError, chain: tuple[Effect, ...], direction: int
 ) -> tuple[NDArray[np.float32] | None, float]:
     """Return the torque of a chain of measurement, times the direction, and the input's speed in Hz.
 
