@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cyclofeat._base.arguments import different_names
+from cyclofeat._base.arguments import ArgumentError, different_names
 from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import add_reading_options, read_all
+from cyclofeat.cli._reading import add_reading_options, option_of, read_all
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -34,8 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--simulator", metavar="FILE", help="model, JSON (default: paper B's gearbox)")
     parser.add_argument(
         "--hold-out",
-        metavar="FOLDER|SHARE",
-        help="recordings on which the corrected model is judged: a folder, or a share of MEASURED like 0.4",
+        metavar="FOLDER|SHARE|speed|load",
+        help="recordings on which the corrected model is judged: a folder, a share of MEASURED like 0.4, or "
+        "those at the middle one of at least three speeds or loads",
     )
     add_target(parser, "--out", "page", metavar="FILE", help="report to write, .html")
     add_target(parser, "--save-simulator", metavar="FILE", help="corrected model to write, .json")
@@ -200,35 +202,25 @@ def _spread(rig: Rig) -> str:
 
 def _split(arguments: argparse.Namespace) -> tuple[list[Recording], list[Recording] | None]:
     """Return the recordings to fit, and those to judge on."""
+    from cyclofeat.gap import hold_out
+
     recordings = read_all(arguments.measured, arguments)
     if arguments.hold_out is None:
         return recordings, None
+    by: float | str = arguments.hold_out
+    with contextlib.suppress(ValueError):
+        by = float(by)
+    if isinstance(by, str) and by not in ("speed", "load"):
+        return recordings, read_all([by], arguments)
     try:
-        share = float(arguments.hold_out)
-    except ValueError:
-        return recordings, read_all([arguments.hold_out], arguments)
-    if not 0 < share < 1:
-        raise ValueError(f"--hold-out must be a folder or a share between 0 and 1, got {arguments.hold_out}")
-    # An assembly is held out as a whole.
-    known = all(recording.assembly is not None for recording in recordings)
-    assemblies: dict[Any, list[int]] = {}
-    for i, recording in enumerate(recordings):
-        assemblies.setdefault(recording.assembly if known else i, []).append(i)
-    # Of every count its share, so that both parts hold the same classes.
-    by_count: dict[Any, list[list[int]]] = {}
-    members = list(assemblies.values())
-    for k in np.random.default_rng(arguments.seed).permutation(len(members)):
-        counts = tuple({recordings[i].defect_count for i in members[k]})
-        by_count.setdefault(counts, []).append(members[k])
-    order = [assembly for same_count in by_count.values() for assembly in same_count]
-    held = {i for k in range(int(share * len(order))) for i in order[int(k / share)]}
-    if not held or len(held) == len(recordings):
-        raise ValueError(
-            f"--hold-out {share:g} leaves {len(recordings) - len(held)} of {len(recordings)} recordings to "
-            f"fit, of {len(assemblies)} assemblies each held out as a whole: more are needed"
-        )
-    parts = [[r for i, r in enumerate(recordings) if (i in held) == inside] for inside in (False, True)]
-    return parts[0], parts[1]
+        return hold_out(recordings, by, random_state=arguments.seed)
+    except ArgumentError as error:
+        raise ValueError(error.spelled(_option)) from None
+
+
+def _option(argument: str, rest: str) -> str:
+    """Return the option of an argument of :func:`hold_out`."""
+    return "--hold-out" if argument == "by" else option_of(argument, rest)
 
 
 def printed(arguments: argparse.Namespace, result: GapResult) -> Printed:

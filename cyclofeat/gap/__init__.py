@@ -22,6 +22,8 @@ room               question
 torque-deflection loops with the output held.
 """
 
+from cyclofeat.gap._hold_out import hold_out
+from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._result import EffectProbability, GapResult, Where, WhereRow, where_of
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap._workflow import find_gap, prepare_ranker
@@ -33,13 +35,14 @@ from cyclofeat.gap.simulations import Bank, Population
 from cyclofeat.gap.size import FittedEffects, FittedParameter, fit_effects
 from cyclofeat.gap.summaries import Cell, Conditions, Measured, PhaseMap, summarise
 from cyclofeat.gap.what import EffectRanker, EffectTable, RankedEffect, Ranking, learn_effects
-from cyclofeat.gap.where import LocatedGap, Row, locate
+from cyclofeat.gap.where import LocatedGap, Row, locate, locate_all
 
 __all__ = [
     "MAY_DIFFER",
     "Bank",
     "Cell",
     "Comparison",
+    "Condition",
     "Conditions",
     "DistanceRow",
     "DownstreamGain",
@@ -55,6 +58,7 @@ __all__ = [
     "LoopModel",
     "LoopSmoother",
     "Measured",
+    "MeasuredRig",
     "PhaseMap",
     "Population",
     "Proof",
@@ -72,8 +76,10 @@ __all__ = [
     "find_loop_gap",
     "find_published_gap",
     "fit_effects",
+    "hold_out",
     "learn_effects",
     "locate",
+    "locate_all",
     "loop_shape",
     "prepare_ranker",
     "prove",

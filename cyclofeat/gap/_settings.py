@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,14 @@ class GapSettings:
         Simulated recordings for the search of a fit and for its intervals (:func:`fit_effects`).
     n_permutations : int
         Relabellings of the comparison.
+    n_bank : int
+        Simulated recordings that those of each condition are compared with.
+    random_state, n_jobs : int
+        Of all simulations; number of worker processes.
+    cache : path or None
+        Folder in which simulations are kept.
+    one_assembly : bool
+        Whether all recordings are of one gearbox that was not taken apart between them.
 
     Raises
     ------
@@ -98,6 +107,11 @@ class GapSettings:
     n_sims: int = 400
     n_interval: int = 144
     n_permutations: int = 999
+    n_bank: int = 200
+    random_state: int = 0
+    n_jobs: int = 1
+    cache: str | os.PathLike[str] | None = None
+    one_assembly: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < checks.number("alpha", self.alpha) < 1:
@@ -105,6 +119,7 @@ class GapSettings:
         least = {
             "max_effects": 0, "n_candidates": 1, "n_after": 10, "n_report": 10, "n_draws": 5,
             "n_null": 16, "n_sims": 1, "n_interval": 0, "n_permutations": 19,
+            "n_bank": 10, "random_state": 0,
         }  # fmt: skip
         for name, low in least.items():
             checks.whole(name, getattr(self, name), low)

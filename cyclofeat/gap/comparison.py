@@ -58,6 +58,9 @@ class Comparison:
         Length of a window in s, at least one output turn; whole turns of it are compared.
     input_speed_hz : float, optional
         Nominal input speed of the recordings in Hz, the model's within 3 %. Default: the model's.
+    direction : {1, -1}, default=1
+        -1 if the gearbox runs in reverse. All torque is positive for a load that brakes: that of recordings
+        in reverse has the other sign than it was measured with.
     may_differ : tuple of Effect
         Effects that may differ between a measured and a simulated recording without being missing: added to
         the rig for those kinds of effects that it does not state itself. All values are *assumptions*.
@@ -95,6 +98,7 @@ class Comparison:
     rig: Rig = Rig()  # noqa: RUF009  (frozen)
     duration: float = 1.8
     input_speed_hz: float | None = None
+    direction: int = 1
     may_differ: tuple[Effect, ...] = MAY_DIFFER
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
@@ -119,6 +123,8 @@ class Comparison:
             "n_jobs": checked_jobs(self.n_jobs),
             "_memory": self._memory or Memory(self.cache),
         }
+        if self.direction not in (1, -1):
+            raise ValueError(f"direction must be 1 or -1, got {self.direction!r}")
         if not self.wheels:
             raise ValueError(f"wheels must hold at least one of (0,), (1,) and (0, 1), got {self.wheels!r}")
         for wheels in self.wheels:
@@ -154,7 +160,7 @@ class Comparison:
     def population(self) -> Population:
         """Source of simulated recordings: the model with what may differ anyway."""
         rig = with_may_differ(self.rig, self.may_differ)
-        return Population(rig, self.n_samples, self.sampling_rate, self.wheels)
+        return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction)
 
     @property
     def text(self) -> str:

@@ -285,7 +285,10 @@ def bad_calls(folder: Path) -> dict[str, tuple[list[Any], str]]:
         "no folder for the model": (
             [good, "--save-simulator", folder / "no" / "m.json"], "for --save-simulator does not exist",
         ),
-        "share": ([good, "--hold-out", "1.5"], "--hold-out must be a folder or a share between 0 and 1"),
+        "share": (
+            [good, "--hold-out", "1.5"], "--hold-out must be a share between 0 and 1, speed or load, got 1.5",
+        ),
+        "one speed": ([good, "--hold-out", "speed"], "--hold-out speed needs recordings at 3 speeds or more"),
         "small share": ([good, "--hold-out", "0.01"], "--hold-out 0.01 leaves 4 of 4 recordings to fit"),
         "hold-out absent": ([good, "--hold-out", folder / "absent"], "no such file"),
         "effects": ([good, "--effects", "rust"], "--effects must name different effects of pin_errors"),

@@ -108,17 +108,22 @@ class Population:
         In Hz.
     wheels : tuple of tuple of int
         Wheels that may carry the wear, with equal chances.
+    direction : {1, -1}
+        -1 in reverse (:func:`record`).
     """
 
     rig: Rig
     n_samples: int
     sampling_rate: float
     wheels: tuple[tuple[int, ...], ...]
+    direction: int = 1
 
     @property
     def text(self) -> str:
         """Text of everything that affects a recording, besides its count and its random numbers."""
-        return json.dumps([self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels])
+        return json.dumps(
+            [self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels, self.direction]
+        )
 
     def with_added(self, *effects: Effect) -> Population:
         """Return a copy with effects added to those of the rig."""
@@ -165,15 +170,22 @@ class Population:
 
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
         """Simulate one recording; arguments and errors as :meth:`run_machine`."""
-        return record(self.run_machine(count, random_state, assembly))
+        return record(self.run_machine(count, random_state, assembly), (), self.direction)
 
 
-def record(run: MachineRun, effects: Sequence[Effect] = ()) -> Record:
-    """Record a machine's run through its chain of measurement, with further effects on the torque."""
+def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) -> Record:
+    """Record a machine's run through its chain of measurement, with further effects on the torque.
+
+    In reverse (``direction=-1``) the mirror image of the gearbox runs: its torque has the other sign before
+    it is measured. The record is the torque times the direction, positive for a load that brakes.
+    """
+    if direction < 0:
+        run = dataclasses.replace(run, run=dataclasses.replace(run.run, torque_out=-run.run.torque_out))
     made = run.record(effects)
     angle = made.input_angle
     turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
-    return Record(made.torque_out.astype(np.float32), turned / (angle.size - 1) * made.sampling_rate)
+    torque = made.torque_out.astype(np.float32) * np.float32(direction)
+    return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 
 
 def in_batches(items: Sequence[T]) -> list[Sequence[T]]:
@@ -210,7 +222,10 @@ def simulate_bank(
             for i in numbers
         ]
         runs = run_planned(plans, kernel=KERNEL)
-        return [str(run) if isinstance(run, SimulationFailed) else record(run) for run in runs]
+        return [
+            str(run) if isinstance(run, SimulationFailed) else record(run, (), population.direction)
+            for run in runs
+        ]
 
     parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(some)(part) for part in in_batches(range(n)))
     made = list(itertools.chain.from_iterable(parts))

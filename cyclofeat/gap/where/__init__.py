@@ -2,9 +2,10 @@
 
 :func:`locate` first removes the part of the summaries that follows the speed and the mean torque of each
 recording. It then tests each cell by permuting the labels of recordings, with p adjusted within and across
-families of cells.
+families of cells. :func:`locate_all` does so at each condition of a session.
 """
 
+from cyclofeat.gap.where._conditions import locate_all, p_over_conditions, verdict_over_conditions
 from cyclofeat.gap.where._locate import EQUIVALENT_DB, EQUIVALENT_SPREADS, LocatedGap, Row, locate
 from cyclofeat.gap.where._permutation import SPREADS as SPREADS
 from cyclofeat.gap.where._permutation import TOGETHER as TOGETHER
@@ -23,4 +24,7 @@ __all__ = [
     "family_p",
     "holm",
     "locate",
+    "locate_all",
+    "p_over_conditions",
+    "verdict_over_conditions",
 ]

@@ -109,13 +109,18 @@ class LocatedGap:
     _compared: tuple[Float, Float] = field(repr=False)
 
     @property
+    def p(self) -> float:
+        """Smallest adjusted p."""
+        return min(self.family_p.values())
+
+    @property
     def verdict(self) -> str:
         """Answer of the comparison.
 
         ``"disagree"``: an adjusted p is at most alpha. ``"equivalent"``: all intervals of means lie within
         1.5 dB or half a recording's spread. ``"unresolved"``: neither; more recordings would tell.
         """
-        if min(self.family_p.values()) <= self.alpha:
+        if self.p <= self.alpha:
             return "disagree"
         within = all(
             max(-row.low, row.high)
@@ -176,6 +181,7 @@ def locate(
     alpha: float = 0.05,
     n_permutations: int = 999,
     shared_variance: ArrayLike | None = None,
+    bank: Bank | None = None,
 ) -> LocatedGap:
     """Find where measured recordings differ from simulated ones.
 
@@ -203,6 +209,9 @@ def locate(
         fewer than 219 can never "disagree" at 0.05, and are refused.
     shared_variance : array-like, shape (n_cells,), optional
         That of another result with the same conditions, which is then not learned again.
+    bank : Bank, optional
+        Recordings to compare with, of every count of the measured ones and as long as they. Default:
+        simulated ones.
 
     Returns
     -------
@@ -242,7 +251,7 @@ def locate(
             f"got {n_permutations}"
         )
     measured.check_several()
-    bank = comparison.bank_like(measured)
+    bank = comparison.bank_like(measured) if bank is None else bank
     blank = LocatedGap(
         comparison, measured, bank, comparison.summaries(bank), alpha, n_permutations,
         np.zeros(len(measured.cells)), (), {}, (np.empty(0), np.empty(0)),
