@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.gap.summaries import recordings_of
 
+if TYPE_CHECKING:
+    from cyclofeat.gap._measured import MeasuredRig
+
 _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
+_FLAT = 5  # samples on end
 
 
 def doubts_about(
@@ -39,11 +43,37 @@ def doubts_about(
     for extreme, word in ((windows.max(axis=1), "largest"), (windows.min(axis=1), "smallest")):
         share = np.mean(windows == extreme[:, None], axis=1)
         flat = np.array([_longest_run(x == e) for x, e in zip(windows, extreme, strict=True)])
-        clipped = np.unique(of_window[(share > _CLIPPED) & (flat >= 5)])
+        clipped = np.unique(of_window[(share > _CLIPPED) & (flat >= _FLAT)])
         if clipped.size:
             doubts.append(
                 f"{clipped.size} of {n} recordings seem clipped: they stay at their {word} value for samples "
                 "on end"
+            )
+    return doubts
+
+
+def doubts_of(measured: MeasuredRig) -> list[str]:
+    """Return a sentence on each property of a rig's recordings that limits the conclusions."""
+    n = len(measured.recordings)
+    doubts = []
+    if n < _FEW_RECORDINGS:
+        doubts.append(
+            f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
+            "differences are found"
+        )
+    if not measured.has_counts:
+        doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
+    if not measured.has_tachometer:
+        doubts.append(
+            "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
+        )
+    for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
+        at_end = [one.torque == extreme(one.torque) for one in measured.recordings]
+        clipped = sum(np.mean(flags) > _CLIPPED and _longest_run(flags) >= _FLAT for flags in at_end)
+        if clipped:
+            doubts.append(
+                f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples on "
+                "end"
             )
     return doubts
 

@@ -14,6 +14,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, positive
+from cyclofeat.gap._doubts import doubts_of
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
@@ -149,6 +150,11 @@ class MeasuredRig:
         """Distinct conditions: forward before reverse, then by speed and load."""
         return tuple(sorted(set(self.of_recording), key=lambda at: (-at.direction, at.speed_rpm, at.load_nm)))
 
+    @property
+    def doubts(self) -> list[str]:
+        """A sentence on each property of the recordings that limits the conclusions."""
+        return doubts_of(self)
+
     def at(self, condition: Condition) -> tuple[Recording, ...]:
         """Return the recordings of a condition."""
         return tuple(
@@ -191,6 +197,23 @@ class MeasuredRig:
             angle = np.array([of_input[i][k : k + n] for i, k in zip(cut.recording, starts, strict=True)])
         y = cut.y if self.has_counts else None
         return Windows(cut.X * condition.direction, y, cut.recording, angle)
+
+    def world(self, world: World) -> World:
+        """Return a world whose speeds, loads and counts hold those of the recordings, with their rate.
+
+        Speeds and loads reach 10 % further than the recordings; a rate above that of ``world`` stays its.
+        """
+        speeds, loads = (
+            np.array([getattr(at, name) for at in self.conditions]) for name in ("speed_rpm", "load_nm")
+        )
+        counts = [*world.defect_counts, *(one.defect_count or 0 for one in self.recordings)]
+        return dataclasses.replace(
+            world,
+            sampling_rate=min(self.sampling_rate, world.sampling_rate),
+            speeds_rpm=(0.9 * speeds.min(), 1.1 * speeds.max()),
+            loads_nm=(0.9 * loads.min(), 1.1 * loads.max()),
+            defect_counts=sorted(set(counts)),
+        )
 
     def comparison(self, condition: Condition, world: World, settings: GapSettings) -> Comparison:
         """Return the comparison with the world's model at a condition.

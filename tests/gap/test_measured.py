@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -311,3 +312,33 @@ def test_sessions_hold_one_turn_of_each_recording() -> None:
     other[needed:] = 0.0
     changed = MeasuredRig.of([made().replace(torque=other)], MODEL)
     assert np.array_equal(changed.session().values, rig.session().values)
+
+
+def test_a_world_holds_the_conditions_of_the_recordings() -> None:
+    stated = [(100, 5, 0), (200, 8, 9)]
+    recordings = [made(speed, load, defect_count=count) for speed, load, count in stated]
+    world = MeasuredRig.of(recordings, MODEL).world(World(defect_counts=(0, 1)))
+    assert world.speeds_rpm == pytest.approx((90, 220))
+    assert world.loads_nm == pytest.approx((4.5, 8.8))
+    assert world.defect_counts == (0, 1, 9)
+    assert world.sampling_rate == 12_800
+    fast = MeasuredRig.of([made(sampling_rate=51_200)], MODEL).world(World())
+    assert fast.sampling_rate == 25_600
+    # One condition is a world too.
+    assert fast.loads_nm == pytest.approx((19.8, 24.2))
+
+
+def test_doubts_name_what_limits_the_conclusions() -> None:
+    known = {"defect_count": 0, "angle": np.arange(30_000) * 0.004}
+    several = MeasuredRig.of([made(i=i, **known) for i in range(4)], MODEL)
+    assert several.doubts == []
+    few = MeasuredRig.of([made(), made(i=1).replace(torque=np.minimum(NOISE[1], 22.0))], MODEL).doubts
+    for words, sentence in zip(
+        ("2 recordings: ", "counts of worn lobes", "no tachometer", "1 of 2 .* clipped: .* largest"),
+        few,
+        strict=True,
+    ):
+        assert re.search(words, sentence)
+    # Rounded torque repeats its largest value too, now and then.
+    rounded = [one.replace(torque=np.round(one.torque, 1)) for one in several.recordings]
+    assert MeasuredRig.of(rounded, MODEL).doubts == []
