@@ -1,0 +1,65 @@
+"""Answers of the toolkit on sets, in the format of the results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hidden_effects._answers import FORMAT
+from benchmarks.hidden_effects._folders import read_set
+from benchmarks.hidden_effects._machine import SAMPLING_RATE
+from cyclofeat.gap.posterior import EffectPosterior
+from cyclofeat.gap.simulations import Memory
+from cyclofeat.gap.world import Session
+
+_CODE = ("gap/world", "gap/summaries")
+
+
+def session_of(name: str, folder: Path) -> Session:
+    """Summaries of the recordings of a set that are to be fitted."""
+    recordings, _ = read_set(name, folder)
+    at = [(one.speed_rpm, one.load_nm, np.sign(one.torque.mean())) for one in recordings]
+    counts = [one.defect_count for one in recordings]
+    return Session.of([one.torque for one in recordings], SAMPLING_RATE, at, counts=counts)
+
+
+def sessions_of(names: Iterable[str], folder: Path) -> dict[str, Session]:
+    """Sessions of the sets that the folder has; they are stored beside it while the code stays the same."""
+    memory = Memory(folder.with_name(f"{folder.name}_sessions"))
+    there = [name for name in names if (folder / name).exists()]
+    return {
+        name: memory(lambda name=name: session_of(name, folder), "sessions", name, code=_CODE)
+        for name in there
+    }
+
+
+def shown(session: Session, n: int | None = None, *, counts: bool = True) -> Session:
+    """A session of some of the recordings, evenly chosen, or without their counts."""
+    size = len(session.values)
+    rows = np.arange(size) if n is None else np.arange(n) * size // n
+    known = counts and session.counts is not None
+    return Session(session.values[rows], session.conditions[rows], session.counts[rows] if known else None)
+
+
+def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[dict[str, Any]]:
+    """Results that hold what a posterior says, without verdict, confirmation and proof."""
+    probabilities = posterior.predict_proba(sessions)
+    quantiles = posterior.predict_quantiles(sessions)
+    found = []
+    for p_of, sizes_of in zip(probabilities, quantiles, strict=True):
+        sizes: dict[str, dict[str, dict[str, float]]] = {name: {} for name in posterior.names_}
+        for key, ends in zip(posterior.size_names_, sizes_of.tolist(), strict=True):
+            name, _, parameter = key.partition(".")
+            if np.isfinite(ends).all():
+                middle = ends[len(ends) // 2]
+                sizes[name][parameter] = {"value": middle, "low": ends[0], "high": ends[-1]}
+        effects = [
+            {"id": name, "probability": p, "sizes": sizes[name]}
+            for name, p in zip(posterior.names_, p_of.tolist(), strict=True)
+            if np.isfinite(p)
+        ]
+        found.append({"format": FORMAT, "effects": effects})
+    return found

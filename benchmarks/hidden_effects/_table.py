@@ -1,0 +1,324 @@
+"""The table of goals: every figure with its interval, from results beside the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
+from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
+
+_BINS = 15
+_CONFIDENT = 0.9
+_FEWEST = 10  # intervals of one parameter from which its coverage is stated
+BLACK_BOXES = ("equaliser", "gaussian_process")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure beside its goal; ``value`` is None where the results do not determine it."""
+
+    name: str
+    goal: str
+    value: float | None
+    n: int
+    met: bool | None
+    low: float | None = None
+    high: float | None = None
+
+
+def wilson(k: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's interval of a share k/n.
+
+    Examples
+    --------
+    >>> [round(end, 4) for end in wilson(8, 10)]
+    [0.4902, 0.9433]
+    """
+    z = float(norm.ppf(0.5 + confidence / 2))
+    share = k / n
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def calibration_error(probabilities: Sequence[float], right: Sequence[bool], bins: int = _BINS) -> float:
+    """Mean distance of probabilities from shares, over equal bins weighted by their number of cases.
+
+    Examples
+    --------
+    >>> round(calibration_error([0.95, 0.95, 0.55, 0.55], [True, True, True, False]), 3)
+    0.05
+    """
+    p = np.asarray(probabilities)
+    of_bin = np.minimum((p * bins).astype(int), bins - 1)
+    excess = np.bincount(of_bin, p - np.asarray(right), minlength=bins)
+    return float(np.abs(excess).sum() / p.size)
+
+
+# A goal: its text and its limit; shares of rare events are to be small, others large.
+_Goal = tuple[str, Callable[[float], bool]]
+
+
+def at_least(limit: float) -> _Goal:
+    return f">= {limit:g}", lambda value: value >= limit - 1e-12
+
+
+def at_most(limit: float) -> _Goal:
+    return f"<= {limit:g}", lambda value: value <= limit + 1e-12
+
+
+def between(low: float, high: float) -> _Goal:
+    return f"{low:g} to {high:g}", lambda value: low - 1e-12 <= value <= high + 1e-12
+
+
+def share(name: str, goal: _Goal, flags: Iterable[bool | None]) -> Figure:
+    """Share of true flags with Wilson's interval; None is left out."""
+    known = [bool(flag) for flag in flags if flag is not None]
+    if not known:
+        return Figure(name, goal[0], None, 0, None)
+    value = sum(known) / len(known)
+    return Figure(name, goal[0], value, len(known), goal[1](value), *wilson(sum(known), len(known)))
+
+
+def number(
+    name: str, goal: _Goal, values: Sequence[float], how: Callable[[Sequence[float]], float]
+) -> Figure:
+    """A figure of values, None without any."""
+    if not len(values):
+        return Figure(name, goal[0], None, 0, None)
+    value = float(how(values))
+    return Figure(name, goal[0], value, len(values), goal[1](value))
+
+
+def figures(every: Sequence[Answer]) -> list[Figure]:
+    """All figures of the table."""
+    of = {kind: [one for one in every if one.truth.kind == kind] for kind in KINDS}
+    nulls, singles, several, outside = of.values()
+    inside = [*nulls, *singles, *several]
+    seen_singles = [one for one in singles if one.seen]
+    found = [
+        share('null: verdict "disagree"', at_most(0.03), [_disagrees(one) for one in nulls]),
+        share(
+            "null: an effect with probability 0.5 or more", at_most(0.01), [bool(one.named) for one in nulls]
+        ),
+        share("1 effect: right group, nothing else", at_least(0.98), [one.right for one in seen_singles]),
+        number("1 effect: median error of sizes", at_most(0.04), _errors(singles), np.median),
+    ]
+    for n, limit in ((2, 0.96), (3, 0.94), (4, 0.92), (5, 0.88), (6, 0.85)):
+        right = [one.right for one in several if one.n_effects == n]
+        found.append(share(f"{n} effects: whole visible set right up to ties", at_least(limit), right))
+    for low, high, limit in ((1, 3, 0.98), (4, 6, 0.95)):
+        some = [one for one in (*singles, *several) if low <= one.n_effects <= high]
+        name = f"{low} to {high} effects: no wrong claim in three answers"
+        found.append(share(name, at_least(limit), [not one.wrong_claim for one in some]))
+    unresolved = [float(sum(said == UNRESOLVED for said in one.claims().values())) for one in several]
+    found += [
+        number("2 to 6 effects: unresolved per set, mean", at_most(2), unresolved, np.mean),
+        share("precision, by groups", at_least(0.96), _precision(inside)),
+        share("recall of visible effects, by groups", at_least(0.94), _recall(inside)),
+        *_conditions(inside),
+        number("calibration error of probabilities", at_most(0.01), *_calibration(inside)),
+        *_coverage([*singles, *several]),
+        share("outside the library: flagged", at_least(0.95), [one.unknown for one in outside]),
+        share("inside the library: flagged", at_most(0.04), [one.unknown for one in inside]),
+        share("wrong name with 0.9 or more", at_most(0.005), [_confidently_wrong(one) for one in every]),
+        *_proof([*singles, *several]),
+        number("whole case, median s", at_most(60), _seconds(every), np.median),
+    ]  # fmt: skip
+    return found
+
+
+def _disagrees(one: Answer) -> bool | None:
+    return None if one.verdict is None else one.verdict == "disagree"
+
+
+def _precision(every: Iterable[Answer]) -> list[bool]:
+    return [group in grouped(one.true) for one in every for group in grouped(one.named)]
+
+
+def _recall(every: Iterable[Answer]) -> list[bool]:
+    return [group in grouped(one.named) for one in every for group in grouped(one.seen)]
+
+
+def _errors(every: Iterable[Answer], parameter: str = "") -> list[float]:
+    """Relative errors of the sizes of effects that are rightly named, of one parameter or all."""
+    return [
+        abs(size["value"] - true) / abs(true) for name, true, size in _sizes(every) if parameter in ("", name)
+    ]
+
+
+def _sizes(every: Iterable[Answer]) -> Iterable[tuple[str, float, Mapping[str, float]]]:
+    """Parameter, true value and stated size (value, low, high) of effects that are rightly named."""
+    for one in every:
+        for effect in sorted(one.named & one.true):
+            stated = one.effects[effect].get("sizes") or {}
+            for name, true in one.sizes[effect].items():
+                if name in stated:
+                    yield f"{effect}.{name}", true, stated[name]
+
+
+def _conditions(inside: Sequence[Answer]) -> list[Figure]:
+    """What three conditions tell apart, and what other conditions cost."""
+    three = [one for one in inside if one.n_conditions == 3]
+    hidden = [one for one in inside if one.seen]
+    standard = [one.right for one in hidden if one.truth.conditions == (STANDARD,)]
+    other = [one.right for one in hidden if one.n_conditions == 1 and one.truth.conditions != (STANDARD,)]
+    several = [one.right for one in three if one.seen]
+    found = [
+        share("3 conditions: gain or offset, without ties", at_least(0.92),
+              [one.told_apart(("gain", "offset")) for one in three]),
+        share("3 conditions: drift of load or sensor, without ties", at_least(0.95),
+              [one.told_apart(("load_drift", "sensor_drift")) for one in three]),
+    ]  # fmt: skip
+    for name, some in (("any speed and load", other), ("3 conditions", several)):
+        loss = [float(np.mean(standard) - np.mean(some))] if standard and some else []
+        text = f"{name}: loss of sets right against 500 RPM and 22 Nm"
+        found.append(number(text, at_most(0.02), loss, np.mean))
+    return found
+
+
+def _calibration(inside: Sequence[Answer]) -> tuple[list[float], Callable[[Sequence[float]], float]]:
+    pairs = [
+        (effect["probability"], name in one.true) for one in inside for name, effect in one.effects.items()
+    ]
+    right = [there for _, there in pairs]
+    return [p for p, _ in pairs], lambda values: calibration_error(values, right)
+
+
+def _covered(every: Iterable[Answer]) -> dict[str, list[bool]]:
+    found: dict[str, list[bool]] = {}
+    for name, true, size in _sizes(every):
+        found.setdefault(name, []).append(size["low"] <= true <= size["high"])
+    return found
+
+
+def _coverage(every: Sequence[Answer]) -> list[Figure]:
+    goal = between(0.87, 0.93)
+    found = []
+    for low, high in ((1, 1), (2, 3), (4, 6)):
+        some = [one for one in every if low <= one.n_effects <= high]
+        flags = [flag for of_one in _covered(some).values() for flag in of_one]
+        text = f"{low} to {high} effects" if high > low else "1 effect"
+        found.append(share(f"{text}: 90 % intervals that cover", goal, flags))
+    worst = sorted((np.mean(flags), name) for name, flags in _covered(every).items() if len(flags) >= _FEWEST)
+    for place, text in ((0, "lowest"), (-1, "highest")):
+        values, name = ([float(worst[place][0])], worst[place][1]) if worst else ([], "-")
+        found.append(number(f"{text} coverage of a parameter ({name})", goal, values, np.mean))
+    return found
+
+
+def _confidently_wrong(one: Answer) -> bool:
+    """Whether a name with 0.9 or more is of a group that is not there, and not flagged as unknown."""
+    sure = {name for name, effect in one.effects.items() if effect["probability"] >= _CONFIDENT}
+    return bool(grouped(sure) - grouped(one.true)) and not one.unknown
+
+
+def _seconds(every: Iterable[Answer]) -> list[float]:
+    return [float(one.result["seconds"]) for one in every if one.result.get("seconds") is not None]
+
+
+def _closed(one: Answer, alternative: str, unseen: bool) -> float | None:
+    """Share of the gap that an alternative closes, mean over the conditions held out where it is defined.
+
+    ``unseen``: at counts, or at a speed and load, that nothing was fitted to.
+    """
+    fitted = {(round(at.speed_rpm), round(at.load_nm, 1)) for at in one.truth.conditions}
+    values = []
+    for proof in one.result.get("proof") or []:
+        new = (round(proof["speed_rpm"]), round(proof["load_nm"], 1)) not in fitted
+        row = proof["scores"].get(alternative) or {}
+        if one.n_conditions == 1 or new == unseen:
+            values.append(row.get("unseen" if unseen and not new else "all"))
+    known = [float(value) for value in values if value is not None and not math.isnan(value)]
+    return float(np.mean(known)) if known else None
+
+
+def _proof(every: Sequence[Answer]) -> list[Figure]:
+    found = []
+    for unseen, where in ((False, "held out"), (True, "conditions not fitted")):
+        ratios = []
+        for one in every:
+            ours, oracle = _closed(one, "after", unseen), _closed(one, "oracle", unseen)
+            if ours is not None and oracle is not None and oracle > 0:
+                ratios.append(ours / oracle)
+        name = f"gap closed, {where}: median share of the oracle's"
+        found.append(number(name, at_least(0.97), ratios, np.median))
+    for black_box in BLACK_BOXES:
+        wins = []
+        for one in every:
+            ours, theirs = _closed(one, "after", True), _closed(one, black_box, True)
+            if ours is not None and theirs is not None:
+                wins.append(ours > theirs)
+        found.append(share(f"nearer than {black_box}, conditions not fitted", at_least(0.97), wins))
+    return found
+
+
+def markdown(every: Sequence[Answer]) -> str:
+    """The page: goals, sets by number of effects, effects one by one."""
+    total = {kind: sum(one.kind == kind for one in definitions().values()) for kind in KINDS}
+    made = ", ".join(
+        f"{sum(one.truth.kind == kind for one in every)} of {n} {kind}" for kind, n in total.items()
+    )
+    rows = [
+        [one.name, one.goal, _text(one.value), " to ".join(filter(None, (_text(one.low), _text(one.high)))),
+         one.n, {None: "", True: "yes", False: "**no**"}[one.met]]
+        for one in figures(every)
+    ]  # fmt: skip
+    parts = [f"Sets: {made}.", "", *lines(("figure", "goal", "value", "95 % interval", "n", "met"), rows)]
+    parts += ["", "## By number of effects", "", *lines(*_by_number(every))]
+    parts += ["", "## By effect", "", *lines(*_by_effect(every))]
+    return "\n".join(parts) + "\n"
+
+
+def _by_number(every: Sequence[Answer]) -> tuple[Sequence[str], list[list[object]]]:
+    heads = ("effects", "sets", "right, visible, ties", "right, visible, no ties", "precision",
+             "recall of visible", "visible per set", "no wrong claim")  # fmt: skip
+    rows: list[list[object]] = []
+    for n in range(7):
+        some = [one for one in every if one.inside and one.n_effects == n]
+        if some:
+            shares = [
+                [one.right for one in some], [one.exact for one in some], _precision(some), _recall(some),
+                [len(one.seen) for one in some], [not one.wrong_claim for one in some],
+            ]  # fmt: skip
+            rows.append([n, len(some), *(_mean(flags) for flags in shares)])
+    return heads, rows
+
+
+def _by_effect(every: Sequence[Answer]) -> tuple[Sequence[str], list[list[object]]]:
+    heads = ("effect", "hidden", "visible", "named if visible", "named wrongly", "median error of sizes",
+             "coverage of 90 % intervals")  # fmt: skip
+    inside, rows = [one for one in every if one.inside], []
+    for name in effect_names("sizes.csv"):
+        hidden = [one for one in inside if name in one.true]
+        seen = [one for one in hidden if name in one.seen]
+        covered = {key: flags for key, flags in _covered(hidden).items() if key.startswith(f"{name}.")}
+        errors = [f"{key.partition('.')[2]} {np.median(_errors(hidden, key)):.2g}" for key in covered]
+        rows.append(
+            [name, len(hidden), len(seen), _mean([name in one.named for one in seen]),
+             sum(name in one.named - one.true for one in inside), ", ".join(errors),
+             ", ".join(f"{np.mean(flags):.2f}" for flags in covered.values())]
+        )  # fmt: skip
+    return heads, rows
+
+
+def _mean(values: Sequence[float]) -> str:
+    return _text(float(np.mean(values))) if len(values) else ""
+
+
+def _text(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def lines(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """Lines of a table in Markdown."""
+    return [
+        f"| {' | '.join(heads)} |",
+        "|" + "---|" * len(heads),
+        *(f"| {' | '.join(str(cell) for cell in row)} |" for row in rows),
+    ]

@@ -1,0 +1,382 @@
+"""The hidden sets, second edition: a generator that is the simulator's equal, its truth, oracle and score.
+
+The generator is compiled by itself and no part of the package: what runs it is slow.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import math
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
+
+from benchmarks.hidden_effects import _answers, _ask, _effects, _folders, _sets, _table, _visible  # noqa: E402
+from benchmarks.hidden_effects._machine import Machine  # noqa: E402
+from cyclofeat.gap.world import FLOOR, Session, World  # noqa: E402
+from cyclofeat.simulators import CycloidalGearbox, Effect, LoadDrift, Noise, known_effects  # noqa: E402
+from cyclofeat.simulators.effects import TorqueContext  # noqa: E402
+
+HERE = ROOT / "benchmarks" / "hidden_effects"
+FS = 25_600
+STRENGTHS = ("weak", "medium", "strong")
+
+
+def theta(effect: str, strength: str = "medium", seed: int = 0) -> dict[str, float]:
+    return _sets._theta(effect, strength, 22.0, np.random.default_rng(seed))
+
+
+def library(effect: str, values: dict[str, float]) -> Effect:
+    return known_effects()[effect](**values).check()
+
+
+# The generator.
+
+
+@pytest.mark.parametrize("file", ["_machine.py", "_effects.py"])
+def test_generator_takes_nothing_but_dimensions_from_the_package(file: str) -> None:
+    taken = [
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(ast.parse((HERE / file).read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if (node.module or "").startswith("cyclofeat")
+    ]
+    assert set(taken) <= {"cyclofeat.simulators.CycloidalGearbox"}
+
+
+def test_floor_is_that_of_the_training_world() -> None:
+    noise, drift = FLOOR
+    assert isinstance(noise, Noise)
+    assert isinstance(drift, LoadDrift)
+    assert noise.rms_nm == _effects.FLOOR_NOISE
+    assert (drift.rms_nm, drift.cutoff_hz) == (_effects.FLOOR_DRIFT, _effects.FLOOR_CUTOFF)
+
+
+@pytest.mark.parametrize(
+    "effect", ["torque_meter_low_pass", "sensor_warm_up", "gain", "offset", "quantisation", "clipping",
+               "clock_error"]
+)  # fmt: skip
+def test_signal_effects_without_chance_are_the_librarys(effect: str) -> None:
+    """The same waveform through both, away from the ends; in reverse too."""
+    time = np.arange(2 * FS) / FS
+    values = theta(effect)
+    for way in (1, -1):
+        torque = way * (22 + 0.3 * np.sin(2 * np.pi * 133 * time) + 0.1 * np.sin(2 * np.pi * 1900 * time))
+        run = _effects.Run(torque, 52 * time, 0, way * 22.0)
+        here = _effects._SIGNAL[effect][1](torque, run, values, np.random.default_rng(0))
+        context = TorqueContext(gearbox=CycloidalGearbox.steel(), input_angle=run.angle)
+        there = library(effect, values).change_torque(torque, FS, np.random.default_rng(0), context)
+        inner = slice(FS // 2, FS)
+        # A thousandth of the ripple: what either's interpolation of a fast clock leaves.
+        np.testing.assert_allclose(here[inner], there[inner], atol=4e-4)
+
+
+@pytest.mark.parametrize("effect", ["sensor_drift", "noise", "hum", "input_shaft_line", "output_shaft_line"])
+def test_random_signal_effects_have_the_librarys_power(effect: str) -> None:
+    time = np.arange(4 * FS) / FS
+    torque, values = np.zeros(time.size), theta(effect)
+    run = _effects.Run(torque, 2 * np.pi * 15 * time, 0, 0.0)
+    context = TorqueContext(gearbox=CycloidalGearbox.steel(), input_angle=run.angle)
+    powers = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        here = _effects._SIGNAL[effect][1](torque, run, values, random)
+        there = library(effect, values).change_torque(torque, FS, random, context)
+        powers.append([np.mean(here**2), np.mean(there**2)])
+    mean, error = np.mean(powers, axis=0), np.std(powers, axis=0) / math.sqrt(60)
+    assert abs(mean[0] - mean[1]) < 4 * np.hypot(*error) + 1e-3 * mean[1]
+
+
+def test_lost_samples_lose_the_librarys_share_in_blocks() -> None:
+    torque = np.random.default_rng(0).normal(size=8 * FS)
+    values = {"share": 0.05, "block": 40.0}
+    run = _effects.Run(torque, torque, 0, 0.0)
+    made = [_effects._lost_samples(torque, run, values, np.random.default_rng(1)),
+            library("lost_samples", values).change_torque(torque, FS, np.random.default_rng(1))]  # fmt: skip
+    for one in made:
+        held = np.diff(one) == 0
+        assert np.mean(held) == pytest.approx(0.05, rel=0.02)
+        assert np.sum(np.diff(held.astype(int)) == 1) == pytest.approx(torque.size * 0.05 / 40, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "effect", ["load_drift", "proportional_drift", "stick_slip", "rattle", "load_warm_up"]
+)
+def test_courses_of_the_load_are_the_librarys(effect: str) -> None:
+    """Mean, rms and rms of the slope, over many courses."""
+    values = theta(effect)
+    time = np.arange(0, 6, 5e-5)
+    gearbox, machine = CycloidalGearbox.steel(), Machine()
+    moments = np.empty((80, 2, 3))
+    for seed in range(80):
+        random = np.random.default_rng(seed)
+        here = _effects._LOAD[effect](machine, values, time, 0.0, random)
+        fluctuation = library(effect, values).load_fluctuation(gearbox, 6.0, random)
+        assert fluctuation is not None
+        for k, course in enumerate((here, fluctuation(time))):
+            course = course[time > 1]
+            slope = np.diff(course[::20]) / 1e-3
+            moments[seed, k] = course.mean(), np.mean(course**2), np.mean(slope**2)
+    error = np.hypot(*(moments.std(axis=0) / math.sqrt(80)))
+    assert np.all(np.abs(np.diff(moments.mean(axis=0), axis=0)) < 4 * error + 1e-9)
+
+
+def test_blows_come_once_per_turn() -> None:
+    machine, time = Machine(), np.arange(0, 9, 1e-4)
+    course = _effects._broken_tooth(machine, {"blow_nm": 2.0}, time, 1.0, np.random.default_rng(0))
+    starts = time[1:][np.diff((course > 0).astype(int)) == 1]
+    np.testing.assert_allclose(np.diff(starts), 30 * math.pi / machine.speed, atol=3e-4)
+    assert course.max() == pytest.approx(2.0, rel=0.05)
+
+
+def test_effects_beyond_the_library_are_what_they_say() -> None:
+    time = np.arange(2 * FS) / FS
+    torque = 22 + 0.3 * np.sin(2 * np.pi * 100 * time)
+    run = _effects.Run(torque, 52 * time, 0, 22.0)
+
+    def made(effect: str, **values: float) -> Any:
+        return _effects._SIGNAL[effect][1](torque, run, values, np.random.default_rng(3)) - torque
+
+    assert np.abs(made("hysteresis", width_nm=0.2)[FS:]).max() == pytest.approx(0.1, rel=1e-6)
+    assert np.std(made("supply_modulation", share=0.01, frequency_hz=73)) == pytest.approx(
+        0.22 / 2**0.5, rel=0.01
+    )
+    assert np.std(made("inverter_tone", amplitude_nm=0.1, frequency_hz=4000)) == pytest.approx(
+        0.1 / 2**0.5, rel=0.01
+    )
+    assert np.min(made("dropout", per_second=4, length_s=0.01) + torque) == 0
+    spikes = made("spikes", height_nm=2.0, per_second=20)
+    assert set(np.round(np.unique(spikes), 9)) <= {-4.0, -2.0, 0.0, 2.0, 4.0}
+    assert 15 <= np.count_nonzero(spikes) <= 65
+    assert np.mean(made("noise_bursts", rms_nm=0.1, per_second=3) != 0) == pytest.approx(0.15, abs=0.12)
+
+
+# The sets.
+
+
+def test_truth_is_what_code_and_tables_give() -> None:
+    text = (HERE / "sets.json").read_text(encoding="utf-8")
+    assert text == _sets.truth_text()
+    digest = (HERE / "sets.sha256").read_text(encoding="utf-8").split()[0]
+    assert hashlib.sha256(text.encode()).hexdigest() == digest
+    assert json.loads(text)["sets"].keys() == _sets.definitions().keys()
+
+
+def test_kinds_and_numbers() -> None:
+    sets = list(_sets.definitions().values())
+    assert Counter(one.kind for one in sets) == {"null": 400, "single": 400, "several": 300, "outside": 100}
+    assert sum(bool(one.decoy) for one in sets) == 100
+    assert sum(len(one.conditions) == 3 for one in sets) == pytest.approx(400, abs=15)
+    assert sum(one.conditions == (_sets.STANDARD,) for one in sets) == pytest.approx(400, abs=15)
+    assert Counter(len(one.effects) for one in sets if one.kind == "several") == dict.fromkeys(
+        range(2, 7), 60
+    )
+
+
+def test_every_effect_of_the_training_world_is_hidden_alone_in_three_strengths() -> None:
+    singles = Counter(
+        (effect, strength)
+        for one in _sets.definitions().values()
+        if one.kind == "single"
+        for effect, strength, _ in one.effects
+    )
+    names = World().names
+    assert sorted(_sets.effect_names("sizes.csv")) == sorted(names)
+    assert min(singles[name, strength] for name in names for strength in STRENGTHS) == 4
+    assert not set(_sets.effect_names("beyond.csv")) & set(known_effects())
+
+
+def test_sizes_lie_inside_the_librarys_priors() -> None:
+    for one in _sets.definitions().values():
+        for name, values in one.hidden:
+            if name in known_effects():
+                effect = library(name, values)
+                assert set(values) == set(effect.vector_names())
+                for key, value in values.items():
+                    low, high = effect.parameters[key].prior.ppf([1e-4, 1 - 1e-4])
+                    assert low <= value <= high, (one.name, name, key)
+
+
+def test_conditions_and_recordings() -> None:
+    for one in _sets.definitions().values():
+        fit, hold = ([p for p in one.recordings if p.part == part] for part in ("fit", "hold"))
+        n = len(one.conditions)
+        assert len(fit) == {1: 8, 3: 12}[n]
+        assert len(hold) == (0 if one.kind == "null" else len(fit))
+        for at in (*one.conditions, *((one.between,) if one.between else ())):
+            assert 350 <= at.speed_rpm <= 700
+            assert 10 <= at.load_nm <= 30
+            assert at.direction in (1, -1)
+        if n == 3:
+            loads = [at.load_nm for at in one.conditions]
+            assert max(loads) >= 1.999 * min(loads)
+            assert sum(p.condition == one.between for p in hold) in (0, 6)
+        elif hold:
+            assert sum(p.count % 2 for p in hold) == 4  # counts that no fit has seen
+
+
+def test_sets_that_share_a_machine_differ_on_the_signal_only() -> None:
+    shared: dict[int, list[_sets.Definition]] = {}
+    for one in _sets.definitions().values():
+        shared.setdefault(one.machine, []).append(one)
+    assert len(shared) < 1000
+    for sets in shared.values():
+        assert len({(one.kind, one.conditions, one.decoy) for one in sets}) == 1
+        assert len({str(_folders._in_machine(one)) for one in sets}) == 1
+        assert len({str(sorted(one.hidden)) for one in sets}) == len(sets)
+
+
+@pytest.mark.slow
+def test_folders_are_read_and_the_same_every_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A set's folder holds what the generator gives, and one beside it that shares its machine."""
+    first = next(one for one in _sets.definitions().values() if [n for n, _ in one.hidden] == ["gain"])
+    _folders.generate([first.name], tmp_path, 1)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        one.name for one in _sets.definitions().values() if one.machine == first.machine
+    )
+    _folders.generate([first.name], tmp_path, 1)
+    assert "0 sets" in capsys.readouterr().out
+    fit, hold = _folders.read_set(first.name, tmp_path)
+    planned, (torque,) = next(_folders.recordings_of([first]))
+    np.testing.assert_array_equal(fit[0].torque, torque)
+    assert [len(fit), len(hold)] == [
+        sum(p.part == part for p in first.recordings) for part in ("fit", "hold")
+    ]
+    assert (fit[0].speed_rpm, fit[0].load_nm) == (planned.condition.speed_rpm, planned.condition.load_nm)
+    sign = np.sign(torque.mean())
+    assert sign == planned.condition.direction
+    factor = dict(first.hidden)["gain"]["factor"]
+    assert sign * torque.mean() == pytest.approx(factor * planned.condition.load_nm, rel=0.02)
+    session = _ask.session_of(first.name, tmp_path)
+    assert np.all(np.abs(session.values[:, 0]) < 1)  # speed in % of the stated one
+
+
+# The oracle.
+
+
+def test_the_oracles_distance_is_that_of_the_samples() -> None:
+    random = np.random.default_rng(0)
+    distances = []
+    for _ in range(10):
+        blocks = np.arange(32) % 4
+        pairs = random.normal(size=(32, 40)) + 10 * blocks[:, None]
+        with_it, without = pairs + 0.1 * random.normal(size=(32, 40)), pairs
+        with_it = with_it + np.r_[3.0, np.zeros(39)]
+        same = without + 1e-3 * random.normal(size=(32, 40))
+        distances.append([_visible.distance(one, without, blocks) for one in (with_it, same)])
+    seen, unseen = np.mean(distances, axis=0)
+    assert 2.0 < seen < 3.3
+    assert abs(unseen) < 0.2
+
+
+def test_visible_effects_are_hidden_ones() -> None:
+    for name, sigmas in _visible.visible().items():
+        assert set(sigmas) == {effect for effect, _ in _sets.definitions()[name].hidden}
+
+
+# The score.
+
+
+def answered(name: str, seen: set[str] | None = None, **probabilities: float) -> _answers.Answer:
+    truth = _sets.definitions()[name]
+    effects = [{"id": effect, "probability": p} for effect, p in probabilities.items()]
+    hidden = {effect for effect, _ in truth.hidden}
+    return _answers.Answer(truth, frozenset(hidden if seen is None else seen), {"effects": effects})
+
+
+def one_of(kind: str, *effects: str) -> str:
+    return next(
+        name for name, one in _sets.definitions().items()
+        if one.kind == kind and (not effects or {e for e, _ in one.hidden} == set(effects))
+    )  # fmt: skip
+
+
+def test_ties_count_as_one_and_invisible_effects_may_be_named_or_not() -> None:
+    gain = one_of("single", "gain")
+    assert answered(gain, gain=0.9, hum=0.1).exact
+    tied = answered(gain, offset=0.6, hum=0.1)
+    assert tied.right
+    assert not tied.exact
+    assert not answered(gain, gain=0.9, hum=0.7).right
+    assert not answered(gain, gain=0.2).right
+    assert answered(gain, seen=set(), gain=0.2).right
+    assert answered(gain, seen=set(), gain=0.7).right
+    assert tied.told_apart(("gain", "offset")) is False
+    assert tied.told_apart(("hum",)) is None
+
+
+def test_a_claim_is_wrong_if_present_and_absent_or_absent_and_visible() -> None:
+    gain = one_of("single", "gain")
+    assert not answered(gain, gain=0.01, offset=0.97).wrong_claim
+    assert not answered(gain, gain=0.01, offset=0.5, load_scale=0.01).wrong_claim
+    assert answered(gain, gain=0.01, offset=0.01, load_scale=0.01).wrong_claim
+    assert not answered(gain, seen=set(), gain=0.01).wrong_claim
+    assert answered(gain, gain=0.97, hum=0.99).wrong_claim
+    assert answered(gain, hum=0.5).claims() == {"hum": "unresolved"}
+
+
+def test_figures_by_hand() -> None:
+    null, gain, hum = one_of("null"), one_of("single", "gain"), one_of("single", "hum")
+    outside = one_of("outside")
+    every = [
+        answered(null, hum=0.95, gain=0.05), answered(gain, gain=0.95, hum=0.05),
+        answered(hum, hum=0.45, gain=0.05), answered(outside, hum=0.95),
+    ]  # fmt: skip
+    size = dict(_sets.definitions()[gain].hidden)["gain"]["factor"]
+    every[1].result["effects"][0]["sizes"] = {"factor": {"value": 1.1 * size, "low": 0.0, "high": size / 2}}
+    found = {one.name: one for one in _table.figures(every)}
+    assert found['null: verdict "disagree"'].value is None
+    assert found["null: an effect with probability 0.5 or more"].value == 1
+    assert found["1 effect: right group, nothing else"].value == 0.5
+    assert found["1 effect: median error of sizes"].value == pytest.approx(0.1)
+    assert found["precision, by groups"].value == 0.5
+    assert found["recall of visible effects, by groups"].value == 0.5
+    assert found["1 effect: 90 % intervals that cover"].value == 0
+    confident = found["wrong name with 0.9 or more"]
+    hidden = {effect for effect, _ in _sets.definitions()[outside].hidden}
+    assert (confident.value, confident.n) == ((1 + ("hum" not in hidden)) / 4, 4)
+    assert "| 1 | 2 |" in _table.markdown(every)
+
+
+def test_wilson_and_calibration_by_hand() -> None:
+    low, high = _table.wilson(8, 10)
+    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
+    assert _table.calibration_error([0.95, 0.95, 0.55, 0.55], [True, True, True, False]) == pytest.approx(
+        0.05
+    )
+
+
+def test_results_are_read_from_files(tmp_path: Path) -> None:
+    name = one_of("single", "hum")
+    result = {
+        "format": _answers.FORMAT,
+        "verdict": "disagree",
+        "effects": [{"id": "hum", "probability": 0.9}],
+    }
+    (tmp_path / f"{name}.json").write_text(json.dumps(result), encoding="utf-8")
+    (read,) = _answers.read_answers(tmp_path)
+    assert read.named == read.true == {"hum"}
+    (tmp_path / f"{name}.json").write_text(json.dumps(result | {"format": "other"}), encoding="utf-8")
+    with pytest.raises(ValueError, match="format must be"):
+        _answers.read_answers(tmp_path)
+    with pytest.raises(ValueError, match=r"holds no <set>\.json"):
+        _answers.read_answers(tmp_path / "none")
+
+
+def test_shown_sessions_are_parts_of_the_whole() -> None:
+    conditions = np.array([(500.0, 22.0, 1)] * 12)
+    session = Session(np.arange(24.0).reshape(12, 2), conditions, np.arange(12))
+    part = _ask.shown(session, 4, counts=False)
+    assert part.values[:, 0].tolist() == [0, 6, 12, 18]
+    assert part.counts is None
+    assert _ask.shown(session).counts is not None
