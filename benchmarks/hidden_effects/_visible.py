@@ -2,9 +2,9 @@
 
 For each effect of a set, recordings of a rig with all effects of the set and of one without this one are
 simulated (by :mod:`cyclofeat.simulators`, at the set's conditions, with the same random numbers), and a
-linear discriminant of their summaries is cross-validated. Its distance between the two, in standard deviations
-of one recording, times the root of the number of recordings of the set, is the significance with which the
-oracle detects the effect; from 3 on the effect is visible.
+linear discriminant of their summaries is cross-validated. Its distance between the two, in standard
+deviations of one recording, times the root of the number of recordings of the set, is the significance with
+which the oracle detects the effect; from 3 on the effect is visible.
 """
 
 from __future__ import annotations
