@@ -161,6 +161,12 @@ class MeasuredRig:
             one for one, at in zip(self.recordings, self.of_recording, strict=True) if at == condition
         )
 
+    def of_one_assembly(self, condition: Condition) -> bool:
+        """Return True if all of several recordings of a condition state the same assembly."""
+        recordings = self.at(condition)
+        assemblies = {recording.assembly for recording in recordings}
+        return len(recordings) > 1 and len(assemblies) == 1 and None not in assemblies
+
     def part(self, numbers: Sequence[int]) -> MeasuredRig:
         """Return some of the recordings, by their numbers from 0, with the same conditions."""
         return dataclasses.replace(
@@ -234,7 +240,7 @@ class MeasuredRig:
             defect_counts=world.defect_counts,
             wheels=world.wheels,
             tachometer=self.has_tachometer,
-            one_assembly=settings.one_assembly or _of_one_assembly(self.at(condition)),
+            one_assembly=settings.one_assembly or self.of_one_assembly(condition),
             n_bank=settings.n_bank,
             random_state=settings.random_state,
             n_jobs=settings.n_jobs,
@@ -367,12 +373,6 @@ def set_points(values: Sequence[float] | Float, share: float) -> Float:
         snapped[same] = np.median(given[same])
         left &= ~same
     return snapped
-
-
-def _of_one_assembly(recordings: Sequence[Recording]) -> bool:
-    """Return True if several recordings state one and the same assembly."""
-    assemblies = {recording.assembly for recording in recordings}
-    return len(recordings) > 1 and len(assemblies) == 1 and None not in assemblies
 
 
 def _few_assemblies(recordings: Sequence[Recording]) -> list[str]:
