@@ -22,10 +22,13 @@ room               question
 torque-deflection loops with the output held.
 """
 
+from cyclofeat.gap._answer import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size
 from cyclofeat.gap._hold_out import hold_out
 from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._result import EffectProbability, GapResult, Where, WhereRow, where_of
+from cyclofeat.gap._overlays import Band, Overlay, overlays
+from cyclofeat.gap._result import EffectProbability, GapResult
 from cyclofeat.gap._settings import GapSettings, Windows
+from cyclofeat.gap._where import Where, WhereRow, where_of
 from cyclofeat.gap._workflow import find_gap, prepare_ranker
 from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
 from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
@@ -39,6 +42,7 @@ from cyclofeat.gap.where import LocatedGap, Row, locate, locate_all
 
 __all__ = [
     "MAY_DIFFER",
+    "Band",
     "Bank",
     "Cell",
     "Comparison",
@@ -51,6 +55,7 @@ __all__ = [
     "EffectTable",
     "FittedEffects",
     "FittedParameter",
+    "FoundEffect",
     "GapResult",
     "GapSettings",
     "LocatedGap",
@@ -59,6 +64,8 @@ __all__ = [
     "LoopSmoother",
     "Measured",
     "MeasuredRig",
+    "NextMeasurement",
+    "Overlay",
     "PhaseMap",
     "Population",
     "Proof",
@@ -67,7 +74,10 @@ __all__ = [
     "PublishedSettings",
     "RankedEffect",
     "Ranking",
+    "Remainder",
+    "RemainderRow",
     "Row",
+    "Size",
     "Where",
     "WhereRow",
     "Windows",
@@ -81,6 +91,7 @@ __all__ = [
     "locate",
     "locate_all",
     "loop_shape",
+    "overlays",
     "prepare_ranker",
     "prove",
     "summarise",

@@ -50,6 +50,12 @@ class Condition:
     load_nm: float
     direction: int = 1
 
+    @classmethod
+    def of(cls, comparison: Comparison) -> Condition:
+        """Return the condition of a comparison."""
+        speed_rpm = round(60 * comparison.conditions.input_speed_hz, 6)
+        return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
+
     @property
     def text(self) -> str:
         """The condition in words."""

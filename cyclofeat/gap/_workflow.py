@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_array
 
 from cyclofeat.gap._doubts import doubts_about
-from cyclofeat.gap._result import EffectProbability, GapResult, where_of
+from cyclofeat.gap._result import EffectProbability, GapResult
 from cyclofeat.gap._settings import GapSettings, Windows, checked
+from cyclofeat.gap._where import where_of
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.proof import Proof, check_held_out, prove
 from cyclofeat.gap.size import FittedEffects, fit_effects

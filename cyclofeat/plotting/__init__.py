@@ -9,6 +9,7 @@ class                    picture
 ``LobeMapDisplay``       the disc with its counted lobes, and a ring shaded by the torque's disturbance
 ``TrainingDisplay``      how near a recording lies to the training windows of each count, feature by feature
 ``GapDisplay``           where recordings and simulator differ: families, spectrum, orders, phase
+``GapOverlayDisplay``    recordings, model and corrected model over each other
 ``GapReductionDisplay``  how far corrected simulators close that gap
 =======================  ==================================================================================
 
@@ -19,6 +20,7 @@ matplotlib (``pip install matplotlib``). For confusion matrices use
 """
 
 from cyclofeat.plotting._gap import GapDisplay
+from cyclofeat.plotting._gap_overlay import GapOverlayDisplay
 from cyclofeat.plotting._gap_reduction import GapReductionDisplay
 from cyclofeat.plotting._lobe_map import LobeMapDisplay, LobeMarks
 from cyclofeat.plotting._orders import OrderDisplay
@@ -28,6 +30,7 @@ from cyclofeat.plotting._training import TrainingDisplay, TrainingMoments
 
 __all__ = [
     "GapDisplay",
+    "GapOverlayDisplay",
     "GapReductionDisplay",
     "LobeMapDisplay",
     "LobeMarks",

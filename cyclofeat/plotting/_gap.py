@@ -270,7 +270,7 @@ class GapDisplay:
 
         ax, rows = self.ax_, self.where.means("lobe lines", "shaft lines")
         orders: Float = np.array(
-            [(row.cell.low_hz + row.cell.high_hz) / 2 / self.where.input_speed_hz for row in rows]
+            [(row.cell.low_hz + row.cell.high_hz) / 2 / (self.where.condition.speed_rpm / 60) for row in rows]
         )
         shaft = np.array([row.cell.family == "shaft lines" for row in rows])
         ax.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)

@@ -14,8 +14,10 @@ __all__ = [
     "alternative_name",
     "cell_name",
     "difference_words",
+    "effect_name",
     "family_name",
     "in_words",
+    "mean_difference_words",
     "p_words",
     "short_name",
 ]
@@ -32,10 +34,16 @@ _FAMILY_NAMES = {
     "floor": "floor between the lines",
     "averages": "averages over turns and lobes",
     "features": "features used for counting",
+    "modulation": "modulation of the mesh lines",
+    "mains": "mains lines",
+    "slow bands": "slow fluctuation by bands",
+    "course": "course over the recording",
+    "codes": "values that repeat, end or stand still",
 }
+_OF_FAMILY = ("modulation", "course", "codes", "mains", "slow bands")  # names that say too little alone
 OURS = "after"  # the correction itself among the alternatives
 _ALTERNATIVES = {
-    OURS: "the named effect, added",
+    OURS: "what was named, added",
     "nothing": "nothing changed",
     "retuned": "contacts retuned only",
     "equaliser": "equaliser and shaped noise (black box)",
@@ -48,6 +56,16 @@ CONDITIONS = {
     "seen": "counts of worn lobes seen in the fit",
     "unseen": "counts never seen in the fit",
 }
+
+
+def effect_name(effect_id: str) -> str:
+    """Name of an effect in plain words: ``Mains hum in the torque signal``."""
+    from cyclofeat.simulators import known_effects  # loads numba: only where an effect is named
+
+    kind = known_effects().get(effect_id)
+    if kind is None:
+        return effect_id.replace("_", " ")
+    return kind.summary().partition(":")[0].partition(",")[0].removesuffix(".")
 
 
 def family_name(family: str) -> str:
@@ -65,6 +83,8 @@ def cell_name(cell: Cell) -> str:
     name = re.sub(r"\d(?:\.\d+)?e\+\d+", lambda match: f"{float(match[0]):.0f}", cell.name)
     if cell.family == "floor":
         return f"floor {name}"
+    if cell.family in _OF_FAMILY:
+        return f"{family_name(cell.family)}: {name}"
     return "mean torque" if (cell.family, name) == ("amplitudes", "mean") else name
 
 
@@ -76,12 +96,16 @@ def short_name(cell: Cell) -> str:
 
 def difference_words(row: Row) -> str:
     """The difference in words: ``6.0 dB less``."""
-    size = abs(row.difference)
     if row.of == "spread":
         return f"varies {_rounded(10 ** (row.difference / 20))} times as much from one recording to the next"
-    if row.cell.unit == "1":
-        return f"{_rounded(size)} {'lower' if row.difference < 0 else 'higher'}"
-    return f"{_rounded(size)} {row.cell.unit} {'less' if row.difference < 0 else 'more'}"
+    return mean_difference_words(row.difference, row.cell.unit)
+
+
+def mean_difference_words(difference: float, unit: str) -> str:
+    """A difference of means in words, with its unit."""
+    if unit == "1":
+        return f"{_rounded(abs(difference))} {'lower' if difference < 0 else 'higher'}"
+    return f"{_rounded(abs(difference))} {unit} {'less' if difference < 0 else 'more'}"
 
 
 def in_words(row: Row) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,14 @@ _RMS_COLOURS = {"light": "Greys", "dark": "gray"}
 _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 
-def _theme(ink: str, faint: str, frame: str, legend: str, cycle: Sequence[str]) -> Any:
+# Ink, faint ink, frame and ground of legends, and the cycle.
+_COLOURS = {
+    "light": ("#1d2329", "#6b7580", "#d3d9de", "#ffffff", "#1f6fb4", "#e07b12", "#2a9134"),
+    "dark": ("#e4e8ec", "#8b96a1", "#363e46", "#1c2126", "#4a98de", "#f0a050", "#55bd60"),
+}
+
+
+def _theme(ink: str, faint: str, frame: str, legend: str, *cycle: str) -> Any:
     from cycler import cycler
 
     transparent = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
@@ -48,7 +56,7 @@ def _theme(ink: str, faint: str, frame: str, legend: str, cycle: Sequence[str]) 
         **dict.fromkeys(lines, faint),
         "legend.facecolor": legend,
         "legend.edgecolor": frame,
-        "axes.prop_cycle": cycler(color=list(cycle)),
+        "axes.prop_cycle": cycler(color=cycle),
         "font.size": 10.5,
         # Text as outlines looks the same on every machine; one salt gives equal files for equal data.
         "svg.fonttype": "path",
@@ -58,31 +66,42 @@ def _theme(ink: str, faint: str, frame: str, legend: str, cycle: Sequence[str]) 
 
 def _themes() -> dict[str, Any]:
     """Settings by the scheme of the page."""
-    return {
-        "light": _theme("#1d2329", "#6b7580", "#d3d9de", "#ffffff", ("#1f6fb4", "#e07b12", "#2a9134")),
-        "dark": _theme("#e4e8ec", "#8b96a1", "#363e46", "#1c2126", ("#4a98de", "#f0a050", "#55bd60")),
-    }
+    return {scheme: _theme(*colours) for scheme, colours in _COLOURS.items()}
 
 
-def picture(draw: Draw, size: tuple[float, float], alt: str) -> Picture:
+def picture(draw: Draw, size: tuple[float, float], alt: str, *, by_scheme: bool = False) -> Picture:
     """Draw a figure of ``size`` in inches as SVG data URIs ``light`` and ``dark``, with its size in pixels.
 
-    ``draw`` is called with the axes and the scheme, ``alt`` describes the figure in words.
+    ``draw`` is called with the axes and the scheme, ``alt`` describes the figure in words. Drawing takes most
+    of a report's time: a figure is drawn once, and again in dark only if ``by_scheme`` says that it has
+    colours besides those of the theme.
     """
+    width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
+    light = _svg(draw, size, "light")
+    dark = _svg(draw, size, "dark") if by_scheme else _darkened(light)
+    drawn: Picture = {"alt": alt, "width": width, "height": height}
+    for scheme, svg in (("light", light), ("dark", dark)):
+        drawn[scheme] = "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode("ascii")
+    return drawn
+
+
+def _svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
     import matplotlib
     from matplotlib.figure import Figure
 
-    width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
-    drawn: Picture = {"alt": alt, "width": width, "height": height}
-    for scheme, settings in _themes().items():
-        # A bare Figure needs no window system and is not listed as open.
-        with matplotlib.rc_context(settings):
-            figure = Figure(figsize=size, layout="constrained")
-            draw(figure.subplots(), scheme)
-            svg = io.BytesIO()
-            figure.savefig(svg, format="svg", metadata={"Date": None})
-        drawn[scheme] = "data:image/svg+xml;base64," + base64.b64encode(svg.getvalue()).decode("ascii")
-    return drawn
+    # A bare Figure needs no window system and is not listed as open.
+    with matplotlib.rc_context(_themes()[scheme]):
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure.subplots(), scheme)
+        svg = io.StringIO()
+        figure.savefig(svg, format="svg", metadata={"Date": None})
+    return svg.getvalue()
+
+
+def _darkened(svg: str) -> str:
+    """Replace the colours of the light theme by those of the dark one."""
+    dark_of = dict(zip(_COLOURS["light"], _COLOURS["dark"], strict=True))
+    return re.sub("|".join(dark_of), lambda colour: dark_of[colour[0]], svg)
 
 
 def recording_pictures(
@@ -110,6 +129,7 @@ def recording_pictures(
         drawn["lobe_map"] = picture(
             lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8),
             "Disc with its counted lobes in colour, and a ring of slots shaded by the folded torque's rms",
+            by_scheme=True,
         )  # fmt: skip
     return drawn
 
@@ -139,7 +159,8 @@ def confusion_picture(confusion: NDArray[np.int64], labels: Sequence[str]) -> Pi
         ax.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
 
     side = 1.6 + 0.45 * len(labels)
-    return picture(draw, (side, side), "Confusion matrix: windows by true and predicted number of worn lobes")
+    alt = "Confusion matrix: windows by true and predicted number of worn lobes"
+    return picture(draw, (side, side), alt, by_scheme=True)
 
 
 def calibration_picture(

@@ -387,7 +387,7 @@ def _provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, 
         "recordings": where.n_recordings,
         "simulated recordings": where.n_simulated,
         "sampling rate": f"{where.sampling_rate:g} Hz",
-        "nominal input speed": f"{60 * where.input_speed_hz:g} RPM",
+        "nominal input speed": f"{where.condition.speed_rpm:g} RPM",
         "random state": where.random_state,
     }
     if math.isfinite(result.seconds):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 from cyclofeat.report._page import unbroken
@@ -22,8 +23,14 @@ def quantity(values: Sequence[float], unit: str) -> str:
     """One value, or a range, with its unit."""
     if unit == "m" and all(abs(value) < 1e-3 for value in values):
         values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
-    text = " to ".join("infinite" if math.isinf(value) else f"{value:.3g}" for value in values)
+    unit = re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
+    text = " to ".join("infinite" if math.isinf(value) else _digits(value) for value in values)
     return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
+
+
+def _digits(value: float) -> str:
+    """Three significant digits; large numbers without powers of ten."""
+    return f"{float(f'{value:.3g}'):.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
 def signed(value: float) -> str:

@@ -30,52 +30,58 @@ _EXPLAINED = {
 
 def how_far_it_shrank(result: GapResult) -> dict[str, Any]:
     """Share of the gap closed on recordings held out, beside that of each alternative."""
-    proof = result.proof
-    summary: dict[str, Any] = {
-        "sentences": [], "rows": [], "conditions": [], "picture": None, "explained": [], "distances": [],
-        "tile": None,
-    }  # fmt: skip
-    if proof is None and not result.effects:
-        summary["sentences"] = ["Nothing was added to the model, so there is nothing to show."]
-        return summary
-    if proof is None:
-        summary["sentences"] = [
+    if result.proof is not None:
+        return reduction(result.proof)
+    sentence = "Nothing was added to the model, so there is nothing to show."
+    if result.effects:
+        sentence = (
             "Not tested: no recordings were held out. Hold some out that the fit does not see, if possible "
             "with a count of worn lobes that it never saw: cyclofeat gap MEASURED_DIR --hold-out DIR, or "
             "held_out= in Python."
-        ]
-        return summary
+        )
+    return {"sentences": [sentence], "rows": [], "conditions": [], "picture": None, "explained": [],
+            "distances": [], "tile": None}  # fmt: skip
+
+
+def reduction(proof: Proof) -> dict[str, Any]:
+    """Share of the gap closed on recordings held out at one condition, beside that of each alternative."""
     ours = proof.result
+    rows = proof.rows
+    if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
+        rows = tuple(row for row in rows if row.condition == "all")
     label = "Gap closed on recordings held out"
     if math.isnan(ours.grr):
         reason = (ours.undefined or "the gap on the recordings held out is too small").removesuffix(".")
-        summary["sentences"] = [f"No share of the gap can be stated: {reason}."]
-        summary["tile"] = {"label": label, "value": "not defined", "text": f"{reason}."}
+        sentences = [f"No share of the gap can be stated: {reason}."]
+        tile = {"label": label, "value": "not defined", "text": f"{reason}."}
     else:
         text = range_text(ours.low, ours.high)
         closed = f"closed {percent(ours.grr)} of the gap"
         if ours.grr < 0:
             closed = f"widened the gap by {-100 * ours.grr:.0f} %"
-        summary["sentences"] = [
+        sentences = [
             f"On recordings to which nothing was fitted, the correction {closed}"
             + (f" (range {text})." if text else "."),
-            *_by_condition(proof.rows),
+            *_by_condition(rows),
         ]
-        size = f"range {text}" if text else ""
-        summary["tile"] = {"label": label, "value": percent(ours.grr), "text": size}
-    finite = [row for row in proof.rows if math.isfinite(row.grr)]
-    summary["sentences"] += _against(finite)
-    summary |= _comparison(proof.rows)
-    summary["distances"] = _distances(proof)
+        tile = {"label": label, "value": percent(ours.grr), "text": f"range {text}" if text else ""}
+    finite = [row for row in rows if math.isfinite(row.grr)]
+    drawn = None
     if finite:
         display = GapReductionDisplay(finite)
         n = len(dict.fromkeys(row.alternative for row in finite))
-        summary["picture"] = picture(
+        drawn = picture(
             lambda ax, _: display.plot("comparison", ax),
             (8.0, 1.5 + 0.55 * n),
             "Share of the gap closed by each alternative, with its range",
         )
-    return summary
+    return {
+        "sentences": [*sentences, *_against(finite)],
+        **_comparison(rows),
+        "distances": _distances(proof),
+        "picture": drawn,
+        "tile": tile,
+    }
 
 
 def _by_condition(rows: Sequence[ProofRow]) -> list[str]:
@@ -116,7 +122,7 @@ def _against(rows: Sequence[ProofRow]) -> list[str]:
         text += f"\N{RIGHT DOUBLE QUOTATION MARK} {verb}"
         text += f", with {percent(best.grr)} against {percent(ours[0].grr)}"
         if math.isfinite(best.beaten):
-            text += f" (the named effect is nearer in {percent(best.beaten)} of resampled sets of recordings)"
+            text += f" (the correction is nearer in {percent(best.beaten)} of resampled sets of recordings)"
         sentences.append(f"{text}.")
     return sentences
 

@@ -13,7 +13,7 @@ from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from numpy.testing import assert_allclose
 
-from cyclofeat.gap import Cell, ProofRow, Where, WhereRow, where_of
+from cyclofeat.gap import Cell, Condition, ProofRow, Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
 from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
 from cyclofeat.report._figures import _themes
@@ -58,7 +58,7 @@ def where_with(rows, family_p=None, phase=None):
     return Where(
         verdict="disagree", rows=tuple(rows), family_p=family_p or {}, global_p={}, phase=phase or {},
         n_recordings=6, n_simulated=24, alpha=0.05, margin_db=1.5, margin_spreads=0.5, n_permutations=499,
-        random_state=0, one_assembly=False, sampling_rate=RATE, input_speed_hz=SPEED,
+        random_state=0, one_assembly=False, sampling_rate=RATE, condition=Condition(60 * SPEED, 22.0),
     )  # fmt: skip
 
 
@@ -258,7 +258,7 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
     assert ("equaliser", "unseen", pytest.approx(-300)) in display.drawn_
     assert all_texts(display) == "-300 %"
     labels = [label.get_text() for label in display.ax_.get_yticklabels()]
-    assert labels == ["the named effect, added", "equaliser and shaped noise (black box)"]
+    assert labels == ["what was named, added", "equaliser and shaped noise (black box)"]
     legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
     assert legend == ["all recordings held out", "counts never seen in the fit"]
     dots = {

@@ -147,7 +147,7 @@ def test_all_is_stated(parsed, result):
         "What to measure next A record with the motor off, or at another speed.",
         "the correction closed 91 % of the gap (range 86 to 95 %)",
         "93 % with counts of worn lobes seen in the fit and 88 % with counts never seen in the fit",
-        "with 74 % against 91 % (the named effect is nearer in 99 % of resampled sets of recordings)",
+        "with 74 % against 91 % (the correction is nearer in 99 % of resampled sets of recordings)",
         "With counts seen in the fit, “equaliser and shaped noise (black box)” does better, with 95 %",
         "counts never seen in the fit, “equaliser and shaped noise (black box)” comes nearest, with 41 %",
         "the true simulator 97 %",

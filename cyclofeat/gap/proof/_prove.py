@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
 
+from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._settings import GapSettings, Windows, checked
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
@@ -124,4 +126,5 @@ def prove(
         simulated[name] = Sample(describe(bank.X, data.conditions, speeds)[0], counts)
     rows = Sample(per_recording(values, data.of_window), data.counts_or_zeros)
     seen = None if fit.counts is None else np.isin(rows.counts, fit.counts)
-    return score_alternatives(rows, simulated, parts, seen, random_state=state)
+    proof = score_alternatives(rows, simulated, parts, seen, random_state=state)
+    return dataclasses.replace(proof, condition=Condition.of(comparison))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.gap._measured import Condition
 from cyclofeat.gap.proof import _distance as distance
 from cyclofeat.gap.proof._distance import Part, Sample
 
@@ -84,11 +85,14 @@ class Proof:
     distances : tuple of DistanceRow
         Distances by family, in standard deviations of one recording.
     n_recordings : int
+    condition : Condition or None
+        That of the recordings; None where it was not stated.
     """
 
     rows: tuple[ProofRow, ...]
     distances: tuple[DistanceRow, ...] = field(repr=False)
     n_recordings: int
+    condition: Condition | None = None
 
     @property
     def result(self) -> ProofRow:

@@ -1,0 +1,82 @@
+"""Text of a gap for people: what is missing, how sure, how large, what is left, what to measure next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from cyclofeat.plotting.gap_words import (
+    cell_name,
+    effect_name,
+    mean_difference_words,
+    p_words,
+)
+
+if TYPE_CHECKING:
+    from cyclofeat.gap import FoundEffect, Proof, Remainder
+    from cyclofeat.gap._answer import GapResult
+
+__all__ = ["gap_lines"]
+
+_VERDICTS = {
+    "disagree": "model and measurement disagree",
+    "equivalent": "model and measurement agree within the margins",
+    "unresolved": "no single number differs clearly; more recordings could show one",
+}
+_OPEN = 0.05  # probability from which an effect that is neither missing nor not is told
+_N_REMAINING = 3
+
+
+def gap_lines(result: GapResult) -> list[str]:
+    """Lines that tell a result, the answer first."""
+    lines = [f"{_VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
+    named = {effect.effect_id for effect in result.named}
+    for found in result.effects:
+        if found.effect in named or found.answer == "present":
+            lines += _effect(found, "missing" if found.answer == "present" else "probably missing")
+    open_ones = [
+        f"{found.effect} ({found.probability:.0%})"
+        for found in result.effects
+        if found.answer == "unresolved" and found.effect not in named and found.probability >= _OPEN
+    ]
+    if open_ones:
+        lines.append(f"open: {', '.join(open_ones)}")
+    if result.named and not result.confirmed:
+        lines.append("not confirmed by simulation")
+    if result.remainder is not None:
+        lines += _remaining(result.remainder)
+    if result.unknown:
+        lines.append("something is missing that no effect considered explains")
+    for one in result.next_measurements[:1]:
+        apart = f", to tell apart {', '.join(one.separates)}" if one.separates else ""
+        lines.append(f"measure next: {one.what}{apart}")
+    for proof in result.proof:
+        at = f" at {proof.condition.text}" if proof.condition else ""
+        lines.append(f"held out{at}: {_closed(proof)}")
+    return lines + [f"note: {warning}" for warning in result.warnings]
+
+
+def _effect(found: FoundEffect, word: str) -> Iterator[str]:
+    ties = f", or {', '.join(found.ties)}" if found.ties else ""
+    yield f"{word}: {found.effect} ({found.probability:.0%}){ties}: {effect_name(found.effect)}"
+    for size in found.sizes:
+        unit = "" if size.unit == "1" else f" {size.unit}"
+        yield f"  {size.name} = {size.value:.3g} ({size.low:.3g} to {size.high:.3g}){unit}"
+
+
+def _remaining(remainder: Remainder) -> Iterator[str]:
+    if not remainder.unexplained:
+        yield f"left unexplained: nothing ({p_words(remainder.p)})"
+        return
+    yield f"left unexplained ({p_words(remainder.p)}):"
+    for row in remainder.rows[:_N_REMAINING]:
+        yield f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}"
+
+
+def _closed(proof: Proof) -> str:
+    closed = proof.result
+    if math.isnan(closed.grr):
+        return "too little disagreement to state how far it shrank"
+    within = f" ({closed.low:.0%} to {closed.high:.0%})" if closed.low <= closed.high else ""
+    return f"{closed.grr:.0%} of the gap closed{within}"

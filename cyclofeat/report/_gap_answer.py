@@ -1,0 +1,208 @@
+"""The answer of a gap's page: what is missing, how sure, how large, what is left, what to measure next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from cyclofeat._base.words import number
+from cyclofeat.plotting.gap_words import cell_name, effect_name, mean_difference_words, p_words
+from cyclofeat.report._gap_numbers import percent, quantity, rounded
+from cyclofeat.report._page import probability_text, unbroken
+
+if TYPE_CHECKING:
+    from cyclofeat.gap import FoundEffect, Remainder, Size
+    from cyclofeat.gap._answer import GapResult
+
+_NEGLIGIBLE = 0.05  # probability below which an open effect is not listed by itself
+
+
+def the_answer(result: GapResult, word: str) -> dict[str, Any]:
+    """Heading, sentences, and one row for each effect that is missing or may be.
+
+    Parameters
+    ----------
+    result : cyclofeat.gap.GapResult
+    word : str
+        Name of the recordings in a heading: ``"measurement"``.
+    """
+    rows = _rows(result)
+    shown = {name for row in rows for name in row["ids"]}
+    rest = [found for found in result.effects if found.effect not in shown]
+    return {
+        "heading": _heading(result, word),
+        "sentences": _sentences(result, word),
+        "rows": rows,
+        "rest": [f"{effect_name(found.effect)} ({probability_text(found.probability)})" for found in rest],
+        "rest_heading": f"{number(len(rest), 'other effect')} not missing" if rest else "",
+        "tiles": _tiles(result) if result.effects else [],
+    }
+
+
+def what_remains(remainder: Remainder | None) -> dict[str, Any]:
+    """What the corrected model leaves unexplained, in words."""
+    if remainder is None:
+        return {"sentences": ["The corrected model was not simulated: what it leaves is not known."],
+                "rows": []}  # fmt: skip
+    p = unbroken(p_words(remainder.p))
+    if not remainder.unexplained:
+        return {
+            "sentences": [
+                f"Nothing that chance does not explain: the corrected model agrees with the recordings ({p})."
+            ],
+            "rows": [],
+        }
+    return {
+        "sentences": [
+            f"The corrected model still differs by more than chance explains ({p}): something is missing "
+            "that none of the effects considered accounts for. The clearest of what is left says where to "
+            "look for it:"
+        ],
+        "rows": [
+            {
+                "what": cell_name(row),
+                "difference": mean_difference_words(row.difference, row.unit),
+                "z": rounded(abs(row.z)),
+            }
+            for row in remainder.rows
+        ],
+    }
+
+
+def measure_next(result: GapResult) -> list[dict[str, str]]:
+    """What to measure next, the most useful first."""
+    return [
+        {
+            "what": one.what[:1].upper() + one.what[1:],
+            "separates": ", ".join(effect_name(name) for name in one.separates),
+            "gain": "" if one.gain is None else f"{one.gain:.2g} bit",
+        }
+        for one in result.next_measurements
+    ]
+
+
+def _heading(result: GapResult, word: str) -> str:
+    answers = [result.effect(effect.effect_id).answer for effect in result.named]
+    sure = answers.count("present")
+    likely = len(answers) - sure
+    parts = [f"{number(sure, 'effect')} {'is' if sure == 1 else 'are'} missing in the model"] if sure else []
+    if likely:
+        parts.append(f"{likely} more probably" if sure else f"{number(likely, 'effect')} probably missing")
+    if parts and result.unknown:
+        parts.append("and something unknown")
+    if parts:
+        return ", ".join(parts)
+    if result.verdict == "equivalent":
+        return f"Model and {word} agree"
+    if result.verdict == "unresolved":
+        return "No clear answer yet"
+    end = ""
+    if result.effects:
+        end = ", and no effect considered explains it" if result.unknown else "; what is missing is open"
+    return f"Model and {word} disagree{end}"
+
+
+def _sentences(result: GapResult, word: str) -> list[str]:
+    n = sum(where.n_recordings for where in result.where)
+    at = f" at {len(result.where)} conditions" if len(result.where) > 1 else ""
+    if result.verdict == "disagree":
+        texts = [
+            f"Model and {word} disagree: if the model were right, differences this clear would arise by "
+            f"chance in at most 1 of {rounded(1 / max(result.p, 1e-9))} such comparisons "
+            f"({unbroken(p_words(result.p))}, {number(n, 'recording')}{at})."
+        ]
+    elif result.verdict == "equivalent":
+        texts = [f"All numbers compared agree within the margins ({number(n, 'recording')}{at})."]
+    elif result.named:
+        texts = [
+            f"One by one, no number differs clearly ({number(n, 'recording')}{at}); all of them together "
+            "show the effects above."
+        ]
+    else:
+        texts = [
+            f"No single difference is clear, but {number(n, 'recording')}{at} "
+            f"{'is' if n == 1 else 'are'} too few to show agreement."
+        ]
+    if result.named and result.confirmed:
+        texts.append("Simulation of the corrected model has confirmed the effects and their sizes.")
+    elif result.named:
+        texts.append(
+            "Effects and sizes are those that were learned from simulated rigs; simulation of this one has "
+            "not confirmed them."
+        )
+    return texts
+
+
+def _rows(result: GapResult) -> list[dict[str, Any]]:
+    """Effects that are missing, and those that may be; one that is tied to an earlier one only beside it."""
+    named = {effect.effect_id for effect in result.named}
+    rows: list[dict[str, Any]] = []
+    seen: set[str] = set()
+    for found in result.effects:
+        may_be = found.answer == "present" or (
+            found.answer == "unresolved" and found.probability >= _NEGLIGIBLE
+        )
+        if found.effect not in named and (not may_be or found.effect in seen):
+            continue
+        ties = [name for name in found.ties if name not in named]
+        seen |= {found.effect, *ties}
+        rows.append(_row(result, found, ties, found.effect in named))
+    return rows
+
+
+def _row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:
+    asked = {one.effect: one.probability for one in result.effects}
+    together = min(found.probability + sum(asked.get(name, 0.0) for name in ties), 1.0)
+    return {
+        "id": found.effect,
+        "ids": [found.effect, *ties],
+        "name": effect_name(found.effect),
+        "answer": "missing" if found.answer == "present" else "probably missing" if named else "open",
+        "named": named,
+        "probability": found.probability,
+        "text": probability_text(found.probability),
+        "sizes": [_size(size) for size in found.sizes],
+        "ties": [effect_name(name) for name in ties],
+        "together": probability_text(together),
+    }
+
+
+def _size(size: Size) -> dict[str, str]:
+    ends = [size.low, size.high]
+    return {
+        "name": size.name.removesuffix("_nm").removesuffix("_hz").removesuffix("_s").replace("_", " "),
+        "value": quantity([size.value], size.unit),
+        "range": "" if any(math.isnan(end) for end in ends) else quantity(ends, size.unit),
+    }
+
+
+def _tiles(result: GapResult) -> list[dict[str, str]]:
+    tiles = [_closed(result)] if result.named else []
+    if result.remainder is not None:
+        value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
+        if result.unknown:
+            value, text = "something", "none of the effects considered explains all of it"
+            if result.remainder.rows:
+                row = result.remainder.rows[0]
+                text = f"most of all: {cell_name(row)}, {mean_difference_words(row.difference, row.unit)}"
+        tiles.append({"label": "Left unexplained", "value": value, "text": text})
+    if result.next_measurements:
+        first = measure_next(result)[0]
+        text = f"to tell apart: {first['separates']}" if first["separates"] else ""
+        tiles.append({"label": "Measure next", "value": "", "strong": first["what"], "text": text})
+    return tiles
+
+
+def _closed(result: GapResult) -> dict[str, str]:
+    label = "Gap closed on recordings held out"
+    if not result.proof:
+        return {"label": label, "value": "not tested", "text": "no recordings were held out"}
+    shares = [proof.result.grr for proof in result.proof if math.isfinite(proof.result.grr)]
+    if not shares:
+        return {"label": label, "value": "not defined", "text": "the gap is too small there"}
+    least, most = percent(min(shares)), percent(max(shares))
+    if len(shares) == 1:
+        return {"label": label, "value": most, "text": ""}
+    value = most if least == most else f"{100 * min(shares):.0f} to {most}"
+    return {"label": label, "value": value, "text": f"at {len(shares)} conditions"}

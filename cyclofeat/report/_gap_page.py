@@ -1,0 +1,171 @@
+"""Page of a gap: the answer first, then what it stands on.
+
+``_gap_answer`` writes what is missing, ``_gap_where`` where model and recordings differ, ``_gap_reduction``
+how far the gap shrank and ``_gap_method`` how all of it was found, into ``templates/gap_page.html``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cyclofeat import __version__
+from cyclofeat._base.words import number
+from cyclofeat.plotting import GapOverlayDisplay
+from cyclofeat.plotting.drawing import require_matplotlib
+from cyclofeat.report._figures import picture
+from cyclofeat.report._gap_answer import measure_next, the_answer, what_remains
+from cyclofeat.report._gap_method import method, provenance
+from cyclofeat.report._gap_reduction import reduction
+from cyclofeat.report._gap_where import where_they_differ
+from cyclofeat.report._page import check_page_path, origin, write_page
+
+if TYPE_CHECKING:
+    import os
+
+    from cyclofeat.gap import Overlay, Proof
+    from cyclofeat.gap._answer import GapResult
+
+_FEW = 5  # recordings, below which exact tests hardly reject
+_BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it
+_OVERLAYS = {
+    "spectrum": ("Spectrum", "Torque in twelfth octaves."),
+    "orders": ("Lines of the output turn", "With 15 lobes, the mesh has orders 16, 32 and so on, the input "
+               "shaft whole orders; others are of lobes, or of nothing that turns."),
+    "distribution": ("Distribution of the torque", "How often each value of the torque occurs."),
+}  # fmt: skip
+
+
+def write_gap_report(
+    result: GapResult,
+    path: str | os.PathLike[str],
+    *,
+    sources: Sequence[str | None] = (),
+    settings: Mapping[str, Any] | None = None,
+    title: str = "",
+) -> Path:
+    """Write the page of a gap: one HTML file that needs nothing else.
+
+    The answer comes first: what is missing in the model, how sure that is and how large, what to measure
+    next, and what stays unexplained. An existing file of that name is replaced; no partial file is ever
+    visible.
+
+    Parameters
+    ----------
+    result : cyclofeat.gap.GapResult
+    path : path-like
+        File to write, ``*.html``.
+    sources : sequence of str or None, optional
+        ``Recording.source`` of each recording. If one is ``"simulated"`` or ``"surrogate"``, the page says
+        so and calls nothing of it measured.
+    settings : mapping, optional
+        Settings that the page lists, label to value.
+    title : str, optional
+        Heading.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ImportError
+        If jinja2 or matplotlib is not installed.
+    FileNotFoundError
+        If the folder does not exist.
+    ValueError
+        If ``path`` does not end in ``.html``.
+
+    Examples
+    --------
+    >>> write_gap_report(result, "gap.html")  # doctest: +SKIP
+    """
+    target = check_page_path(path)
+    summary = summarise_gap(result, sources=sources, settings=settings, title=title)
+    return write_page(target, "gap_page.html", summary)
+
+
+def summarise_gap(
+    result: GapResult,
+    *,
+    sources: Sequence[str | None] = (),
+    settings: Mapping[str, Any] | None = None,
+    title: str = "",
+) -> dict[str, Any]:
+    """Values that the page of a gap shows, plain as JSON can hold them.
+
+    Parameters
+    ----------
+    result : cyclofeat.gap.GapResult
+    sources, settings, title
+        As in :func:`write_gap_report`.
+
+    Returns
+    -------
+    dict
+        ``title``, ``version``, ``surrogate``, ``origin``, ``answer``, ``next``, ``remains``, ``overlays``,
+        ``where``, ``proof``, ``warnings``, ``method`` and ``provenance``, and what the template needs
+        besides. Pictures are data URIs; absent parts are None or empty.
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is not installed.
+    """
+    require_matplotlib()
+    label, surrogate, text_of_origin = origin(sources)
+    word = "measurement" if label == "measured" else "recordings"
+    return {
+        "title": title or f"Model against {word}",
+        "version": __version__,
+        "surrogate": surrogate,
+        "origin": text_of_origin,
+        "recordings_word": word,
+        "answer": the_answer(result, word),
+        "warnings": _warnings(result),
+        "next": measure_next(result),
+        "remains": what_remains(result.remainder) if result.effects else None,
+        "overlays": _overlays(result.overlays, label),
+        "where": [where_they_differ(where, label, word) for where in result.where],
+        "corrected": bool(result.named),
+        "proof": [_at(proof) | reduction(proof) for proof in result.proof],
+        "method": method(result),
+        "provenance": provenance(result, dict(settings or {})),
+    }
+
+
+def _at(proof: Proof) -> dict[str, str]:
+    return {"condition": proof.condition.text if proof.condition else ""}
+
+
+def _overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
+    """Of each kind its heading, and one picture per condition."""
+    shown = []
+    for kind, (heading, text) in _OVERLAYS.items():
+        of_kind = [overlay for overlay in overlays if overlay.kind == kind]
+        if of_kind:
+            size = GapOverlayDisplay.SIZE if len(of_kind) == 1 else _BESIDE_ANOTHER
+            drawn = [
+                {"condition": overlay.condition.text, "picture": _picture(overlay, label, size)}
+                for overlay in of_kind
+            ]
+            shown.append({"heading": heading, "text": text, "pictures": drawn})
+    return shown
+
+
+def _picture(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[str, Any]:
+    display = GapOverlayDisplay(overlay, label=label)
+    alt = f"{_OVERLAYS[overlay.kind][0]} of recordings, model and corrected model: {overlay.condition.text}"
+    return picture(lambda ax, _: display.plot(ax), size, alt)
+
+
+def _warnings(result: GapResult) -> list[str]:
+    given = list(result.warnings)
+    n = sum(where.n_recordings for where in result.where)
+    if n < _FEW and not any("recordings" in text for text in given):
+        given.append(
+            f"Only {number(n, 'recording')}: with fewer than {_FEW}, only large differences can be shown."
+        )
+    return list(dict.fromkeys(given))

@@ -1,0 +1,54 @@
+"""Text of ``cyclofeat gap``: the answer first, each thing once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from gap_answers import REMAINDER, answered, compared, proof_of
+
+from cyclofeat.cli._gap_printing import gap_lines
+
+
+@pytest.fixture(scope="module")
+def result(compared_hum):
+    return answered(compared_hum["hum"])
+
+
+def test_all_is_told_in_order(result):
+    assert gap_lines(result) == [
+        f"model and measurement disagree (p = {result.p:.2g}, adjusted over all comparisons)",
+        "missing: hum (100%): Mains hum in the torque signal",
+        "  amplitude_nm = 1.99 (1.91 to 2.06) Nm",
+        "missing: pin_errors (96%): Position errors of the pins",
+        "  rms = 1.2e-05 (2e-06 to 5e-05) m",
+        "probably missing: gain (61%), or offset: Gain of the torque meter",
+        "  factor = 1.05 (1.01 to 1.09)",
+        "open: offset (36%), clearance (30%)",
+        "left unexplained: nothing (p = 0.31)",
+        "measure next: a record at 44 Nm, to tell apart gain, offset",
+        "held out at 500 RPM, 22 Nm: 91% of the gap closed (86% to 95%)",
+        "held out at 400 RPM, 12 Nm, reverse: 97% of the gap closed (92% to 101%)",
+        "note: No tachometer.",
+        "note: No tachometer.",
+        "note: One record was clipped.",
+    ]
+
+
+def test_what_is_left_and_what_is_not_known(result):
+    undefined = proof_of(compared(after=(math.nan,)), None)
+    lines = gap_lines(
+        dataclasses.replace(
+            result, confirmed=False, remainder=REMAINDER, unknown=True, proof=(undefined,), warnings=()
+        )
+    )
+    assert lines[8:] == [
+        "not confirmed by simulation",
+        "left unexplained (p < 0.001):",
+        "  third octave at 631 Hz: 2.3 dB more",
+        "  values that repeat, end or stand still: share of the largest value: 0.4 lower",
+        "something is missing that no effect considered explains",
+        "measure next: a record at 44 Nm, to tell apart gain, offset",
+        "held out: too little disagreement to state how far it shrank",
+    ]

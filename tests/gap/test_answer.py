@@ -1,0 +1,79 @@
+"""Result of the gap: one verdict over conditions, plain values, tables."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+from gap_answers import EFFECTS, REMAINDER, answered, compared, proof_of
+
+from cyclofeat.gap import FoundEffect, Size
+from cyclofeat.simulators import Hum
+
+
+@pytest.fixture(scope="module")
+def result(compared_hum):
+    return answered(compared_hum["hum"])
+
+
+def test_conditions_share_one_verdict(result) -> None:
+    first = result.where[0]
+    assert result.p == pytest.approx(2 * first.p)
+    assert result.verdict == "disagree"
+    for verdicts, expected in (
+        (("equivalent", "equivalent"), "equivalent"),
+        (("equivalent", "unresolved"), "unresolved"),
+        (("unresolved", "disagree"), "disagree"),
+    ):
+        where = tuple(dataclasses.replace(first, verdict=verdict) for verdict in verdicts)
+        assert dataclasses.replace(result, where=where).verdict == expected
+
+
+def test_an_effect_that_was_not_asked_for(result) -> None:
+    assert result.effect("gain") is EFFECTS[2]
+    with pytest.raises(KeyError, match="rattle is not among the effects that were asked for"):
+        result.effect("rattle")
+
+
+def test_plain_values(result) -> None:
+    unexplained = dataclasses.replace(result, remainder=REMAINDER, unknown=True)
+    plain = unexplained.to_dict()
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+    assert plain["format"] == "cyclofeat gap 2"
+    assert plain["named"] == ["hum", "pin_errors", "gain"]
+    assert plain["effects"][2] == {
+        "id": "gain", "probability": 0.61, "answer": "unresolved", "ties": ["offset"],
+        "sizes": {"factor": {"unit": "1", "value": 1.05, "low": 1.01, "high": 1.09}},
+    }  # fmt: skip
+    assert [one["speed_rpm"] for one in plain["conditions"]] == [500.0, 400.0]
+    assert plain["proof"][1]["closed"]["after"]["all"] == 0.97
+    assert plain["proof"][1]["direction"] == -1
+    assert [row["low_hz"] for row in plain["remainder"]["rows"]] == [562.0, None]
+
+
+def test_tables(result) -> None:
+    unexplained = dataclasses.replace(result, remainder=REMAINDER)
+    rows = {
+        "effects": 6, "sizes": 4, "remainder": 2, "next_measurements": 2, "proof": 13,
+        "where": 2 * len(result.where[0].rows),
+    }  # fmt: skip
+    for table, n in rows.items():
+        assert len(unexplained.to_frame(table)) == n, table
+    assert unexplained.to_frame("where").speed_rpm.nunique() == 2
+    assert unexplained.to_frame("sizes").effect.tolist() == ["hum", "pin_errors", "gain", "clearance"]
+    assert result.to_frame("remainder").empty
+    with pytest.raises(ValueError, match="table must be one of effects, sizes, .*, got 'ranking'"):
+        result.to_frame("ranking")
+
+
+def test_html_is_escaped_and_short(result) -> None:
+    text = result._repr_html_()
+    for part in ("0.999", "1.99 (1.91 to 2.06) Nm", "400 RPM, 12 Nm, reverse", "97%", "nothing (p = 0.31)"):
+        assert part in text, part
+    odd = FoundEffect("hum", 0.9, "present", (Size("<b>", "Nm", 1.0, 0.5, 2.0),))
+    text = dataclasses.replace(
+        result, effects=(odd,), named=(Hum(1.0),), proof=(proof_of(compared(after=(0.5,)), None),)
+    )._repr_html_()
+    assert "<b>" not in text
+    assert "share of the gap closed</th>" in text

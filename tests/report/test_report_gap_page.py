@@ -1,0 +1,322 @@
+"""The page of a gap: the answer first, in plain words, whole, escaped, and honest about its recordings."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import html
+import json
+import math
+import re
+from xml.etree import ElementTree
+
+import pytest
+from gap_answers import EFFECTS, REMAINDER, GapResult, answered, compared, overlay, proof_of
+from pages import parse, words
+
+from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
+from cyclofeat.report import _gap_page
+from cyclofeat.simulators import Rig
+
+OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
+
+
+@pytest.fixture(scope="module")
+def result(compared_hum):
+    return answered(compared_hum["hum"])
+
+
+@pytest.fixture(scope="module")
+def null(compared_hum):
+    return where_of(compared_hum["nothing"], pictures=False)
+
+
+@pytest.fixture(scope="module")
+def page(result, tmp_path_factory):
+    path = _gap_page.write_gap_report(result, tmp_path_factory.mktemp("gap") / "gap.html", **OPTIONS)
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def parsed(page):
+    return parse(page)
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """Text of a page whose pictures are not drawn."""
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "x", "width": 1, "height": 1}
+    for module in ("_gap_page", "_gap_where", "_gap_reduction"):
+        monkeypatch.setattr(f"cyclofeat.report.{module}.picture", lambda *_: drawn)
+
+    def text(result, tmp_path, **options):
+        path = _gap_page.write_gap_report(result, tmp_path / "gap.html", **(OPTIONS | options))
+        return words(parse(path.read_text(encoding="utf-8")))
+
+    return text
+
+
+# -- the whole page
+
+
+def test_all_is_stated(parsed, result):
+    text = words(parsed)
+    for part in (
+        "2 effects are missing in the model, 1 more probably",
+        "Mains hum in the torque signal hum missing > 0.99 amplitude 1.99 Nm 1.91 to 2.06 Nm",
+        "Position errors of the pins pin_errors missing 0.96 rms 12 µm 2 to 50 µm",
+        "meter gain or: Offset of the torque meter (one of them: 0.97) probably missing 0.61 factor 1.05",
+        "clearance open 0.30 clearance, if so 10 µm",
+        "1 other effect not missing With the probability of each: Noise of the sensor (0.02).",
+        f"(p = {result.p:.2g}, 12 recordings at 2 conditions)",
+        "Simulation of the corrected model has confirmed",
+        "Gap closed on recordings held out 91 to 97 % at 2 conditions",
+        "Left unexplained nothing what is left is chance (p = 0.31)",
+        "Measure next A record at 44 Nm to tell apart: Gain of the torque meter, Offset of the torque meter",
+        "A record at 44 Nm Gain of the torque meter, Offset of the torque meter 0.83 bit Dead weights",
+        "the corrected model agrees with the recordings (p = 0.31)",
+        "500 RPM, 22 Nm",
+        "400 RPM, 12 Nm, reverse",
+        "the correction closed 91 % of the gap (range 86 to 95 %)",
+        "93 % with counts of worn lobes seen in the fit and 88 % with counts never seen in the fit",
+        "with 74 % against 91 % (the correction is nearer in 99 % of resampled sets of recordings)",
+        "the true simulator 97 %",
+        "spectrum in third octaves 4.25 1.50 1.12",
+        "One record was clipped.",
+        "computing time 83 s",
+        "conditions 500 RPM, 22 Nm; 400 RPM, 12 Nm, reverse",
+        "random state 0",
+        "numpy",
+    ):  # fmt: skip
+        assert part in text, part
+    assert text.count("No tachometer.") == 1
+
+
+def test_the_answer_comes_before_all_else(parsed):
+    headings = [
+        "The answer", "What to measure next", "What remains unexplained",
+        "Recordings, model and corrected model", "Where recordings and uncorrected model differ",
+        "How far the gap shrank", "Warnings", "Method in short", "Made from",
+    ]  # fmt: skip
+    text = words(parsed)
+    places = [text.index(heading) for heading in headings]
+    assert places == sorted(places)
+    answer = text[: places[1]]
+    for part in ("Mains hum", "1.99 Nm", "91 to 97 %", "Left unexplained", "Measure next", "2 warnings"):
+        assert part in answer, part
+
+
+def test_the_clearest_difference_is_told_in_words(parsed, result):
+    line = next(row for row in result.where[0].means() if row.cell.name == "input order 6")
+    assert re.search(rf"input order 6 {line.difference:.0f} dB more \+\d+ to \+\d+ dB", words(parsed))
+
+
+def test_surrogates_are_called_so_and_nothing_measured(page):
+    without = re.sub(r"data:image/svg\+xml;base64,[A-Za-z0-9+/=]+", "", page)
+    assert "All recordings are SURROGATE" in without.split("</header>")[0]
+    assert "measured" not in without.lower()
+
+
+def test_values_are_escaped(page):
+    assert "<script" not in page
+    assert html.escape("rig/<script>alert(1)</script>.csv") in page
+
+
+def test_the_file_needs_nothing_else(page, parsed):
+    assert "http://" not in page
+    assert "https://" not in page
+    assert not {"script", "link", "iframe", "object", "base"} & set(parsed.tags)
+    for tag, name, value in parsed.attributes:
+        if name in ("src", "srcset", "action", "poster"):
+            assert value.startswith("data:image/svg+xml;base64,"), (tag, name, value[:40])
+        if name == "href":
+            assert value == "#warnings"
+
+
+def test_pictures_are_there_for_both_schemes(parsed):
+    classes = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "class")]
+    # three overlays and three comparisons at two conditions, two foldings at one, two proofs
+    assert classes == ["on-light", "on-dark"] * (6 + 6 + 2 + 2)
+    sources = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "src")]
+    for source in sources:
+        root = ElementTree.fromstring(base64.b64decode(source.split(",")[1]))
+        assert len([node for node in root.iter() if node.tag.endswith("}path")]) > 30
+
+
+# -- parts that are not there, and other answers
+
+
+@pytest.mark.usefixtures("bare")
+def test_the_summary_is_plain(result):
+    summary = _gap_page.summarise_gap(result)
+    told = json.loads(json.dumps(summary))
+    assert told.keys() == summary.keys()
+    assert told["answer"] == summary["answer"]
+
+
+def test_something_unknown_is_left(result, bare, tmp_path):
+    text = bare(dataclasses.replace(result, remainder=REMAINDER, unknown=True), tmp_path)
+    for part in (
+        "2 effects are missing in the model, 1 more probably, and something unknown",
+        "Left unexplained something most of all: third octave at 631 Hz, 2.3 dB more",
+        "The corrected model still differs by more than chance explains (p < 0.001)",
+        "third octave at 631 Hz 2.3 dB more 6.1",
+        "values that repeat, end or stand still: share of the largest value 0.4 lower 4.2",
+    ):
+        assert part in text, part
+
+
+def test_not_confirmed_is_said(result, bare, tmp_path):
+    text = bare(dataclasses.replace(result, confirmed=False, remainder=None), tmp_path)
+    assert "simulation of this one has not confirmed them" in text
+    assert "The corrected model was not simulated: what it leaves is not known." in text
+    assert "Left unexplained" not in text
+
+
+def test_without_hold_out_it_says_how_to_get_a_ratio(result, bare, tmp_path):
+    text = bare(dataclasses.replace(result, proof=()), tmp_path)
+    assert "Gap closed on recordings held out not tested no recordings were held out" in text
+    assert "Not tested: no recordings were held out." in text
+    assert "--hold-out DIR" in text
+
+
+def test_an_undefined_ratio_has_its_reason(result, bare, tmp_path):
+    rows = compared(after=(math.nan,) * 3, equaliser=(math.nan,) * 3)
+    rows = (dataclasses.replace(rows[0], undefined="there is no gap to close."), *rows[1:])
+    text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
+    assert "No share of the gap can be stated: there is no gap to close." in text
+    assert "Gap closed on recordings held out not defined" in text
+    assert "nan" not in text.lower().split()
+
+
+def test_one_condition_without_a_ratio_has_its_reason(result, bare, tmp_path):
+    rows = compared(after=(0.9, 0.9, math.nan))
+    rows = (*rows[:2], dataclasses.replace(rows[2], undefined="one held-out recording in this condition"))
+    text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
+    assert "That is 90 % with counts of worn lobes seen in the fit." in text
+    assert "With counts never seen in the fit no share can be stated: one held-out recording in this" in text
+
+
+def test_counts_that_were_all_seen_are_not_told_twice(result, bare, tmp_path):
+    rows = compared(after=(0.9, 0.9), equaliser=(0.95, 0.95))
+    text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
+    assert text.count("does better, with 95 % against 90 %") == 1
+    assert "counts of worn lobes seen in the fit" not in text
+
+
+def test_a_gap_that_grew_is_not_called_closed(result, bare, tmp_path):
+    rows = compared(after=(-0.25, -0.2, -0.3), placebo=(0.1, 0.1, 0.1))
+    text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
+    assert "the correction widened the gap by 25 % (range -30 to -21 %)" in text
+    assert "“best wrong effect” does better, with 10 % against -25 %" in text
+
+
+@pytest.mark.parametrize("verdict", ["equivalent", "unresolved"])
+def test_without_disagreement_nothing_is_missing(result, null, bare, tmp_path, verdict):
+    absent = tuple(FoundEffect(found.effect, 0.01, "absent") for found in EFFECTS)
+    where = dataclasses.replace(null, verdict=verdict, global_p={"energy distance": 0.002})
+    plain = dataclasses.replace(
+        result, where=(where,), effects=absent, named=(), proof=(), overlays=(), next_measurements=()
+    )
+    text = bare(plain, tmp_path)
+    assert "How far the gap shrank" not in text
+    assert "6 other effects not missing" in text
+    assert "disagree" not in text.split("Where recordings")[0]
+    if verdict == "equivalent":
+        assert "Model and recordings agree" in text
+        assert f"All {null.n_cells} numbers compared agree within 1.5 dB" in text
+    else:
+        assert "No clear answer yet" in text
+        assert "All numbers together hint at a difference (p = 0.002), but not at its place." in text
+        assert re.search(r"would take about \d+ recordings, compared with \d+ simulated ones", text)
+
+
+def test_effects_may_show_where_no_number_does(result, null, bare, tmp_path):
+    text = bare(dataclasses.replace(result, where=(null,)), tmp_path)
+    assert "2 effects are missing in the model" in text
+    assert "One by one, no number differs clearly (6 recordings); all of them together show" in text
+
+
+def test_nothing_in_the_library(result, bare, tmp_path):
+    nothing = dataclasses.replace(result, effects=EFFECTS[-1:], named=(), proof=(), next_measurements=())
+    text = bare(dataclasses.replace(nothing, remainder=REMAINDER, unknown=True), tmp_path)
+    assert "Model and recordings disagree, and no effect considered explains it" in text
+    assert "Gap closed" not in text
+    assert "What to measure next" not in text
+    assert "what is missing is open" in bare(nothing, tmp_path)
+
+
+def test_a_tied_effect_is_said_beside_the_first_only(result, bare, tmp_path):
+    text = bare(result, tmp_path)
+    assert text.split("What to measure next")[0].count("offset") == 0
+    without = dataclasses.replace(result, effects=(EFFECTS[3],), named=())
+    assert "Offset of the torque meter offset or: Gain of the torque meter" in bare(without, tmp_path)
+
+
+def test_settings_are_told_once(result, bare, tmp_path):
+    text = bare(result, tmp_path, settings={"random state": "7"})
+    assert text.count("random state") == 1
+    assert "random state 7" in text
+
+
+def test_the_least_there_can_be(result, null, bare, tmp_path):
+    plain = GapResult(where=(null,), rig=Rig())
+    text = bare(plain, tmp_path, sources=(), settings=None)
+    assert "No clear answer yet" in text
+    assert "The recordings do not state whether they were taken on a machine." in text
+    text = bare(dataclasses.replace(plain, where=result.where[:1]), tmp_path)
+    assert "Model and recordings disagree" in text
+    for part in ("Warnings", "How sure", "What remains", "not missing"):
+        assert part not in text, part
+
+
+def test_an_effect_outside_the_library_keeps_its_name(result, bare, tmp_path):
+    odd = FoundEffect("loose_bolt", 0.97, "present")
+    nexts = (NextMeasurement("torque of the bolts", ("loose_bolt",)),)
+    text = bare(dataclasses.replace(result, effects=(*EFFECTS, odd), next_measurements=nexts), tmp_path)
+    assert "loose bolt loose_bolt missing 0.97 not learned" in text
+    assert "Torque of the bolts loose bolt" in text
+
+
+@pytest.mark.parametrize(
+    ("sources", "expected", "title"),
+    [
+        (["measured"] * 6, "6 recordings, stated to be measured", "Model against measurement"),
+        (
+            ["measured"] * 4 + ["simulated"] * 2,
+            "2 of 6 recordings are SURROGATE:",
+            "Model against recordings",
+        ),
+        (["measured"] * 5 + [None], "do not state whether", "Model against recordings"),
+    ],
+)
+def test_origins(result, bare, tmp_path, sources, expected, title):
+    text = bare(result, tmp_path, sources=sources)
+    assert expected in text
+    assert text.startswith(title)
+
+
+def test_few_recordings_are_warned_of(null, bare, tmp_path):
+    few = dataclasses.replace(null, n_recordings=3)
+    text = bare(GapResult(where=(few,), rig=Rig()), tmp_path)
+    assert "Only 3 recordings: with fewer than 5, only large differences can be shown." in text
+
+
+def test_one_condition_needs_no_name_above_its_pictures(result, bare, tmp_path):
+    one = dataclasses.replace(result, where=result.where[:1], overlays=(overlay(),), proof=result.proof[:1])
+    assert bare(one, tmp_path).count("500 RPM, 22 Nm") == 2  # once in the method, once below it
+
+
+def test_no_jargon_of_spreads(result, bare, tmp_path):
+    assert "spread" not in bare(result, tmp_path).lower()
+
+
+# -- refusals
+
+
+def test_reports_refuse(result, tmp_path):
+    with pytest.raises(ValueError, match=r"must end in .html"):
+        _gap_page.write_gap_report(result, tmp_path / "x.txt")
+    with pytest.raises(FileNotFoundError, match="nowhere does not exist"):
+        _gap_page.write_gap_report(result, tmp_path / "nowhere" / "x.html")
+    assert not list(tmp_path.iterdir())
