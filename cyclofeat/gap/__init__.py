@@ -23,6 +23,7 @@ torque-deflection loops with the output held.
 """
 
 from cyclofeat.gap._answer import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size
+from cyclofeat.gap._compare import compare_recordings
 from cyclofeat.gap._hold_out import hold_out
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Band, Overlay, overlays
@@ -81,6 +82,7 @@ __all__ = [
     "Where",
     "WhereRow",
     "Windows",
+    "compare_recordings",
     "downstream_gain",
     "find_gap",
     "find_loop_gap",

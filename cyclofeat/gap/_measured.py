@@ -56,6 +56,13 @@ class Condition:
         speed_rpm = round(60 * comparison.conditions.input_speed_hz, 6)
         return cls(speed_rpm, float(comparison.rig.gearbox.load_torque), comparison.direction)
 
+    def is_near(self, other: Condition) -> bool:
+        """Return True if the speeds lie within 0.5 %, the loads within 2 %, and the directions are equal."""
+        pairs = (self.speed_rpm, other.speed_rpm, SAME_SPEED), (self.load_nm, other.load_nm, SAME_LOAD)
+        return self.direction == other.direction and all(
+            math.isclose(mine, theirs, rel_tol=share) for mine, theirs, share in pairs
+        )
+
     @property
     def text(self) -> str:
         """The condition in words."""
@@ -94,7 +101,14 @@ class MeasuredRig:
     warnings: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, recordings: Iterable[Recording], rig: Rig, sampling_rate: float | None = None) -> MeasuredRig:
+    def of(
+        cls,
+        recordings: Iterable[Recording],
+        rig: Rig,
+        sampling_rate: float | None = None,
+        *,
+        conditions: Sequence[Condition] = (),
+    ) -> MeasuredRig:
         """Check recordings and sort them by condition.
 
         Speeds within 0.5 % of each other, and loads within 2 %, are one set-point: their median. A recording
@@ -109,6 +123,8 @@ class MeasuredRig:
         sampling_rate : float, optional
             Rate in Hz to which recordings with a higher one are resampled, with a warning. Default: the
             lowest of the recordings.
+        conditions : sequence of Condition, optional
+            Those of other recordings: a set-point within the same limits of one of theirs is that one.
 
         Raises
         ------
@@ -140,7 +156,7 @@ class MeasuredRig:
                 wanted=rig.gearbox.n_lobes, got=n_lobes,
             )  # fmt: skip
         at_one_rate, warnings = _at_one_rate(given, sampling_rate)
-        of_recording, more = _conditions(at_one_rate, float(rig.gearbox.load_torque))
+        of_recording, more = _conditions(at_one_rate, float(rig.gearbox.load_torque), conditions)
         return cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
@@ -347,7 +363,9 @@ def _resampled(recording: Recording, rate: float) -> Recording:
     return recording.replace(torque=torque, angle=angle, sampling_rate=rate)
 
 
-def _conditions(recordings: Sequence[Recording], load_nm: float) -> tuple[tuple[Condition, ...], list[str]]:
+def _conditions(
+    recordings: Sequence[Recording], load_nm: float, known: Sequence[Condition]
+) -> tuple[tuple[Condition, ...], list[str]]:
     """Return the condition of each recording, and a warning if some state no load."""
     speeds = [recording.speed_rpm for recording in recordings if recording.speed_rpm is not None]
     if len(speeds) < len(recordings):
@@ -364,10 +382,11 @@ def _conditions(recordings: Sequence[Recording], load_nm: float) -> tuple[tuple[
             f"model's, {load_nm:g} Nm"
         )
     at = zip(set_points(speeds, SAME_SPEED), set_points(np.abs(loads), SAME_LOAD), recordings, strict=True)
-    return tuple(
-        Condition(float(speed), float(load), -1 if recording.torque.mean() < 0 else 1)
+    found = (
+        Condition(round(float(speed), 6), float(load), -1 if recording.torque.mean() < 0 else 1)
         for speed, load, recording in at
-    ), warnings
+    )
+    return tuple(next(filter(one.is_near, known), one) for one in found), warnings
 
 
 def set_points(values: Sequence[float] | Float, share: float) -> Float:

@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 from short_records import GEARBOX, N_SAMPLES, RATE, short
 
-from cyclofeat.gap import Condition, GapSettings, MeasuredRig, hold_out, locate, locate_all
+from cyclofeat.gap import (
+    Condition,
+    GapSettings,
+    MeasuredRig,
+    compare_recordings,
+    hold_out,
+    locate,
+    locate_all,
+)
 from cyclofeat.gap.where import p_over_conditions, verdict_over_conditions
 from cyclofeat.gap.world import FLOOR, World, turn_samples
 from cyclofeat.recordings import Recording
@@ -46,6 +54,16 @@ def test_set_points_that_differ_little_are_one_condition_and_reverse_is_another(
     shuffled = MeasuredRig.of(recordings[::-1], MODEL)
     assert shuffled.conditions == rig.conditions
     assert shuffled.of_recording == rig.of_recording[::-1]
+
+
+def test_recordings_held_out_take_the_conditions_of_those_fitted() -> None:
+    """Speeds that were measured differ a little between the two."""
+    fitted = MeasuredRig.of([made(499.8), made(500.6)], MODEL)
+    held = [made(501.1, 22.1), made(510), made(500, 23), made(500).replace(torque=-NOISE[0])]
+    alone = MeasuredRig.of(held, MODEL)
+    assert not set(fitted.conditions) & set(alone.conditions)
+    found = MeasuredRig.of(held, MODEL, conditions=fitted.conditions).of_recording
+    assert found == (fitted.conditions[0], *alone.of_recording[1:])
 
 
 def test_a_load_that_is_not_stated_is_the_model_s() -> None:
@@ -275,23 +293,40 @@ def test_recordings_of_another_simulator_take_the_place_of_simulated_ones(
     other = simulated_at((1500,), simulations, seed=8, n=48)
     monkeypatch.setattr("cyclofeat.gap.comparison.simulate_bank", None)
 
-    def compare(simulated: list[Recording]) -> Any:
-        both = MeasuredRig.of([*measured, *simulated], WORLD.rig)
-        n = len(measured)
-        parts = both.part(range(n)), both.part(range(n, n + len(simulated)))
-        return locate_all(parts[0], WORLD, SETTINGS, simulated=parts[1])
+    def compare(simulated: list[Recording], first: int = 0) -> Any:
+        settings = dataclasses.replace(SETTINGS, pictures=False)
+        return compare_recordings(measured[first:], simulated, settings=settings)
 
+    same = compare(other)
+    assert same.verdict == "unresolved"
+    (where,) = same.where
+    assert (where.n_recordings, where.n_simulated, where.condition) == (6, 48, Condition(1500, 22))
+    assert any(words.endswith("two recordings there: 1400 RPM, 22 Nm") for words in same.warnings)
+    assert not any("look surer" in words for words in same.warnings)
     wave = np.sin(2 * np.pi * 50 * np.arange(N_SAMPLES) / RATE)
-    (same,), (hum,) = compare(other), compare([one.replace(torque=one.torque + wave) for one in other])
-    assert (same.verdict, hum.verdict) == ("unresolved", "disagree")
-    assert same.bank.X.shape == (48, N_SAMPLES)
-    assert np.array_equal(same.bank.X[0], other[0].torque.astype(np.float32))
-    with pytest.raises(ValueError, match="1500 RPM, 22 Nm, got none with 3 worn lobes"):
-        compare([one for one in other if one.defect_count == 0])
-    unknown = [one.replace(defect_count=None) for one in other]
-    assert compare(unknown)[0].measured.counts is None
-    with pytest.raises(ValueError, match="and 2 simulated ones"):
-        compare(other[:1])
+    assert compare([one.replace(torque=one.torque + wave) for one in other]).verdict == "disagree"
+    unknown = compare([one.replace(defect_count=None) for one in other[:12]], first=6)
+    for words in ("counts of worn lobes are not known", "12 simulated recordings .* look surer"):
+        assert any(re.search(words, warning) for warning in unknown.warnings)
+    one_assembly = [one.replace(assembly="a") for one in measured]
+    found = compare_recordings(one_assembly, other, settings=SETTINGS)
+    assert any("one assembly" in words for words in found.warnings)
+    assert {overlay.kind for overlay in found.overlays} == {"spectrum", "orders", "distribution"}
+    for simulated, message in (
+        ([one for one in other if one.defect_count == 0], "1500 RPM, 22 Nm, got none with 3 worn lobes"),
+        (other[:1], "and 2 simulated ones"),
+        ([one.replace(n_lobes=11) for one in other], "n_lobes must be the same"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            compare(simulated)
+
+
+def test_other_discs_are_compared_too() -> None:
+    """Of eleven lobes: no model is needed."""
+    recordings = [made(n_lobes=11, i=i) for i in range(8)]
+    found = compare_recordings(recordings[:4], recordings[4:], settings=GapSettings(pictures=False))
+    assert found.rig.gearbox.n_lobes == 11
+    assert found.verdict != "disagree"
 
 
 def test_verdicts_over_conditions() -> None:
