@@ -3,6 +3,7 @@
 See ``README.md`` beside this file.
 """
 
-from benchmarks.hidden_effects._cases import Case, case_names, make_case, truth
+from benchmarks.hidden_effects._folders import read_set
+from benchmarks.hidden_effects._sets import set_names
 
-__all__ = ["Case", "case_names", "make_case", "truth"]
+__all__ = ["read_set", "set_names"]

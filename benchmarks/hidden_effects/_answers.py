@@ -75,6 +75,14 @@ class Answer:
         """Effects with a probability of at least one half."""
         return {name for name, one in self.effects.items() if one["probability"] >= _LIKELY}
 
+    @cached_property
+    def named_groups(self) -> set[str]:
+        """Groups whose members' probabilities add up to one half: of look-alikes each may have less."""
+        together: dict[str, float] = {}
+        for name, one in self.effects.items():
+            together[group_of(name)] = together.get(group_of(name), 0.0) + one["probability"]
+        return {group for group, p in together.items() if p >= _LIKELY}
+
     def claims(self) -> dict[str, str]:
         """Answer for each group: present if one of it is, absent if all are."""
         found: dict[str, set[str]] = {}
@@ -99,7 +107,7 @@ class Answer:
     @property
     def right(self) -> bool:
         """Whether all groups that the oracle sees are named and no absent one is."""
-        return grouped(self.seen) <= grouped(self.named) <= grouped(self.true)
+        return grouped(self.seen) <= self.named_groups <= grouped(self.true)
 
     @property
     def exact(self) -> bool:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 
 from benchmarks.hidden_effects._answers import FORMAT
 from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
+from benchmarks.hidden_effects._sets import definitions
+from benchmarks.hidden_effects._visible import effects_of
+from cyclofeat.gap import GapSettings, find_gap
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.simulations import Memory
 from cyclofeat.gap.world import Session
+from cyclofeat.simulators import Rig
 
 _CODE = ("gap/world", "gap/summaries")
+_AT_A_TIME = 20
 
 
 def session_of(name: str, folder: Path) -> Session:
@@ -26,14 +34,19 @@ def session_of(name: str, folder: Path) -> Session:
     return Session.of([one.torque for one in recordings], SAMPLING_RATE, at, counts=counts)
 
 
-def sessions_of(names: Iterable[str], folder: Path) -> dict[str, Session]:
+def sessions_of(names: Iterable[str], folder: Path, jobs: int = 1) -> dict[str, Session]:
     """Sessions of the sets that the folder has; they are stored beside it while the code stays the same."""
     memory = Memory(folder.with_name(f"{folder.name}_sessions"))
     there = [name for name in names if (folder / name).exists()]
-    return {
-        name: memory(lambda name=name: session_of(name, folder), "sessions", name, code=_CODE)
-        for name in there
-    }
+
+    def some(part: Sequence[str]) -> list[Session]:
+        return [
+            memory(lambda name=name: session_of(name, folder), "sessions", name, code=_CODE) for name in part
+        ]
+
+    parts = [there[first : first + _AT_A_TIME] for first in range(0, len(there), _AT_A_TIME)]
+    made = joblib.Parallel(n_jobs=jobs)(joblib.delayed(some)(part) for part in parts)
+    return dict(zip(there, itertools.chain.from_iterable(made), strict=True))
 
 
 def shown(session: Session, n: int | None = None, *, counts: bool = True) -> Session:
@@ -63,3 +76,14 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
         ]
         found.append({"format": FORMAT, "effects": effects})
     return found
+
+
+def whole_answer(
+    name: str, folder: Path, posterior: EffectPosterior, settings: GapSettings
+) -> dict[str, Any]:
+    """Result of the whole workflow on a set; where the library has all effects, with the oracle's proof."""
+    truth = definitions()[name]
+    oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
+    fit, held_out = read_set(name, folder)
+    settings = dataclasses.replace(settings, oracle=oracle)
+    return find_gap(fit, held_out or None, posterior=posterior, settings=settings).to_dict()

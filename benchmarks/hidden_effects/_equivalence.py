@@ -8,16 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from benchmarks.hidden_effects._cases import FIT_COUNTS, SEED
+from benchmarks.hidden_effects._effects import nuisance_and_seed, record, run_machine
+from benchmarks.hidden_effects._folders import n_samples
 from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
-from benchmarks.hidden_effects._rig import nuisance_and_seed, record
-from cyclofeat.gap import Comparison, Conditions, locate, summarise
+from benchmarks.hidden_effects._sets import FIT, SEED, STANDARD, Planned
+from benchmarks.hidden_effects._visible import simulated_cells
+from cyclofeat.gap import Comparison, locate
+from cyclofeat.gap.simulations import MAY_DIFFER
+from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.where import family_p
+from cyclofeat.gap.world import FLOOR, recording_cells
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
 
 Float = NDArray[np.float64]
 
 INPUT_HZ = 500 / 60
+COUNTS = (0, 2, 4, 6)
 _BANDS = ((50, 500), (500, 2000), (2000, 4000), (4000, 8000))
 
 
@@ -88,15 +94,19 @@ def level(torque: Float, low: float, high: float) -> float:
 
 def distributions(n: int, other_seed: int = 5) -> tuple[Float, Float, list[Any], NDArray[np.int64]]:
     """Summaries of ``n`` recordings from both without an effect, cells, and counts of worn lobes."""
-    counts = np.resize(FIT_COUNTS, n)
-    own = []
-    for i in range(n):
-        nuisance, seed = nuisance_and_seed([SEED, 10**6, i])
-        own.append(record(int(counts[i]), (), seed, nuisance))
-    here, cells = summarise(np.array(own), Conditions(SAMPLING_RATE, INPUT_HZ))
-    bank = Comparison(sampling_rate=SAMPLING_RATE).bank(n, FIT_COUNTS, random_state=other_seed)
-    there, _ = summarise(bank.X, Conditions(SAMPLING_RATE, INPUT_HZ))
-    return here, there, cells, counts
+    planned = [Planned(FIT, i, STANDARD, COUNTS[i % len(COUNTS)]) for i in range(n)]
+    own = np.array([_recorded(one, (10**6, one.number)) for one in planned])
+    here, cells = recording_cells(own, Conditions(SAMPLING_RATE, INPUT_HZ))
+    there = simulated_cells((), planned, other_seed)[""]
+    return here, there, cells, np.array([one.count for one in planned])
+
+
+def _recorded(planned: Planned, key: tuple[int, ...]) -> NDArray[np.float32]:
+    """A recording without an effect."""
+    nuisance, seed = nuisance_and_seed([SEED, *key])
+    n = n_samples(planned.condition.speed_rpm)
+    made = run_machine(planned.count, planned.condition, (), seed, nuisance, n)
+    return record(made, (), np.random.SeedSequence([SEED, *key, 1]), n)
 
 
 def standardised(here: Float, there: Float, counts: NDArray[Any]) -> Float:
@@ -159,20 +169,18 @@ def report(n: int = 80, nulls: int = 30) -> str:
 
 def false_alarms(n: int, n_permutations: int = 499) -> tuple[int, str]:
     """Number of ``n`` sets without an effect with the verdict "disagree", and the first verdict."""
-    X = []
-    for i in range(8 * n):
-        nuisance, seed = nuisance_and_seed([SEED, 10**6 + 1, i])
-        X.append(record(FIT_COUNTS[i % 8], (), seed, nuisance))
-    comparison = Comparison(sampling_rate=SAMPLING_RATE)
-    first = comparison.measured(np.array(X[:8]), y=FIT_COUNTS)
-    located = locate(comparison, first, n_permutations=n_permutations)
+    counts = COUNTS * 2
+    planned = [Planned(FIT, i, STANDARD, counts[i % 8]) for i in range(8 * n)]
+    X = np.array([_recorded(one, (10**6 + 1, one.number)) for one in planned])
+    comparison = Comparison(sampling_rate=SAMPLING_RATE, may_differ=(*MAY_DIFFER, *FLOOR))
+    sets = [comparison.measured(X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
+    located = locate(comparison, sets[0], n_permutations=n_permutations)
     # All sets use one bank: they are compared as in locate, without a new bank for each.
-    values, cells = summarise(np.array(X), Conditions(SAMPLING_RATE, INPUT_HZ))
     simulated = located.centred(located.simulated, located.bank.counts)
-    measured = located.centred(values, np.resize(FIT_COUNTS, 8 * n))
     random = np.random.default_rng(0)
     alarms = 0
-    for k in range(n):
-        p = family_p(measured[8 * k : 8 * k + 8], simulated, cells, n_permutations, random)
+    for one in sets:
+        measured = located.centred(one.values, one.counts)
+        p = family_p(measured, simulated, one.cells, n_permutations, random)
         alarms += min(p.values()) <= located.alpha
     return alarms, located.verdict

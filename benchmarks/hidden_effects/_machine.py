@@ -29,17 +29,16 @@ OVERSAMPLING = 4
 STEP = 1 / (OVERSAMPLING * SAMPLING_RATE)
 MARGIN = 16  # samples of the record that the anti-alias filter needs beyond its end
 ABSURD = 1e4  # Nm
-BRAKE_SPEED = 0.8  # rad/s: below it the brake's dry friction is proportional to the speed
 
 # The machine's constants, by index in one array.
 (
     Z, ECC, INV_M, Q, RING, R_IN, GAP_IN, RAD_IN, J_WHEEL, J_OUT, K_HERTZ, DAMPING, RAMP, HUNT_CROSSLEY,
     TIP_X, PIT_X, PIT_Y, RAD_TIP, RAD_PIT, MU, SLIP_SPEED, Q_IN, J_SLEEVE,
     BEARING, BEARING_SPEED, J_ROTOR, K_METER, C_METER, J_SECOND, K_SECOND, C_SECOND,
-    J_LOOSE, K_LOOSE, C_LOOSE, PLAY, DRAG, STRIBECK, STRIBECK_SPEED, HAS_PITCH, N_NUMBERS,
-) = range(40)  # fmt: skip
-# State: angles of wheels, output, rotor, second rotor, loose part; their rates; spins of 16 + 8 sleeves.
-OUT, ROTOR, SECOND, LOOSE, N_ANGLES = 2, 3, 4, 5, 6
+    HAS_PITCH, N_NUMBERS,
+) = range(33)  # fmt: skip
+# State: angles of wheels, output, rotor, second rotor; their rates; spins of 16 + 8 sleeves.
+OUT, ROTOR, SECOND, N_ANGLES = 2, 3, 4, 5
 N_PINS, N_IN = 16, 8
 N_STATE = 2 * N_ANGLES + N_PINS + N_IN
 PITCH = 2 * math.pi / 15
@@ -68,8 +67,6 @@ class Machine:
     bearing: float = 0.0
     rotor: tuple[float, float, float] = (0.0, 0.0, 0.0)  # inertia, stiffness, share of critical damping
     second_rotor: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    loose: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # J, k, c, play, drag
-    stribeck: tuple[float, float] = (0.0, 1.0)  # rise of the brake's friction at rest, speed of its fall
 
     def with_(self, **changes: Any) -> Machine:
         """Return a copy with changed fields."""
@@ -112,8 +109,6 @@ class Machine:
             C_METER: 2 * self.rotor[2] * math.sqrt(self.rotor[0] * self.rotor[1]),
             J_SECOND: self.second_rotor[0], K_SECOND: self.second_rotor[1],
             C_SECOND: 2 * self.second_rotor[2] * math.sqrt(self.second_rotor[0] * self.second_rotor[1]),
-            J_LOOSE: self.loose[0], K_LOOSE: self.loose[1], C_LOOSE: self.loose[2], PLAY: self.loose[3],
-            DRAG: self.loose[4], STRIBECK: self.stribeck[0], STRIBECK_SPEED: self.stribeck[1],
             HAS_PITCH: float(np.any(self.pitch)),
         }  # fmt: skip
         for place, value in values.items():
@@ -504,34 +499,17 @@ def _rates(drive, i, state, rates, p, t, mounts, worn, has_worn, pitch, lobes):
     for k in range(OUT, N_ANGLES):
         rates[k] = state[N_ANGLES + k]
         rates[N_ANGLES + k] = 0.0
-    on_shaft = 0.0
-    if p[J_LOOSE] > 0.0:
-        # A part with play on the output shaft touches the shaft only at the ends of its play.
-        apart = state[LOOSE] - state[OUT]
-        over = abs(apart) - p[PLAY]
-        if over > 0.0:
-            way = 1.0 if apart > 0.0 else -1.0
-            pull = p[K_LOOSE] * over
-            pull += p[C_LOOSE] * (state[N_ANGLES + LOOSE] - state[N_ANGLES + OUT]) * way
-            on_shaft = way * max(pull, 0.0)
-        rates[N_ANGLES + LOOSE] = (p[DRAG] - on_shaft) / p[J_LOOSE] + push
     if p[J_ROTOR] == 0.0:
-        rates[N_ANGLES + OUT] = (moment_out + on_shaft + load) / p[J_OUT] + push
+        rates[N_ANGLES + OUT] = (moment_out + load) / p[J_OUT] + push
         return -moment_out
     meter = p[K_METER] * (state[ROTOR] - state[OUT])
     meter += p[C_METER] * (state[N_ANGLES + ROTOR] - state[N_ANGLES + OUT])
-    rates[N_ANGLES + OUT] = (moment_out + on_shaft + meter) / p[J_OUT] + push
+    rates[N_ANGLES + OUT] = (moment_out + meter) / p[J_OUT] + push
     behind = load
     if p[J_SECOND] > 0.0:
         behind = p[K_SECOND] * (state[SECOND] - state[ROTOR])
         behind += p[C_SECOND] * (state[N_ANGLES + SECOND] - state[N_ANGLES + ROTOR])
         rates[N_ANGLES + SECOND] = (load - behind) / p[J_SECOND] + push
-    elif p[STRIBECK] > 0.0:
-        # Dry friction falls with the speed; its value at the nominal speed is the load.
-        turning = mean_rate + state[N_ANGLES + ROTOR]
-        nominal = 1.0 + p[STRIBECK] * math.exp(-abs(mean_rate) / p[STRIBECK_SPEED])
-        now = 1.0 + p[STRIBECK] * math.exp(-abs(turning) / p[STRIBECK_SPEED])
-        behind = -load * now / nominal * math.tanh(turning / BRAKE_SPEED)
     rates[N_ANGLES + ROTOR] = (behind - meter) / p[J_ROTOR] + push
     return meter
 

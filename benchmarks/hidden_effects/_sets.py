@@ -130,7 +130,7 @@ def effect_names(name: str) -> list[str]:
 @cache
 def tie_groups() -> tuple[frozenset[str], ...]:
     """Groups of effects of ``ties.csv`` that may stand for each other."""
-    return tuple(frozenset(row["effects"].split()) for row in rows_of("groups.csv"))
+    return tuple(frozenset(row["effects"].split()) for row in rows_of("ties.csv"))
 
 
 def _theta(effect: str, strength: str, load: float, random: np.random.Generator) -> dict[str, float]:
@@ -300,6 +300,6 @@ def truth_text() -> str:
 def write_truth() -> None:
     """Write ``truth.json`` and ``truth.sha256`` after a change of tables or definitions."""
     text = truth_text()
-    (HERE / "sets.json").write_text(text, encoding="utf-8")
+    (HERE / "truth.json").write_text(text, encoding="utf-8")
     digest = hashlib.sha256(text.encode()).hexdigest()
-    (HERE / "sets.sha256").write_text(f"{digest}  sets.json\n", encoding="utf-8")
+    (HERE / "truth.sha256").write_text(f"{digest}  truth.json\n", encoding="utf-8")

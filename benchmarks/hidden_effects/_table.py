@@ -43,7 +43,7 @@ def wilson(k: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
     share = k / n
     middle = (share + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    return round(max(middle - half, 0.0), 12), round(min(middle + half, 1.0), 12)
 
 
 def calibration_error(probabilities: Sequence[float], right: Sequence[bool], bins: int = _BINS) -> float:
@@ -138,11 +138,11 @@ def _disagrees(one: Answer) -> bool | None:
 
 
 def _precision(every: Iterable[Answer]) -> list[bool]:
-    return [group in grouped(one.true) for one in every for group in grouped(one.named)]
+    return [group in grouped(one.true) for one in every for group in one.named_groups]
 
 
 def _recall(every: Iterable[Answer]) -> list[bool]:
-    return [group in grouped(one.named) for one in every for group in grouped(one.seen)]
+    return [group in one.named_groups for one in every for group in grouped(one.seen)]
 
 
 def _errors(every: Iterable[Answer], parameter: str = "") -> list[float]:
@@ -231,7 +231,7 @@ def _closed(one: Answer, alternative: str, unseen: bool) -> float | None:
     values = []
     for proof in one.result.get("proof") or []:
         new = (round(proof["speed_rpm"]), round(proof["load_nm"], 1)) not in fitted
-        row = proof["scores"].get(alternative) or {}
+        row = proof["closed"].get(alternative) or {}
         if one.n_conditions == 1 or new == unseen:
             values.append(row.get("unseen" if unseen and not new else "all"))
     known = [float(value) for value in values if value is not None and not math.isnan(value)]
@@ -273,6 +273,13 @@ def markdown(every: Sequence[Answer]) -> str:
     parts += ["", "## By number of effects", "", *lines(*_by_number(every))]
     parts += ["", "## By effect", "", *lines(*_by_effect(every))]
     return "\n".join(parts) + "\n"
+
+
+def share_right(every: Sequence[Answer]) -> tuple[int, str, str, str]:
+    """Sets with visible effects, the share of them that is right up to ties, precision, and recall."""
+    inside = [one for one in every if one.inside]
+    hidden = [one.right for one in inside if one.seen]
+    return len(hidden), _mean(hidden), _mean(_precision(inside)), _mean(_recall(inside))
 
 
 def _by_number(every: Sequence[Answer]) -> tuple[Sequence[str], list[list[object]]]:

@@ -107,44 +107,6 @@ def record_demo() -> None:
         _write("demo.json", cases.demo(Path(folder)))
 
 
-def record_hidden() -> None:
-    """The six hidden cases of the gap's own slow test; some 20 minutes of processor time."""
-    sys.path.insert(0, str(cases.HERE.parent / "gap"))
-    import test_hidden_cases as hidden
-
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        ranker = hidden.prepared(folder)
-        found = {}
-        for case, effect in enumerate(hidden.CASES):
-            result = hidden.run(effect, case, ranker, folder).to_dict()
-            # The tests' own runs state no intervals: a second run does.
-            more = result
-            if result["effects"]:
-                more = hidden.run(effect, case, ranker, folder, n_interval=48).to_dict()
-            found[effect or "nothing"] = hidden_entry(result, more)
-    _write("hidden_cases.json", found)
-
-
-def hidden_entry(result: dict[str, Any], with_intervals: dict[str, Any]) -> dict[str, Any]:
-    """Of what a workflow found: verdict, names, sizes with intervals, share of the gap that is closed."""
-    sizes = {}
-    for one, other in zip(result["effects"], with_intervals["effects"], strict=True):
-        if one["id"] != other["id"]:
-            raise ValueError(f"{one['id']} in one run, {other['id']} in the other")
-        for name, size in one["theta"].items():
-            low, high = other["interval"][name]
-            sizes[f"{one['id']}.{name}"] = {"size": size, "interval": [min(low, size), max(high, size)]}
-    return {
-        "verdict": result["verdict"],
-        "names": [one["id"] for one in result["effects"]],
-        "tie_group": result["tie_group"],
-        "unknown": result["unknown"],
-        "sizes": sizes,
-        "gap_closed": result["grr"],
-    }
-
-
 def _write(name: str, value: Any) -> None:
     (cases.HERE / name).write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
 
@@ -182,7 +144,6 @@ PARTS = {
     "campaign": record_campaign,
     "training": record_training,
     "demo": record_demo,
-    "hidden": record_hidden,
 }
 
 
