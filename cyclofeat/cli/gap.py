@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError, different_names
+from cyclofeat.cli._gap_printing import gap_lines
+from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import add_reading_options, option_of, read_all
 from cyclofeat.cli._rigs import add_effects
@@ -18,11 +20,14 @@ from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Comparison, GapResult, ProofRow, Windows
+    from cyclofeat.gap._answer import GapResult as TwoFolders
     from cyclofeat.recordings import Recording, Windower
     from cyclofeat.simulators import Rig
 
 __all__ = ["add_arguments", "printed", "run"]
 
+# Options that ask for a model.
+_MODEL_ONLY = ("simulator", "hold_out", "out", "save_simulator", "cache", "effects", "one_assembly")
 _VERDICTS = {
     "disagree": "model and measurement disagree",
     "equivalent": "model and measurement agree within the margins",
@@ -32,6 +37,12 @@ _VERDICTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("measured", nargs="+", metavar="MEASURED", help="recordings, or folders of them")
+    parser.add_argument(
+        "--simulated",
+        metavar="FOLDER",
+        help="recordings of another simulator: where they and MEASURED differ, at one or several speeds and "
+        "loads, is found, and nothing named",
+    )
     parser.add_argument("--simulator", metavar="FILE", help="model, JSON (default: paper B's gearbox)")
     parser.add_argument(
         "--hold-out",
@@ -69,11 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> GapResult:
+def run(arguments: argparse.Namespace) -> GapResult | TwoFolders:
     """Compare, name, fit, judge, and write the report and the corrected model."""
     from cyclofeat import gap
     from cyclofeat.simulators import Rig, effect_library
 
+    if arguments.simulated is not None:
+        return _compared(arguments)
     library = None
     if arguments.effects is not None:
         library = different_names(arguments.effects.split(","), effect_library(), "--effects")
@@ -117,6 +130,18 @@ def run(arguments: argparse.Namespace) -> GapResult:
         sources = [recording.source for recording in recordings]
         write_gap_report(result, arguments.out, sources=sources, settings=settings)
     return result
+
+
+def _compared(arguments: argparse.Namespace) -> TwoFolders:
+    """Return where the recordings differ from those of another simulator."""
+    from cyclofeat.gap import GapSettings, compare_recordings
+
+    refuse_idle(arguments, _MODEL_ONLY, "with --simulated")
+    measured, simulated = (
+        read_all(paths, arguments) for paths in (arguments.measured, [arguments.simulated])
+    )
+    settings = GapSettings(alpha=arguments.alpha, random_state=arguments.seed, pictures=False)
+    return compare_recordings(measured, simulated, settings=settings)
 
 
 def _comparison(
@@ -223,7 +248,13 @@ def _option(argument: str, rest: str) -> str:
     return "--hold-out" if argument == "by" else option_of(argument, rest)
 
 
-def printed(arguments: argparse.Namespace, result: GapResult) -> Printed:
+def printed(arguments: argparse.Namespace, result: GapResult | TwoFolders) -> Printed:
+    if arguments.simulated is not None:
+        return Printed("\n".join(gap_lines(cast("TwoFolders", result))), result.to_dict())
+    return _printed(arguments, cast("GapResult", result))
+
+
+def _printed(arguments: argparse.Namespace, result: GapResult) -> Printed:
     from cyclofeat.simulators import effect_library
 
     lines = [f"{_VERDICTS[result.verdict]} (p = {result.where.p:.2g}, adjusted over all comparisons)"]

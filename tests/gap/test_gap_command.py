@@ -264,6 +264,26 @@ def test_a_tachometer_on_the_disc_gives_the_angle_of_the_input(given: Any, tmp_p
     assert found[:, -1] - found[:, 0] == pytest.approx(np.full(4, phi[11_519]), rel=1e-6)
 
 
+# Two folders
+
+
+def test_two_folders_of_recordings_need_no_model(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    noise = np.random.default_rng(1).normal(22, 0.1, (68, 12_000))
+    noise[8:] += np.sin(2 * np.pi * 50 * np.arange(12_000) / RATE)
+    measured = write_folder(tmp_path / "measured", noise[:8], [0, 3] * 4)
+    runs = write_folder(tmp_path / "runs", noise[8:], [0, 3] * 30)
+    code, out, err = run(capsys, measured, "--simulated", runs, "--json")
+    assert (code, err) == (0, "")
+    found = json.loads(out)
+    assert found["verdict"] == "disagree"
+    assert found["effects"] == found["named"] == []
+    code, out, _ = run(capsys, measured, "--simulated", runs)
+    assert code == 0
+    assert out.startswith("model and measurement disagree (p = ")
+    code, _, err = run(capsys, measured, "--simulated", runs, "--hold-out", "0.4")
+    assert (code, err) == (2, "cyclofeat: error: --hold-out has no effect with --simulated: leave it out\n")
+
+
 # What it refuses
 
 
