@@ -110,7 +110,7 @@ papers: $(INSTALLED)  ## both papers' statements and figures (ONLY=statements, O
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers $(if $(ONLY),--only $(ONLY))
 
-test-gap: $(INSTALLED)  ## the gap workflow's longest tests: hidden cases end to end, a killed run
+test-gap: $(INSTALLED)  ## the gap workflow's longest tests: generator and simulator, a killed run
 	$(BIN)/pytest -m bench tests/gap
 
 bench-gap: $(INSTALLED)  ## the gap workflow on 1,200 hidden sets; writes benchmarks/gap.md
