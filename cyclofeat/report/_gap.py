@@ -18,6 +18,7 @@ from cyclofeat._base.words import number
 from cyclofeat.plotting import GapDisplay, GapReductionDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.gap_words import cell_name, difference_words, family_name, in_words, p_words
+from cyclofeat.report import _gap_page
 from cyclofeat.report._figures import picture
 from cyclofeat.report._gap_missing import what_is_missing
 from cyclofeat.report._gap_numbers import rounded, signed
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import os
 
     from cyclofeat.gap import GapResult, Where, WhereRow
+    from cyclofeat.gap._answer import GapResult as SeveralConditions
 
 _N_CLEAREST, _N_REMAINING = 8, 6
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated
@@ -35,7 +37,7 @@ _FEW = 5  # recordings, below which exact tests hardly reject
 
 
 def write_gap_report(
-    result: GapResult,
+    result: GapResult | SeveralConditions,
     path: str | os.PathLike[str],
     *,
     sources: Sequence[str | None] = (),
@@ -79,6 +81,8 @@ def write_gap_report(
     --------
     >>> write_gap_report(result, "gap.html")  # doctest: +SKIP
     """
+    if isinstance(result.where, tuple):
+        return _gap_page.write_gap_report(result, path, sources=sources, settings=settings, title=title)
     target = check_page_path(path)
     summary = summarise_gap(result, sources=sources, settings=settings, title=title)
     return write_page(target, "gap.html", summary)

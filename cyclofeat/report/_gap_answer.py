@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.words import number
 from cyclofeat.plotting.gap_words import cell_name, effect_name, mean_difference_words, p_words
-from cyclofeat.report._gap_numbers import percent, quantity, rounded
+from cyclofeat.report._gap_numbers import percent, quantity, range_text, rounded
 from cyclofeat.report._page import probability_text, unbroken
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, Remainder, Size
+    from cyclofeat.gap import FoundEffect, Size
     from cyclofeat.gap._answer import GapResult
 
 _NEGLIGIBLE = 0.05  # probability below which an open effect is not listed by itself
@@ -40,34 +40,29 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
     }
 
 
-def what_remains(remainder: Remainder | None) -> dict[str, Any]:
+def what_remains(result: GapResult) -> dict[str, Any]:
     """What the corrected model leaves unexplained, in words."""
+    remainder, model = result.remainder, "corrected model" if result.named else "model"
     if remainder is None:
-        return {"sentences": ["The corrected model was not simulated: what it leaves is not known."],
-                "rows": []}  # fmt: skip
+        return {"sentences": [f"The {model} was not simulated: what it leaves is not known."], "rows": []}
     p = unbroken(p_words(remainder.p))
     if not remainder.unexplained:
-        return {
-            "sentences": [
-                f"Nothing that chance does not explain: the corrected model agrees with the recordings ({p})."
-            ],
-            "rows": [],
+        text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
+        return {"sentences": [text], "rows": []}
+    rows = [
+        {
+            "what": cell_name(row),
+            "difference": mean_difference_words(row.difference, row.unit),
+            "z": rounded(abs(row.z)),
         }
-    return {
-        "sentences": [
-            f"The corrected model still differs by more than chance explains ({p}): something is missing "
-            "that none of the effects considered accounts for. The clearest of what is left says where to "
-            "look for it:"
-        ],
-        "rows": [
-            {
-                "what": cell_name(row),
-                "difference": mean_difference_words(row.difference, row.unit),
-                "z": rounded(abs(row.z)),
-            }
-            for row in remainder.rows
-        ],
-    }
+        for row in remainder.rows
+    ]
+    text = (
+        f"The {model} differs from the recordings by more than chance explains ({p}): something is missing "
+        "that none of the effects considered accounts for. The clearest of what is left says where to look "
+        "for it."
+    )
+    return {"sentences": [text], "rows": rows}
 
 
 def measure_next(result: GapResult) -> list[dict[str, str]]:
@@ -201,8 +196,9 @@ def _closed(result: GapResult) -> dict[str, str]:
     shares = [proof.result.grr for proof in result.proof if math.isfinite(proof.result.grr)]
     if not shares:
         return {"label": label, "value": "not defined", "text": "the gap is too small there"}
-    least, most = percent(min(shares)), percent(max(shares))
-    if len(shares) == 1:
-        return {"label": label, "value": most, "text": ""}
-    value = most if least == most else f"{100 * min(shares):.0f} to {most}"
-    return {"label": label, "value": value, "text": f"at {len(shares)} conditions"}
+    if len(result.proof) == 1:
+        ours = result.proof[0].result
+        text = f"range {range_text(ours.low, ours.high)}"
+        return {"label": label, "value": percent(ours.grr), "text": text}
+    value = range_text(min(shares), max(shares)) or percent(shares[0])
+    return {"label": label, "value": value, "text": f"at {len(shares)} of {len(result.proof)} conditions"}

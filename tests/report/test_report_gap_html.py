@@ -404,6 +404,8 @@ def test_recordings_that_agreement_would_take(locators):
         ([2e-6, 5e-5], "m", "2 to 50 µm"),
         ([1.02345], "1", "1.02"),
         ([140.4, math.inf], "Hz", "140 to infinite Hz"),
+        ([5149.0, 12_345.0], "Nm/rad", "5150 to 12300 Nm/rad"),
+        ([0.0072], "kg m2", "0.0072 kg m²"),
     ],
 )
 def test_quantities(values, unit, text):

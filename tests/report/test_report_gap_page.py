@@ -15,7 +15,7 @@ from gap_answers import EFFECTS, REMAINDER, GapResult, answered, compared, overl
 from pages import parse, words
 
 from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
-from cyclofeat.report import _gap_page
+from cyclofeat.report import _gap_page, write_gap_report
 from cyclofeat.simulators import Rig
 
 OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
@@ -33,7 +33,7 @@ def null(compared_hum):
 
 @pytest.fixture(scope="module")
 def page(result, tmp_path_factory):
-    path = _gap_page.write_gap_report(result, tmp_path_factory.mktemp("gap") / "gap.html", **OPTIONS)
+    path = write_gap_report(result, tmp_path_factory.mktemp("gap") / "gap.html", **OPTIONS)
     return path.read_text(encoding="utf-8")
 
 
@@ -50,7 +50,7 @@ def bare(monkeypatch):
         monkeypatch.setattr(f"cyclofeat.report.{module}.picture", lambda *_: drawn)
 
     def text(result, tmp_path, **options):
-        path = _gap_page.write_gap_report(result, tmp_path / "gap.html", **(OPTIONS | options))
+        path = write_gap_report(result, tmp_path / "gap.html", **(OPTIONS | options))
         return words(parse(path.read_text(encoding="utf-8")))
 
     return text
@@ -70,7 +70,7 @@ def test_all_is_stated(parsed, result):
         "1 other effect not missing With the probability of each: Noise of the sensor (0.02).",
         f"(p = {result.p:.2g}, 12 recordings at 2 conditions)",
         "Simulation of the corrected model has confirmed",
-        "Gap closed on recordings held out 91 to 97 % at 2 conditions",
+        "Gap closed on recordings held out 91 to 97 % at 2 of 2 conditions",
         "Left unexplained nothing what is left is chance (p = 0.31)",
         "Measure next A record at 44 Nm to tell apart: Gain of the torque meter, Offset of the torque meter",
         "A record at 44 Nm Gain of the torque meter, Offset of the torque meter 0.83 bit Dead weights",
@@ -159,7 +159,7 @@ def test_something_unknown_is_left(result, bare, tmp_path):
     for part in (
         "2 effects are missing in the model, 1 more probably, and something unknown",
         "Left unexplained something most of all: third octave at 631 Hz, 2.3 dB more",
-        "The corrected model still differs by more than chance explains (p < 0.001)",
+        "The corrected model differs from the recordings by more than chance explains (p < 0.001)",
         "third octave at 631 Hz 2.3 dB more 6.1",
         "values that repeat, end or stand still: share of the largest value 0.4 lower 4.2",
     ):
@@ -195,6 +195,11 @@ def test_one_condition_without_a_ratio_has_its_reason(result, bare, tmp_path):
     text = bare(dataclasses.replace(result, proof=(proof_of(rows),)), tmp_path)
     assert "That is 90 % with counts of worn lobes seen in the fit." in text
     assert "With counts never seen in the fit no share can be stated: one held-out recording in this" in text
+
+
+def test_one_proof_states_its_range(result, bare, tmp_path):
+    text = bare(dataclasses.replace(result, proof=result.proof[:1]), tmp_path)
+    assert "Gap closed on recordings held out 91 % range 86 to 95 %" in text
 
 
 def test_counts_that_were_all_seen_are_not_told_twice(result, bare, tmp_path):
@@ -316,7 +321,7 @@ def test_no_jargon_of_spreads(result, bare, tmp_path):
 
 def test_reports_refuse(result, tmp_path):
     with pytest.raises(ValueError, match=r"must end in .html"):
-        _gap_page.write_gap_report(result, tmp_path / "x.txt")
+        write_gap_report(result, tmp_path / "x.txt")
     with pytest.raises(FileNotFoundError, match="nowhere does not exist"):
-        _gap_page.write_gap_report(result, tmp_path / "nowhere" / "x.html")
+        write_gap_report(result, tmp_path / "nowhere" / "x.html")
     assert not list(tmp_path.iterdir())
