@@ -5,9 +5,9 @@ of recordings, the probability of each effect and quantiles of its size. :func:`
 often it is right on rigs that it has not seen.
 """
 
-from cyclofeat.gap.posterior._learners import QUANTILES
-from cyclofeat.gap.posterior._pool import gain_and_offset
-from cyclofeat.gap.posterior._posterior import EffectPosterior, load_posterior, random_session
+
+from cyclofeat.gap.posterior._inputs import gain_and_offset
+from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import TIES, PosteriorScore, calibration_error, score_posterior
 
 __all__ = [
@@ -18,6 +18,5 @@ __all__ = [
     "calibration_error",
     "gain_and_offset",
     "load_posterior",
-    "random_session",
     "score_posterior",
 ]

@@ -2,60 +2,69 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
+from sklearn.linear_model import LogisticRegression
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
-from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
-from cyclofeat.gap.posterior._learners import QUANTILES, SizeRegressor, enough, fit_presence
-from cyclofeat.gap.posterior._pool import pooled
+from cyclofeat.gap.posterior import _network
+from cyclofeat.gap.posterior._inputs import Inputs, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior._reference import Reference
-from cyclofeat.gap.world import Rigs, Session
+from cyclofeat.gap.posterior._train import Targets, random_inputs, train
+from cyclofeat.gap.world import Rigs, Session, World
 
 Float = NDArray[np.float64]
 
-_FORMAT = "cyclofeat effect posterior 1"
-_FEWEST_SHOWN = 4
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+DEFAULT = Path(__file__).with_name("default.npz")
+_FORMAT = "cyclofeat effect posterior 2"
+_FEWEST = 20  # machines with an effect from which it is learned
+_CALIBRATING = 0.1  # share of the machines that calibrates probabilities and intervals
+_AT_A_TIME = 500
+_ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "platt_", "size_quantiles_")
+_STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
 
 
 class EffectPosterior(BaseEstimator):
     """Probability of each effect and distribution of its size, given the recordings of a rig.
 
     The summaries of recordings become deviations from those of a rig without missing effects at the same
-    speed, load and count. Their mean, also uncorrelated, their spread and extremes, their difference between
-    few and many worn lobes, and a fit of gain and offset describe a session. Gradient-boosted trees with
-    calibrated probabilities learn the presence of each effect, others the quantiles of each size.
+    speed, load and count. A network that takes them in any number and order learns the presence of each
+    effect and mean and spread of each size. Probabilities are calibrated, and intervals widened or narrowed,
+    on machines that the network has not seen.
 
     Parameters
     ----------
-    n_views : int, default=2
-        Random sessions of each simulated rig: 4 or more of its recordings, with counts and tachometer or
-        without.
-    max_iter : int, default=120
-        Trees of each classifier and regressor.
+    n_networks : int, default=2
+        Networks that differ in their random numbers; their answers are averaged.
+    epochs : int, default=60
+        In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
+        tachometer or without.
     random_state : int, default=0
-    n_jobs : int, default=1
-        Number of worker processes that fit effects.
 
     Attributes
     ----------
     names_, size_names_, cells_ : tuple of str
         Of the rigs.
-    reference_ : estimator
+    reference_ : Reference
         Summaries without an effect.
-    classifiers_ : dict from str to estimator
-        By effect; one that fewer than 20 machines have, or lack, is left out.
-    regressors_ : dict from str to estimator
-        By parameter; one that fewer than 20 machines have is left out.
+    networks_ : list of dict from str to ndarray
+        Weights.
+    learned_ : ndarray of bool, shape (n_effects,)
+        False for an effect that fewer than 20 machines have, or lack.
+    n_rigs_ : int
+        Simulated rigs that it has learned from.
 
     See Also
     --------
@@ -63,17 +72,20 @@ class EffectPosterior(BaseEstimator):
 
     Notes
     -----
+    Training needs JAX and Optax (``pip install cyclofeat[prepare]``); answers need numpy alone.
+
     Probabilities and intervals hold on average over rigs of the world that it was fitted to, and for sessions
     like those. Whether a rig is one of that world is not asked.
     """
 
-    def __init__(self, n_views: int = 2, max_iter: int = 120, random_state: int = 0, n_jobs: int = 1) -> None:
-        self.n_views = n_views
-        self.max_iter = max_iter
+    def __init__(self, n_networks: int = 2, epochs: int = 60, random_state: int = 0) -> None:
+        self.n_networks = n_networks
+        self.epochs = epochs
         self.random_state = random_state
-        self.n_jobs = n_jobs
 
-    def fit(self, rigs: Rigs, y: None = None) -> EffectPosterior:
+    def fit(
+        self, rigs: Rigs, y: None = None, *, progress: Callable[[int, int], object] | None = None
+    ) -> EffectPosterior:
         """Learn from simulated rigs.
 
         Parameters
@@ -81,6 +93,8 @@ class EffectPosterior(BaseEstimator):
         rigs : Rigs
         y : None
             Not used.
+        progress : callable, optional
+            Called after each epoch with the number done and their total.
 
         Returns
         -------
@@ -88,45 +102,80 @@ class EffectPosterior(BaseEstimator):
 
         Raises
         ------
+        ImportError
+            If JAX or Optax is not installed.
         ValueError
             If there are too few rigs without an effect.
         """
-        whole("n_views", self.n_views, 1)
-        whole("max_iter", self.max_iter, 1)
+        n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
         self.names_, self.size_names_, self.cells_ = rigs.names, rigs.size_names, rigs.cells
-        self.logarithmic_ = rigs.logarithmic
-        self.reference_ = Reference().fit(rigs)
+        self.logarithmic_, self.world_, self.n_rigs_ = rigs.logarithmic, rigs.world, len(rigs)
         random = np.random.default_rng(self.random_state)
-        rows = np.repeat(np.arange(len(rigs)), self.n_views)
-        X = self._features([random_session(rigs, row, random) for row in rows.tolist()])
-        groups, present, sizes = rigs.machines[rows], rigs.present[rows], rigs.sizes[rows]
-        learnable = [
-            k for k, with_it in enumerate(present.T) if enough(groups[with_it]) and not with_it.all()
-        ]
-        workers = joblib.Parallel(n_jobs=self.n_jobs)
-        classifiers = workers(
-            joblib.delayed(fit_presence)(X, present[:, k], groups, self.max_iter, self.random_state)
-            for k in learnable
-        )
-        self.classifiers_ = dict(zip([self.names_[k] for k in learnable], classifiers, strict=True))
-        having = {name: np.isfinite(sizes[:, k]) for k, name in enumerate(self.size_names_)}
-        having = {name: rows for name, rows in having.items() if enough(groups[rows])}
-        regressors = workers(
-            joblib.delayed(SizeRegressor(self.max_iter, self.random_state).fit)(
-                X[rows], sizes[rows, self.size_names_.index(name)], groups[rows]
+        machines = np.unique(rigs.machines)
+        calibrating = random.permutation(machines)[: max(round(_CALIBRATING * machines.size), 1)]
+        held = np.isin(rigs.machines, calibrating)
+        self.reference_ = Reference().fit(rigs)
+        self._standardise(rigs)
+        made = recordings_of_rigs(rigs, self.reference_)
+        sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
+        rows = np.flatnonzero(~held)
+
+        def done(network: int) -> Callable[[int, int], object] | None:
+            if progress is None:
+                return None
+            return lambda epoch, _: progress(network * epochs + epoch, n_networks * epochs)
+
+        self.networks_ = [
+            train(
+                made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
+                random_state=self.random_state + k, progress=done(k),
             )
-            for name, rows in having.items()
-        )
-        self.regressors_ = dict(zip(having, regressors, strict=True))
+            for k in range(n_networks)
+        ]  # fmt: skip
+        rows = np.flatnonzero(held)
+        logits, mean, spread = self._outputs(random_inputs(made.of(rows), self.reference_, random))
+        self._calibrate(logits, (sizes[rows] - mean) / spread, rigs.present[rows])
         return self
+
+    def _standardise(self, rigs: Rigs) -> None:
+        present = rigs.present
+        n_with, n_without = (
+            np.array([np.unique(rigs.machines[having]).size for having in flags.T])
+            for flags in (present, ~present)
+        )
+        self.learned_ = (n_with >= _FEWEST) & (n_without >= _FEWEST)
+        there = np.isfinite(rigs.sizes)
+        sums = np.maximum(there.sum(axis=0), 1)
+        self.size_mean_ = np.nansum(rigs.sizes, axis=0) / sums
+        self.size_spread_ = np.sqrt(np.nansum((rigs.sizes - self.size_mean_) ** 2, axis=0) / sums) + 1e-9
+        owners = np.array([name.partition(".")[0] for name in self.size_names_])
+        self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
+
+    def _calibrate(self, logits: Float, residuals: Float, present: NDArray[np.bool_]) -> None:
+        """Learn slope and intercept of each logit (Platt 1999), and quantiles of standardised sizes."""
+        self.platt_ = np.tile([1.0, 0.0], (len(self.names_), 1))
+        for k, with_it in enumerate(present.T):
+            if min(with_it.sum(), (~with_it).sum()) >= _FEWEST:
+                line = LogisticRegression(C=10.0).fit(logits[:, [k]], with_it)
+                self.platt_[k] = max(line.coef_[0, 0], 0.1), line.intercept_[0]
+        enough = np.isfinite(residuals).sum(axis=0) >= _FEWEST
+        overall = np.nanquantile(residuals, QUANTILES)
+        self.size_quantiles_ = np.array(
+            [np.nanquantile(z, QUANTILES) if good else overall for z, good in zip(residuals.T, enough, strict=True)]
+        )  # fmt: skip
+
+    @property
+    def world(self) -> World:
+        """World of the rigs that it has learned from; with its model."""
+        check_is_fitted(self, "networks_")
+        return World.from_dict(self.world_)
 
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
         """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
-        X = self._features(sessions)
-        probabilities = np.full((len(X), len(self.names_)), np.nan)
-        for name, classifier in self.classifiers_.items():
-            probabilities[:, self.names_.index(name)] = classifier.predict_proba(X)[:, 1]
-        return probabilities
+        logits, _, _ = self._outputs(self._inputs(sessions))
+        slope, intercept = self.platt_.T
+        probabilities = 1 / (1 + np.exp(-(slope * logits + intercept)))
+        return np.where(self.learned_, probabilities, np.nan)
 
     def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
         """Return quantiles of each parameter if its effect is present, in the parameter's unit.
@@ -136,13 +185,12 @@ class EffectPosterior(BaseEstimator):
         ndarray, shape (n_sessions, n_sizes, 5)
             0.05, 0.25, 0.5, 0.75 and 0.95 quantile; NaN for a parameter not learned.
         """
-        X = self._features(sessions)
-        quantiles = np.full((len(X), len(self.size_names_), len(QUANTILES)), np.nan)
-        for name, regressor in self.regressors_.items():
-            k = self.size_names_.index(name)
-            found = regressor.predict(X)
-            quantiles[:, k] = np.exp(found) if self.logarithmic_[k] else found
-        return quantiles
+        _, mean, spread = self._outputs(self._inputs(sessions))
+        standardised = mean[:, :, None] + spread[:, :, None] * self.size_quantiles_
+        found = standardised * self.size_spread_[:, None] + self.size_mean_[:, None]
+        logarithmic = np.array(self.logarithmic_)[:, None]
+        quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, found, 0.0)), found)
+        return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
 
     def presence(self, session: Session) -> dict[str, float]:
         """Return the probability of each effect."""
@@ -154,8 +202,8 @@ class EffectPosterior(BaseEstimator):
         quantiles = self.predict_quantiles([session])[0]
         return dict(zip(self.size_names_, quantiles, strict=True))
 
-    def _features(self, sessions: Sequence[Session]) -> Float:
-        check_is_fitted(self, "reference_")
+    def _inputs(self, sessions: Sequence[Session]) -> Inputs:
+        check_is_fitted(self, "networks_")
         for session in sessions:
             if not len(session.values) or session.values.shape[1] != len(self.cells_):
                 raise ValueError(
@@ -163,53 +211,79 @@ class EffectPosterior(BaseEstimator):
                     f"shape {session.values.shape}"
                 )
             self.reference_.check(session)
-        return pooled(sessions, self.reference_, self.cells_)
+        return inputs_of_sessions(sessions, self.reference_, self.cells_)
+
+    def _outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
+        """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
+        n = len(inputs.shown)
+        parts = [
+            np.mean([_network.answers(np, weights, **_part(inputs, first)) for weights in self.networks_], axis=0)
+            for first in range(0, n, _AT_A_TIME)
+        ]  # fmt: skip
+        outputs = np.concatenate(parts).astype(np.float64)
+        logits, mean, spread = _network.split(np, outputs, len(self.names_))
+        return logits, mean, np.exp(spread)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the posterior to a file, a pickle; it appears whole or not at all.
+        """Write the posterior to a file (NPZ, no pickle); it appears whole or not at all.
+
+        Weights are rounded to 16 bits.
 
         Parameters
         ----------
         path : path
         """
-        check_is_fitted(self, "regressors_")
-        content = {"format": _FORMAT, "made_with": package_versions(*MODEL_PACKAGES), "posterior": self}
-        return write_whole(Path(path), lambda stream: joblib.dump(content, stream, compress=3))
+        check_is_fitted(self, "networks_")
+        stated = {name: getattr(self, name) for name in _STATED} | {"format": _FORMAT, **self.get_params()}
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        arrays |= {f"reference.{name}": values for name, values in vars(self.reference_).items()}
+        for k, weights in enumerate(self.networks_):
+            arrays |= {f"network{k}.{name}": values.astype(np.float16) for name, values in weights.items()}
+        content = io.BytesIO()
+        np.savez_compressed(content, stated=np.array(json.dumps(stated)), **arrays)
+        return write_whole(Path(path), lambda stream: stream.write(content.getvalue()))
 
 
-def load_posterior(path: str | os.PathLike[str], *, trusted: bool = False) -> EffectPosterior:
+def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
     """Read a posterior that :meth:`EffectPosterior.save` wrote.
 
     Parameters
     ----------
-    path : path
-    trusted : bool, default=False
-        Whether the file comes from a trusted source: a pickle can run any code when loaded.
+    path : path, optional
+        Default: the posterior of the default gearbox that comes with the package.
+
+    Returns
+    -------
+    EffectPosterior
 
     Raises
     ------
     ValueError
-        If the file is not trusted, holds something else, or was written by other versions.
+        If the file holds something else.
     """
-    if not trusted:
-        raise ValueError(
-            f"{path} is a pickle, which can run any code when loaded: if you trust where it comes from, load "
-            "it with trusted=True"
-        )
-    content: Any = joblib.load(path)
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise ValueError(f"{path} holds no posterior of effects")
-    now = package_versions(*MODEL_PACKAGES)
-    if different := [name for name, version in content["made_with"].items() if now.get(name) != version]:
-        raise ValueError(f"{path} was written by other versions of {', '.join(different)}: fit it again")
-    posterior: EffectPosterior = content["posterior"]
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            content = dict(file)
+        stated = json.loads(str(content.pop("stated")))
+        if stated.pop("format") != _FORMAT:
+            raise ValueError("another format")
+    except (ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise ValueError(f"{path} holds no posterior of effects that this version reads: {error}") from error
+    posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
+    for name, value in stated.items():
+        setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
+    posterior.reference_, networks = Reference(), {}
+    for name, values in content.items():
+        place, dot, key = name.partition(".")
+        if not dot:
+            setattr(posterior, name, values)
+        elif place == "reference":
+            setattr(posterior.reference_, key, values)
+        else:
+            networks.setdefault(place, {})[key] = values.astype(np.float32)
+    posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
 
 
-def random_session(rigs: Rigs, rig: int, random: np.random.Generator) -> Session:
-    """Return some recordings of a rig in random order, with counts and tachometer or without."""
-    n_recordings = rigs.values.shape[1]
-    n_shown = int(random.integers(min(_FEWEST_SHOWN, n_recordings), n_recordings + 1))
-    shown = random.permutation(np.flatnonzero(np.isfinite(rigs.values[rig, :, 0])))[:n_shown]
-    counts, tachometer = random.random(2) < 0.5
-    return rigs.session(rig, shown, counts=bool(counts), tachometer=bool(tachometer))
+def _part(inputs: Inputs, first: int) -> dict[str, Any]:
+    return {name: values[first : first + _AT_A_TIME] for name, values in vars(inputs).items()}

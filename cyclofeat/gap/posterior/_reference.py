@@ -17,6 +17,12 @@ _BEYOND = 0.03  # share by which a session may lie outside of the speeds and loa
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
 
+def _ridge(inputs: Float, values: Float) -> Float:
+    """Coefficients of a ridge regression; the first column of the inputs, a constant, is not shrunk."""
+    model = Ridge(1.0).fit(inputs[:, 1:], values)
+    return np.vstack([model.intercept_, model.coef_.T])
+
+
 class Reference(BaseEstimator):
     """Mean and spread of each summary of recordings without a missing effect, by condition and count.
 
@@ -28,8 +34,8 @@ class Reference(BaseEstimator):
     uncorrelating_ : ndarray, shape (n_cells, n_cells)
         Matrix that makes the deviations of such recordings uncorrelated: combinations of summaries that
         hardly vary show what no summary shows alone.
-    known_, unknown_ : Ridge
-        With the count and without it.
+    known_, unknown_ : ndarray, shape (n_inputs, n_cells)
+        Coefficients with the count and without it.
     """
 
     def fit(self, rigs: Rigs) -> Reference:
@@ -45,9 +51,10 @@ class Reference(BaseEstimator):
         self.counts_ = np.unique(rigs.counts)
         values = healthy.values[made].astype(np.float64)
         conditions, counts = healthy.conditions[made], healthy.counts[made]
-        self.known_ = Ridge(1.0).fit(self._inputs(conditions, counts), values)
-        self.unknown_ = Ridge(1.0).fit(self._inputs(conditions, None), values)
-        residuals = values - self.known_.predict(self._inputs(conditions, counts))
+        self.known_, self.unknown_ = (
+            _ridge(self._inputs(conditions, given), values) for given in (counts, None)
+        )
+        residuals = values - self._inputs(conditions, counts) @ self.known_
         overall = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64)
         self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * overall) + 1e-6
         self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
@@ -69,23 +76,29 @@ class Reference(BaseEstimator):
                 f"learned from, got {np.unique(session.counts).tolist()}"
             )
 
-    def deviations(self, session: Session) -> Float:
-        """Return the summaries less their reference, in units of its spread: (n_recordings, n_cells).
+    def deviations(self, values: Float, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
+        """Return summaries less their reference, in units of its spread: (n_recordings, n_cells).
 
         On a scale that is linear for small deviations and logarithmic for large ones.
         """
-        model = self.unknown_ if session.counts is None else self.known_
-        expected = model.predict(self._inputs(session.conditions, session.counts))
-        return np.asarray(np.arcsinh((session.values - expected) / self.spread_))
+        weights = self.unknown_ if counts is None else self.known_
+        expected = self._inputs(conditions, counts) @ weights
+        return np.asarray(np.arcsinh((values - expected) / self.spread_))
+
+    def scaled(self, conditions: Float) -> Float:
+        """Return speed and load on a scale from -1 to 1 over what was learned, and the direction."""
+        (slow, fast), (light, heavy) = self.speed_, self.load_
+        speed, load, direction = np.moveaxis(conditions, -1, 0)
+        return np.stack(
+            [(2 * speed - slow - fast) / max(fast - slow, 1e-9),
+             (2 * load - light - heavy) / max(heavy - light, 1e-9), direction], axis=-1,
+        )  # fmt: skip
 
     def _inputs(self, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
-        speed, load = (
-            (2 * conditions[:, k] - low - high) / max(high - low, 1e-9)
-            for k, (low, high) in enumerate((self.speed_, self.load_))
-        )
+        speed, load, _ = self.scaled(conditions).T
         waves = np.arange(1, _WAVES + 1) * np.pi / 2 * speed[:, None]
         of_speed = np.column_stack([speed, speed**2, np.sin(waves), np.cos(waves)])
-        columns = [of_speed, load, load**2, 1 / conditions[:, 1], of_speed * load[:, None]]
+        columns = [np.ones(len(load)), of_speed, load, load**2, 1 / conditions[:, 1], of_speed * load[:, None]]
         if counts is not None:
             each = (counts[:, None] == self.counts_).astype(float)
             columns += [each, each * speed[:, None], each * load[:, None]]

@@ -110,7 +110,7 @@ def score_posterior(
         whole_set={k: float(exact[number == k].mean()) for k in numbers},
         with_ties={k: float(tied[number == k].mean()) for k in numbers},
         calibration_error=calibration_error(probabilities[learned], present[learned]),
-        coverage=_coverage(posterior, rigs, posterior.predict_quantiles(sessions)),
+        coverage=_coverage(rigs, posterior.predict_quantiles(sessions)),
         effect_recall=_shares(rigs.names, right, present),
         effect_precision=_shares(rigs.names, right, named),
         n_of_number={k: int(np.sum(number == k)) for k in numbers},
@@ -131,7 +131,7 @@ def _joined(flags: Flags, names: Sequence[str], ties: Sequence[Collection[str]])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
 
 
-def _coverage(posterior: EffectPosterior, rigs: Rigs, quantiles: Float) -> dict[str, float]:
+def _coverage(rigs: Rigs, quantiles: Float) -> dict[str, float]:
     logarithmic = np.array(rigs.logarithmic)
     true = np.where(logarithmic, np.exp(np.where(logarithmic, rigs.sizes, 0.0)), rigs.sizes)
     inside = (quantiles[:, :, 0] <= true) & (true <= quantiles[:, :, -1])
@@ -139,7 +139,7 @@ def _coverage(posterior: EffectPosterior, rigs: Rigs, quantiles: Float) -> dict[
     return {
         name: float(inside[there[:, k], k].mean())
         for k, name in enumerate(rigs.size_names)
-        if name in posterior.regressors_ and there[:, k].any()
+        if np.isfinite(quantiles[:, k]).all() and there[:, k].any()
     }
 
 

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float64]
 
-# Children of a machine's and of a rig's seed.
-_MACHINE, _RIG, _RECORDING = range(3)
+# Children of the world's seed.
+_MACHINE, _RIG, _RECORDING, _SHOWN = range(4)
+FEWEST = 4  # recordings of a rig
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +72,7 @@ def _draw(world: World, number: int) -> _Drawn:
 def _summarised(
     world: World, machine: _Drawn, runs: list[MachineRun | SimulationFailed | ValueError]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
+    """Return the columns of the rigs of a machine; NaN for recordings that a rig does not have."""
     session = machine.session
     first = machine.number * world.n_rigs_per_machine
     numbers = range(first, first + world.n_rigs_per_machine)
@@ -80,14 +81,15 @@ def _summarised(
         for number in numbers
     ]
     shape = (len(chains), world.n_recordings)
+    shown = np.array([_shown(world, number) for number in numbers])
     values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
     speeds = np.full(shape, np.nan)
     for speed in np.unique(session.speeds_rpm):
         conditions = conditions_of(world.sampling_rate, float(speed), world.n_lobes)
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
-            for j, chain in enumerate(chains):
-                torque, turned = _recorded(runs[i], chain, int(session.directions[i]))
+            for j in np.flatnonzero(shown[:, i]):
+                torque, turned = _recorded(runs[i], chains[j], int(session.directions[i]))
                 if torque is not None and torque.size == turn_samples(conditions):
                     places.append((j, i))
                     torques.append(torque)
@@ -105,6 +107,17 @@ def _summarised(
         "speeds": speeds,
         "sizes": np.array([world.sizes_of(effects) for effects in every]),
     }
+
+
+def _shown(world: World, number: int) -> NDArray[np.bool_]:
+    """Draw the recordings of the machine that a rig has: few more often than all.
+
+    Other rigs teach more than further recordings of the same rig.
+    """
+    random = np.random.default_rng(_seed(world, _SHOWN, number))
+    fewest = min(FEWEST, world.n_recordings)
+    n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
+    return random.permutation(world.n_recordings) < n
 
 
 def _recorded(

@@ -16,7 +16,7 @@ from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.gap.simulations import versions
-from cyclofeat.gap.world._machine import simulate_machines
+from cyclofeat.gap.world._machine import FEWEST, simulate_machines
 from cyclofeat.gap.world._rigs import Rigs
 from cyclofeat.gap.world._world import World
 
@@ -24,7 +24,6 @@ _MACHINES_PER_SHARD = 4
 _SETTINGS = "world.json"
 _FORMAT = "cyclofeat world 1"
 _SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations", "gap/world")
-_FEWEST = 4  # recordings with which a rig is used
 
 
 def prepare_world(
@@ -138,7 +137,8 @@ def _read(folder: Path, files: list[Path]) -> Rigs:
         size_names=tuple(stated["size_names"]),
         logarithmic=tuple(stated["logarithmic"]),
         cells=tuple(stated["cells"]),
+        world=stated["world"],
         machines=columns["numbers"] // stated["world"]["n_rigs_per_machine"],
         **columns,
     )
-    return rigs.of(made.sum(axis=1) >= min(_FEWEST, made.shape[1]))
+    return rigs.of(made.sum(axis=1) >= min(FEWEST, made.shape[1]))

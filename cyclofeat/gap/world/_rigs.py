@@ -122,6 +122,8 @@ class Rigs:
         Mean speed in RPM, as a tachometer has it.
     sizes : ndarray, shape (n_rigs, n_sizes)
         Parameters on the scale of their fit (:meth:`Effect.to_vector`), NaN where the effect is absent.
+    world : dict
+        Settings of the world (:meth:`World.to_dict`).
     """
 
     names: tuple[str, ...]
@@ -135,6 +137,7 @@ class Rigs:
     counts: NDArray[np.int64] = field(repr=False)
     speeds: Float = field(repr=False)
     sizes: Float = field(repr=False)
+    world: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.numbers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,8 +48,8 @@ class World:
     wheels : tuple of tuple of int
         Wheels that may carry the wear, with equal chances.
     n_recordings : int, default=12
-        Recordings of each rig.
-    n_rigs_per_machine : int, default=4
+        Recordings of each machine; a rig has 4 or more of them.
+    n_rigs_per_machine : int, default=8
         Rigs that share the runs of one machine, with other effects on the torque signal.
     random_state : int, default=0
 
@@ -75,7 +75,7 @@ class World:
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
     n_recordings: int = 12
-    n_rigs_per_machine: int = 4
+    n_rigs_per_machine: int = 8
     random_state: int = 0
 
     def __post_init__(self) -> None:
@@ -149,6 +149,18 @@ class World:
             **{name: [effect.to_dict() for effect in effects] for name, effects in listed.items()},
             **plain,
         }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> World:
+        """Return the world of settings as :meth:`to_dict` gives them, also after a way through JSON."""
+        given = dict(content)
+        given["rig"] = Rig.from_dict(given["rig"])
+        for name in ("effects", "may_differ"):
+            given[name] = Rig.from_dict({"effects": given[name]}).effects
+        for name in ("speeds_rpm", "loads_nm", "defect_counts"):
+            given[name] = tuple(given[name])
+        given["wheels"] = tuple(tuple(wheels) for wheels in given["wheels"])
+        return cls(**given)
 
 
 def _increasing(name: str, value: Any) -> tuple[float, float]:

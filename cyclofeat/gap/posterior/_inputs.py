@@ -1,0 +1,192 @@
+"""Sessions as the arrays that the network takes, whatever the number of their recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.posterior._reference import Reference
+from cyclofeat.gap.world import Rigs, Session
+
+Float = NDArray[np.float64]
+Single = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+# Prior spreads of the fit of gain and offset: share of the load, Nm, and what recordings differ by.
+_GAIN, _OFFSET_NM = 0.06, 1.0
+_LOAD_SHARE, _MEAN_NM = 0.003, 0.05
+_LOW_COUNTS = 2  # counts up to it are pooled apart from larger ones
+_LARGEST = 5.0  # % by which a tachometer may deviate
+_SPEED_CELL = "speed: input speed by the mesh lines"
+_MEAN_CELL = "amplitudes: mean"
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Recordings of several sessions, padded to an equal number.
+
+    Attributes
+    ----------
+    known, unknown : ndarray of float32, shape (n_sessions, n_recordings, n_cells)
+        Deviations from the reference with the count and without it; 0 for padding.
+    conditions : ndarray, shape (n_sessions, n_recordings, 3)
+        Speed in RPM, load in Nm, direction.
+    counts : ndarray of int, shape (n_sessions, n_recordings)
+    speeds : ndarray, shape (n_sessions, n_recordings, 2)
+        Speed by the tachometer, and by the mesh lines against it, in %.
+    mean_torque : ndarray, shape (n_sessions, n_recordings)
+        In Nm.
+    made : ndarray of bool, shape (n_sessions, n_recordings)
+        False for padding.
+    """
+
+    known: Single
+    unknown: Single
+    conditions: Float
+    counts: NDArray[np.int64]
+    speeds: Float
+    mean_torque: Float
+    made: Flags
+
+    def of(self, rows: NDArray[np.intp]) -> Recordings:
+        """Return some of the sessions."""
+        return dataclasses.replace(self, **{name: values[rows] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Arrays that the network takes.
+
+    Attributes
+    ----------
+    recordings : ndarray of float32, shape (n_sessions, n_recordings, n_columns)
+        Deviations, then conditions, count and tachometer of each recording.
+    shown : ndarray of float32, shape (n_sessions, n_recordings)
+        1, or 0 for recordings that are not shown.
+    many : ndarray of float32, shape (n_sessions, n_recordings)
+        1 for shown recordings with a known count above 2.
+    whole : ndarray of float32, shape (n_sessions, n_facts)
+        Fit of gain and offset, and what is known of the session.
+    """
+
+    recordings: Single
+    shown: Single
+    many: Single
+    whole: Single
+
+
+def recordings_of_rigs(rigs: Rigs, reference: Reference) -> Recordings:
+    """Return all recordings of simulated rigs."""
+    return _recordings(
+        rigs.values, rigs.conditions, rigs.counts, rigs.speeds, reference, rigs.cells, (True, True)
+    )
+
+
+def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
+    """Return the inputs of sessions with what is known of each."""
+    shape = len(sessions), max(len(session.values) for session in sessions)
+    values = np.full((*shape, len(cells)), np.nan)
+    conditions, speeds = np.ones((*shape, 3)), np.ones(shape)
+    counts = np.full(shape, reference.counts_[0])
+    for k, session in enumerate(sessions):
+        n = len(session.values)
+        values[k, :n], conditions[k, :n] = session.values, session.conditions
+        conditions[k, n:] = session.conditions[0]
+        if session.counts is not None:
+            counts[k, :n] = session.counts
+        if session.speeds_rpm is not None:
+            speeds[k, :n] = session.speeds_rpm
+    with_counts = np.array([session.counts is not None for session in sessions])
+    tachometer = np.array([session.speeds_rpm is not None for session in sessions])
+    needed = bool(with_counts.any()), not with_counts.all()
+    made = _recordings(values, conditions, counts, speeds, reference, cells, needed)
+    return assembled(made, made.made, with_counts, tachometer, reference)
+
+
+def _recordings(
+    values: NDArray[np.floating],
+    conditions: Float,
+    counts: NDArray[np.int64],
+    speeds: Float,
+    reference: Reference,
+    cells: tuple[str, ...],
+    needed: tuple[bool, bool],
+) -> Recordings:
+    made = np.isfinite(values[:, :, 0])
+    deviations = [np.zeros(values.shape, dtype=np.float32) for _ in needed]
+    for part, known, wanted in zip(deviations, (True, False), needed, strict=True):
+        if wanted:
+            part[made] = reference.deviations(values[made], conditions[made], counts[made] if known else None)
+    by_tachometer = 100 * (np.nan_to_num(speeds) / conditions[:, :, 0] - 1)
+    by_mesh = np.nan_to_num(values[:, :, cells.index(_SPEED_CELL)])
+    return Recordings(
+        known=deviations[0],
+        unknown=deviations[1],
+        conditions=conditions,
+        counts=counts,
+        speeds=np.clip(np.stack([by_tachometer, by_mesh - by_tachometer], axis=2), -_LARGEST, _LARGEST),
+        mean_torque=np.nan_to_num(values[:, :, cells.index(_MEAN_CELL)]).astype(np.float64),
+        made=made,
+    )
+
+
+def assembled(
+    made: Recordings, shown: Flags, with_counts: Flags, tachometer: Flags, reference: Reference
+) -> Inputs:
+    """Return the inputs of sessions of which some recordings are shown, with counts and tachometer or not."""
+    known, turned = with_counts[:, None, None], tachometer[:, None, None]
+    at = reference.scaled(made.conditions)
+    counts = (made.counts[:, :, None] == reference.counts_) & known
+    speeds = np.where(turned, made.speeds, 0.0)
+    flags = np.broadcast_to(np.concatenate([known, turned], axis=2), (*shown.shape, 2))
+    facts = np.concatenate([at, counts, speeds, flags], axis=2)
+    deviations = np.where(known, made.known, made.unknown)
+    recordings = np.concatenate([deviations, facts], axis=2, dtype=np.float32) * shown[:, :, None]
+    n = shown.sum(axis=1, keepdims=True)
+    weights = (shown / n)[:, :, None]
+    mean_at = np.sum(at * weights, axis=1)
+    spread_at = np.sqrt(np.sum((at - mean_at[:, None]) ** 2 * weights, axis=1))
+    whole = np.concatenate(
+        [
+            gain_and_offset(made.mean_torque, made.conditions, shown), mean_at, spread_at, np.log(n),
+            known[:, 0], turned[:, 0], np.sum(speeds * weights, axis=1),
+        ],
+        axis=1, dtype=np.float32,
+    )  # fmt: skip
+    many = shown & known[:, 0] & (made.counts > _LOW_COUNTS)
+    return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole)
+
+
+def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
+    """Fit the deviation of the mean torque as gain times load plus offset, for each session.
+
+    The offset keeps its sign when the rig reverses. A Gaussian prior holds both where one load and direction
+    cannot tell them apart.
+
+    Parameters
+    ----------
+    mean_torque : ndarray, shape (n_sessions, n_recordings)
+    conditions : ndarray, shape (n_sessions, n_recordings, 3)
+    shown : ndarray of bool, shape (n_sessions, n_recordings)
+
+    Returns
+    -------
+    ndarray, shape (n_sessions, 7)
+        Gain and offset, both over their standard errors, the logarithms of these errors, and that of the mean
+        square of what the fit leaves.
+    """
+    load, direction = conditions[:, :, 1], conditions[:, :, 2]
+    error = np.hypot(_LOAD_SHARE * load, _MEAN_NM)
+    inputs = np.stack([load, direction], axis=2) / error[:, :, None] * shown[:, :, None]
+    deviation = (mean_torque - load) / error
+    information = np.swapaxes(inputs, 1, 2) @ inputs + np.diag([_GAIN**-2, _OFFSET_NM**-2])
+    covariance = np.linalg.inv(information)
+    fitted = (covariance @ np.swapaxes(inputs, 1, 2) @ deviation[:, :, None])[:, :, 0]
+    errors = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    left = (deviation - (inputs @ fitted[:, :, None])[:, :, 0]) * shown
+    remainder = np.sum(left**2, axis=1, keepdims=True) / shown.sum(axis=1, keepdims=True)
+    return np.concatenate([fitted, fitted / errors, np.log(errors), np.log(remainder + 0.1)], axis=1)

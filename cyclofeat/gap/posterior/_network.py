@@ -1,0 +1,102 @@
+"""The network: from recordings in any number and order to presence and size of each effect.
+
+Each recording passes a small network; mean and maximum over the recordings, together with mean, spread and
+extremes of their deviations themselves, pass a second one (a Deep Set; Zaheer et al. 2017, "Deep Sets",
+NIPS). It is written for any array library: JAX trains it and numpy answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = Any  # of numpy or JAX
+Weights = Mapping[str, Array]
+
+_RECORDING, _SESSION = (192, 192), 512  # widths
+_FAR = 1e3
+_LIMIT = 8.0  # of standardised pools
+_SPREADS = (-5.0, 2.0)  # limits of the logarithm of a size's standard deviation
+FIXED = ("uncorrelating", "pool_centre", "pool_spread")  # weights that are not trained
+
+
+def initial_weights(
+    n_columns: int, uncorrelating: NDArray[Any], n_whole: int, n_outputs: int, random: np.random.Generator
+) -> dict[str, NDArray[np.float32]]:
+    """Draw weights (He et al. 2015), and those that are not trained with pools as they are."""
+    first, second = _RECORDING
+    n_pools = 6 * len(uncorrelating) + n_whole
+    weights: dict[str, NDArray[np.float32]] = {
+        "uncorrelating": uncorrelating.astype(np.float32),
+        "pool_centre": np.zeros(n_pools, dtype=np.float32),
+        "pool_spread": np.ones(n_pools, dtype=np.float32),
+    }
+    layers = {
+        "recording_1": (n_columns, first, 2.0), "recording_2": (first, second, 2.0),
+        "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
+        "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
+    }  # fmt: skip
+    for name, (n_in, n_out, power) in layers.items():
+        drawn = random.normal(0, np.sqrt(power / n_in), (n_in, n_out))
+        weights[name] = drawn.astype(np.float32)
+        weights[f"{name}_bias"] = np.zeros(n_out, dtype=np.float32)
+    return weights
+
+
+def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array) -> Array:
+    """Mean (also uncorrelated), spread and extremes of the deviations, and their difference by count."""
+    n_cells = weights["uncorrelating"].shape[0]
+    deviations, inside = recordings[..., :n_cells], shown[..., None]
+    n = shown.sum(1)[:, None]
+    mean = deviations.sum(1) / n
+    spread = xp.sqrt(((deviations - mean[:, None]) ** 2 * inside).sum(1) / n + 1e-6)
+    lowest = xp.where(inside > 0, deviations, _FAR).min(1) - mean
+    highest = xp.where(inside > 0, deviations, -_FAR).max(1) - mean
+    n_many = many.sum(1)[:, None]
+    n_few = n - n_many
+    of_many = (deviations * many[..., None]).sum(1)
+    of_few = deviations.sum(1) - of_many
+    difference = of_many / xp.maximum(n_many, 1) - of_few / xp.maximum(n_few, 1)
+    difference = xp.where((n_many > 0) & (n_few > 0), difference, 0.0)
+    parts = [mean, mean @ weights["uncorrelating"], spread, lowest, highest, difference, whole]
+    standardised = (xp.concatenate(parts, 1) - weights["pool_centre"]) / weights["pool_spread"]
+    return xp.clip(standardised, -_LIMIT, _LIMIT)
+
+
+def answers(
+    xp: Any,
+    weights: Weights,
+    recordings: Array,
+    shown: Array,
+    many: Array,
+    whole: Array,
+    thinned: Callable[[Array], Array] = lambda layer: layer,
+) -> Array:
+    """Return the outputs of sessions, shape (n_sessions, n_outputs).
+
+    ``thinned`` drops units while the network is trained (Srivastava et al. 2014).
+    """
+
+    def layer(name: str, x: Array) -> Array:
+        return xp.maximum(x @ weights[name] + weights[f"{name}_bias"], 0)
+
+    inside = shown[..., None]
+    coded = layer("recording_2", layer("recording_1", recordings)) * inside
+    mean = coded.sum(1) / shown.sum(1)[:, None]
+    of_session = [pools(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
+    x = thinned(layer("session_1", thinned(xp.concatenate(of_session, 1))))
+    x = thinned(layer("session_2", x) + x)
+    x = layer("session_3", x) + x
+    return x @ weights["answer"] + weights["answer_bias"]
+
+
+def split(xp: Any, outputs: Array, n_effects: int) -> tuple[Array, Array, Array]:
+    """Return logits of presence, and mean and logarithm of the standard deviation of each size."""
+    n_sizes = (outputs.shape[1] - n_effects) // 2
+    logits, mean, spread = (
+        outputs[:, :n_effects], outputs[:, n_effects : n_effects + n_sizes], outputs[:, n_effects + n_sizes :]
+    )  # fmt: skip
+    return logits, mean, xp.clip(spread, *_SPREADS)

@@ -1,0 +1,128 @@
+"""Training of the network, with JAX and Optax (``pip install cyclofeat[prepare]``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.posterior import _network
+from cyclofeat.gap.posterior._inputs import Inputs, Recordings, assembled
+from cyclofeat.gap.posterior._reference import Reference
+from cyclofeat.gap.world import FEWEST
+
+Float = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Weights = dict[str, NDArray[np.float32]]
+
+_BATCH = 256
+_RATE, _DECAY = 1.2e-3, 1e-3  # learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019)
+_DROPPED = 0.2
+_OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
+_STANDARDISING = 2000  # sessions from which the pools are standardised
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What the network is to answer: presence and standardised sizes, NaN where absent."""
+
+    present: Flags
+    sizes: Float
+
+
+def train(
+    made: Recordings,
+    targets: Targets,
+    reference: Reference,
+    *,
+    epochs: int,
+    random_state: int,
+    progress: Callable[[int, int], object] | None = None,
+) -> Weights:
+    """Train one network on simulated rigs, each shown in every epoch as another random session."""
+    jax, jnp, optax = _libraries()
+    random = np.random.default_rng(random_state)
+    weights = _first_weights(made, targets, reference, random)
+    fixed = {name: jnp.asarray(weights.pop(name)) for name in _network.FIXED}
+    n, n_effects = targets.present.shape
+    present = targets.present.astype(np.float32)
+    sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
+
+    def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
+        *inputs, present, sizes, there = batch
+        keys = iter(jax.random.split(key, 4))
+
+        def thinned(layer: Any) -> Any:
+            kept = jax.random.bernoulli(next(keys), 1 - _DROPPED, layer.shape)
+            return layer * kept / (1 - _DROPPED)
+
+        outputs = _network.answers(jnp, weights | fixed, *inputs, thinned)
+        logits, mean, spread = _network.split(jnp, outputs, n_effects)
+        of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
+        squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
+        return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
+
+    per_epoch = max(n // _BATCH, 1)
+    rate = optax.cosine_onecycle_schedule(epochs * per_epoch, _RATE)
+    optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=_DECAY))
+
+    @jax.jit
+    def step(weights: Any, state: Any, batch: tuple[Any, ...], key: Any) -> Any:
+        slopes = jax.grad(loss)(weights, batch, key)
+        change, state = optimiser.update(slopes, state, weights)
+        return optax.apply_updates(weights, change), state
+
+    state, key = optimiser.init(weights), jax.random.PRNGKey(random_state)
+    for epoch in range(epochs):
+        for rows in np.array_split(random.permutation(n), per_epoch):
+            rows = rows[: n // per_epoch]  # batches of one size are compiled once
+            key, dropping = jax.random.split(key)
+            inputs = random_inputs(made.of(rows), reference, random)
+            batch = (*vars(inputs).values(), present[rows], sizes[rows], there[rows])
+            weights, state = step(weights, state, batch, dropping)
+        if progress is not None:
+            progress(epoch + 1, epochs)
+    return {name: np.asarray(values, dtype=np.float32) for name, values in (weights | fixed).items()}
+
+
+def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
+    """Show a random number of each rig's recordings, with counts and tachometer or without."""
+    n, n_recordings = made.made.shape
+    wanted = random.integers(min(FEWEST, n_recordings), n_recordings + 1, n)
+    order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
+    shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
+    return assembled(made, shown, random.random(n) < 0.5, random.random(n) < 0.5, reference)
+
+
+def _first_weights(
+    made: Recordings, targets: Targets, reference: Reference, random: np.random.Generator
+) -> Weights:
+    """Random weights; the pools are standardised and presence begins at its share."""
+    rows = random.choice(len(made.made), min(len(made.made), _STANDARDISING), replace=False)
+    inputs = random_inputs(made.of(rows), reference, random)
+    n_effects, n_sizes = targets.present.shape[1], targets.sizes.shape[1]
+    weights = _network.initial_weights(
+        inputs.recordings.shape[2], reference.uncorrelating_, inputs.whole.shape[1],
+        n_effects + 2 * n_sizes, random,
+    )  # fmt: skip
+    found = np.asarray(_network.pools(np, weights, **vars(inputs)))
+    weights["pool_centre"] = np.median(found, axis=0).astype(np.float32)
+    weights["pool_spread"] = (found.std(axis=0) + 0.05).astype(np.float32)
+    share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)
+    weights["answer_bias"][:n_effects] = np.log(share / (1 - share))
+    return weights
+
+
+def _libraries() -> tuple[Any, Any, Any]:
+    try:
+        import jax
+        import jax.numpy as jnp
+        import optax
+    except ImportError as error:
+        raise ImportError(
+            "training a posterior needs JAX and Optax: pip install cyclofeat[prepare]"
+        ) from error
+    return jax, jnp, optax
