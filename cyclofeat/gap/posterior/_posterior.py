@@ -192,6 +192,19 @@ class EffectPosterior(BaseEstimator):
         quantiles = np.where(logarithmic, np.exp(np.where(logarithmic, found, 0.0)), found)
         return np.where(self.sizes_learned_[:, None], quantiles, np.nan)
 
+    def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
+        """Return the mean of each size if its effect is present, on a common scale, (n_sessions, n_sizes)."""
+        return self._outputs(self._inputs(sessions))[1]
+
+    def deviations(self, session: Session) -> Float:
+        """Return the summaries less those of a rig without effects, in units of their spread.
+
+        On a scale that is linear for small deviations and logarithmic for large ones, shape (n_recordings,
+        n_cells).
+        """
+        self._inputs([session])
+        return self.reference_.deviations(session.values, session.conditions, session.counts)
+
     def presence(self, session: Session) -> dict[str, float]:
         """Return the probability of each effect."""
         probabilities = self.predict_proba([session])[0].tolist()

@@ -5,15 +5,17 @@ result. A :class:`Session` holds the recordings of one rig, measured or simulate
 """
 
 from cyclofeat.gap.world._cells import recording_cells, turn_samples
-from cyclofeat.gap.world._machine import FEWEST
+from cyclofeat.gap.world._machine import FEWEST, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world._prepare import load_rigs, prepare_world
-from cyclofeat.gap.world._prior import FLOOR, EffectPrior
+from cyclofeat.gap.world._prior import FLOOR, DrawnSession, EffectPrior
 from cyclofeat.gap.world._rigs import Rigs, Session
 from cyclofeat.gap.world._world import World
 
 __all__ = [
     "FEWEST",
     "FLOOR",
+    "DrawnMachine",
+    "DrawnSession",
     "EffectPrior",
     "Rigs",
     "Session",
@@ -21,5 +23,6 @@ __all__ = [
     "load_rigs",
     "prepare_world",
     "recording_cells",
+    "simulate_drawn",
     "turn_samples",
 ]

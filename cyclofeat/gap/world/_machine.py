@@ -21,18 +21,30 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 
 # Children of the world's seed.
-_MACHINE, _RIG, _RECORDING, _SHOWN = range(4)
-FEWEST = 4  # recordings of a rig
+_MACHINE, _RIG, _RECORDING = range(3)
+FEWEST = 4  # recordings of a machine
 
 
 @dataclasses.dataclass(frozen=True)
-class _Drawn:
-    """One machine before its simulation: its effects, its session, and the plans of its recordings."""
+class DrawnMachine:
+    """One machine before its simulation.
 
-    number: int
+    Attributes
+    ----------
+    effects : tuple of Effect
+        Those that the gearbox answers.
+    chains : list of tuple of Effect
+        Those on the torque signal, for each rig that shares the machine.
+    session : DrawnSession
+        Conditions of the recordings.
+    seeds : list of numpy.random.SeedSequence
+        Of the recordings.
+    """
+
     effects: tuple[Effect, ...]
+    chains: list[tuple[Effect, ...]]
     session: DrawnSession
-    plans: list[PlannedRun | ValueError]
+    seeds: list[np.random.SeedSequence]
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
@@ -42,54 +54,78 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
     first.
     """
     machines = [_draw(world, number) for number in numbers]
-    made = iter(attempt_planned([plan for machine in machines for plan in machine.plans], KERNEL))
-    return [_summarised(world, machine, [next(made) for _ in machine.plans]) for machine in machines]
+    made = simulate_drawn(world, machines)
+    return [
+        {"numbers": _rigs_of(world, number)} | _padded(columns, world.n_recordings)
+        for number, columns in zip(numbers, made, strict=True)
+    ]
+
+
+def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
+    """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
+    plans = [_plans(world, machine) for machine in machines]
+    made = iter(attempt_planned([plan for of_machine in plans for plan in of_machine], KERNEL))
+    return [_summarised(world, machine, [next(made) for _ in machine.seeds]) for machine in machines]
 
 
 def _seed(world: World, *key: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(world.random_state, spawn_key=key)
 
 
-def _draw(world: World, number: int) -> _Drawn:
+def _rigs_of(world: World, number: int) -> NDArray[np.int64]:
+    """Numbers of the rigs of a machine."""
+    return number * world.n_rigs_per_machine + np.arange(world.n_rigs_per_machine)
+
+
+def _draw(world: World, number: int) -> DrawnMachine:
     random = np.random.default_rng(_seed(world, _MACHINE, number))
-    session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, world.n_recordings, random)
+    # Few recordings more often than many: other machines teach more than further recordings of one.
+    fewest = min(FEWEST, world.n_recordings)
+    n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
+    session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, n, random)
     effects = world.prior.in_machine(random)
-    rig = with_floor(world.rig, world.may_differ).with_added(*effects)
+    rigs = _rigs_of(world, number).tolist()
+    return DrawnMachine(
+        effects=effects,
+        chains=[
+            world.prior.on_torque(len(effects), np.random.default_rng(_seed(world, _RIG, rig))) for rig in rigs
+        ],
+        session=session,
+        seeds=[_seed(world, _RECORDING, number, i) for i in range(n)],
+    )
+
+
+def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]:
+    """Plan the recordings of a machine, without simulating them."""
+    session = machine.session
+    rig = with_floor(world.rig, world.may_differ).with_added(*machine.effects)
     plans: list[PlannedRun | ValueError] = []
-    for i in range(world.n_recordings):
+    for i, seed in enumerate(machine.seeds):
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
         n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
         population = Population(at, n_samples, world.sampling_rate, world.wheels)
-        seed = _seed(world, _RECORDING, number, i)
         try:
             plans.append(population.plan_run(int(session.counts[i]), seed, spare=SPARE))
         except ValueError as error:
             plans.append(error)
-    return _Drawn(number, effects, session, plans)
+    return plans
 
 
 def _summarised(
-    world: World, machine: _Drawn, runs: list[MachineRun | SimulationFailed | ValueError]
+    world: World, machine: DrawnMachine, runs: list[MachineRun | SimulationFailed | ValueError]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of the rigs of a machine; NaN for recordings that a rig does not have."""
-    session = machine.session
-    first = machine.number * world.n_rigs_per_machine
-    numbers = range(first, first + world.n_rigs_per_machine)
-    chains = [
-        world.prior.on_torque(len(machine.effects), np.random.default_rng(_seed(world, _RIG, number)))
-        for number in numbers
-    ]
-    shape = (len(chains), world.n_recordings)
-    shown = np.array([_shown(world, number) for number in numbers])
+    """Return the columns of the rigs of a machine; NaN for recordings that could not be made."""
+    session, chains = machine.session, machine.chains
+    shape = len(chains), len(machine.seeds)
     values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
     speeds = np.full(shape, np.nan)
     for speed in np.unique(session.speeds_rpm):
         conditions = conditions_of(world.sampling_rate, float(speed), world.n_lobes)
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
-            for j in np.flatnonzero(shown[:, i]):
-                torque, turned = _recorded(runs[i], chains[j], int(session.directions[i]))
+            for j, chain in enumerate(chains):
+                torque, turned = _recorded(runs[i], chain, int(session.directions[i]))
                 if torque is not None and torque.size == turn_samples(conditions):
                     places.append((j, i))
                     torques.append(torque)
@@ -100,7 +136,6 @@ def _summarised(
     every = [(*machine.effects, *chain) for chain in chains]
     at = np.column_stack([session.speeds_rpm, session.loads_nm, session.directions])
     return {
-        "numbers": np.array(numbers),
         "values": values,
         "conditions": np.broadcast_to(at, (len(chains), *at.shape)),
         "counts": np.broadcast_to(session.counts, shape),
@@ -109,15 +144,18 @@ def _summarised(
     }
 
 
-def _shown(world: World, number: int) -> NDArray[np.bool_]:
-    """Draw the recordings of the machine that a rig has: few more often than all.
-
-    Other rigs teach more than further recordings of the same rig.
-    """
-    random = np.random.default_rng(_seed(world, _SHOWN, number))
-    fewest = min(FEWEST, world.n_recordings)
-    n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
-    return random.permutation(world.n_recordings) < n
+def _padded(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, NDArray[Any]]:
+    """Repeat the first recording's conditions up to a number of recordings; the others are NaN, and 0."""
+    missing = n_recordings - columns["counts"].shape[1]
+    ends = {"values": np.nan, "speeds": np.nan, "counts": 0}
+    padded = {
+        name: np.concatenate(
+            [columns[name], np.full((len(columns[name]), missing, *columns[name].shape[2:]), end)], axis=1
+        ).astype(columns[name].dtype)
+        for name, end in ends.items()
+    }
+    first = np.repeat(columns["conditions"][:, :1], missing, axis=1)
+    return columns | padded | {"conditions": np.concatenate([columns["conditions"], first], axis=1)}
 
 
 def _recorded(

@@ -48,8 +48,8 @@ class World:
     wheels : tuple of tuple of int
         Wheels that may carry the wear, with equal chances.
     n_recordings : int, default=12
-        Recordings of each machine; a rig has 4 or more of them.
-    n_rigs_per_machine : int, default=8
+        Largest number of recordings of a rig; the smallest is 4.
+    n_rigs_per_machine : int, default=6
         Rigs that share the runs of one machine, with other effects on the torque signal.
     random_state : int, default=0
 
@@ -75,7 +75,7 @@ class World:
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
     n_recordings: int = 12
-    n_rigs_per_machine: int = 8
+    n_rigs_per_machine: int = 6
     random_state: int = 0
 
     def __post_init__(self) -> None:

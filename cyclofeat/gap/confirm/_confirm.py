@@ -1,0 +1,157 @@
+"""Confirmation by simulation: sizes of the named effects, and what they leave unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
+from cyclofeat.gap.confirm._sessions import Simulated, at_most, simulate_sessions
+from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
+from cyclofeat.gap.posterior import QUANTILES, EffectPosterior
+from cyclofeat.gap.world import Session
+from cyclofeat.simulators import Effect
+
+Float = NDArray[np.float64]
+
+_MOST_RECORDINGS = 12
+_WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
+_PRIOR_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """Effects with the sizes that simulation confirms.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+        With the most probable sizes.
+    names : tuple of str
+        Of their sizes, as in :attr:`World.size_names`.
+    low, middle, high : ndarray, shape (n_sizes,)
+        0.05, 0.5 and 0.95 quantile, in the parameter's unit.
+    left : Unexplained
+        What they leave.
+    """
+
+    effects: tuple[Effect, ...]
+    names: tuple[str, ...]
+    low: Float = field(repr=False)
+    middle: Float = field(repr=False)
+    high: Float = field(repr=False)
+    left: Unexplained
+
+
+def confirm(
+    posterior: EffectPosterior,
+    session: Session,
+    named: Sequence[str],
+    *,
+    n_sessions: int = 96,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    progress: Callable[[str], object] | None = None,
+) -> Confirmed:
+    """Simulate sessions like a measured one with the named effects, and fit their sizes.
+
+    Twice: with sizes from the posterior, then around those that fit.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    session : Session
+        Of more than 12 recordings, 12 are used.
+    named : sequence of str
+        Effects that the rig has.
+    n_sessions : int, default=96
+        Simulated each time.
+    random_state, n_jobs : int
+    progress : callable, optional
+        Called with the name of each step.
+    """
+    world = posterior.world
+    shown = at_most(session, _MOST_RECORDINGS)
+    effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
+    names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
+    columns = [world.size_names.index(name) for name in names]
+    believed = _believed(posterior, shown, names)
+    observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
+    prior = _prior(effects)
+    for round_, wider in enumerate(_WIDER):
+        if progress is not None:
+            progress(f"simulating the named effects, {round_ + 1} of {len(_WIDER)}")
+        drawn = Gaussian(believed.mean, believed.covariance * wider**2)
+        simulated = simulate_sessions(
+            world, shown, lambda random, drawn=drawn: _sized(effects, drawn.draw(random)), n_sessions,
+            random_state=random_state + round_, n_jobs=n_jobs,
+        )  # fmt: skip
+        sizes, features = simulated.sizes[:, columns], _features(posterior, simulated)
+        if names:
+            estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
+            believed, fitted = size_posterior(
+                sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
+            )
+        else:
+            fitted = sizes
+            break
+    left = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
+    reach = stats.norm.ppf(0.95) * believed.spread
+    ends = (believed.mean - reach, believed.mean, believed.mean + reach)
+    low, middle, high = (_in_units(effects, end) for end in ends)
+    return Confirmed(_sized(effects, believed.mean), names, low, middle, high, left)
+
+
+def _believed(posterior: EffectPosterior, session: Session, names: Sequence[str]) -> Gaussian:
+    """Distribution of sizes that the network states, independent of each other."""
+    quantiles = posterior.sizes(session)
+    world = posterior.world
+    logarithmic = dict(zip(world.size_names, world.logarithmic, strict=True))
+    rows = [np.log(quantiles[name]) if logarithmic[name] else quantiles[name] for name in names]
+    table = np.array(rows).reshape(-1, len(QUANTILES))
+    spread = (table[:, -1] - table[:, 0]) / (2 * stats.norm.ppf(QUANTILES[-1]))
+    return Gaussian(table[:, 2], np.diag(spread**2))
+
+
+def _prior(effects: Sequence[Effect]) -> Gaussian:
+    """Mean and covariance of the sizes before any recording."""
+    random = np.random.default_rng(0)
+    draws = [
+        np.concatenate([effect.draw_parameters(random).to_vector() for effect in effects])
+        if effects
+        else np.zeros(0)
+        for _ in range(_PRIOR_DRAWS)
+    ]
+    table = np.array(draws).reshape(_PRIOR_DRAWS, -1)
+    return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
+
+
+def _sized(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
+    """Return effects with sizes on the scale of their fit, held within their bounds."""
+    made, first = [], 0
+    for effect in effects:
+        low, high = effect.vector_bounds()
+        part = sizes[first : first + low.size]
+        first += low.size
+        made.append(effect.from_vector(np.clip(part, low, high)))
+    return tuple(made)
+
+
+def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
+    values = [
+        getattr(effect, name) for effect in _sized(effects, sizes) for name in effect.vector_names()
+    ]
+    return np.array(values, dtype=float)
+
+
+def _features(posterior: EffectPosterior, simulated: Simulated) -> Float:
+    return np.array([_feature(posterior.deviations(session)) for session in simulated.sessions])
+
+
+def _feature(deviations: Float) -> Float:
+    """Mean of the deviations over recordings, and the logarithm of their spread."""
+    return np.concatenate([deviations.mean(axis=0), np.log(deviations.std(axis=0) + 0.1)])
