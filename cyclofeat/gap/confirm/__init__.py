@@ -1,11 +1,15 @@
 """Confirmation by simulation: sizes of the effects that a posterior names, and what they leave unexplained.
 
 :func:`confirm` simulates sessions like the measured one with the named effects, fits their sizes, and states
-how far the measured session lies from those of the corrected rig.
+how far the measured session lies from those of the corrected rig. :func:`next_measurements` ranks further
+recordings by what they would settle.
 """
 
 from cyclofeat.gap.confirm._confirm import Confirmed, confirm
+from cyclofeat.gap.confirm._next import Candidate, next_measurements
 from cyclofeat.gap.confirm._remainder import Unexplained
 from cyclofeat.gap.confirm._sessions import Simulated, simulate_sessions
 
-__all__ = ["Confirmed", "Simulated", "Unexplained", "confirm", "simulate_sessions"]
+__all__ = [
+    "Candidate", "Confirmed", "Simulated", "Unexplained", "confirm", "next_measurements", "simulate_sessions",
+]

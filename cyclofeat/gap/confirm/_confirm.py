@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
-from cyclofeat.gap.confirm._sessions import Simulated, at_most, simulate_sessions
+from cyclofeat.gap.confirm._sessions import Simulated, at_most, simulate_sessions, sized
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
-from cyclofeat.gap.posterior import QUANTILES, EffectPosterior
+from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import Session
 from cyclofeat.simulators import Effect
 
@@ -79,7 +79,8 @@ def confirm(
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
-    believed = _believed(posterior, shown, names)
+    middle, spread = posterior.size_distribution(shown, names)
+    believed = Gaussian(middle, np.diag(spread**2))
     observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
     prior = _prior(effects)
     for round_, wider in enumerate(_WIDER):
@@ -87,7 +88,7 @@ def confirm(
             progress(f"simulating the named effects, {round_ + 1} of {len(_WIDER)}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate_sessions(
-            world, shown, lambda random, drawn=drawn: _sized(effects, drawn.draw(random)), n_sessions,
+            world, shown, lambda random, drawn=drawn: sized(effects, drawn.draw(random)), n_sessions,
             random_state=random_state + round_, n_jobs=n_jobs,
         )  # fmt: skip
         sizes, features = simulated.sizes[:, columns], _features(posterior, simulated)
@@ -103,18 +104,7 @@ def confirm(
     reach = stats.norm.ppf(0.95) * believed.spread
     ends = (believed.mean - reach, believed.mean, believed.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
-    return Confirmed(_sized(effects, believed.mean), names, low, middle, high, left)
-
-
-def _believed(posterior: EffectPosterior, session: Session, names: Sequence[str]) -> Gaussian:
-    """Distribution of sizes that the network states, independent of each other."""
-    quantiles = posterior.sizes(session)
-    world = posterior.world
-    logarithmic = dict(zip(world.size_names, world.logarithmic, strict=True))
-    rows = [np.log(quantiles[name]) if logarithmic[name] else quantiles[name] for name in names]
-    table = np.array(rows).reshape(-1, len(QUANTILES))
-    spread = (table[:, -1] - table[:, 0]) / (2 * stats.norm.ppf(QUANTILES[-1]))
-    return Gaussian(table[:, 2], np.diag(spread**2))
+    return Confirmed(sized(effects, believed.mean), names, low, middle, high, left)
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:
@@ -130,20 +120,9 @@ def _prior(effects: Sequence[Effect]) -> Gaussian:
     return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
 
 
-def _sized(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
-    """Return effects with sizes on the scale of their fit, held within their bounds."""
-    made, first = [], 0
-    for effect in effects:
-        low, high = effect.vector_bounds()
-        part = sizes[first : first + low.size]
-        first += low.size
-        made.append(effect.from_vector(np.clip(part, low, high)))
-    return tuple(made)
-
-
 def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
     values = [
-        getattr(effect, name) for effect in _sized(effects, sizes) for name in effect.vector_names()
+        getattr(effect, name) for effect in sized(effects, sizes) for name in effect.vector_names()
     ]
     return np.array(values, dtype=float)
 

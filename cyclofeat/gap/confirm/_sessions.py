@@ -110,3 +110,14 @@ def part_of(session: Session, rows: NDArray[np.intp]) -> Session:
     return dataclasses.replace(
         session, **{name: values[rows] for name, values in vars(session).items() if values is not None}
     )
+
+
+def sized(effects: Sequence[Effect], sizes: Float) -> tuple[Effect, ...]:
+    """Return effects with sizes on the scale of their fit, held within their bounds."""
+    made, first = [], 0
+    for effect in effects:
+        low, high = effect.vector_bounds()
+        part = sizes[first : first + low.size]
+        first += low.size
+        made.append(effect.from_vector(np.clip(part, low, high)))
+    return tuple(made)

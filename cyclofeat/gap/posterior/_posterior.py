@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils.validation import check_is_fitted
@@ -195,6 +196,15 @@ class EffectPosterior(BaseEstimator):
     def standardised_sizes(self, sessions: Sequence[Session]) -> Float:
         """Return the mean of each size if its effect is present, on a common scale, (n_sessions, n_sizes)."""
         return self._outputs(self._inputs(sessions))[1]
+
+    def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
+        """Return median and standard deviation of some sizes on the scale of their fit, each (n_names,)."""
+        columns = [self.size_names_.index(name) for name in names]
+        _, mean, spread = (values[0] for values in self._outputs(self._inputs([session])))
+        low, _, middle, _, high = self.size_quantiles_.T
+        reach = (high - low) / (2 * norm.ppf(QUANTILES[-1]))
+        centre = (mean + spread * middle) * self.size_spread_ + self.size_mean_
+        return centre[columns], (spread * reach * self.size_spread_)[columns]
 
     def deviations(self, session: Session) -> Float:
         """Return the summaries less those of a rig without effects, in units of their spread.

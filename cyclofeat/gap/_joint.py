@@ -1,0 +1,203 @@
+"""All missing effects at once: where, what, how large, how much better."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from cyclofeat.gap._answer import (
+    FoundEffect,
+    JointGap,
+    NextMeasurement,
+    Remainder,
+    RemainderRow,
+    Size,
+)
+from cyclofeat.gap._measured import Condition, MeasuredRig
+from cyclofeat.gap._overlays import Overlay, overlays
+from cyclofeat.gap._settings import GapSettings
+from cyclofeat.gap._where import where_of
+from cyclofeat.gap.confirm import Confirmed, confirm, next_measurements
+from cyclofeat.gap.posterior import TIES, EffectPosterior
+from cyclofeat.gap.proof import Proof, prove
+from cyclofeat.gap.where import LocatedGap, locate_all
+from cyclofeat.gap.world import Session, World
+from cyclofeat.recordings import Recording
+from cyclofeat.simulators import Rig
+
+_PRESENT, _ABSENT = 0.95, 0.05
+_NAMED = 0.5
+_TIED = 0.05  # probability from which a look-alike is told
+_UNEXPLAINED = 0.02  # p below which the corrected rig is rejected
+_ROWS = 12
+
+
+def find_joint_gap(
+    measured: Iterable[Recording],
+    held_out: Iterable[Recording] | None = None,
+    *,
+    posterior: EffectPosterior,
+    settings: GapSettings | None = None,
+    progress: Callable[[str], object] | None = None,
+) -> JointGap:
+    """Name everything that a model lacks, at once, from recordings at one condition or several.
+
+    Parameters
+    ----------
+    measured : iterable of Recording
+        Of one rig; each with ``speed_rpm``, at least one output turn and 3 % more.
+    held_out : iterable of Recording, optional
+        Other recordings of the rig, at these conditions or others, on which the corrected model is judged.
+    posterior : EffectPosterior
+        Learned from simulated rigs of the model.
+    settings : GapSettings, optional
+    progress : callable, optional
+        Called with the name of each step.
+
+    Returns
+    -------
+    JointGap
+
+    Raises
+    ------
+    ValueError
+        If recordings and posterior do not fit together.
+
+    Notes
+    -----
+    1. Where: recordings and model are compared at each condition (:func:`cyclofeat.gap.locate`).
+    2. What: the posterior states the probability of each effect.
+    3. How large: sessions with the effects that are more probable than not are simulated, their sizes fitted,
+       and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`).
+    4. How much better: the corrected model is judged on recordings held out.
+    """
+    began = time.monotonic()
+    settings, say = settings or GapSettings(), progress or (lambda _: None)
+    world = posterior.world
+    rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
+    session = rig.session()
+    posterior.check(session)
+    held = None if held_out is None else MeasuredRig.of(held_out, world.rig, world.sampling_rate)
+    say("comparing measurement and model")
+    located = locate_all(rig, world, settings)
+    say("naming what is missing")
+    presence = posterior.presence(session)
+    named = [name for name, p in presence.items() if p > _NAMED]
+    confirmed = confirm(
+        posterior, session, named, random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say
+    )
+    corrected = corrected_rig(located, world.rig, confirmed)
+    say("looking for the next measurement")
+    candidates = next_measurements(
+        posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
+    )
+    left = _remainder(posterior, confirmed)
+    proof: tuple[Proof, ...] = ()
+    if held is not None and named:
+        say("judging on recordings held out")
+        proof = _proof(rig, held, corrected, world, settings)
+    return JointGap(
+        where=tuple(where_of(one, pictures=settings.pictures) for one in located),
+        rig=corrected,
+        effects=_effects(posterior, session, presence, confirmed),
+        named=confirmed.effects,
+        confirmed=True,
+        remainder=left,
+        next_measurements=tuple(
+            NextMeasurement(candidate.what, candidate.settles, candidate.gain) for candidate in candidates
+        ),
+        overlays=_overlays(located, corrected, settings) if settings.pictures else (),
+        proof=proof,
+        unknown=left.unexplained,
+        warnings=(*rig.warnings, *rig.doubts),
+        seconds=time.monotonic() - began,
+    )
+
+
+def corrected_rig(located: Sequence[LocatedGap], rig: Rig, confirmed: Confirmed) -> Rig:
+    """Return the model with the confirmed effects."""
+    added = located[0].comparison.corrected_rig(confirmed.effects)
+    return added.replace(gearbox=added.gearbox.replace(**_set_points(rig)))
+
+
+def _set_points(rig: Rig) -> dict[str, float]:
+    return {"input_speed": rig.gearbox.input_speed, "load_torque": rig.gearbox.load_torque}
+
+
+def _at(rig: Rig, condition: Condition) -> Rig:
+    gearbox = rig.gearbox.replace(
+        input_speed=condition.speed_rpm * np.pi / 30, load_torque=condition.load_nm
+    )
+    return rig.replace(gearbox=gearbox)
+
+
+def _effects(
+    posterior: EffectPosterior, session: Session, presence: dict[str, float], confirmed: Confirmed
+) -> tuple[FoundEffect, ...]:
+    """Return what is known of each effect, the most probable first."""
+    quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
+    fitted = zip(confirmed.low, confirmed.middle, confirmed.high, strict=True)
+    quantiles |= dict(zip(confirmed.names, fitted, strict=True))
+    found = []
+    for effect in posterior.world.effects or ():
+        name = effect.effect_id
+        if not np.isfinite(presence[name]):
+            continue
+        p = presence[name]
+        answer = "present" if p >= _PRESENT else "absent" if p <= _ABSENT else "unresolved"
+        sizes = []
+        for key in effect.vector_names():
+            low, middle, high = (float(value) for value in quantiles[f"{name}.{key}"])
+            sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
+        others = [other for group in TIES if name in group for other in group if other != name]
+        ties = tuple(other for other in others if presence.get(other, 0.0) > _TIED)
+        found.append(FoundEffect(name, p, answer, tuple(sizes), ties if p > _TIED else ()))
+    return tuple(sorted(found, key=lambda one: -one.probability))
+
+
+def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
+    left = confirmed.left
+    n_cells = len(posterior.cells_)
+    rows = []
+    for k in np.argsort(-np.abs(left.z[:n_cells]))[:_ROWS]:
+        family, _, name = posterior.cells_[k].partition(": ")
+        rows.append(RemainderRow(family, name, "1", difference=float(left.z[k]), z=float(left.z[k])))
+    return Remainder(left.p, left.p < _UNEXPLAINED, tuple(rows))
+
+
+def _overlays(
+    located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings
+) -> tuple[Overlay, ...]:
+    found: list[Overlay] = []
+    for one in located:
+        condition = Condition.of(one.comparison)
+        after = one.comparison.replace(rig=_at(corrected, condition), n_bank=settings.n_after)
+        bank = after.bank_like(one.measured)
+        found += overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
+    return tuple(found)
+
+
+def _proof(
+    rig: MeasuredRig, held: MeasuredRig, corrected: Rig, world: World, settings: GapSettings
+) -> tuple[Proof, ...]:
+    """Judge the corrected model at each condition held out.
+
+    At a condition without fitted recordings only the model as it was is an alternative: the others would have
+    nothing to learn from.
+    """
+    rig, held = rig.known_as(held), held.known_as(rig)
+    proofs = []
+    for condition in held.conditions:
+        judged = held.windows(condition)
+        seen = condition in rig.conditions
+        alternatives = settings if seen else settings.replace(baselines=("nothing",))
+        proofs.append(
+            prove(
+                held.comparison(condition, world, settings), _at(corrected, condition),
+                rig.windows(condition) if seen else judged, judged, settings=alternatives,
+            )
+        )  # fmt: skip
+    return tuple(proofs)
+

@@ -1,0 +1,129 @@
+"""The next measurement: conditions whose recordings would settle most of what is unresolved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat.gap.confirm._sessions import part_of, simulate_sessions, sized
+from cyclofeat.gap.posterior import EffectPosterior
+from cyclofeat.gap.world import Session, World
+from cyclofeat.simulators import Effect
+
+Float = NDArray[np.float64]
+
+_PER_CANDIDATE = 4  # further recordings
+_DRAWS = 32
+_OPEN = 0.02  # probability from which, and below whose complement, an effect is open
+_LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
+_SEPARATED = 0.1  # bits that an effect must lose to count as settled
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Recordings that could be made next.
+
+    Attributes
+    ----------
+    what : str
+    gain : float
+        Expected information on the presence of all effects, in bits.
+    settles : tuple of str
+        Effects on which it is at least 0.1 bits each.
+    """
+
+    what: str
+    gain: float
+    settles: tuple[str, ...]
+
+
+def next_measurements(
+    posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
+) -> tuple[Candidate, ...]:
+    """Rank further recordings by the information that they are expected to give.
+
+    Rigs are drawn from the posterior, sessions like the measured one are simulated for each with further
+    recordings, and the posterior answers with and without these. The gain is the mean fall of the entropy of
+    the effects' presence (Lindley 1956), each effect by itself.
+
+    Parameters
+    ----------
+    posterior : EffectPosterior
+    session : Session
+    random_state, n_jobs : int
+
+    Returns
+    -------
+    tuple of Candidate
+        Those that give anything, the most informative first; empty where nothing is open.
+    """
+    world = posterior.world
+    presence = posterior.predict_proba([session])[0]
+    if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
+        return ()
+    candidates = _candidates(session, world)
+    n = len(session.values)
+    longer = _extended(session, [conditions for _, conditions in candidates])
+    simulated = simulate_sessions(
+        world, longer, lambda random: _drawn(posterior, presence, session, random), _DRAWS,
+        random_state=random_state, n_jobs=n_jobs,
+    ).sessions  # fmt: skip
+    if not simulated:
+        return ()
+    before = _entropy(posterior, [part_of(one, np.arange(n)) for one in simulated])
+    found = []
+    for k, (what, _) in enumerate(candidates):
+        more = np.r_[:n, n + k * _PER_CANDIDATE : n + (k + 1) * _PER_CANDIDATE]
+        after = _entropy(posterior, [part_of(one, more) for one in simulated])
+        gains = np.mean(before - after, axis=0)
+        settles = tuple(name for name, gain in zip(posterior.names_, gains, strict=True) if gain > _SEPARATED)
+        found.append(Candidate(what, float(gains.sum()), settles))
+    useful = [candidate for candidate in found if candidate.gain > _SEPARATED]
+    return tuple(sorted(useful, key=lambda candidate: -candidate.gain))
+
+
+def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
+    """Further conditions inside the world: another load, another speed, reverse, and more of the same."""
+    speed, load, direction = session.conditions[0].tolist()
+    loads = [load * ratio for ratio in (_LOAD_RATIO, 1 / _LOAD_RATIO)]
+    speeds = [speed * ratio for ratio in (_SPEED_RATIO, 1 / _SPEED_RATIO)]
+    found = [(f"{_PER_CANDIDATE} more recordings as before", (speed, load, direction))]
+    for other in (loads, speeds):
+        low, high = world.loads_nm if other is loads else world.speeds_rpm
+        inside = [value for value in other if low <= value <= high]
+        if inside and other is loads:
+            found.append((f"recordings at {inside[0]:.3g} Nm", (speed, inside[0], direction)))
+        elif inside:
+            found.append((f"recordings at {inside[0]:.4g} RPM", (inside[0], load, direction)))
+    if np.all(session.conditions[:, 2] == direction):
+        found.append(("recordings in reverse", (speed, load, -direction)))
+    return found
+
+
+def _extended(session: Session, conditions: Sequence[tuple[float, float, float]]) -> Session:
+    """Return a session with further recordings, whose summaries are still to be simulated."""
+    n = len(session.values)
+    rows = np.r_[np.arange(n), np.arange(len(conditions) * _PER_CANDIDATE) % n]
+    longer = part_of(session, rows)
+    longer.conditions[n:] = np.repeat(np.array(conditions), _PER_CANDIDATE, axis=0)
+    return longer
+
+
+def _drawn(
+    posterior: EffectPosterior, presence: Float, session: Session, random: np.random.Generator
+) -> tuple[Effect, ...]:
+    """Draw effects by their probabilities, with sizes from their quantiles."""
+    there = dict(zip(posterior.names_, random.random(presence.size) < np.nan_to_num(presence), strict=True))
+    effects = [effect for effect in posterior.world.effects or () if there[effect.effect_id]]
+    names = [f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names()]
+    middle, spread = posterior.size_distribution(session, names)
+    return sized(effects, random.normal(middle, spread))
+
+
+def _entropy(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
+    """Entropy of each effect's presence in bits, shape (n_sessions, n_effects); 0 for one not learned."""
+    p = np.clip(np.nan_to_num(posterior.predict_proba(sessions)), 1e-9, 1 - 1e-9)
+    return np.asarray(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)))
