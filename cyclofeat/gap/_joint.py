@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from cyclofeat.gap._answer import (
-    FoundEffect,
-    JointGap,
-    NextMeasurement,
-    Remainder,
-    RemainderRow,
-    Size,
-)
+from cyclofeat.gap._answer import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size
+from cyclofeat.gap._answer import GapResult as JointGap
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Overlay, overlays
 from cyclofeat.gap._settings import GapSettings
@@ -78,12 +73,10 @@ def find_joint_gap(
     world = posterior.world
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
     session = rig.session()
-    posterior.check(session)
+    presence = posterior.presence(session)
     held = None if held_out is None else MeasuredRig.of(held_out, world.rig, world.sampling_rate)
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
-    say("naming what is missing")
-    presence = posterior.presence(session)
     named = [name for name, p in presence.items() if p > _NAMED]
     confirmed = confirm(
         posterior, session, named, random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say
@@ -158,12 +151,11 @@ def _effects(
 
 
 def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
-    left = confirmed.left
-    n_cells = len(posterior.cells_)
-    rows = []
-    for k in np.argsort(-np.abs(left.z[:n_cells]))[:_ROWS]:
-        family, _, name = posterior.cells_[k].partition(": ")
-        rows.append(RemainderRow(family, name, "1", difference=float(left.z[k]), z=float(left.z[k])))
+    left, cells = confirmed.left, posterior.world.described_cells
+    rows = [
+        RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
+        for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]
+    ]
     return Remainder(left.p, left.p < _UNEXPLAINED, tuple(rows))
 
 
@@ -192,7 +184,7 @@ def _proof(
     for condition in held.conditions:
         judged = held.windows(condition)
         seen = condition in rig.conditions
-        alternatives = settings if seen else settings.replace(baselines=("nothing",))
+        alternatives = settings if seen else dataclasses.replace(settings, baselines=("nothing",))
         proofs.append(
             prove(
                 held.comparison(condition, world, settings), _at(corrected, condition),

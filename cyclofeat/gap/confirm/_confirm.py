@@ -37,6 +37,8 @@ class Confirmed:
         0.05, 0.5 and 0.95 quantile, in the parameter's unit.
     left : Unexplained
         What they leave.
+    difference : ndarray, shape (n_cells,)
+        Mean of each summary less that of the simulated sessions, in its unit.
     """
 
     effects: tuple[Effect, ...]
@@ -45,6 +47,7 @@ class Confirmed:
     middle: Float = field(repr=False)
     high: Float = field(repr=False)
     left: Unexplained
+    difference: Float = field(repr=False)
 
 
 def confirm(
@@ -104,7 +107,9 @@ def confirm(
     reach = stats.norm.ppf(0.95) * believed.spread
     ends = (believed.mean - reach, believed.mean, believed.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
-    return Confirmed(sized(effects, believed.mean), names, low, middle, high, left)
+    simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
+    difference = shown.values.mean(axis=0) - simulated_mean
+    return Confirmed(sized(effects, believed.mean), names, low, middle, high, left, difference)
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.checks import pair, positive, whole
 from cyclofeat.gap.simulations import MAY_DIFFER
+from cyclofeat.gap.summaries import Cell
 from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
 from cyclofeat.gap.world._prior import EffectPrior, missing_effects
 from cyclofeat.simulators import Effect, Rig
@@ -122,11 +123,16 @@ class World:
         return EffectPrior(tuple(self.effects or ()), self.most)
 
     @functools.cached_property
-    def cells(self) -> tuple[str, ...]:
-        """Names of the summaries of a recording, the same at all speeds."""
+    def described_cells(self) -> tuple[Cell, ...]:
+        """Summaries of a recording, the same at all speeds; bands are those at the lowest."""
         conditions = conditions_of(self.sampling_rate, self.speeds_rpm[0], self.n_lobes)
         _, cells = recording_cells(np.zeros((1, turn_samples(conditions)), dtype=np.float32), conditions)
-        return tuple(f"{cell.family}: {cell.name}" for cell in cells)
+        return tuple(cells)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Names of the summaries of a recording."""
+        return tuple(f"{cell.family}: {cell.name}" for cell in self.described_cells)
 
     def sizes_of(self, effects: Sequence[Effect]) -> Float:
         """Return the fitted parameters of effects on the scale of their fit, NaN where one is absent."""
