@@ -14,17 +14,20 @@ room               question
 ``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
 ``world``          Which rigs could it be? (random rigs, from which a joint posterior learns)
 ``posterior``      Which effects are missing, all at once? (learned from such rigs)
+``confirm``        Would a rig with these effects have given these recordings? How large are they?
 ``_workflow``      The four stages in turn (:func:`find_gap`)
 =================  =========================================================================================
 
 :func:`find_gap` runs all four stages for a :class:`Comparison` and returns a :class:`GapResult`.
-:func:`find_published_gap` asks the same questions of published statistics, :func:`find_loop_gap` of
-torque-deflection loops with the output held.
+:func:`find_joint_gap` names everything that is missing at once, from recordings at several conditions, and
+returns a :class:`JointGap`. :func:`find_published_gap` asks the same questions of published statistics,
+:func:`find_loop_gap` of torque-deflection loops with the output held.
 """
 
-from cyclofeat.gap._answer import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size
+from cyclofeat.gap._answer import FoundEffect, JointGap, NextMeasurement, Remainder, RemainderRow, Size
 from cyclofeat.gap._compare import compare_recordings
 from cyclofeat.gap._hold_out import hold_out
+from cyclofeat.gap._joint import find_joint_gap
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Band, Overlay, overlays
 from cyclofeat.gap._result import EffectProbability, GapResult
@@ -59,6 +62,7 @@ __all__ = [
     "FoundEffect",
     "GapResult",
     "GapSettings",
+    "JointGap",
     "LocatedGap",
     "LoopGap",
     "LoopModel",
@@ -85,6 +89,7 @@ __all__ = [
     "compare_recordings",
     "downstream_gain",
     "find_gap",
+    "find_joint_gap",
     "find_loop_gap",
     "find_published_gap",
     "fit_effects",

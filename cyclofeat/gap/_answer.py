@@ -122,8 +122,8 @@ class NextMeasurement:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapResult:
-    """Result of :func:`find_gap`: what is missing in the model, how sure and how large, and how much is left.
+class JointGap:
+    """Result of :func:`find_joint_gap`: what the model lacks, how sure and how large, and what is left.
 
     Attributes
     ----------

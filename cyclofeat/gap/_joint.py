@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from cyclofeat.gap._answer import FoundEffect, NextMeasurement, Remainder, RemainderRow, Size
-from cyclofeat.gap._answer import GapResult as JointGap
+from cyclofeat.gap._answer import FoundEffect, JointGap, NextMeasurement, Remainder, RemainderRow, Size
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Overlay, overlays
 from cyclofeat.gap._settings import GapSettings
@@ -120,9 +119,7 @@ def _set_points(rig: Rig) -> dict[str, float]:
 
 
 def _at(rig: Rig, condition: Condition) -> Rig:
-    gearbox = rig.gearbox.replace(
-        input_speed=condition.speed_rpm * np.pi / 30, load_torque=condition.load_nm
-    )
+    gearbox = rig.gearbox.replace(input_speed=condition.speed_rpm * np.pi / 30, load_torque=condition.load_nm)
     return rig.replace(gearbox=gearbox)
 
 
@@ -159,9 +156,7 @@ def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
     return Remainder(left.p, left.p < _UNEXPLAINED, tuple(rows))
 
 
-def _overlays(
-    located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings
-) -> tuple[Overlay, ...]:
+def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings) -> tuple[Overlay, ...]:
     found: list[Overlay] = []
     for one in located:
         condition = Condition.of(one.comparison)
@@ -192,4 +187,3 @@ def _proof(
             )
         )  # fmt: skip
     return tuple(proofs)
-

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import Overlay
-    from cyclofeat.gap._answer import GapResult
+    from cyclofeat.gap._answer import JointGap
 
 OverlayKind = Literal["spectrum", "orders", "distribution"]
 
@@ -57,7 +57,7 @@ class GapOverlayDisplay:
     @classmethod
     def from_result(
         cls,
-        result: GapResult,
+        result: JointGap,
         kind: OverlayKind = "spectrum",
         ax: Axes | None = None,
         *,
@@ -68,7 +68,7 @@ class GapOverlayDisplay:
 
         Parameters
         ----------
-        result : cyclofeat.gap.GapResult
+        result : cyclofeat.gap.JointGap
         kind : {"spectrum", "orders", "distribution"}, default="spectrum"
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.

@@ -10,10 +10,10 @@ from cyclofeat.report._page import versions
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Where
-    from cyclofeat.gap._answer import GapResult
+    from cyclofeat.gap._answer import JointGap
 
 
-def method(result: GapResult) -> list[tuple[str, str]]:
+def method(result: JointGap) -> list[tuple[str, str]]:
     """Method in short: heading and text of each part."""
     parts = _comparison(result.where[0], result.where[0].alpha * len(result.where))
     tests = [
@@ -78,7 +78,7 @@ def _comparison(where: Where, alpha: float) -> list[tuple[str, str]]:
     ]
 
 
-def provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, str]]:
+def provenance(result: JointGap, settings: dict[str, Any]) -> list[tuple[str, str]]:
     """Settings and circumstances: label and text of each."""
     where = result.where[0]
     known = {

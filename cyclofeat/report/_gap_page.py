@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import os
 
     from cyclofeat.gap import Overlay, Proof
-    from cyclofeat.gap._answer import GapResult
+    from cyclofeat.gap._answer import JointGap
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it
@@ -38,7 +38,7 @@ _OVERLAYS = {
 
 
 def write_gap_report(
-    result: GapResult,
+    result: JointGap,
     path: str | os.PathLike[str],
     *,
     sources: Sequence[str | None] = (),
@@ -53,7 +53,7 @@ def write_gap_report(
 
     Parameters
     ----------
-    result : cyclofeat.gap.GapResult
+    result : cyclofeat.gap.JointGap
     path : path-like
         File to write, ``*.html``.
     sources : sequence of str or None, optional
@@ -88,7 +88,7 @@ def write_gap_report(
 
 
 def summarise_gap(
-    result: GapResult,
+    result: JointGap,
     *,
     sources: Sequence[str | None] = (),
     settings: Mapping[str, Any] | None = None,
@@ -98,7 +98,7 @@ def summarise_gap(
 
     Parameters
     ----------
-    result : cyclofeat.gap.GapResult
+    result : cyclofeat.gap.JointGap
     sources, settings, title
         As in :func:`write_gap_report`.
 
@@ -161,7 +161,7 @@ def _picture(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[st
     return picture(lambda ax, _: display.plot(ax), size, alt)
 
 
-def _warnings(result: GapResult) -> list[str]:
+def _warnings(result: JointGap) -> list[str]:
     given = list(result.warnings)
     n = sum(where.n_recordings for where in result.where)
     if n < _FEW and not any("recordings" in text for text in given):

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
-from threadpoolctl import threadpool_limits
 
 from cyclofeat.gap.posterior import (
     EffectPosterior,
     calibration_error,
     gain_and_offset,
     load_posterior,
-    random_session,
     score_posterior,
 )
 from cyclofeat.gap.world import Rigs, Session
@@ -54,26 +54,19 @@ def made(n_rigs, seed):
     )  # fmt: skip
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    """Trees of a few rows are too small to share: threads only make them slower."""
-    with threadpool_limits(1):
-        yield
-
-
 @pytest.fixture(scope="module")
 def rigs():
-    return made(1200, 1)
+    return made(4000, 2)
 
 
 @pytest.fixture(scope="module")
 def posterior(rigs):
-    return EffectPosterior(max_iter=30).fit(rigs.of(rigs.machines < 400))
+    return EffectPosterior(1, epochs=50).fit(rigs.of(rigs.machines < 1600))
 
 
 @pytest.fixture(scope="module")
 def held_out(rigs):
-    return rigs.of(rigs.machines >= 400)
+    return rigs.of(rigs.machines >= 1600)
 
 
 def test_what_can_be_seen_is_named_and_what_cannot_keeps_its_prior(posterior, held_out):
@@ -123,7 +116,10 @@ def test_the_order_of_recordings_does_not_matter(posterior, held_out):
         one = held_out.session(3, counts=counts, tachometer=True)
         other = held_out.session(3, [4, 1, 0, 5, 3, 2], counts=counts, tachometer=True)
         np.testing.assert_allclose(
-            list(posterior.presence(one).values()), list(posterior.presence(other).values()), rtol=1e-9
+            list(posterior.presence(one).values()),
+            list(posterior.presence(other).values()),
+            rtol=1e-5,
+            atol=1e-7,
         )
 
 
@@ -139,50 +135,61 @@ def test_sessions_of_any_number_of_recordings(posterior, rigs):
         assert sizes["hum.amplitude_nm"].shape == (5,)
 
 
-def test_views_are_random_subsets_without_failed_recordings(rigs):
-    one = rigs.of([0])
-    one.values[0, 2] = np.nan
-    random = np.random.default_rng(0)
-    views = [random_session(one, 0, random) for _ in range(60)]
-    assert {len(view.values) for view in views} == {4, 5}
-    assert all(np.isfinite(view.values).all() for view in views)
-    assert {(view.counts is None, view.speeds_rpm is None) for view in views} == {
-        (True, True), (True, False), (False, True), (False, False),
-    }  # fmt: skip
-
-
-def test_a_saved_posterior_answers_to_the_last_bit(posterior, held_out, tmp_path):
-    path = posterior.save(tmp_path / "posterior.joblib")
-    loaded = load_posterior(path, trusted=True)
-    sessions = [held_out.session(k) for k in range(5)]
-    np.testing.assert_array_equal(loaded.predict_proba(sessions), posterior.predict_proba(sessions))
-    np.testing.assert_array_equal(loaded.predict_quantiles(sessions), posterior.predict_quantiles(sessions))
-    assert [file.name for file in tmp_path.iterdir()] == ["posterior.joblib"]
-    with pytest.raises(ValueError, match="is a pickle, which can run any code.*trusted=True"):
+def test_a_saved_posterior_answers_alike_without_a_pickle(posterior, held_out, tmp_path):
+    path = posterior.save(tmp_path / "posterior.npz")
+    loaded = load_posterior(path)
+    sessions = [held_out.session(k) for k in range(50)]
+    # Weights have 11 bits.
+    np.testing.assert_allclose(loaded.predict_proba(sessions), posterior.predict_proba(sessions), atol=0.01)
+    np.testing.assert_allclose(
+        loaded.predict_quantiles(sessions), posterior.predict_quantiles(sessions), rtol=0.02, atol=0.02
+    )
+    again = load_posterior(loaded.save(tmp_path / "again.npz"))
+    np.testing.assert_array_equal(again.predict_proba(sessions), loaded.predict_proba(sessions))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["again.npz", "posterior.npz"]
+    assert again.get_params() == posterior.get_params()
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(
+        ValueError, match="posterior.npz holds no posterior of effects that this version reads"
+    ):
         load_posterior(path)
-    path.write_bytes(path.read_bytes()[:0])
-    with pytest.raises(EOFError):
-        load_posterior(path, trusted=True)
+    np.savez(path, values=np.zeros(3))
+    with pytest.raises(ValueError, match="holds no posterior of effects"):
+        load_posterior(path)
 
 
 def test_equal_seeds_give_equal_posteriors(rigs):
     few = rigs.of(rigs.machines < 120)
-    one, other = (EffectPosterior(max_iter=5, n_views=1).fit(few) for _ in range(2))
+    one, other = (EffectPosterior(1, epochs=2).fit(few) for _ in range(2))
     session = [few.session(0)]
     np.testing.assert_array_equal(one.predict_proba(session), other.predict_proba(session))
     assert clone(one).get_params() == one.get_params()
 
 
+def test_networks_are_averaged_and_progress_is_told(rigs):
+    few, told = rigs.of(rigs.machines < 120), []
+    posterior = EffectPosterior(2, epochs=2).fit(few, progress=lambda done, total: told.append((done, total)))
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert len(posterior.networks_) == 2
+    weights = [network["answer"] for network in posterior.networks_]
+    assert not np.allclose(*weights)
+
+
 def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
     few = rigs.of(rigs.machines < 120)
     few.sizes[10:, 3] = np.nan
-    posterior = EffectPosterior(max_iter=5, n_views=1).fit(few)
-    assert "unseen" not in posterior.classifiers_
+    posterior = EffectPosterior(1, epochs=2).fit(few)
     assert np.isnan(posterior.presence(few.session(0))["unseen"])
     assert np.isnan(posterior.sizes(few.session(0))["unseen.size"]).all()
-    score = score_posterior(posterior, rigs.of(rigs.machines >= 400))
+    score = score_posterior(posterior, rigs.of(rigs.machines >= 1600))
     assert score.effect_recall["unseen"] == 0
     assert "unseen.size" not in score.coverage
+
+
+def test_without_jax_training_says_what_to_install(rigs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(ImportError, match=r"needs JAX and Optax: pip install cyclofeat\[prepare\]"):
+        EffectPosterior(1, epochs=1).fit(rigs.of(rigs.machines < 120))
 
 
 def test_bad_input_is_named(posterior, rigs):
@@ -199,8 +206,8 @@ def test_bad_input_is_named(posterior, rigs):
             posterior.presence(Session(np.zeros((1, 5)), np.array([conditions], dtype=float)))
     with pytest.raises(ValueError, match=r"counts of \[0, 1, .*, 7\], like the world .* got \[9\]"):
         posterior.presence(Session(np.zeros((1, 5)), np.array([[500.0, 20.0, 1.0]]), counts=np.array([9])))
-    with pytest.raises(ValueError, match="n_views must be at least 1, got 0"):
-        EffectPosterior(n_views=0).fit(rigs)
+    with pytest.raises(ValueError, match="epochs must be at least 1, got 0"):
+        EffectPosterior(epochs=0).fit(rigs)
     with pytest.raises(ValueError, match="rigs must hold at least 100 recordings of rigs without an effect"):
         EffectPosterior().fit(rigs.of(rigs.present.any(axis=1)))
 
@@ -212,15 +219,26 @@ def test_gain_and_offset_by_least_squares():
     random = np.random.default_rng(2)
     load, direction = random.uniform(10, 30, 12), random.choice([-1.0, 1.0], 12)
     conditions = np.column_stack([np.full(12, 500.0), load, direction])
-    gain, offset, *_, remainder = gain_and_offset(1.03 * load + 0.4 * direction, conditions)
+    # At one load and direction the prior shares the deviation out. Recordings not shown are not used.
+    same = np.array([[500.0, 22.0, 1.0]] * 12)
+    mean = np.stack([1.03 * load + 0.4 * direction, np.r_[np.full(6, 23.0), np.full(6, 1e3)]])
+    shown = np.stack([np.ones(12, dtype=bool), np.arange(12) < 6])
+    apart, together = gain_and_offset(mean, np.stack([conditions, same]), shown)
+    gain, offset, *_, remainder = apart
     assert gain == pytest.approx(0.03, abs=0.002)
     assert offset == pytest.approx(0.4, abs=0.03)
     assert remainder == pytest.approx(np.log(0.1), abs=0.1)
-    # At one load and direction the prior shares the deviation out.
-    same = np.array([[500.0, 22.0, 1.0]] * 12)
-    gain, offset, *_ = gain_and_offset(np.full(12, 23.0), same)
+    gain, offset, *_ = together
     assert gain * 22 + offset == pytest.approx(1.0, rel=0.01)
     assert offset / (22 * gain) == pytest.approx(1.0 / (22 * 0.06) ** 2, rel=1e-6)
+
+
+def test_padding_changes_no_answer(posterior, held_out):
+    """Sessions of 4 and 6 recordings, together and each by itself."""
+    few, many = held_out.session(0, [0, 1, 2, 3], counts=False), held_out.session(1, tachometer=True)
+    together = posterior.predict_proba([few, many])
+    np.testing.assert_allclose(together[0], posterior.predict_proba([few])[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(together[1], posterior.predict_proba([many])[0], rtol=1e-5, atol=1e-7)
 
 
 def test_calibration_error_is_that_of_a_coin():
@@ -233,8 +251,6 @@ def test_calibration_error_is_that_of_a_coin():
 def test_scores_count_sets_and_ties(held_out):
     class Fixed:
         """Names a gain where there is an offset or a gain, and always knows of the others."""
-
-        regressors_ = ()
 
         def predict_proba(self, sessions):
             present = held_out.present.astype(float)

@@ -11,5 +11,11 @@ from cyclofeat.gap.confirm._remainder import Unexplained
 from cyclofeat.gap.confirm._sessions import Simulated, simulate_sessions
 
 __all__ = [
-    "Candidate", "Confirmed", "Simulated", "Unexplained", "confirm", "next_measurements", "simulate_sessions",
+    "Candidate",
+    "Confirmed",
+    "Simulated",
+    "Unexplained",
+    "confirm",
+    "next_measurements",
+    "simulate_sessions",
 ]

@@ -126,9 +126,7 @@ def _prior(effects: Sequence[Effect]) -> Gaussian:
 
 
 def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
-    values = [
-        getattr(effect, name) for effect in sized(effects, sizes) for name in effect.vector_names()
-    ]
+    values = [getattr(effect, name) for effect in sized(effects, sizes) for name in effect.vector_names()]
     return np.array(values, dtype=float)
 
 
@@ -137,5 +135,6 @@ def _features(posterior: EffectPosterior, simulated: Simulated) -> Float:
 
 
 def _feature(deviations: Float) -> Float:
-    """Mean of the deviations over recordings, and the logarithm of their spread."""
-    return np.concatenate([deviations.mean(axis=0), np.log(deviations.std(axis=0) + 0.1)])
+    """Mean of the deviations over recordings, and the logarithm of the spread of the first half of them."""
+    spread = deviations[:, : deviations.shape[1] // 2].std(axis=0)
+    return np.concatenate([deviations.mean(axis=0), np.log(spread + 0.1)])

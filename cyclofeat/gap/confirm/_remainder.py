@@ -13,6 +13,7 @@ from sklearn.model_selection import KFold
 Float = NDArray[np.float64]
 
 _FOLDS = 5
+_SMALLEST = 0.05  # differences far below the spread of a recording, which is about 1, have no consequence
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def unexplained(simulated: Float, sizes: Float, fitted: Float, observed: Float, 
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
     left = simulated - np.column_stack([np.ones(len(fitted)), fitted]) @ coefficients
     of_observed = observed - np.r_[1.0, size] @ coefficients
-    spread = left.std(axis=0, ddof=1) + 1e-9
+    spread = np.hypot(left.std(axis=0, ddof=1), _SMALLEST)
     left, of_observed = left / spread, (of_observed - left.mean(axis=0)) / spread
     distances, of_folds = np.empty(len(left)), []
     for others, held in KFold(_FOLDS).split(left):

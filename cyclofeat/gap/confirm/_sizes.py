@@ -1,4 +1,4 @@
-"""Sizes of effects by synthetic likelihood: simulated summaries, linear in the sizes, with Gaussian residuals.
+"""Sizes of effects by synthetic likelihood: summaries linear in the sizes, with Gaussian residuals.
 
 After Wood (2010), "Statistical inference for noisy nonlinear ecological dynamic systems", Nature 466, and
 Fearnhead and Prangle (2012), "Constructing summary statistics for approximate Bayesian computation", J. R.

@@ -5,7 +5,6 @@ of recordings, the probability of each effect and quantiles of its size. :func:`
 often it is right on rigs that it has not seen.
 """
 
-
 from cyclofeat.gap.posterior._inputs import gain_and_offset
 from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import TIES, PosteriorScore, calibration_error, score_posterior

@@ -31,7 +31,7 @@ class Recordings:
 
     Attributes
     ----------
-    known, unknown : ndarray of float32, shape (n_sessions, n_recordings, n_cells)
+    known, unknown : ndarray of float32, shape (n_sessions, n_recordings, 2 * n_cells)
         Deviations from the reference with the count and without it; 0 for padding.
     conditions : ndarray, shape (n_sessions, n_recordings, 3)
         Speed in RPM, load in Nm, direction.
@@ -117,7 +117,8 @@ def _recordings(
     needed: tuple[bool, bool],
 ) -> Recordings:
     made = np.isfinite(values[:, :, 0])
-    deviations = [np.zeros(values.shape, dtype=np.float32) for _ in needed]
+    shape = (*made.shape, 2 * values.shape[2])
+    deviations = [np.zeros(shape, dtype=np.float32) for _ in needed]
     for part, known, wanted in zip(deviations, (True, False), needed, strict=True):
         if wanted:
             part[made] = reference.deviations(values[made], conditions[made], counts[made] if known else None)

@@ -28,7 +28,7 @@ def initial_weights(
 ) -> dict[str, NDArray[np.float32]]:
     """Draw weights (He et al. 2015), and those that are not trained with pools as they are."""
     first, second = _RECORDING
-    n_pools = 6 * len(uncorrelating) + n_whole
+    n_pools = 7 * len(uncorrelating) + n_whole
     weights: dict[str, NDArray[np.float32]] = {
         "uncorrelating": uncorrelating.astype(np.float32),
         "pool_centre": np.zeros(n_pools, dtype=np.float32),
@@ -47,11 +47,12 @@ def initial_weights(
 
 
 def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array) -> Array:
-    """Mean (also uncorrelated), spread and extremes of the deviations, and their difference by count."""
+    """Mean (on both scales, and uncorrelated), spread and extremes of deviations, and difference by count."""
     n_cells = weights["uncorrelating"].shape[0]
     deviations, inside = recordings[..., :n_cells], shown[..., None]
     n = shown.sum(1)[:, None]
     mean = deviations.sum(1) / n
+    on_other_scale = recordings[..., n_cells : 2 * n_cells].sum(1) / n
     spread = xp.sqrt(((deviations - mean[:, None]) ** 2 * inside).sum(1) / n + 1e-6)
     lowest = xp.where(inside > 0, deviations, _FAR).min(1) - mean
     highest = xp.where(inside > 0, deviations, -_FAR).max(1) - mean
@@ -61,7 +62,16 @@ def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Arra
     of_few = deviations.sum(1) - of_many
     difference = of_many / xp.maximum(n_many, 1) - of_few / xp.maximum(n_few, 1)
     difference = xp.where((n_many > 0) & (n_few > 0), difference, 0.0)
-    parts = [mean, mean @ weights["uncorrelating"], spread, lowest, highest, difference, whole]
+    parts = [
+        mean,
+        on_other_scale,
+        mean @ weights["uncorrelating"],
+        spread,
+        lowest,
+        highest,
+        difference,
+        whole,
+    ]
     standardised = (xp.concatenate(parts, 1) - weights["pool_centre"]) / weights["pool_spread"]
     return xp.clip(standardised, -_LIMIT, _LIMIT)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 from scipy.stats import norm
 from sklearn.base import BaseEstimator
 from sklearn.linear_model import LogisticRegression
@@ -31,9 +32,10 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 DEFAULT = Path(__file__).with_name("default.npz")
 _FORMAT = "cyclofeat effect posterior 2"
 _FEWEST = 20  # machines with an effect from which it is learned
-_CALIBRATING = 0.1  # share of the machines that calibrates probabilities and intervals
+_CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
+_UNBIASED = "weibull"  # quantiles whose expected coverage is nominal also for few residuals
 _AT_A_TIME = 500
-_ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "platt_", "size_quantiles_")
+_ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "size_quantiles_")
 _STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
 
 
@@ -153,17 +155,17 @@ class EffectPosterior(BaseEstimator):
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
 
     def _calibrate(self, logits: Float, residuals: Float, present: NDArray[np.bool_]) -> None:
-        """Learn slope and intercept of each logit (Platt 1999), and quantiles of standardised sizes."""
-        self.platt_ = np.tile([1.0, 0.0], (len(self.names_), 1))
+        """Learn the slope of each logit (Guo et al. 2017), and quantiles of standardised sizes."""
+        self.slopes_ = np.ones(len(self.names_))
         for k, with_it in enumerate(present.T):
             if min(with_it.sum(), (~with_it).sum()) >= _FEWEST:
-                line = LogisticRegression(C=10.0).fit(logits[:, [k]], with_it)
-                self.platt_[k] = max(line.coef_[0, 0], 0.1), line.intercept_[0]
+                line = LogisticRegression(C=10.0, fit_intercept=False).fit(logits[:, [k]], with_it)
+                self.slopes_[k] = max(line.coef_[0, 0], 0.1)
         enough = np.isfinite(residuals).sum(axis=0) >= _FEWEST
-        overall = np.nanquantile(residuals, QUANTILES)
-        self.size_quantiles_ = np.array(
-            [np.nanquantile(z, QUANTILES) if good else overall for z, good in zip(residuals.T, enough, strict=True)]
-        )  # fmt: skip
+        overall = np.nanquantile(residuals, QUANTILES, method=_UNBIASED)
+        self.size_quantiles_ = np.tile(overall, (enough.size, 1))
+        for k in np.flatnonzero(enough):
+            self.size_quantiles_[k] = np.nanquantile(residuals[:, k], QUANTILES, method=_UNBIASED)
 
     @property
     def world(self) -> World:
@@ -174,8 +176,7 @@ class EffectPosterior(BaseEstimator):
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
         """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
         logits, _, _ = self._outputs(self._inputs(sessions))
-        slope, intercept = self.platt_.T
-        probabilities = 1 / (1 + np.exp(-(slope * logits + intercept)))
+        probabilities = expit(self.slopes_ * logits)
         return np.where(self.learned_, probabilities, np.nan)
 
     def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
@@ -207,10 +208,10 @@ class EffectPosterior(BaseEstimator):
         return centre[columns], (spread * reach * self.size_spread_)[columns]
 
     def deviations(self, session: Session) -> Float:
-        """Return the summaries less those of a rig without effects, in units of their spread.
+        """Return the summaries less those of a rig without effects, shape (n_recordings, 2 * n_cells).
 
-        On a scale that is linear for small deviations and logarithmic for large ones, shape (n_recordings,
-        n_cells).
+        First in units of their spread without effects, on a scale that is linear for small deviations and
+        logarithmic for large ones; then in units of the spread over all rigs.
         """
         self._inputs([session])
         return self.reference_.deviations(session.values, session.conditions, session.counts)
@@ -238,12 +239,14 @@ class EffectPosterior(BaseEstimator):
 
     def _outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""
-        n = len(inputs.shown)
-        parts = [
-            np.mean([_network.answers(np, weights, **_part(inputs, first)) for weights in self.networks_], axis=0)
-            for first in range(0, n, _AT_A_TIME)
-        ]  # fmt: skip
-        outputs = np.concatenate(parts).astype(np.float64)
+        parts = [_part(inputs, first) for first in range(0, len(inputs.shown), _AT_A_TIME)]
+        outputs = np.mean(
+            [
+                np.concatenate([_network.answers(np, weights, **part) for part in parts])
+                for weights in self.networks_
+            ],
+            axis=0, dtype=np.float64,
+        )  # fmt: skip
         logits, mean, spread = _network.split(np, outputs, len(self.names_))
         return logits, mean, np.exp(spread)
 
@@ -284,8 +287,9 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
     ValueError
         If the file holds something else.
     """
+    stored = io.BytesIO(Path(path).read_bytes())  # so that a broken file is closed
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(stored, allow_pickle=False) as file:
             content = dict(file)
         stated = json.loads(str(content.pop("stated")))
         if stated.pop("format") != _FORMAT:

@@ -14,6 +14,7 @@ Float = NDArray[np.float64]
 
 _WAVES = 6  # lines in orders pass the bands in Hz as the speed changes
 _BEYOND = 0.03  # share by which a session may lie outside of the speeds and loads that were learned
+_FARTHEST = 8.0
 _SMALLEST_SHARE = 0.02  # least spread of a cell, as a share of its spread over all rigs
 
 
@@ -30,7 +31,8 @@ class Reference(BaseEstimator):
 
     Attributes
     ----------
-    spread_ : ndarray, shape (n_cells,)
+    spread_, overall_ : ndarray, shape (n_cells,)
+        Over such recordings, and over all rigs.
     uncorrelating_ : ndarray, shape (n_cells, n_cells)
         Matrix that makes the deviations of such recordings uncorrelated: combinations of summaries that
         hardly vary show what no summary shows alone.
@@ -55,8 +57,8 @@ class Reference(BaseEstimator):
             _ridge(self._inputs(conditions, given), values) for given in (counts, None)
         )
         residuals = values - self._inputs(conditions, counts) @ self.known_
-        overall = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64)
-        self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * overall) + 1e-6
+        self.overall_ = np.nanstd(rigs.values, axis=(0, 1), dtype=np.float64) + 1e-6
+        self.spread_ = np.maximum(residuals.std(axis=0), _SMALLEST_SHARE * self.overall_) + 1e-6
         self.uncorrelating_ = uncorrelating(np.arcsinh(residuals / self.spread_))
         return self
 
@@ -77,13 +79,19 @@ class Reference(BaseEstimator):
             )
 
     def deviations(self, values: Float, conditions: Float, counts: NDArray[np.int64] | None) -> Float:
-        """Return summaries less their reference, in units of its spread: (n_recordings, n_cells).
+        """Return summaries less their reference, shape (n_recordings, 2 * n_cells).
 
-        On a scale that is linear for small deviations and logarithmic for large ones.
+        First in units of the reference's spread, on a scale that is linear for small deviations and
+        logarithmic for large ones; then in units of the spread over all rigs, up to 8.
         """
         weights = self.unknown_ if counts is None else self.known_
-        expected = self._inputs(conditions, counts) @ weights
-        return np.asarray(np.arcsinh((values - expected) / self.spread_))
+        deviations = values - self._inputs(conditions, counts) @ weights
+        return np.hstack(
+            [
+                np.arcsinh(deviations / self.spread_),
+                np.clip(deviations / self.overall_, -_FARTHEST, _FARTHEST),
+            ]
+        )
 
     def scaled(self, conditions: Float) -> Float:
         """Return speed and load on a scale from -1 to 1 over what was learned, and the direction."""
@@ -98,7 +106,14 @@ class Reference(BaseEstimator):
         speed, load, _ = self.scaled(conditions).T
         waves = np.arange(1, _WAVES + 1) * np.pi / 2 * speed[:, None]
         of_speed = np.column_stack([speed, speed**2, np.sin(waves), np.cos(waves)])
-        columns = [np.ones(len(load)), of_speed, load, load**2, 1 / conditions[:, 1], of_speed * load[:, None]]
+        columns = [
+            np.ones(len(load)),
+            of_speed,
+            load,
+            load**2,
+            1 / conditions[:, 1],
+            of_speed * load[:, None],
+        ]
         if counts is not None:
             each = (counts[:, None] == self.counts_).astype(float)
             columns += [each, each * speed[:, None], each * load[:, None]]

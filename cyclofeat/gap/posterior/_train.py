@@ -19,8 +19,8 @@ Flags = NDArray[np.bool_]
 Weights = dict[str, NDArray[np.float32]]
 
 _BATCH = 256
-_RATE, _DECAY = 1.2e-3, 1e-3  # learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019)
-_DROPPED = 0.2
+_RATE, _DECAY = 2e-3, 1e-2  # learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019)
+_DROPPED = 0.3
 _OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
 _STANDARDISING = 2000  # sessions from which the pools are standardised
 

@@ -88,7 +88,8 @@ def _draw(world: World, number: int) -> DrawnMachine:
     return DrawnMachine(
         effects=effects,
         chains=[
-            world.prior.on_torque(len(effects), np.random.default_rng(_seed(world, _RIG, rig))) for rig in rigs
+            world.prior.on_torque(len(effects), np.random.default_rng(_seed(world, _RIG, rig)))
+            for rig in rigs
         ],
         session=session,
         seeds=[_seed(world, _RECORDING, number, i) for i in range(n)],
