@@ -148,7 +148,7 @@ def _effects(
 
 
 def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
-    left, cells = confirmed.left, posterior.world.described_cells
+    left, cells = confirmed.remainder, posterior.world.described_cells
     rows = [
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
         for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]

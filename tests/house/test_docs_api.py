@@ -21,6 +21,7 @@ PACKAGES = (
     "cyclofeat.features.registry",
     "cyclofeat.gap",
     "cyclofeat.gap.comparison",
+    "cyclofeat.gap.confirm",
     "cyclofeat.gap.loops",
     "cyclofeat.gap.posterior",
     "cyclofeat.gap.proof",

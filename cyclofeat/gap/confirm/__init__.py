@@ -8,12 +8,12 @@ recordings by what they would settle.
 from cyclofeat.gap.confirm._confirm import Confirmed, confirm
 from cyclofeat.gap.confirm._next import Candidate, next_measurements
 from cyclofeat.gap.confirm._remainder import Unexplained
-from cyclofeat.gap.confirm._sessions import Simulated, simulate_sessions
+from cyclofeat.gap.confirm._sessions import SimulatedSessions, simulate_sessions
 
 __all__ = [
     "Candidate",
     "Confirmed",
-    "Simulated",
+    "SimulatedSessions",
     "Unexplained",
     "confirm",
     "next_measurements",

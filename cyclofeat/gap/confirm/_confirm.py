@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
-from cyclofeat.gap.confirm._sessions import Simulated, at_most, simulate_sessions, sized
+from cyclofeat.gap.confirm._sessions import SimulatedSessions, at_most, simulate_sessions, sized
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import Session
@@ -35,7 +35,7 @@ class Confirmed:
         Of their sizes, as in :attr:`World.size_names`.
     low, middle, high : ndarray, shape (n_sizes,)
         0.05, 0.5 and 0.95 quantile, in the parameter's unit.
-    left : Unexplained
+    remainder : Unexplained
         What they leave.
     difference : ndarray, shape (n_cells,)
         Mean of each summary less that of the simulated sessions, in its unit.
@@ -46,7 +46,7 @@ class Confirmed:
     low: Float = field(repr=False)
     middle: Float = field(repr=False)
     high: Float = field(repr=False)
-    left: Unexplained
+    remainder: Unexplained
     difference: Float = field(repr=False)
 
 
@@ -72,7 +72,7 @@ def confirm(
     named : sequence of str
         Effects that the rig has.
     n_sessions : int, default=96
-        Simulated each time.
+        SimulatedSessions each time.
     random_state, n_jobs : int
     progress : callable, optional
         Called with the name of each step.
@@ -103,13 +103,13 @@ def confirm(
         else:
             fitted = sizes
             break
-    left = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
+    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
     reach = stats.norm.ppf(0.95) * believed.spread
     ends = (believed.mean - reach, believed.mean, believed.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     difference = shown.values.mean(axis=0) - simulated_mean
-    return Confirmed(sized(effects, believed.mean), names, low, middle, high, left, difference)
+    return Confirmed(sized(effects, believed.mean), names, low, middle, high, remainder, difference)
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:
@@ -130,7 +130,7 @@ def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
     return np.array(values, dtype=float)
 
 
-def _features(posterior: EffectPosterior, simulated: Simulated) -> Float:
+def _features(posterior: EffectPosterior, simulated: SimulatedSessions) -> Float:
     return np.array([_feature(posterior.deviations(session)) for session in simulated.sessions])
 
 

@@ -20,8 +20,8 @@ _MACHINES_AT_ONCE = 4
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """Simulated sessions.
+class SimulatedSessions:
+    """SimulatedSessions sessions.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ def simulate_sessions(
     *,
     random_state: int = 0,
     n_jobs: int = 1,
-) -> Simulated:
+) -> SimulatedSessions:
     """Simulate sessions with the conditions of another; two at a time share the runs of a machine.
 
     Parameters
@@ -73,7 +73,9 @@ def simulate_sessions(
                 )  # fmt: skip
                 sessions.append(session)
                 sizes.append(drawn)
-    return Simulated(sessions[:n_sessions], np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)))
+    return SimulatedSessions(
+        sessions[:n_sessions], np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names))
+    )
 
 
 def _drawn(
