@@ -20,7 +20,7 @@ from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Comparison, GapResult, ProofRow, Windows
-    from cyclofeat.gap._answer import GapResult as TwoFolders
+    from cyclofeat.gap._answer import JointGap
     from cyclofeat.recordings import Recording, Windower
     from cyclofeat.simulators import Rig
 
@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> GapResult | TwoFolders:
+def run(arguments: argparse.Namespace) -> GapResult | JointGap:
     """Compare, name, fit, judge, and write the report and the corrected model."""
     from cyclofeat import gap
     from cyclofeat.simulators import Rig, effect_library
@@ -132,7 +132,7 @@ def run(arguments: argparse.Namespace) -> GapResult | TwoFolders:
     return result
 
 
-def _compared(arguments: argparse.Namespace) -> TwoFolders:
+def _compared(arguments: argparse.Namespace) -> JointGap:
     """Return where the recordings differ from those of another simulator."""
     from cyclofeat.gap import GapSettings, compare_recordings
 
@@ -248,9 +248,9 @@ def _option(argument: str, rest: str) -> str:
     return "--hold-out" if argument == "by" else option_of(argument, rest)
 
 
-def printed(arguments: argparse.Namespace, result: GapResult | TwoFolders) -> Printed:
+def printed(arguments: argparse.Namespace, result: GapResult | JointGap) -> Printed:
     if arguments.simulated is not None:
-        return Printed("\n".join(gap_lines(cast("TwoFolders", result))), result.to_dict())
+        return Printed("\n".join(gap_lines(cast("JointGap", result))), result.to_dict())
     return _printed(arguments, cast("GapResult", result))
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import os
 
     from cyclofeat.gap import GapResult, Where, WhereRow
-    from cyclofeat.gap._answer import GapResult as SeveralConditions
+    from cyclofeat.gap._answer import JointGap
 
 _N_CLEAREST, _N_REMAINING = 8, 6
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated
@@ -37,7 +37,7 @@ _FEW = 5  # recordings, below which exact tests hardly reject
 
 
 def write_gap_report(
-    result: GapResult | SeveralConditions,
+    result: GapResult | JointGap,
     path: str | os.PathLike[str],
     *,
     sources: Sequence[str | None] = (),
