@@ -149,7 +149,7 @@ def distance(with_it: Float, without: Float, blocks: Sequence[object]) -> float:
 def write_visible(jobs: int = 1, file: Path = FILE) -> None:
     """Add the significances of the sets that the file does not have; an interrupted run continues."""
     known = visible(file)
-    left = [name for name in set_names(("several", "single")) if name not in known]
+    left = [name for kind in ("several", "single") for name in set_names([kind]) if name not in known]
     work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
     for name, found in work(joblib.delayed(_named)(name) for name in left):
         known[name] = found
