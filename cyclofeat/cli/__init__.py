@@ -10,6 +10,8 @@ module              job
 ``_models``         options of commands that count with a stored model
 ``_targets``        options that name files to write, checked before any work
 ``_idle``           errors for options that have no effect
+``_gap_prepare``    what ``gap --prepare`` does
+``_gap_printing``   text of what ``gap`` finds
 ``folder_watch``    files that arrive in a folder
 each other module   one command
 ==================  =====================================================================

@@ -61,7 +61,7 @@ COMMANDS = {
     "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
     "campaign": Command("simulate thousands of assemblies to files; a broken run is completed", "campaign"),
     "gap": Command(
-        "find where model and measurement disagree, name the missing effect, correct the model", "gap"
+        "find where model and measurement disagree, name all that is missing, correct the model", "gap"
     ),
     "demo": Command("train, write surrogate recordings, count them, write the pages of both", "demo"),
 }

@@ -1,0 +1,122 @@
+"""``cyclofeat gap --prepare``: a posterior for a model of one's own, learned from simulated rigs."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib.util
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclofeat._base.arguments import different_names
+from cyclofeat._base.progress import Progress
+from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._reading import read_all
+from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
+
+if TYPE_CHECKING:
+    from cyclofeat.gap.posterior import EffectPosterior
+    from cyclofeat.gap.world import World
+    from cyclofeat.simulators import Rig
+
+__all__ = ["Prepared", "add_preparation", "prepare", "printed_preparation"]
+
+_IDLE = ("hold_out", "out", "save_simulator", "posterior", "simulated", "alpha", "one_assembly")
+_MACHINES = 4000  # about an hour of two cores
+_TRAINED_BY = ("jax", "optax")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A posterior and the file that it was written to."""
+
+    path: Path
+    posterior: EffectPosterior
+
+
+def add_preparation(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a preparation."""
+    add_target(
+        parser,
+        "--prepare",
+        metavar="FILE",
+        help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
+        "there are some, and write it to FILE, .npz",
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="NAMES",
+        help="effects that --prepare learns, with commas (default: all that the model can have and lacks)",
+    )
+    parser.add_argument(
+        "--machines",
+        type=int,
+        default=_MACHINES,
+        metavar="N",
+        help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
+        "cores); more of them later go on in the same --cache",
+    )
+
+
+def prepare(arguments: argparse.Namespace) -> Prepared:
+    """Simulate rigs of the model, learn from them, and write the posterior."""
+    refuse_idle(arguments, _IDLE, "with --prepare")
+    if arguments.cache is None:
+        raise ValueError(
+            "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
+        )
+    missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install 'cyclofeat[prepare]'")
+    from cyclofeat.gap.posterior import EffectPosterior
+    from cyclofeat.gap.world import prepare_world
+    from cyclofeat.simulators import Rig
+
+    model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
+    rigs = prepare_world(
+        world_of(arguments, model),
+        Path(arguments.cache) / "world",
+        arguments.machines,
+        n_jobs=arguments.jobs,
+        progress=Progress("cyclofeat gap: simulating machines, four at a time"),
+    )
+    posterior = EffectPosterior(random_state=arguments.seed)
+    posterior.fit(rigs, progress=Progress("cyclofeat gap: learning from them"))
+    return Prepared(posterior.save(arguments.prepare), posterior)
+
+
+def world_of(arguments: argparse.Namespace, model: Rig) -> World:
+    """Return the world of the model, around the conditions of the recordings where there are some."""
+    from cyclofeat.gap import MeasuredRig
+    from cyclofeat.gap.world import World
+
+    world = World(rig=model, random_state=arguments.seed)
+    if arguments.measured:
+        world = MeasuredRig.of(read_all(arguments.measured, arguments), model).world(world)
+    if arguments.effects is None:
+        return world
+    known = {effect.effect_id: effect for effect in world.effects or ()}
+    effects = [known[name] for name in different_names(arguments.effects.split(","), known, "--effects")]
+    return dataclasses.replace(world, effects=effects, most=min(world.most, len(effects)))
+
+
+def printed_preparation(prepared: Prepared) -> Printed:
+    """Return what is printed of a preparation."""
+    posterior = prepared.posterior
+    world, n_rigs = posterior.world, posterior.n_rigs_
+    facts = {
+        "posterior": str(prepared.path),
+        "n_rigs": n_rigs,
+        "effects": list(posterior.names_),
+        "speeds_rpm": list(world.speeds_rpm),
+        "loads_nm": list(world.loads_nm),
+        "sampling_rate": world.sampling_rate,
+    }
+    speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
+    text = (
+        f"{prepared.path}: {len(posterior.names_)} effects, learned from {n_rigs} simulated rigs at {speeds} "
+        f"RPM, {loads} Nm and {world.sampling_rate:g} Hz"
+    )
+    return Printed(text, facts)
