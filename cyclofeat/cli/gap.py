@@ -145,7 +145,12 @@ def _posterior(arguments: argparse.Namespace) -> EffectPosterior:
     from cyclofeat.gap.posterior import load_posterior
     from cyclofeat.simulators import Rig
 
-    posterior = load_posterior() if arguments.posterior is None else load_posterior(arguments.posterior)
+    try:
+        posterior = load_posterior() if arguments.posterior is None else load_posterior(arguments.posterior)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"no such posterior: {error.filename}; write one with --prepare FILE, and give --posterior FILE"
+        ) from None
     if arguments.simulator is None:
         return posterior
     learned, model = posterior.world.rig, Rig.from_json(arguments.simulator)

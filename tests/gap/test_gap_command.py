@@ -313,6 +313,13 @@ def test_what_cannot_be_is_one_clear_line(tmp_path: Path, learned: None, capsys:
         assert message in lines[0], (what, lines)
 
 
+def test_a_posterior_that_is_absent(tmp_path: Path, capsys: Any) -> None:
+    folder = write_folder(tmp_path / "m", NOISE, [0, 3])
+    code, _, err = run(capsys, folder, "--posterior", tmp_path / "absent.npz")
+    assert code == 2
+    assert f"no such posterior: {tmp_path / 'absent.npz'}; write one with --prepare FILE" in err
+
+
 def test_what_argparse_refuses(tmp_path: Path, capsys: Any) -> None:
     for arguments in ([tmp_path, "--max-effects", "1"], [tmp_path, "--alpha", "small"]):
         with pytest.raises(SystemExit) as stop:
