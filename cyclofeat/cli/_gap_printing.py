@@ -14,8 +14,7 @@ from cyclofeat.plotting.gap_words import (
 )
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, Proof, Remainder
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap import FoundEffect, JointGap, Proof, Remainder
 
 __all__ = ["gap_lines"]
 

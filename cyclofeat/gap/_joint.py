@@ -16,6 +16,7 @@ from cyclofeat.gap._where import where_of
 from cyclofeat.gap.confirm import Confirmed, confirm, next_measurements
 from cyclofeat.gap.posterior import TIES, EffectPosterior
 from cyclofeat.gap.proof import Proof, prove
+from cyclofeat.gap.simulations import as_rig
 from cyclofeat.gap.where import LocatedGap, locate_all
 from cyclofeat.gap.world import Session, World
 from cyclofeat.recordings import Recording
@@ -73,7 +74,9 @@ def find_joint_gap(
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
     session = rig.session()
     presence = posterior.presence(session)
-    held = None if held_out is None else MeasuredRig.of(held_out, world.rig, world.sampling_rate)
+    held = None
+    if held_out is not None:
+        held = MeasuredRig.of(held_out, world.rig, world.sampling_rate, conditions=rig.conditions)
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     named = [name for name, p in presence.items() if p > _NAMED]
@@ -180,10 +183,11 @@ def _proof(
         judged = held.windows(condition)
         seen = condition in rig.conditions
         alternatives = settings if seen else dataclasses.replace(settings, baselines=("nothing",))
+        oracle = {} if settings.oracle is None else {"oracle": _at(as_rig(settings.oracle), condition)}
         proofs.append(
             prove(
                 held.comparison(condition, world, settings), _at(corrected, condition),
-                rig.windows(condition) if seen else judged, judged, settings=alternatives,
+                rig.windows(condition) if seen else judged, judged, settings=alternatives, others=oracle,
             )
         )  # fmt: skip
     return tuple(proofs)

@@ -11,8 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import Overlay
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap import JointGap, Overlay
 
 OverlayKind = Literal["spectrum", "orders", "distribution"]
 

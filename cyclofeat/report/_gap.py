@@ -28,8 +28,7 @@ from cyclofeat.report._page import check_page_path, origin, unbroken, versions, 
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.gap import GapResult, Where, WhereRow
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap import GapResult, JointGap, Where, WhereRow
 
 _N_CLEAREST, _N_REMAINING = 8, 6
 _SIMULATED_PER_RECORDING = 10  # when the number of recordings that agreement takes is estimated

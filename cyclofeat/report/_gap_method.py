@@ -9,8 +9,7 @@ from cyclofeat.plotting.gap_words import p_words
 from cyclofeat.report._page import versions
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import Where
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap import JointGap, Where
 
 
 def method(result: JointGap) -> list[tuple[str, str]]:

@@ -24,8 +24,7 @@ from cyclofeat.report._page import check_page_path, origin, write_page
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.gap import Overlay, Proof
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap import JointGap, Overlay, Proof
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it

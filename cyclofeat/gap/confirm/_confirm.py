@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -91,7 +92,7 @@ def confirm(
             progress(f"simulating the named effects, {round_ + 1} of {len(_WIDER)}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate_sessions(
-            world, shown, lambda random, drawn=drawn: sized(effects, drawn.draw(random)), n_sessions,
+            world, shown, functools.partial(_drawn, effects, drawn), n_sessions,
             random_state=random_state + round_, n_jobs=n_jobs,
         )  # fmt: skip
         sizes, features = simulated.sizes[:, columns], _features(posterior, simulated)
@@ -110,6 +111,11 @@ def confirm(
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     difference = shown.values.mean(axis=0) - simulated_mean
     return Confirmed(sized(effects, believed.mean), names, low, middle, high, remainder, difference)
+
+
+def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:
+    """Return effects with drawn sizes."""
+    return sized(effects, sizes.draw(random))
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:

@@ -37,7 +37,9 @@ class Gaussian:
 
     def draw(self, random: np.random.Generator) -> Float:
         """Draw sizes."""
-        return np.asarray(random.multivariate_normal(self.mean, self.covariance))
+        return np.asarray(
+            self.mean + np.linalg.cholesky(self.covariance) @ random.normal(size=self.mean.size)
+        )
 
 
 def size_posterior(

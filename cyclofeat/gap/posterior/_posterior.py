@@ -33,7 +33,6 @@ DEFAULT = Path(__file__).with_name("default.npz")
 _FORMAT = "cyclofeat effect posterior 2"
 _FEWEST = 20  # machines with an effect from which it is learned
 _CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
-_UNBIASED = "weibull"  # quantiles whose expected coverage is nominal also for few residuals
 _AT_A_TIME = 500
 _ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "size_quantiles_")
 _STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
@@ -162,10 +161,10 @@ class EffectPosterior(BaseEstimator):
                 line = LogisticRegression(C=10.0, fit_intercept=False).fit(logits[:, [k]], with_it)
                 self.slopes_[k] = max(line.coef_[0, 0], 0.1)
         enough = np.isfinite(residuals).sum(axis=0) >= _FEWEST
-        overall = np.nanquantile(residuals, QUANTILES, method=_UNBIASED)
-        self.size_quantiles_ = np.tile(overall, (enough.size, 1))
-        for k in np.flatnonzero(enough):
-            self.size_quantiles_[k] = np.nanquantile(residuals[:, k], QUANTILES, method=_UNBIASED)
+        self.size_quantiles_ = np.tile(_quantiles(residuals), (enough.size, 1))
+        for size, z in enumerate(residuals.T):
+            if enough[size]:
+                self.size_quantiles_[size] = _quantiles(z)
 
     @property
     def world(self) -> World:
@@ -299,7 +298,8 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
     posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
     for name, value in stated.items():
         setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
-    posterior.reference_, networks = Reference(), {}
+    posterior.reference_ = Reference()
+    networks: dict[str, dict[str, Any]] = {}
     for name, values in content.items():
         place, dot, key = name.partition(".")
         if not dot:
@@ -310,6 +310,12 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             networks.setdefault(place, {})[key] = values.astype(np.float32)
     posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
+
+
+def _quantiles(residuals: Float) -> Float:
+    """Quantiles whose expected coverage is nominal also for few residuals; NaN are left out."""
+    found: Float = np.quantile(residuals[np.isfinite(residuals)], np.array(QUANTILES), method="weibull")
+    return found
 
 
 def _part(inputs: Inputs, first: int) -> dict[str, Any]:

@@ -52,14 +52,14 @@ def train(
     sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
 
     def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
-        *inputs, present, sizes, there = batch
+        inputs, present, sizes, there = batch
         keys = iter(jax.random.split(key, 4))
 
         def thinned(layer: Any) -> Any:
             kept = jax.random.bernoulli(next(keys), 1 - _DROPPED, layer.shape)
             return layer * kept / (1 - _DROPPED)
 
-        outputs = _network.answers(jnp, weights | fixed, *inputs, thinned)
+        outputs = _network.answers(jnp, weights | fixed, **inputs, thinned=thinned)
         logits, mean, spread = _network.split(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
@@ -81,7 +81,7 @@ def train(
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
             inputs = random_inputs(made.of(rows), reference, random)
-            batch = (*vars(inputs).values(), present[rows], sizes[rows], there[rows])
+            batch = (vars(inputs), present[rows], sizes[rows], there[rows])
             weights, state = step(weights, state, batch, dropping)
         if progress is not None:
             progress(epoch + 1, epochs)
@@ -94,7 +94,8 @@ def random_inputs(made: Recordings, reference: Reference, random: np.random.Gene
     wanted = random.integers(min(FEWEST, n_recordings), n_recordings + 1, n)
     order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
     shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
-    return assembled(made, shown, random.random(n) < 0.5, random.random(n) < 0.5, reference)
+    with_counts, tachometer = random.random((2, n)) < 0.5
+    return assembled(made, shown, with_counts, tachometer, reference)
 
 
 def _first_weights(

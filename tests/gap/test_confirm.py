@@ -1,0 +1,142 @@
+"""Confirmation by simulation: formulas on Gaussian summaries, and a small world from end to end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from cyclofeat.gap import GapSettings, find_joint_gap
+from cyclofeat.gap.confirm import confirm, next_measurements, simulate_sessions
+from cyclofeat.gap.confirm._remainder import unexplained
+from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
+from cyclofeat.gap.posterior import EffectPosterior
+from cyclofeat.gap.world import FLOOR, World, prepare_world
+from cyclofeat.recordings import Recording
+from cyclofeat.simulators import Gain, Noise, Rig
+from cyclofeat.simulators.effects import InputShaftLine
+
+RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 900.0, 2, 12
+PRIOR = Gaussian(np.zeros(N_SIZES), np.eye(N_SIZES))
+
+
+def linear_world(n, seed):
+    """Sizes from the prior, and summaries that follow them with noise of covariance 0.04."""
+    random = np.random.default_rng(seed)
+    slopes = np.random.default_rng(1).normal(size=(N_SIZES, N_FEATURES))
+    sizes = random.normal(size=(n, N_SIZES))
+    return sizes, sizes @ slopes + 0.2 * random.normal(size=(n, N_FEATURES)), slopes
+
+
+def test_the_posterior_of_a_linear_gaussian_world_is_the_exact_one():
+    sizes, features, slopes = linear_world(4000, 2)
+    _, (observed,), _ = linear_world(1, 3)
+    exact = np.linalg.inv(slopes @ slopes.T / 0.04 + np.eye(N_SIZES))
+    mean = exact @ slopes @ observed / 0.04
+    found, _ = size_posterior(sizes, features, features[:, :2], (observed, observed[:2]), PRIOR)
+    np.testing.assert_allclose(found.mean, mean, atol=0.03)
+    np.testing.assert_allclose(found.covariance, exact, atol=0.15 * np.abs(exact).max())
+
+
+def test_intervals_of_sizes_hold_as_often_as_they_say():
+    true, observed, _ = linear_world(300, 5)
+    inside = []
+    for k in range(0, 300, 3):
+        sizes, features, _ = linear_world(64, 100 + k)
+        found, _ = size_posterior(sizes, features, features[:, :2], (observed[k], observed[k, :2]), PRIOR)
+        inside.append(np.abs(found.mean - true[k]) < stats.norm.ppf(0.95) * found.spread)
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
+
+
+def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
+    sizes, features, _ = linear_world(96, 7)
+    _, observed, _ = linear_world(200, 8)
+    both = features[:, :2]
+    p, p_of_strange = [], []
+    for one in observed[:60]:
+        found, fitted = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
+        p.append(unexplained(features, sizes, fitted, one, found.mean).p)
+        strange = one + 2.0 * (np.arange(N_FEATURES) == 5)
+        found, fitted = size_posterior(sizes, features, both, (strange, strange[:2]), PRIOR)
+        left = unexplained(features, sizes, fitted, strange, found.mean)
+        p_of_strange.append(left.p)
+    assert np.mean(np.array(p) < 0.05) < 0.15
+    assert np.mean(np.array(p_of_strange) < 0.05) > 0.9
+    assert np.argmax(np.abs(left.z)) == 5
+
+
+@pytest.fixture(scope="module")
+def posterior(tmp_path_factory):
+    world = World(
+        effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
+        speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
+    )  # fmt: skip
+    return EffectPosterior(1, epochs=60).fit(prepare_world(world, tmp_path_factory.mktemp("world"), 40))
+
+
+def recordings(*effects, loads=(22.0,), n=6, seed=0):
+    """Recordings of a rig with effects, at one load or several."""
+    rig = Rig().with_added(*FLOOR, *effects)
+    made = []
+    for i in range(n):
+        load = loads[i % len(loads)]
+        at = rig.replace(gearbox=rig.gearbox.replace(input_speed=SPEED * np.pi / 30, load_torque=load))
+        run = at.simulate(duration=1.06, sampling_rate=RATE, random_state=100 * seed + i)
+        made.append(Recording.from_run(run, with_angle=False, assembly=i, speed_rpm=SPEED, load_nm=load))
+    return made
+
+
+SETTINGS = GapSettings(n_bank=24, n_after=16, n_report=12, n_permutations=399, baselines=("nothing",))
+
+
+def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
+    told = []
+    result = find_joint_gap(
+        recordings(Noise(0.3), loads=(22.0, 14.0)), recordings(Noise(0.3), n=4, seed=1),
+        posterior=posterior, settings=SETTINGS, progress=told.append,
+    )  # fmt: skip
+    assert [effect.effect_id for effect in result.named] == ["noise"]
+    assert result.effect("noise").answer == "present"
+    (size,) = result.effect("noise").sizes
+    assert size.low < 0.3 < size.high
+    assert size.value == pytest.approx(0.3, rel=0.1)
+    assert result.verdict == "disagree"
+    assert len(result.where) == 2
+    assert not result.unknown
+    assert result.proof[0].result.grr > 0.8
+    assert result.rig.gearbox == Rig().gearbox
+    assert {overlay.condition.load_nm for overlay in result.overlays} == {22.0, 14.0}
+    assert told[0] == "comparing measurement and model"
+    assert told[-1] == "judging on recordings held out"
+
+
+def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
+    world = posterior.world
+    template = simulate_sessions(world, posterior_session(posterior), lambda _: (), 1).sessions[0]
+
+    def draw(random):
+        return (Noise(float(random.uniform(0.1, 0.3))),)
+
+    one, other = (simulate_sessions(world, template, draw, 3, random_state=4) for _ in range(2))
+    np.testing.assert_array_equal(one.sizes, other.sizes)
+    for session, same in zip(one.sessions, other.sessions, strict=True):
+        np.testing.assert_array_equal(session.values, same.values)
+        np.testing.assert_array_equal(session.conditions, template.conditions)
+    assert len({tuple(sizes) for sizes in one.sizes.tolist()}) == 3
+
+
+def posterior_session(posterior):
+    from cyclofeat.gap import MeasuredRig
+
+    return MeasuredRig.of(recordings(n=4), posterior.world.rig, RATE).session()
+
+
+def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
+    session = posterior_session(posterior)
+    confirmed = confirm(posterior, session, [], n_sessions=24)
+    assert confirmed.effects == ()
+    assert confirmed.middle.size == 0
+    assert confirmed.remainder.p > 0.001
+    ranked = next_measurements(posterior, session)
+    assert [one.gain for one in ranked] == sorted((one.gain for one in ranked), reverse=True)
+    assert all(one.gain > 0.1 for one in ranked)
