@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from cyclofeat.plotting.drawing import Float, axes_for, plain_log_ticks
+from cyclofeat.plotting.drawing import Float, axes_for, one_of_result, plain_log_ticks
 from cyclofeat.plotting.gap_words import difference_words, family_name, in_words, p_words, short_name
 
 if TYPE_CHECKING:
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import GapResult, Where, WhereRow
+    from cyclofeat.gap import Where, WhereRow
+    from cyclofeat.gap._answer import JointGap
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
@@ -39,7 +40,7 @@ class GapDisplay:
     Parameters
     ----------
     where : cyclofeat.gap.Where
-        Comparison of recordings with a model: ``where`` or ``where_after`` of a result.
+        Comparison of recordings with a model at one condition: one of ``where`` of a result.
     label : str, default="measured"
         Name of the recordings; give ``"surrogate"`` or the like where nothing was measured.
 
@@ -65,7 +66,7 @@ class GapDisplay:
     Examples
     --------
     >>> GapDisplay.from_result(result, kind="spectrum")  # doctest: +SKIP
-    >>> GapDisplay(result.where_after).plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
+    >>> GapDisplay(result.where[1]).plot(kind="orders").figure_.savefig("orders.png")  # doctest: +SKIP
     """
 
     SIZES: ClassVar[dict[Kind, tuple[float, float]]] = {
@@ -85,20 +86,23 @@ class GapDisplay:
     @classmethod
     def from_result(
         cls,
-        result: GapResult,
+        result: JointGap,
         kind: Kind = "spectrum",
         ax: Axes | None = None,
         *,
         phase: str = "lobe",
+        condition: int = 0,
         label: str = "measured",
     ) -> Self:
-        """Draw the comparison with the model as it was.
+        """Draw the comparison with the model as it was, at one condition.
 
         Parameters
         ----------
-        result : cyclofeat.gap.GapResult
+        result : cyclofeat.gap.JointGap
         kind, ax, phase
             As in :meth:`plot`.
+        condition : int, default=0
+            Number of the condition.
         label : str, default="measured"
             As in :class:`GapDisplay`.
 
@@ -106,7 +110,8 @@ class GapDisplay:
         -------
         GapDisplay
         """
-        return cls(result.where, label=label).plot(kind=kind, ax=ax, phase=phase)
+        where = one_of_result("a comparison", result.where, condition)
+        return cls(where, label=label).plot(kind=kind, ax=ax, phase=phase)
 
     def plot(self, kind: Kind = "spectrum", ax: Axes | None = None, *, phase: str = "lobe") -> Self:
         """Draw.

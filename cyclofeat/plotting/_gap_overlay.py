@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from cyclofeat.plotting._gap import RECORDED
-from cyclofeat.plotting.drawing import axes_for, legend_above, plain_log_ticks
+from cyclofeat.plotting.drawing import axes_for, legend_above, one_of_result, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,11 +86,8 @@ class GapOverlayDisplay:
             If the result has no such overlay.
         """
         of_kind = [overlay for overlay in result.overlays if overlay.kind == kind]
-        if not 0 <= condition < len(of_kind):
-            raise ValueError(
-                f"result has {len(of_kind)} overlays of kind={kind!r}, got condition={condition}"
-            )
-        return cls(of_kind[condition], label=label).plot(ax)
+        overlay = one_of_result(f"overlays of kind={kind!r}", of_kind, condition)
+        return cls(overlay, label=label).plot(ax)
 
     def plot(self, ax: Axes | None = None) -> Self:
         """Draw.

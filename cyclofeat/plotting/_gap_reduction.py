@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from cyclofeat.plotting._gap import FLAGGED, RECORDED
-from cyclofeat.plotting.drawing import Float, axes_for, plain_log_ticks
+from cyclofeat.plotting.drawing import axes_for, one_of_result
 from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import GapResult, ProofRow, Where
-
-ReductionKind = Literal["comparison", "spectrum"]
+    from cyclofeat.gap import ProofRow
+    from cyclofeat.gap._answer import JointGap
 
 _GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 
@@ -28,17 +26,13 @@ class GapReductionDisplay:
     Parameters
     ----------
     comparison : sequence of cyclofeat.gap.ProofRow
-    before, after : cyclofeat.gap.Where, optional
-        Comparisons with the model before and after the correction; needed for ``kind="spectrum"``.
-    label : str, default="measured"
-        Name of the recordings.
 
     Attributes
     ----------
     ax_, figure_
         As drawn on.
     drawn_ : list of tuple
-        ``(alternative, condition, percent)`` as drawn, of kind ``"comparison"``.
+        ``(alternative, condition, percent)`` as drawn.
 
     Examples
     --------
@@ -52,52 +46,37 @@ class GapReductionDisplay:
     figure_: Figure | SubFigure
     drawn_: list[tuple[str, str, float]]
 
-    def __init__(
-        self,
-        comparison: Sequence[ProofRow] = (),
-        *,
-        before: Where | None = None,
-        after: Where | None = None,
-        label: str = "measured",
-    ) -> None:
+    def __init__(self, comparison: Sequence[ProofRow]) -> None:
         self.comparison = tuple(comparison)
-        self.before, self.after = before, after
-        self.label = str(label)
 
     @classmethod
-    def from_result(
-        cls,
-        result: GapResult,
-        kind: ReductionKind = "comparison",
-        ax: Axes | None = None,
-        *,
-        label: str = "measured",
-    ) -> Self:
-        """Draw the shares that alternatives close, or the spectrum's differences before and after.
+    def from_result(cls, result: JointGap, ax: Axes | None = None, *, condition: int = 0) -> Self:
+        """Draw the shares that alternatives close at one condition.
 
         Parameters
         ----------
-        result : cyclofeat.gap.GapResult
-        kind, ax
-            As in :meth:`plot`.
-        label : str, default="measured"
-            Name of the recordings.
+        result : cyclofeat.gap.JointGap
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        condition : int, default=0
+            Number of the condition among those held out.
 
         Returns
         -------
         GapReductionDisplay
-        """
-        rows = () if result.proof is None else result.proof.rows
-        return cls(rows, before=result.where, after=result.where_after, label=label).plot(kind=kind, ax=ax)
 
-    def plot(self, kind: ReductionKind = "comparison", ax: Axes | None = None) -> Self:
+        Raises
+        ------
+        ValueError
+            If the result has no such proof.
+        """
+        return cls(one_of_result("proof", result.proof, condition).rows).plot(ax)
+
+    def plot(self, ax: Axes | None = None) -> Self:
         """Draw.
 
         Parameters
         ----------
-        kind : {"comparison", "spectrum"}, default="comparison"
-            Share of the gap that each alternative closes, with its interval; or the differences in third
-            octaves before and after.
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
 
@@ -110,22 +89,13 @@ class GapReductionDisplay:
         ImportError
             If matplotlib is not installed.
         ValueError
-            If there is no such kind, or nothing to draw of it.
+            If no share is defined.
         """
-        if kind not in ("comparison", "spectrum"):
-            raise ValueError(f"kind must be 'comparison' or 'spectrum', got {kind!r}")
-        if kind == "comparison":
-            if not any(np.isfinite(row.grr) for row in self.comparison):
-                raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
-            n = len(dict.fromkeys(row.alternative for row in self.comparison))
-            self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
-            self._compare()
-        else:
-            both = [where for where in (self.before, self.after) if where and where.means("spectrum")]
-            if len(both) < 2:
-                raise ValueError("before and after must be given, with cells of family 'spectrum'")
-            self.figure_, self.ax_ = axes_for(ax, (8.0, 3.4))
-            self._spectra(*both)
+        if not any(np.isfinite(row.grr) for row in self.comparison):
+            raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
+        n = len(dict.fromkeys(row.alternative for row in self.comparison))
+        self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
+        self._compare()
         return self
 
     def _compare(self) -> None:
@@ -175,38 +145,3 @@ class GapReductionDisplay:
             ]  # fmt: skip
             ax.legend(handles=handles, fontsize="small", frameon=False, ncols=len(handles),
                       loc="lower center", bbox_to_anchor=(0.35, 1.0), borderaxespad=0.2)  # fmt: skip
-
-    def _spectra(self, before: Where, after: Where) -> None:
-        from matplotlib import rcParams
-        from matplotlib.lines import Line2D
-
-        ax = self.ax_
-        grey, ink = rcParams["axes.edgecolor"], rcParams["text.color"]
-        bands = before.means("spectrum")
-        hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in bands])
-        spread: Float = np.array([row.spread for row in bands])
-        ax.fill_between(hz, -spread, spread, color=ink, alpha=0.12, linewidth=0,
-                        label="1 std of a recording")  # fmt: skip
-        ax.axhline(0, color=grey, linewidth=1)
-        for where, colour, style, name in (
-            (before, FLAGGED, "--", "before"),
-            (after, RECORDED, "-", "after"),
-        ):
-            rows = where.means("spectrum")
-            x: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
-            differences: Float = np.array([row.difference for row in rows])
-            ax.plot(x, differences, style, color=colour, linewidth=1.6, label=f"{name} correction")
-            flagged = np.array([row.p <= where.alpha for row in rows])
-            ax.plot(x[flagged], differences[flagged], "o", color=colour, markersize=5)
-        ax.set(
-            xscale="log", xlabel="frequency (Hz)",
-            xlim=(bands[0].cell.low_hz, bands[-1].cell.high_hz),
-            ylabel=f"{self.label} minus\nsimulated (dB)",
-        )  # fmt: skip
-        plain_log_ticks(ax)
-        ax.grid(axis="y", alpha=0.3, linewidth=0.6)
-        handles, labels = ax.get_legend_handles_labels()
-        handles.append(Line2D([], [], linestyle="", marker="o", markersize=5, color=ink))
-        labels.append("differs")
-        ax.legend(handles, labels, fontsize="small", frameon=False, ncols=4, loc="lower left",
-                  bbox_to_anchor=(0, 1.0), borderaxespad=0.2)  # fmt: skip

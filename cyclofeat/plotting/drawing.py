@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -15,11 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Float = NDArray[np.float64]
+T = TypeVar("T")
 
 __all__ = [
     "axes_for",
     "legend_above",
     "line_column",
+    "one_of_result",
     "plain_log_ticks",
     "require_matplotlib",
     "stated_speed",
@@ -66,6 +70,13 @@ def line_column(values: object, name: str, unit: str) -> Float:
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite ({unit}), got {array[~np.isfinite(array)][0]}")
     return array
+
+
+def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:
+    """Return the part of a result at a condition."""
+    if not 0 <= condition < len(parts):
+        raise ValueError(f"result has {name} at {number(len(parts), 'condition')}, got condition={condition}")
+    return parts[condition]
 
 
 def stated_speed(recording: Recording, input_speed_hz: float | None) -> float:

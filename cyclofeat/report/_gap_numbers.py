@@ -43,7 +43,3 @@ def rounded(value: float) -> str:
         return f"{value:.2g}"
     digits = 1 - math.floor(math.log10(value))
     return f"{round(value, digits):.0f}"
-
-
-def sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].removesuffix(".") + "." if text else ""

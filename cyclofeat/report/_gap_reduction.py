@@ -12,7 +12,7 @@ from cyclofeat.report._figures import picture
 from cyclofeat.report._gap_numbers import percent, range_text
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import GapResult, Proof, ProofRow
+    from cyclofeat.gap import Proof, ProofRow
 
 _EXPLAINED = {
     "nothing": "the model as it was: 0 % by definition.",
@@ -28,32 +28,15 @@ _EXPLAINED = {
 }
 
 
-def how_far_it_shrank(result: GapResult) -> dict[str, Any]:
-    """Share of the gap closed on recordings held out, beside that of each alternative."""
-    if result.proof is not None:
-        return reduction(result.proof)
-    sentence = "Nothing was added to the model, so there is nothing to show."
-    if result.effects:
-        sentence = (
-            "Not tested: no recordings were held out. Hold some out that the fit does not see, if possible "
-            "with a count of worn lobes that it never saw: cyclofeat gap MEASURED_DIR --hold-out DIR, or "
-            "held_out= in Python."
-        )
-    return {"sentences": [sentence], "rows": [], "conditions": [], "picture": None, "explained": [],
-            "distances": [], "tile": None}  # fmt: skip
-
-
 def reduction(proof: Proof) -> dict[str, Any]:
     """Share of the gap closed on recordings held out at one condition, beside that of each alternative."""
     ours = proof.result
     rows = proof.rows
     if not any(row.condition == "unseen" for row in rows):  # then all counts were seen
         rows = tuple(row for row in rows if row.condition == "all")
-    label = "Gap closed on recordings held out"
     if math.isnan(ours.grr):
         reason = (ours.undefined or "the gap on the recordings held out is too small").removesuffix(".")
         sentences = [f"No share of the gap can be stated: {reason}."]
-        tile = {"label": label, "value": "not defined", "text": f"{reason}."}
     else:
         text = range_text(ours.low, ours.high)
         closed = f"closed {percent(ours.grr)} of the gap"
@@ -64,14 +47,13 @@ def reduction(proof: Proof) -> dict[str, Any]:
             + (f" (range {text})." if text else "."),
             *_by_condition(rows),
         ]
-        tile = {"label": label, "value": percent(ours.grr), "text": f"range {text}" if text else ""}
     finite = [row for row in rows if math.isfinite(row.grr)]
     drawn = None
     if finite:
         display = GapReductionDisplay(finite)
         n = len(dict.fromkeys(row.alternative for row in finite))
         drawn = picture(
-            lambda ax, _: display.plot("comparison", ax),
+            lambda ax, _: display.plot(ax),
             (8.0, 1.5 + 0.55 * n),
             "Share of the gap closed by each alternative, with its range",
         )
@@ -80,7 +62,6 @@ def reduction(proof: Proof) -> dict[str, Any]:
         **_comparison(rows),
         "distances": _distances(proof),
         "picture": drawn,
-        "tile": tile,
     }
 
 

@@ -45,13 +45,13 @@ result = find_gap(
 figure, (where, what, helps) = plt.subplots(
     3, 1, figsize=(10.0, 10.0), height_ratios=[1.4, 0.8, 1], layout="constrained"
 )
-GapDisplay.from_result(result, "spectrum", ax=where, label="surrogate")
+GapDisplay(result.where, label="surrogate").plot("spectrum", where)
 
 ranking = result.ranking[::-1]
 what.barh([row.effect.replace("_", " ") for row in ranking], [row.probability for row in ranking])
 what.set(xlim=(0, 1.02), xlabel="probability, given that the library holds what is missing")
 
-GapReductionDisplay.from_result(result, ax=helps)
+GapReductionDisplay(result.proof.rows).plot(helps)
 titles = {
     where: "Where model and recordings disagree",
     what: "What is missing",

@@ -9,12 +9,13 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from gap_answers import answered, overlay
 from matplotlib import pyplot as plt
 from matplotlib.colors import to_rgb
 from numpy.testing import assert_allclose
 
 from cyclofeat.gap import Cell, Condition, ProofRow, Where, WhereRow, where_of
-from cyclofeat.plotting import GapDisplay, GapReductionDisplay
+from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
 from cyclofeat.report._figures import _themes
 from cyclofeat.simulators import (
@@ -267,17 +268,10 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
     assert dots == {90.0, 80.0, 70.0, -100.0}
 
 
-def test_spectra_before_and_after():
-    before = [row(difference=-6.0), row(difference=4.0, hz=500.0)]
-    after = [row(difference=-1.0, p=0.9), row(difference=0.5, p=0.8, hz=500.0)]
-    display = GapReductionDisplay(before=where_with(before), after=where_with(after)).plot("spectrum")
-    curves = {line.get_label(): line.get_ydata() for line in display.ax_.lines}
-    assert_allclose(curves["before correction"], [-6.0, 4.0])
-    assert_allclose(curves["after correction"], [-1.0, 0.5])
-    dots = [len(line.get_xdata()) for line in display.ax_.lines if line.get_marker() == "o"]
-    assert dots == [2, 0]
-    with pytest.raises(ValueError, match="before and after must be given"):
-        GapReductionDisplay(before=where_with(before)).plot("spectrum")
+def test_displays_of_a_result_take_the_condition(compared_hum):
+    result = answered(compared_hum["hum"])
+    assert GapDisplay.from_result(result, "orders", condition=1).where is result.where[1]
+    assert GapReductionDisplay.from_result(result, condition=1).drawn_ == [("after", "all", 97.0)]
 
 
 # -- words
@@ -326,13 +320,21 @@ DEUTERANOPIA = np.array(
 )
 
 
+def roles_of_a_comparison():
+    display = display_of([row(), row(difference=3.0, p=0.9, hz=500.0)]).plot("spectrum")
+    curves = [line for line in display.axes_[0].lines if line.get_label()[0] != "_"]
+    return [*(to_rgb(line.get_color()) for line in curves), to_rgb(display.flags_[0].get_facecolor())]
+
+
+def roles_of_an_overlay():
+    return [to_rgb(line.get_color()) for line in GapOverlayDisplay(overlay()).plot().ax_.get_lines()]
+
+
+@pytest.mark.parametrize("roles_of", [roles_of_a_comparison, roles_of_an_overlay])
 @pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
-def test_roles_are_told_apart_also_by_the_colour_blind(scheme, ground):
+def test_roles_are_told_apart_also_by_the_colour_blind(roles_of, scheme, ground):
     with matplotlib.rc_context(_themes()[scheme]):
-        display = display_of([row(), row(difference=3.0, p=0.9, hz=500.0)]).plot("spectrum")
-        upper, _ = display.axes_
-        curves = [line for line in upper.lines if line.get_label()[0] != "_"]
-        roles = [*(to_rgb(line.get_color()) for line in curves), to_rgb(display.flags_[0].get_facecolor())]
+        roles = roles_of()
     assert len(roles) == 3
     luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in (ground, *roles)]
     for own in luminance[1:]:
@@ -355,9 +357,13 @@ def test_roles_are_told_apart_also_by_the_colour_blind(scheme, ground):
         (lambda: display_of([row()]).plot("orders"), r"kind='orders' is not .*: families, spectrum"),
         (lambda: display_of([row()]).plot("phase"), "kind='phase' with phase='lobe' is not"),
         (lambda: display_of([]).plot("families"), "compared: nothing"),
-        (lambda: GapReductionDisplay().plot(), "finite grr"),
-        (lambda: GapReductionDisplay(comparison=COMPARISON[-1:]).plot(), "finite grr"),
-        (lambda: GapReductionDisplay(comparison=COMPARISON).plot("pie"), "kind must be 'comparison'"),
+        (lambda: GapReductionDisplay([]).plot(), "finite grr"),
+        (lambda: GapReductionDisplay(COMPARISON[-1:]).plot(), "finite grr"),
+        (lambda: GapReductionDisplay.from_result(SimpleNamespace(proof=())), "result has proof at 0 cond"),
+        (
+            lambda: GapDisplay.from_result(SimpleNamespace(where=(None,)), condition=1),
+            "result has a comparison at 1 condition, got condition=1",
+        ),
     ],
 )
 def test_displays_refuse(call, message):
@@ -366,7 +372,7 @@ def test_displays_refuse(call, message):
 
 
 def test_missing_matplotlib_is_named_with_its_remedy(monkeypatch):
-    displays = display_of([row()]), GapReductionDisplay(comparison=COMPARISON)
+    displays = display_of([row()]), GapReductionDisplay(COMPARISON)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     for display in displays:
         with pytest.raises(ImportError, match="pip install matplotlib"):

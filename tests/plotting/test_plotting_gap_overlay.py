@@ -49,9 +49,9 @@ def test_of_a_result_by_kind_and_condition(compared_hum):
     for number, condition in enumerate((FIRST, SECOND)):
         display = GapOverlayDisplay.from_result(result, "orders", condition=number)
         assert (display.overlay.kind, display.overlay.condition) == ("orders", condition)
-    with pytest.raises(ValueError, match="result has 2 overlays of kind='orders', got condition=2"):
+    with pytest.raises(ValueError, match="overlays of kind='orders' at 2 conditions, got condition=2"):
         GapOverlayDisplay.from_result(result, "orders", condition=2)
-    with pytest.raises(ValueError, match="result has 0 overlays of kind='phase'"):
+    with pytest.raises(ValueError, match="result has overlays of kind='phase' at 0 conditions"):
         GapOverlayDisplay.from_result(result, "phase")
 
 

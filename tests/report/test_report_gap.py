@@ -15,7 +15,9 @@ from gap_answers import EFFECTS, REMAINDER, JointGap, answered, compared, overla
 from pages import parse, words
 
 from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
-from cyclofeat.report import _gap_page, write_gap_report
+from cyclofeat.report import summarise_gap, write_gap_report
+from cyclofeat.report._gap_numbers import quantity, rounded
+from cyclofeat.report._gap_where import recordings_for_agreement
 from cyclofeat.simulators import Rig
 
 OPTIONS = {"sources": ["surrogate"] * 12, "settings": {"model": "rig/<script>alert(1)</script>.csv"}}
@@ -46,7 +48,7 @@ def parsed(page):
 def bare(monkeypatch):
     """Text of a page whose pictures are not drawn."""
     drawn = {"light": "data:,", "dark": "data:,", "alt": "x", "width": 1, "height": 1}
-    for module in ("_gap_page", "_gap_where", "_gap_reduction"):
+    for module in ("_gap", "_gap_where", "_gap_reduction"):
         monkeypatch.setattr(f"cyclofeat.report.{module}.picture", lambda *_: drawn)
 
     def text(result, tmp_path, **options):
@@ -148,7 +150,7 @@ def test_pictures_are_there_for_both_schemes(parsed):
 
 @pytest.mark.usefixtures("bare")
 def test_the_summary_is_plain(result):
-    summary = _gap_page.summarise_gap(result)
+    summary = summarise_gap(result)
     told = json.loads(json.dumps(summary))
     assert told.keys() == summary.keys()
     assert told["answer"] == summary["answer"]
@@ -314,6 +316,40 @@ def test_one_condition_needs_no_name_above_its_pictures(result, bare, tmp_path):
 
 def test_no_jargon_of_spreads(result, bare, tmp_path):
     assert "spread" not in bare(result, tmp_path).lower()
+
+
+# -- numbers
+
+
+def test_recordings_that_agreement_would_take(null):
+    """Ranges half as wide need four times the sum of the inverse numbers."""
+    row = next(row for row in null.rows if row.cell.name == "third octave at 398 Hz")
+    row = dataclasses.replace(row, of="mean", low=-3.0, high=3.0)
+    where = dataclasses.replace(null, rows=(row,), n_recordings=10, n_simulated=100)
+    # 1/10 + 1/100 falls to a quarter with 40 recordings against 400
+    text = recordings_for_agreement(where)
+    assert "about 40 recordings, compared with 400 simulated ones" in text
+    assert "third octave at 398 Hz" in text
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "text"),
+    [
+        ([1.2e-5], "m", "12 µm"),
+        ([2e-6, 5e-5], "m", "2 to 50 µm"),
+        ([1.02345], "1", "1.02"),
+        ([140.4, math.inf], "Hz", "140 to infinite Hz"),
+        ([5149.0, 12_345.0], "Nm/rad", "5150 to 12300 Nm/rad"),
+        ([0.0072], "kg m2", "0.0072 kg m²"),
+    ],
+)
+def test_quantities(values, unit, text):
+    assert quantity(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(7.25, "7.2"), (111.1, "110"), (12_345.0, "12000")])
+def test_rounding(value, text):
+    assert rounded(value) == text
 
 
 # -- refusals
