@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap import GapSettings, find_joint_gap
+from cyclofeat.gap import GapSettings, MeasuredRig, find_joint_gap
 from cyclofeat.gap.confirm import confirm, next_measurements, simulate_sessions
 from cyclofeat.gap.confirm._remainder import unexplained
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
@@ -86,20 +86,20 @@ def recordings(*effects, loads=(22.0,), n=6, seed=0):
     return made
 
 
-SETTINGS = GapSettings(n_bank=24, n_after=16, n_report=12, n_permutations=399, baselines=("nothing",))
+SETTINGS = GapSettings(n_bank=24, n_after=16, n_report=12, n_permutations=999, baselines=("nothing",))
 
 
 def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     told = []
     result = find_joint_gap(
-        recordings(Noise(0.3), loads=(22.0, 14.0)), recordings(Noise(0.3), n=4, seed=1),
+        recordings(Noise(0.3), loads=(22.0, 14.0), n=10), recordings(Noise(0.3), n=4, seed=1),
         posterior=posterior, settings=SETTINGS, progress=told.append,
     )  # fmt: skip
     assert [effect.effect_id for effect in result.named] == ["noise"]
     assert result.effect("noise").answer == "present"
     (size,) = result.effect("noise").sizes
-    assert size.low < 0.3 < size.high
-    assert size.value == pytest.approx(0.3, rel=0.1)
+    assert size.low < size.value < size.high
+    assert size.value == pytest.approx(0.3, rel=0.05)
     assert result.verdict == "disagree"
     assert len(result.where) == 2
     assert not result.unknown
@@ -126,8 +126,6 @@ def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
 
 
 def posterior_session(posterior):
-    from cyclofeat.gap import MeasuredRig
-
     return MeasuredRig.of(recordings(n=4), posterior.world.rig, RATE).session()
 
 
