@@ -69,7 +69,6 @@ RESULTS = {
     "counting": "Counting worn lobes: the whole table",
     "other_speed": "Discs at another speed",
     "gap": "Hidden effects: names, sizes and proof",
-    "joint_posterior": "Hidden effects: all at once",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
     "published_rig": "The rig called published",
     "simulator": "Speed of the simulator",
