@@ -25,7 +25,6 @@ from cyclofeat.simulators import Rig
 _PRESENT, _ABSENT = 0.95, 0.05
 _NAMED = 0.5
 _TIED = 0.05  # probability from which a look-alike is told
-_UNEXPLAINED = 0.02  # p below which the corrected rig is rejected
 _ROWS = 12
 
 
@@ -65,7 +64,8 @@ def find_joint_gap(
     1. Where: recordings and model are compared at each condition (:func:`cyclofeat.gap.locate`).
     2. What: the posterior states the probability of each effect.
     3. How large: sessions with the effects that are more probable than not are simulated, their sizes fitted,
-       and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`).
+       and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`). If something is
+       left, the sizes stay those of the posterior, and the result is not confirmed.
     4. How much better: the corrected model is judged on recordings held out.
     """
     began = time.monotonic()
@@ -98,14 +98,14 @@ def find_joint_gap(
         rig=corrected,
         effects=_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,
-        confirmed=True,
+        confirmed=confirmed.accepted,
         remainder=left,
         next_measurements=tuple(
             NextMeasurement(candidate.what, candidate.settles, candidate.gain) for candidate in candidates
         ),
         overlays=_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
-        unknown=left.unexplained,
+        unknown=not confirmed.accepted,
         warnings=(*rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
@@ -156,7 +156,7 @@ def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
         for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]
     ]
-    return Remainder(left.p, left.p < _UNEXPLAINED, tuple(rows))
+    return Remainder(left.p, not confirmed.accepted, tuple(rows))
 
 
 def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings) -> tuple[Overlay, ...]:

@@ -22,6 +22,7 @@ Float = NDArray[np.float64]
 _MOST_RECORDINGS = 12
 _WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
+_REJECTED = 0.02  # p of what is left, below which something else is missing
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ class Confirmed:
         0.05, 0.5 and 0.95 quantile, in the parameter's unit.
     remainder : Unexplained
         What they leave.
+    accepted : bool
+        Whether chance explains what they leave. If not, something else is missing too, and the sizes are
+        those of the posterior, which allow for it: fitted ones would make up for what is missing.
     difference : ndarray, shape (n_cells,)
         Mean of each summary less that of the simulated sessions, in its unit.
     """
@@ -48,6 +52,7 @@ class Confirmed:
     middle: Float = field(repr=False)
     high: Float = field(repr=False)
     remainder: Unexplained
+    accepted: bool
     difference: Float = field(repr=False)
 
 
@@ -84,7 +89,7 @@ def confirm(
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
     middle, spread = posterior.size_distribution(shown, names)
-    believed = Gaussian(middle, np.diag(spread**2))
+    believed = before = Gaussian(middle, np.diag(spread**2))
     observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
     prior = _prior(effects)
     for round_, wider in enumerate(_WIDER):
@@ -105,12 +110,14 @@ def confirm(
             fitted = sizes
             break
     remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
-    reach = stats.norm.ppf(0.95) * believed.spread
-    ends = (believed.mean - reach, believed.mean, believed.mean + reach)
+    accepted = remainder.p >= _REJECTED
+    final = believed if accepted else before
+    reach = stats.norm.ppf(0.95) * final.spread
+    ends = (final.mean - reach, final.mean, final.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     difference = shown.values.mean(axis=0) - simulated_mean
-    return Confirmed(sized(effects, believed.mean), names, low, middle, high, remainder, difference)
+    return Confirmed(sized(effects, final.mean), names, low, middle, high, remainder, accepted, difference)
 
 
 def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:
