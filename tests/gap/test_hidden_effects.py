@@ -34,6 +34,7 @@ from benchmarks.hidden_effects import (  # noqa: E402
 )
 from benchmarks.hidden_effects.__main__ import main  # noqa: E402
 from benchmarks.hidden_effects._machine import Machine, run  # noqa: E402
+from cyclofeat.gap.posterior import load_posterior  # noqa: E402
 from cyclofeat.gap.world import FLOOR, Session, World  # noqa: E402
 from cyclofeat.simulators import (  # noqa: E402
     CycloidalGearbox,
@@ -563,3 +564,19 @@ def test_the_whole_workflow_is_run_on_sets_of_every_kind() -> None:
     assert Counter(_sets.definitions()[name].kind for name in chosen) == {
         "several": 6, "single": 2, "outside": 2, "null": 2,
     }  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_path: Path) -> None:
+    """Of each of these effects the first strong single is said to be present, and no other effect."""
+    sets = json.loads((HERE / "truth.json").read_text(encoding="utf-8"))["sets"]
+    posterior = load_posterior()
+    for effect in ("brake_rotor", "clipping", "noise", "quantisation", "rattle"):
+        name = next(
+            name
+            for name, one in sets.items()
+            if one.get("strengths") == ["strong"] and list(one["effects"]) == [effect]
+        )
+        _folders.generate([name], tmp_path, 1)
+        presence = posterior.presence(_ask.session_of(name, tmp_path))
+        assert [other for other, p in presence.items() if p >= 0.95] == [effect]
