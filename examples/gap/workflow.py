@@ -4,9 +4,9 @@ Find, name and add a missing brake
 
 The papers' model has a free output; a rig has a brake behind shaft and torque meter. In this example, such
 a rotor is hidden in **surrogate** torque, simulated and not measured. The workflow receives that torque,
-the counts of worn lobes and the model without the rotor. The command line does the same with a folder of
-files (``cyclofeat gap``) and the whole library; this script uses six effects and few simulations so that it
-runs in some minutes. It writes the picture of the README, ``docs/figures/gap_workflow.png``.
+the counts of worn lobes and the model without the rotor. This script uses :func:`cyclofeat.gap.find_gap`,
+six effects and few simulations so that it runs in some minutes; the command ``cyclofeat gap`` asks for the
+whole library at once. It writes the picture of the README, ``docs/figures/gap_workflow.png``.
 """
 
 from pathlib import Path
