@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -63,7 +63,8 @@ def find_joint_gap(
     -----
     1. Where: recordings and model are compared at each condition (:func:`cyclofeat.gap.locate`).
     2. What: the posterior states the probability of each effect.
-    3. How large: sessions with the effects that are more probable than not are simulated, their sizes fitted,
+    3. How large: sessions with the effects that are more probable than not (of look-alikes, that share their
+       probability, the most probable one) are simulated, their sizes fitted,
        and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`). If something is
        left, the sizes stay those of the posterior, and the result is not confirmed.
     4. How much better: the corrected model is judged on recordings held out.
@@ -79,7 +80,7 @@ def find_joint_gap(
         held = MeasuredRig.of(held_out, world.rig, world.sampling_rate, conditions=rig.conditions)
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
-    named = [name for name, p in presence.items() if p > _NAMED]
+    named = named_effects(presence)
     confirmed = confirm(
         posterior, session, named, random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say
     )
@@ -109,6 +110,19 @@ def find_joint_gap(
         warnings=(*rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
+
+
+def named_effects(presence: Mapping[str, float]) -> list[str]:
+    """Return the effects that are more probable than not.
+
+    Of look-alikes of which only the group is, the most probable one is named.
+    """
+    named = {name for name, p in presence.items() if p > _NAMED}
+    for group in TIES:
+        members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
+        if members and not named & members.keys() and sum(members.values()) > _NAMED:
+            named.add(max(members, key=lambda name: members[name]))
+    return [name for name in presence if name in named]
 
 
 def corrected_rig(located: Sequence[LocatedGap], rig: Rig, confirmed: Confirmed) -> Rig:

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import GapSettings, MeasuredRig, find_joint_gap
+from cyclofeat.gap._joint import named_effects
 from cyclofeat.gap.confirm import confirm, next_measurements, simulate_sessions
 from cyclofeat.gap.confirm._remainder import unexplained
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
@@ -108,6 +109,12 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert {overlay.condition.load_nm for overlay in result.overlays} == {22.0, 14.0}
     assert told[0] == "comparing measurement and model"
     assert told[-1] == "judging on recordings held out"
+
+
+def test_of_look_alikes_that_share_their_probability_the_first_is_named():
+    presence = {"noise": 0.9, "gain": 0.3, "offset": 0.35, "load_drift": 0.6, "sensor_drift": 0.3, "hum": 0.4}
+    assert named_effects(presence) == ["noise", "offset", "load_drift"]
+    assert named_effects({"gain": 0.2, "offset": 0.2, "hum": np.nan}) == []
 
 
 def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
