@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from cyclofeat.gap._overlays import Overlay, overlays
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.confirm import Confirmed, confirm, next_measurements
-from cyclofeat.gap.posterior import TIES, EffectPosterior
+from cyclofeat.gap.posterior import TIES, EffectPosterior, named_effects
 from cyclofeat.gap.proof import Proof, prove
 from cyclofeat.gap.simulations import as_rig
 from cyclofeat.gap.where import LocatedGap, locate_all
@@ -23,7 +23,6 @@ from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Rig
 
 _PRESENT, _ABSENT = 0.95, 0.05
-_NAMED = 0.5
 _TIED = 0.05  # probability from which a look-alike is told
 _ROWS = 12
 
@@ -110,19 +109,6 @@ def find_joint_gap(
         warnings=(*rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )
-
-
-def named_effects(presence: Mapping[str, float]) -> list[str]:
-    """Return the effects that are more probable than not.
-
-    Of look-alikes of which only the group is, the most probable one is named.
-    """
-    named = {name for name, p in presence.items() if p > _NAMED}
-    for group in TIES:
-        members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
-        if members and not named & members.keys() and sum(members.values()) > _NAMED:
-            named.add(max(members, key=lambda name: members[name]))
-    return [name for name in presence if name in named]
 
 
 def corrected_rig(located: Sequence[LocatedGap], rig: Rig, confirmed: Confirmed) -> Rig:

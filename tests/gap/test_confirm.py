@@ -7,11 +7,15 @@ import pytest
 from scipy import stats
 
 from cyclofeat.gap import GapSettings, MeasuredRig, find_joint_gap
-from cyclofeat.gap._joint import named_effects
-from cyclofeat.gap.confirm import confirm, next_measurements, simulate_sessions
-from cyclofeat.gap.confirm._remainder import unexplained
-from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
-from cyclofeat.gap.posterior import EffectPosterior
+from cyclofeat.gap.confirm import (
+    Gaussian,
+    confirm,
+    next_measurements,
+    simulate_sessions,
+    size_posterior,
+    unexplained,
+)
+from cyclofeat.gap.posterior import EffectPosterior, named_effects
 from cyclofeat.gap.world import FLOOR, World, prepare_world
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Noise, Rig

@@ -7,7 +7,13 @@ often it is right on rigs that it has not seen.
 
 from cyclofeat.gap.posterior._inputs import gain_and_offset
 from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
-from cyclofeat.gap.posterior._score import TIES, PosteriorScore, calibration_error, score_posterior
+from cyclofeat.gap.posterior._score import (
+    TIES,
+    PosteriorScore,
+    calibration_error,
+    named_effects,
+    score_posterior,
+)
 
 __all__ = [
     "QUANTILES",
@@ -17,5 +23,6 @@ __all__ = [
     "calibration_error",
     "gain_and_offset",
     "load_posterior",
+    "named_effects",
     "score_posterior",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,30 @@ TIES: tuple[tuple[str, ...], ...] = (
     ("clock_error", "speed_scale"),
 )
 _BINS = 15
+_NAMED = 0.5
+
+
+def named_effects(presence: Mapping[str, float]) -> list[str]:
+    """Return the effects that are more probable than not.
+
+    Of look-alikes (``TIES``) of which only the group is, the most probable one is named.
+
+    Parameters
+    ----------
+    presence : mapping from str to float
+        Probability of each effect; NaN for one not learned.
+
+    Examples
+    --------
+    >>> named_effects({"noise": 0.9, "gain": 0.3, "offset": 0.35, "hum": 0.4})
+    ['noise', 'offset']
+    """
+    named = {name for name, p in presence.items() if p > _NAMED}
+    for group in TIES:
+        members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
+        if members and not named & members.keys() and sum(members.values()) > _NAMED:
+            named.add(max(members, key=lambda name: members[name]))
+    return [name for name in presence if name in named]
 
 
 @dataclass(frozen=True)
