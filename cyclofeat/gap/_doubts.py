@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.gap.summaries import recordings_of
-
-if TYPE_CHECKING:
-    from cyclofeat.gap._measured import MeasuredRig
 
 _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
@@ -52,23 +50,23 @@ def doubts_about(
     return doubts
 
 
-def doubts_of(measured: MeasuredRig) -> list[str]:
+def doubts_of(torques: Sequence[NDArray[Any]], *, has_counts: bool, has_tachometer: bool) -> list[str]:
     """Return a sentence on each property of a rig's recordings that limits the conclusions."""
-    n = len(measured.recordings)
+    n = len(torques)
     doubts = []
     if n < _FEW_RECORDINGS:
         doubts.append(
             f"{n} recordings: how much they vary from one to the next is hardly known, and only large "
             "differences are found"
         )
-    if not measured.has_counts:
+    if not has_counts:
         doubts.append("the counts of worn lobes are not known: differences between classes hide smaller ones")
-    if not measured.has_tachometer:
+    if not has_tachometer:
         doubts.append(
             "no tachometer: an error of the speed and one of the converter's clock cannot be told apart"
         )
     for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
-        at_end = [one.torque == extreme(one.torque) for one in measured.recordings]
+        at_end = [torque == extreme(torque) for torque in torques]
         clipped = sum(np.mean(flags) > _CLIPPED and _longest_run(flags) >= _FLAT for flags in at_end)
         if clipped:
             doubts.append(

@@ -175,7 +175,11 @@ class MeasuredRig:
     @property
     def doubts(self) -> list[str]:
         """A sentence on each property of the recordings that limits the conclusions."""
-        return doubts_of(self)
+        return doubts_of(
+            [one.torque for one in self.recordings],
+            has_counts=self.has_counts,
+            has_tachometer=self.has_tachometer,
+        )
 
     def at(self, condition: Condition) -> tuple[Recording, ...]:
         """Return the recordings of a condition."""

@@ -10,10 +10,9 @@ import re
 import numpy as np
 import pytest
 from devtools import Browser, find_chromium
+from gap_answers import answered
 from sklearn.naive_bayes import GaussianNB
 from small_model import recording, small_model, unlike_training
-from test_report_gap_html import OPTIONS, locators  # noqa: F401, fixtures
-from test_report_gap_html import result as gap_result  # noqa: F401, fixture
 
 from cyclofeat.counting import evaluate
 from cyclofeat.report import (
@@ -54,7 +53,7 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory, gap_result, run):  # noqa: F811
+def pages(tmp_path_factory, compared_hum, run):
     folder = tmp_path_factory.mktemp("pages")
     model = small_model()
     counted = [
@@ -75,7 +74,12 @@ def pages(tmp_path_factory, gap_result, run):  # noqa: F811
             model, counted, folder / "several.html", failures={"bad.csv": "empty"}, most_sections=2
         ),
         "evaluation": write_evaluation_report(results, folder / "evaluation.html"),
-        "gap": write_gap_report(gap_result, folder / "gap.html", **OPTIONS),
+        "gap": write_gap_report(
+            answered(compared_hum["hum"]),
+            folder / "gap.html",
+            sources=["surrogate"] * 12,
+            settings={"model": HOSTILE},
+        ),
         "animation": write_animation(run, folder / "animation.html", part=(0.25, None), frames=61),
     }
 

@@ -286,7 +286,7 @@ def test_a_file_is_named_once(capsys, folder, command):
 def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
     # Pictures take seconds and have tests of their own.
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
     (tmp_path / "empty.csv").touch()
     report = tmp_path / "count.html"
     code, out, err = run(
