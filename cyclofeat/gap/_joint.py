@@ -56,7 +56,7 @@ def find_joint_gap(
     Raises
     ------
     ValueError
-        If recordings and posterior do not fit together.
+        If recordings and posterior do not fit together, or ``settings.library`` is given.
 
     Notes
     -----
@@ -70,6 +70,11 @@ def find_joint_gap(
     """
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
+    if settings.library is not None:
+        raise ValueError(
+            f"settings.library must be None, got {settings.library!r}: the posterior has learned the effects "
+            "that it asks for; prepare one for others"
+        )
     world = posterior.world
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
     session = rig.session()

@@ -115,6 +115,11 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert told[-1] == "judging on recordings held out"
 
 
+def test_an_option_without_effect_is_an_error(posterior):
+    with pytest.raises(ValueError, match=r"settings.library must be None, got \['hum'\]"):
+        find_joint_gap(recordings(n=2), posterior=posterior, settings=GapSettings(library=["hum"]))
+
+
 def test_of_look_alikes_that_share_their_probability_the_first_is_named():
     presence = {"noise": 0.9, "gain": 0.3, "offset": 0.35, "load_drift": 0.6, "sensor_drift": 0.3, "hum": 0.4}
     assert named_effects(presence) == ["noise", "offset", "load_drift"]
