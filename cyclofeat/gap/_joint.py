@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from cyclofeat.gap._answer import FoundEffect, JointGap, NextMeasurement, Remainder, RemainderRow, Size
+from cyclofeat.gap._answer import FoundEffect, JointGap, Remainder, RemainderRow, Size
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Overlay, overlays
 from cyclofeat.gap._settings import GapSettings
@@ -90,10 +90,10 @@ def find_joint_gap(
     )
     corrected = corrected_rig(located, world.rig, confirmed)
     say("looking for the next measurement")
-    candidates = next_measurements(
+    further = next_measurements(
         posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
     )
-    left = _remainder(posterior, confirmed)
+    left = _remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
         say("judging on recordings held out")
@@ -105,9 +105,7 @@ def find_joint_gap(
         named=confirmed.effects,
         confirmed=confirmed.accepted,
         remainder=left,
-        next_measurements=tuple(
-            NextMeasurement(candidate.what, candidate.settles, candidate.gain) for candidate in candidates
-        ),
+        next_measurements=further,
         overlays=_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
         unknown=not confirmed.accepted,
@@ -119,16 +117,7 @@ def find_joint_gap(
 def corrected_rig(located: Sequence[LocatedGap], rig: Rig, confirmed: Confirmed) -> Rig:
     """Return the model with the confirmed effects."""
     added = located[0].comparison.corrected_rig(confirmed.effects)
-    return added.replace(gearbox=added.gearbox.replace(**_set_points(rig)))
-
-
-def _set_points(rig: Rig) -> dict[str, float]:
-    return {"input_speed": rig.gearbox.input_speed, "load_torque": rig.gearbox.load_torque}
-
-
-def _at(rig: Rig, condition: Condition) -> Rig:
-    gearbox = rig.gearbox.replace(input_speed=condition.speed_rpm * np.pi / 30, load_torque=condition.load_nm)
-    return rig.replace(gearbox=gearbox)
+    return added.replace(gearbox=rig.gearbox)
 
 
 def _effects(
@@ -155,8 +144,8 @@ def _effects(
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 
-def _remainder(posterior: EffectPosterior, confirmed: Confirmed) -> Remainder:
-    left, cells = confirmed.remainder, posterior.world.described_cells
+def _remainder(world: World, confirmed: Confirmed) -> Remainder:
+    left, cells = confirmed.remainder, world.described_cells
     rows = [
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
         for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]
@@ -168,7 +157,7 @@ def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettin
     found: list[Overlay] = []
     for one in located:
         condition = Condition.of(one.comparison)
-        after = one.comparison.replace(rig=_at(corrected, condition), n_bank=settings.n_after)
+        after = one.comparison.replace(rig=condition.set_on(corrected), n_bank=settings.n_after)
         bank = after.bank_like(one.measured)
         found += overlays(one.comparison, one.measured.windows, one.bank.X, bank.X)
     return tuple(found)
@@ -188,10 +177,10 @@ def _proof(
         judged = held.windows(condition)
         seen = condition in rig.conditions
         alternatives = settings if seen else dataclasses.replace(settings, baselines=("nothing",))
-        oracle = {} if settings.oracle is None else {"oracle": _at(as_rig(settings.oracle), condition)}
+        oracle = {} if settings.oracle is None else {"oracle": condition.set_on(as_rig(settings.oracle))}
         proofs.append(
             prove(
-                held.comparison(condition, world, settings), _at(corrected, condition),
+                held.comparison(condition, world, settings), condition.set_on(corrected),
                 rig.windows(condition) if seen else judged, judged, settings=alternatives, others=oracle,
             )
         )  # fmt: skip

@@ -63,6 +63,11 @@ class Condition:
             math.isclose(mine, theirs, rel_tol=share) for mine, theirs, share in pairs
         )
 
+    def set_on(self, rig: Rig) -> Rig:
+        """Return a rig that runs at the speed and load of the condition."""
+        gearbox = rig.gearbox.replace(input_speed=self.speed_rpm * np.pi / 30, load_torque=self.load_nm)
+        return rig.replace(gearbox=gearbox)
+
     @property
     def text(self) -> str:
         """The condition in words."""
@@ -252,13 +257,10 @@ class MeasuredRig:
 
         What may differ anyway is what the world says, and the noise and drift that all its rigs have.
         """
-        gearbox = world.rig.gearbox.replace(
-            input_speed=condition.speed_rpm * np.pi / 30, load_torque=condition.load_nm
-        )
         speed_hz = condition.speed_rpm / 60
         return Comparison(
             sampling_rate=self.sampling_rate,
-            rig=world.rig.replace(gearbox=gearbox),
+            rig=condition.set_on(world.rig),
             duration=self.n_lobes / speed_hz,
             input_speed_hz=speed_hz,
             direction=condition.direction,

@@ -6,13 +6,12 @@ recordings by what they would settle.
 """
 
 from cyclofeat.gap.confirm._confirm import Confirmed, confirm
-from cyclofeat.gap.confirm._next import Candidate, next_measurements
+from cyclofeat.gap.confirm._next import next_measurements
 from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
 from cyclofeat.gap.confirm._sessions import SimulatedSessions, simulate_sessions
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
 
 __all__ = [
-    "Candidate",
     "Confirmed",
     "Gaussian",
     "SimulatedSessions",

@@ -78,7 +78,7 @@ def confirm(
     named : sequence of str
         Effects that the rig has.
     n_sessions : int, default=96
-        SimulatedSessions each time.
+        Simulated each time.
     random_state, n_jobs : int
     progress : callable, optional
         Called with the name of each step.

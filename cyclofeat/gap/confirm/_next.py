@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.gap._answer import NextMeasurement
 from cyclofeat.gap.confirm._sessions import part_of, simulate_sessions, sized
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import Session, World
@@ -22,27 +22,9 @@ _LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
 _SEPARATED = 0.1  # bits that an effect must lose to count as settled
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """Recordings that could be made next.
-
-    Attributes
-    ----------
-    what : str
-    gain : float
-        Expected information on the presence of all effects, in bits.
-    settles : tuple of str
-        Effects on which it is at least 0.1 bits each.
-    """
-
-    what: str
-    gain: float
-    settles: tuple[str, ...]
-
-
 def next_measurements(
     posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
-) -> tuple[Candidate, ...]:
+) -> tuple[NextMeasurement, ...]:
     """Rank further recordings by the information that they are expected to give.
 
     Rigs are drawn from the posterior, sessions like the measured one are simulated for each with further
@@ -57,7 +39,7 @@ def next_measurements(
 
     Returns
     -------
-    tuple of Candidate
+    tuple of NextMeasurement
         Those that give anything, the most informative first; empty where nothing is open.
     """
     world = posterior.world
@@ -67,22 +49,24 @@ def next_measurements(
     candidates = _candidates(session, world)
     n = len(session.values)
     longer = _extended(session, [conditions for _, conditions in candidates])
+    sizes = posterior.size_distribution(session, world.size_names)
     simulated = simulate_sessions(
-        world, longer, lambda random: _drawn(posterior, presence, session, random), _DRAWS,
+        world, longer, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
         random_state=random_state, n_jobs=n_jobs,
     ).sessions  # fmt: skip
     if not simulated:
         return ()
     before = _entropy(posterior, [part_of(one, np.arange(n)) for one in simulated])
-    found = []
+    found: list[tuple[float, NextMeasurement]] = []
     for k, (what, _) in enumerate(candidates):
         more = np.r_[:n, n + k * _PER_CANDIDATE : n + (k + 1) * _PER_CANDIDATE]
         after = _entropy(posterior, [part_of(one, more) for one in simulated])
         gains = np.mean(before - after, axis=0)
         settles = tuple(name for name, gain in zip(posterior.names_, gains, strict=True) if gain > _SEPARATED)
-        found.append(Candidate(what, float(gains.sum()), settles))
-    useful = [candidate for candidate in found if candidate.gain > _SEPARATED]
-    return tuple(sorted(useful, key=lambda candidate: -candidate.gain))
+        gain = float(gains.sum())
+        found.append((gain, NextMeasurement(what, settles, gain)))
+    useful = [one for one in found if one[0] > _SEPARATED]
+    return tuple(one for _, one in sorted(useful, key=lambda one: -one[0]))
 
 
 def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
@@ -113,13 +97,13 @@ def _extended(session: Session, conditions: Sequence[tuple[float, float, float]]
 
 
 def _drawn(
-    posterior: EffectPosterior, presence: Float, session: Session, random: np.random.Generator
+    world: World, presence: Float, sizes: tuple[Float, Float], random: np.random.Generator
 ) -> tuple[Effect, ...]:
-    """Draw effects by their probabilities, with sizes from their quantiles."""
-    there = dict(zip(posterior.names_, random.random(presence.size) < np.nan_to_num(presence), strict=True))
-    effects = [effect for effect in posterior.world.effects or () if there[effect.effect_id]]
-    names = [f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names()]
-    middle, spread = posterior.size_distribution(session, names)
+    """Draw effects by their probabilities, with sizes of these medians and standard deviations."""
+    there = dict(zip(world.names, random.random(presence.size) < np.nan_to_num(presence), strict=True))
+    drawn = [there[name.partition(".")[0]] for name in world.size_names]
+    effects = [effect for effect in world.effects or () if there[effect.effect_id]]
+    middle, spread = (values[drawn] for values in sizes)
     return sized(effects, random.normal(middle, spread))
 
 

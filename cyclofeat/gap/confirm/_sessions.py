@@ -21,7 +21,7 @@ _MACHINES_AT_ONCE = 4
 
 @dataclass(frozen=True)
 class SimulatedSessions:
-    """SimulatedSessions sessions.
+    """Simulated sessions.
 
     Attributes
     ----------

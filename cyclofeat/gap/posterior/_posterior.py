@@ -212,7 +212,7 @@ class EffectPosterior(BaseEstimator):
         First in units of their spread without effects, on a scale that is linear for small deviations and
         logarithmic for large ones; then in units of the spread over all rigs.
         """
-        self._inputs([session])
+        self._check([session])
         return self.reference_.deviations(session.values, session.conditions, session.counts)
 
     def presence(self, session: Session) -> dict[str, float]:
@@ -226,6 +226,11 @@ class EffectPosterior(BaseEstimator):
         return dict(zip(self.size_names_, quantiles, strict=True))
 
     def _inputs(self, sessions: Sequence[Session]) -> Inputs:
+        self._check(sessions)
+        return inputs_of_sessions(sessions, self.reference_, self.cells_)
+
+    def _check(self, sessions: Sequence[Session]) -> None:
+        """Raise ValueError unless sessions are like those of the world."""
         check_is_fitted(self, "networks_")
         for session in sessions:
             if not len(session.values) or session.values.shape[1] != len(self.cells_):
@@ -234,7 +239,6 @@ class EffectPosterior(BaseEstimator):
                     f"shape {session.values.shape}"
                 )
             self.reference_.check(session)
-        return inputs_of_sessions(sessions, self.reference_, self.cells_)
 
     def _outputs(self, inputs: Inputs) -> tuple[Float, Float, Float]:
         """Return logits, and mean and standard deviation of standardised sizes, of all networks together."""

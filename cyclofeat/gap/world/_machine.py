@@ -162,18 +162,13 @@ def _padded(columns: dict[str, NDArray[Any]], n_recordings: int) -> dict[str, ND
 def _recorded(
     run: MachineRun | SimulationFailed | ValueError, chain: tuple[Effect, ...], direction: int
 ) -> tuple[NDArray[np.float32] | None, float]:
-    """Return the torque of a chain of measurement, times the direction, and the input's speed in Hz.
-
-    In reverse the mirror image of the gearbox runs: the torque has the other sign before it is measured.
-    """
+    """Return torque and the input's speed in Hz as recorded; None and NaN where nothing can be recorded."""
     if not isinstance(run, MachineRun):
         return None, np.nan
-    if direction < 0:
-        run = dataclasses.replace(run, run=dataclasses.replace(run.run, torque_out=-run.run.torque_out))
     try:
-        made = record(run, chain)
+        made = record(run, chain, direction)
     except NO_SUCH_RIG:
         return None, np.nan
     if not np.all(np.isfinite(made.torque)):
         return None, np.nan
-    return made.torque * np.float32(direction), made.speed
+    return made.torque, made.speed
