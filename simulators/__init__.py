@@ -23,6 +23,7 @@ module           responsibility
 ``_machine``     one machine of a rig, its run, and records of the run
 ``_rig_file``    rigs as JSON
 ``_settling``    time until a run counts as steady
+``_simulator``   base of users' simulators
 ``_kernels``     the reduced model in numba: floats and arrays only
 ``_outline``     contacts of pins and wheels, likewise
 ``reference``    the papers' 28-body formulation in plain NumPy, against which ``simulate`` is tested
@@ -32,6 +33,7 @@ module           responsibility
 from cyclofeat.simulators import effects
 from cyclofeat.simulators._machine import Machine, MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
@@ -66,6 +68,7 @@ __all__ = [
     "SimulationDiverged",
     "SimulationFailed",
     "SimulationRun",
+    "Simulator",
     "Solver",
     "TorqueDeflection",
     "WorkerLost",

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import is_whole, short
+from cyclofeat._base.checks import check_type, is_whole, short
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.effects import Effect, TorqueContext
 from cyclofeat.simulators.effects import _library as library
@@ -44,22 +45,34 @@ class Machine:
         The rig's effects in the order of the chain, with the numbers of this machine.
     random_state : numpy.random.SeedSequence
         Seed of the assembly.
+    simulator : Simulator or None
+        User's simulator, with all effects of this machine on it.
     """
 
     gearbox: CycloidalGearbox
     effects: tuple[Effect, ...]
     random_state: np.random.SeedSequence = dataclasses.field(repr=False, compare=False)
+    simulator: Simulator | None = None
 
     @classmethod
     def drawn(
-        cls, gearbox: CycloidalGearbox, effects: Sequence[Effect], random_state: np.random.SeedSequence
+        cls,
+        gearbox: CycloidalGearbox,
+        effects: Sequence[Effect],
+        random_state: np.random.SeedSequence,
+        simulator: Simulator | None = None,
     ) -> Machine:
-        """Draw the machine of a seed from a nominal gearbox and a rig's effects."""
+        """Draw the machine of a seed from a nominal gearbox or simulator and a rig's effects."""
         effects = _drawn(effects, random_state)
         for effect, key in zip(effects, library.stream_keys(effects), strict=True):
             if effect.overrides("change_gearbox"):
                 gearbox = effect.change_gearbox(gearbox, library.stream(random_state, *key, library.GEARBOX))
-        return cls(gearbox, effects, random_state)
+            if effect.overrides("change_simulator"):
+                simulator = effect.change_simulator(
+                    simulator, library.stream(random_state, *key, library.SIMULATOR)
+                )
+                check_type(f"the result of change_simulator of {effect.effect_id}", simulator, Simulator)
+        return cls(gearbox, effects, random_state, simulator)
 
     def true_values(self) -> dict[str, float]:
         """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
@@ -89,8 +102,7 @@ class Machine:
             if effect.needs_simulation():
                 raise ValueError(f"effects must act on the torque only; the gearbox answers {effect!r}")
         added = _drawn(effects, self.random_state, self.effects)
-        every = sorted((*self.effects, *added), key=lambda effect: effect.place)
-        return dataclasses.replace(self, effects=tuple(every))
+        return dataclasses.replace(self, effects=library.in_chain((*self.effects, *added)))
 
     def samples_needed(self, n_samples: int) -> int:
         """Return the number of samples from which the chain makes a record of ``n_samples``."""

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from cyclofeat._base.checks import number, short
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import Effect
-from cyclofeat.simulators.effects._library import effects_from_list
+from cyclofeat.simulators.effects._library import effects_from_list, read_variants
 from cyclofeat.simulators.effects._numbers import meant, to_plain
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
@@ -39,21 +40,26 @@ def rig_to_text(content: Mapping[str, Any]) -> str:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
     gearbox = ",\n".join(f"    {line(key)}: {line(value)}" for key, value in content["gearbox"].items())
-    effects = ",\n".join(f"    {line(effect)}" for effect in content["effects"])
+    lists = {
+        name: ",\n".join(f"    {line(item)}" for item in content[name])
+        for name in ("effects", "variants")
+        if name in content
+    }
     parts = {
         "format": line(FORMAT),
         "note": line(_NOTE),
         "name": line(content["name"]),
         "gearbox": f"{{\n{gearbox}\n  }}",
-        "effects": f"[\n{effects}\n  ]" if effects else "[]",
-    }
+    } | {name: f"[\n{items}\n  ]" if items else "[]" for name, items in lists.items()}
+    if "simulator" in content:
+        parts["simulator"] = line(content["simulator"])
     return "{\n" + ",\n".join(f'  "{key}": {text}' for key, text in parts.items()) + "\n}\n"
 
 
 def rig_from_dict(content: Any) -> dict[str, Any]:
     """Return the arguments of a Rig from the content of a file."""
     given = dict(_object("the file", content))
-    reject_unknown(given, ["format", "note", "name", "gearbox", "effects"])
+    reject_unknown(given, ["format", "note", "name", "gearbox", "effects", "variants", "simulator"])
     note, form = given.pop("note", ""), given.pop("format", FORMAT)
     if not isinstance(note, str):
         raise TypeError(f"note must be text, got {short(note)}")
@@ -63,6 +69,10 @@ def rig_from_dict(content: Any) -> dict[str, Any]:
         given["gearbox"] = _gearbox(given["gearbox"])
     if "effects" in given:
         given["effects"] = effects_from_list(given["effects"])
+    if "variants" in given:
+        given["variants"] = read_variants(given["variants"], effects_from_list)
+    if given.get("simulator") is not None:
+        given["simulator"] = Simulator.from_dict(_object("simulator", given["simulator"]))
     return given
 
 

@@ -231,11 +231,12 @@ class _Task:
 def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     """Return batches of runs, and runs alone; the task of the earliest run first."""
     alone = [_Task({index: run}) for index, run in enumerate(runs)]
-    if kernel == "exact" or not _can_batch(required=kernel == "batch"):
+    of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
+    if kernel == "exact" or not of_gearbox or not _can_batch(required=kernel == "batch"):
         return alone
     from cyclofeat.simulators.batch import Request, batches, obstacle
 
-    requests = {index: Request.of(run) for index, run in enumerate(runs)}
+    requests = {index: Request.of(run) for index, run in of_gearbox.items()}
     obstacles = {index: obstacle(request, runs[index]) for index, request in requests.items()}
     for index, what in obstacles.items():
         if what and kernel == "batch":
@@ -243,7 +244,7 @@ def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     suited = {index: request for index, request in requests.items() if not obstacles[index]}
     if not suited:
         return alone
-    tasks = [alone[index] for index, what in obstacles.items() if what]
+    tasks = [task for index, task in enumerate(alone) if index not in suited]
     for batch in batches(suited):
         tasks.append(_Task({index: runs[index] for index in batch}, list(batch.values())))
     return sorted(tasks, key=lambda task: min(task.runs))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from cyclofeat.simulators._machine import (
     seed_sequence,
 )
 from cyclofeat.simulators._settling import settling_samples
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects import (
     BrakeRotor,
     Clearance,
@@ -47,7 +47,7 @@ from cyclofeat.simulators.simulation import SimulationRun
 __all__ = ["DEFECTS", "Rig"]
 
 # Children of a run's seed. Those of an effect begin with the bytes of its name, which are larger numbers.
-DEFECTS, _START = 1, 2
+DEFECTS, _START, _VARIANT = 1, 2, 3
 _GEARBOX = "gearbox."
 # Samples for which speed and load are known after the end of a run, for the anti-alias filter.
 _SPARE_SAMPLES = 64
@@ -70,6 +70,11 @@ class Rig:
         place act in the order given. Several of one kind are allowed, but at most one brake.
     name : str, default "rig"
         Prefix of the names of its surrogate recordings.
+    variants : sequence of sequences of Effect
+        Sets of further effects, of which each assembly has one, with equal chances: for effects that are
+        there with some probability, exclude each other, or have correlated sizes. Default: none.
+    simulator : Simulator, optional
+        User's simulator. The gearbox then states speed, load and number of lobes.
 
     Raises
     ------
@@ -99,6 +104,8 @@ class Rig:
     gearbox: CycloidalGearbox = field(default_factory=CycloidalGearbox.steel)
     effects: tuple[Effect, ...] = ()
     name: str = "rig"
+    variants: tuple[tuple[Effect, ...], ...] = ()
+    simulator: Simulator | None = None
 
     def __post_init__(self) -> None:
         check_type("gearbox", self.gearbox, CycloidalGearbox)
@@ -106,12 +113,21 @@ class Rig:
             raise TypeError(f"name must be text, got {self.name!r}")
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
-        effects = sorted(library.checked_effects(self.effects), key=lambda effect: effect.place)
-        object.__setattr__(self, "effects", tuple(effects))
+        object.__setattr__(self, "effects", library.in_chain(library.checked_effects(self.effects)))
+        if self.simulator is not None:
+            check_type("simulator", self.simulator, Simulator)
+            self.simulator.check()
+        variants = library.read_variants(self.variants, library.checked_effects)
+        object.__setattr__(self, "variants", variants)
+        for index, effects in enumerate(self.effect_sets()):
+            self._check_together(effects, f"effects and variants[{index}]" if variants else "effects")
+
+    def _check_together(self, effects: Sequence[Effect], name: str) -> None:
+        """Raise ValueError unless effects fit together and to the gearbox."""
         brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
         if brakes > 1:
             raise ValueError(
-                f"effects must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
+                f"{name} must hold one {BrakeRotor.effect_id} at most, and none where the gearbox has a "
                 f"brake, got {brakes} brakes in all"
             )
         for effect in effects:
@@ -119,6 +135,8 @@ class Rig:
                 for share in (0.0, 1.0):  # the gearbox rejects wrong values
                     value = effect.parameters["value"].draw(effect.value, share)
                     self.gearbox.replace(**{effect.parameter: value})
+            if self.simulator is None and effect.overrides("change_simulator"):
+                raise ValueError(f"simulator must be given for {effect!r}, which changes it, got None")
 
     @classmethod
     def r0(cls) -> Rig:
@@ -156,8 +174,9 @@ class Rig:
 
     @property
     def has_brake(self) -> bool:
-        """True if a brake's rotor turns behind the torque meter."""
-        return self.gearbox.brake_inertia > 0 or any(isinstance(one, BrakeRotor) for one in self.effects)
+        """True if a brake's rotor turns behind the torque meter, if only in a variant."""
+        every = [effect for effects in self.effect_sets() for effect in effects]
+        return self.gearbox.brake_inertia > 0 or any(isinstance(one, BrakeRotor) for one in every)
 
     def replace(self, **changes: Any) -> Rig:
         """Return a checked copy with single fields changed."""
@@ -198,7 +217,11 @@ class Rig:
         *effect_ids : str
             Names of no effect of the rig are ignored.
         """
-        return self.replace(effects=[one for one in self.effects if one.effect_id not in effect_ids])
+        effects, *variants = (
+            [one for one in part if one.effect_id not in effect_ids]
+            for part in (self.effects, *self.variants)
+        )
+        return self.replace(effects=effects, variants=variants)
 
     def parameters(self) -> dict[str, Any]:
         """Return all numeric parameters by name.
@@ -222,15 +245,18 @@ class Rig:
 
     def labelled_effects(self) -> dict[str, Effect]:
         """Return the effects by their labels in :meth:`parameters`."""
-        seen: Counter[str] = Counter()
-        labelled = {}
-        for effect in self.effects:
-            label = effect.effect_id
-            if isinstance(effect, GearboxParameter):
-                label += f"_{effect.parameter}"
-            seen[label] += 1
-            labelled[label if seen[label] == 1 else f"{label}_{seen[label]}"] = effect
-        return labelled
+        return library.labelled(self.effects)
+
+    def effect_sets(self) -> list[tuple[Effect, ...]]:
+        """Return the effects with those of each variant, in the order of the chain; one set without variants.
+
+        Examples
+        --------
+        >>> from cyclofeat.simulators import Hum
+        >>> Rig(effects=[Noise(0.1)], variants=[[Hum(0.3)], []]).effect_sets()
+        [(Noise(rms_nm=0.1), Hum(amplitude_nm=0.3)), (Noise(rms_nm=0.1),)]
+        """
+        return [library.in_chain((*self.effects, *variant)) for variant in self.variants or ((),)]
 
     def with_parameters(self, values: Mapping[str, Any]) -> Rig:
         """Return a copy with single parameters changed.
@@ -278,7 +304,7 @@ class Rig:
         return np.random.SeedSequence([random_state, *self.name.encode()], spawn_key=(index,))
 
     def draw(self, random_state: RandomState) -> Machine:
-        """Draw one machine: the errors of its gearbox, and a number from each range and distribution.
+        """Draw one machine: its variant, the errors of its gearbox, a number from each distribution.
 
         Parameters
         ----------
@@ -296,7 +322,9 @@ class Rig:
         >>> machine.gearbox.brake_inertia == machine.effects[0].inertia
         True
         """
-        return Machine.drawn(self.gearbox, self.effects, seed_sequence(random_state))
+        seed, sets = seed_sequence(random_state), self.effect_sets()
+        variant = library.stream(seed, _VARIANT).integers(len(sets))
+        return Machine.drawn(self.gearbox, sets[variant], seed, self.simulator)
 
     def simulate(
         self,
@@ -403,7 +431,8 @@ class Rig:
         seed = seed_sequence(random_state)
         machine = self.draw(seed if assembly is None else seed_sequence(assembly, "assembly"))
         gearbox = machine.gearbox
-        n_settling = settling_samples(gearbox, sampling_rate) if settled else 0
+        settles = settled and self.simulator is None  # a user's runs already
+        n_settling = settling_samples(gearbox, sampling_rate) if settles else 0
         n_run = machine.samples_needed(n_samples) + math.ceil(spare_s * sampling_rate)
         total = (n_settling + n_run) / sampling_rate
         if start_angle is None:
@@ -417,6 +446,8 @@ class Rig:
             "start_angle": start_angle,
             "courses": machine.fluctuations(seed, total + _SPARE_SAMPLES / sampling_rate),
         }
+        if machine.simulator is not None:
+            arguments["simulator"] = machine.simulator
         return PlannedRun(
             machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,
             n_settling=n_settling, from_rest=not settled,
@@ -424,7 +455,10 @@ class Rig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""
-        return _rig_file.rig_to_dict(self.name, self.gearbox, self.effects)
+        content = _rig_file.rig_to_dict(self.name, self.gearbox, self.effects)
+        variants = [[effect.to_dict() for effect in variant] for variant in self.variants]
+        simulator = {} if self.simulator is None else {"simulator": self.simulator.to_dict()}
+        return content | simulator | ({"variants": variants} if variants else {})
 
     def to_text(self) -> str:
         """Return the JSON text that :meth:`to_json` writes, equal for equal rigs."""
@@ -468,8 +502,8 @@ class Rig:
         :class:`CycloidalGearbox` in SI units) and ``"effects"``: a list of objects, the effect's name under
         ``"effect"``, then its parameters (:func:`cyclofeat.simulators.effect_library`). A parameter is a
         number, a range ``[low, high]``, or a distribution of scipy by its name and arguments,
-        ``{"distribution": "norm", "loc": 0.2, "scale": 0.05}``. All keys may be left out. ``"note"`` is free
-        text.
+        ``{"distribution": "norm", "loc": 0.2, "scale": 0.05}``. ``"variants"`` is a list of such lists of
+        effects, of which each assembly has one. All keys may be left out. ``"note"`` is free text.
 
         Parameters
         ----------

@@ -16,6 +16,7 @@ from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators._chatter import friction_rates, warn_of_chatter
 from cyclofeat.simulators._lines import on_grid
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
@@ -122,8 +123,9 @@ class SimulationRun:
         sleeve that touches twice (at a worn lobe's pit) has one point, in the direction of the resultant.
     dt : float
         Integration step in s.
-    kernel : {"exact", "batch"}
-        The kernel that made the run (:func:`simulate_many`).
+    kernel : str
+        What made the run: the kernel "exact" or "batch" (:func:`simulate_many`), or the class of a user's
+        simulator.
     """
 
     gearbox: CycloidalGearbox
@@ -189,6 +191,7 @@ def simulate(
     start: str = "rest",
     courses: Courses | None = None,
     solver: Solver | None = None,
+    simulator: Simulator | None = None,
     torque_in: bool = True,
     motion: bool = True,
     forces: bool = False,
@@ -216,6 +219,8 @@ def simulate(
         Input speed and load over time, in place of the gearbox's.
     solver : Solver, optional
         Time step, integrator and decimation.
+    simulator : Simulator, optional
+        User's simulator in the place of the model: without ramp, ``start``, ``solver`` and the results below.
     torque_in : bool
         Keep the moment about the input shaft.
     motion, forces, points : bool
@@ -232,6 +237,8 @@ def simulate(
         If the integration diverges; the message says when, which contact, and what helps.
     GearboxLocked
         If the gearbox wedges.
+    RuntimeError
+        If a user's simulator raises an error, or gives a result of a wrong length or that is not finite.
     TypeError, ValueError
         For arguments of the wrong type or outside their range.
 
@@ -248,6 +255,10 @@ def simulate(
     (7680,)
     """
     gearbox, defects = machine(gearbox, defects)
+    if simulator is not None:
+        n, steady = round(duration * sampling_rate), gearbox.replace(ramp_time=0.0)
+        course = drive_and_load(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses)
+        return _simulated_by(simulator, gearbox, defects, course, sampling_rate)
     solver = solver or Solver()
     sampling = Sampling.of(duration, sampling_rate, solver)
     number("start_angle", start_angle)
@@ -285,6 +296,31 @@ def simulate(
             internal_points(gearbox, internal, done.motion[:, 2] - phi[2 * kept] / z) if points else None
         ),
         dt=dt,
+    )
+
+
+def _simulated_by(
+    simulator: Simulator, gearbox: CycloidalGearbox, defects: LobeDefects, course: Float, sampling_rate: float
+) -> SimulationRun:
+    """Return the run of a user's simulator, checked."""
+    angle, speed, _, load = course
+    n, where = angle.size, f"simulate of {simulator!r}"
+    try:
+        given = simulator.simulate(np.arange(n) / sampling_rate, angle, speed, load, gearbox, defects)
+        torque, input_angle = (np.array(values, dtype=float) for values in given)
+    except SimulationFailed:
+        raise
+    except Exception as error:
+        raise RuntimeError(f"{where} raised {type(error).__name__}: {error}") from error
+    for name, values in (("torque", torque), ("input_angle", input_angle)):
+        if values.shape != (n,):
+            raise RuntimeError(f"{where} must return {name} of shape ({n},), got {values.shape}")
+        if not np.all(np.isfinite(values)):
+            first = int(np.argmin(np.isfinite(values)))
+            got = f"{values[first]} at sample {first} of {n}"
+            raise RuntimeError(f"{where} must return finite {name}, or raise SimulationFailed, got {got}")
+    return SimulationRun(
+        gearbox, defects, float(sampling_rate), torque, None, input_angle, kernel=type(simulator).__name__
     )
 
 

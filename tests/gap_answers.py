@@ -22,7 +22,7 @@ from cyclofeat.gap import (
     Size,
     where_of,
 )
-from cyclofeat.gap._answer import JointGap
+from cyclofeat.gap._result import GapResult
 from cyclofeat.simulators import Gain, Hum, PinErrors, Rig
 
 FIRST, SECOND = Condition(500.0, 22.0), Condition(400.0, 12.0, -1)
@@ -79,7 +79,7 @@ def overlay(kind: str = "spectrum", condition: Condition = FIRST, n: int = 5) ->
     return Overlay(kind, x, *bands, condition)
 
 
-def answered(located: Any, **changes: Any) -> JointGap:
+def answered(located: Any, **changes: Any) -> GapResult:
     """A result at two conditions, of which the first is ``located``."""
     where = where_of(located)
     both = (
@@ -106,4 +106,4 @@ def answered(located: Any, **changes: Any) -> JointGap:
         "warnings": ("No tachometer.", "No tachometer.", "One record was clipped."),
         "seconds": 83.4,
     }
-    return JointGap(**whole | changes)
+    return GapResult(**whole | changes)

@@ -16,7 +16,7 @@ from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import GapSettings, find_joint_gap
+from cyclofeat.gap import GapSettings, find_gap
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.simulations import Memory
 from cyclofeat.gap.world import Session
@@ -86,4 +86,4 @@ def whole_answer(
     oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
     fit, held_out = read_set(name, folder)
     settings = dataclasses.replace(settings, oracle=oracle)
-    return find_joint_gap(fit, held_out or None, posterior=posterior, settings=settings).to_dict()
+    return find_gap(fit, held_out or None, posterior=posterior, settings=settings).to_dict()

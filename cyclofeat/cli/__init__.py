@@ -10,6 +10,7 @@ module              job
 ``_models``         options of commands that count with a stored model
 ``_targets``        options that name files to write, checked before any work
 ``_idle``           errors for options that have no effect
+``_gap_check``      what ``gap --check`` does
 ``_gap_prepare``    what ``gap --prepare`` does
 ``_gap_printing``   text of what ``gap`` finds
 ``folder_watch``    files that arrive in a folder

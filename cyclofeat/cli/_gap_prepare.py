@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Prepared", "add_preparation", "prepare", "printed_preparation"]
 
-_IDLE = ("hold_out", "out", "save_simulator", "posterior", "simulated", "alpha", "one_assembly")
+_IDLE = (
+    "hold_out", "out", "save_simulator", "posterior", "simulated", "alpha", "one_assembly", "check",
+    "recordings", "rigs",
+)  # fmt: skip
 _MACHINES = 4000  # about an hour of two cores
 _TRAINED_BY = ("jax", "optax")
 

@@ -14,7 +14,7 @@ from cyclofeat.plotting.gap_words import (
 )
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, JointGap, Proof, Remainder
+    from cyclofeat.gap import FoundEffect, GapResult, Proof, Remainder
 
 __all__ = ["gap_lines"]
 
@@ -27,7 +27,7 @@ _OPEN = 0.05  # probability from which an effect that is neither missing nor not
 _N_REMAINING = 3
 
 
-def gap_lines(result: JointGap) -> list[str]:
+def gap_lines(result: GapResult) -> list[str]:
     """Lines that tell a result, the answer first."""
     lines = [f"{_VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
     named = {effect.effect_id for effect in result.named}

@@ -38,7 +38,8 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
         "--rig",
         metavar="RIG",
         help="r0, r1, r2 (rigs of the toolkit), published (the statistics of published measurements), or a "
-        f"JSON file that describes gearbox, rig and effects (default: {default})",
+        "JSON file that describes gearbox, rig and effects, such as a corrected model of cyclofeat gap: each "
+        f"assembly draws from its ranges and variants (default: {default})",
     )
     group.add_argument("--simulator", metavar="FILE", help="the same, as a file only")
     add_effects(parser)
@@ -51,7 +52,8 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.py",
         action="append",
         default=[],
-        help="Python file with effects of your own, which rigs may then name (may be given several times)",
+        help="Python file with effects and simulators of your own, which rigs may then name "
+        "(may be given several times)",
     )
 
 

@@ -7,6 +7,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat.cli._gap_check import CHECKING, add_check, check, printed_check
 from cyclofeat.cli._gap_prepare import Prepared, add_preparation, prepare, printed_preparation
 from cyclofeat.cli._gap_printing import gap_lines
 from cyclofeat.cli._idle import refuse_idle
@@ -17,7 +18,7 @@ from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import GapSettings, JointGap
+    from cyclofeat.gap import GapCheck, GapResult, GapSettings
     from cyclofeat.gap.posterior import EffectPosterior
     from cyclofeat.recordings import Recording
 
@@ -49,7 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "those at the middle one of at least three speeds or loads",
     )
     add_target(parser, "--out", "page", metavar="FILE", help="report to write, .html")
-    add_target(parser, "--save-simulator", metavar="FILE", help="corrected model to write, .json")
+    add_target(
+        parser,
+        "--save-simulator",
+        metavar="FILE",
+        help="corrected model to write, .json, with the effects and sizes that the recordings leave possible",
+    )
+    add_check(parser)
     add_preparation(parser)
     parser.add_argument(
         "--cache", metavar="FOLDER", help="folder that keeps simulations, so that a new run resumes"
@@ -68,11 +75,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> JointGap | Prepared:
-    """Compare, name, correct, judge, and write the report and the corrected model; or prepare for that."""
+def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
+    """Compare, name, correct, judge, and write report and corrected model; or only prepare, or check."""
     if arguments.prepare is not None:
         return prepare(arguments)
+    if arguments.check:
+        return check(arguments, _posterior(arguments))
     refuse_idle(arguments, ("machines", "effects"), "without --prepare")
+    refuse_idle(arguments, CHECKING, "without --check")
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
     recordings = read_all(arguments.measured, arguments)
@@ -81,7 +91,7 @@ def run(arguments: argparse.Namespace) -> JointGap | Prepared:
     else:
         result, settings = _compared(arguments, recordings)
     if arguments.save_simulator is not None:
-        result.rig.to_json(arguments.save_simulator)
+        (result.posterior_rig or result.rig).to_json(arguments.save_simulator)
     if arguments.out is not None:
         from cyclofeat.report import write_gap_report
 
@@ -90,13 +100,13 @@ def run(arguments: argparse.Namespace) -> JointGap | Prepared:
     return result
 
 
-def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[JointGap, dict[str, str]]:
+def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[GapResult, dict[str, str]]:
     """Return what the model lacks, and the settings that the page lists."""
-    from cyclofeat.gap import find_joint_gap
+    from cyclofeat.gap import find_gap
 
     posterior = _posterior(arguments)
     fitted, held_out = _split(arguments, recordings)
-    result = find_joint_gap(
+    result = find_gap(
         fitted,
         held_out,
         posterior=posterior,
@@ -113,7 +123,7 @@ def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[
     return result, settings
 
 
-def _compared(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[JointGap, dict[str, str]]:
+def _compared(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[GapResult, dict[str, str]]:
     """Return where the recordings differ from those of another simulator."""
     from cyclofeat.gap import compare_recordings
 
@@ -188,9 +198,13 @@ def _option(argument: str, rest: str) -> str:
     return "--hold-out" if argument == "by" else option_of(argument, rest)
 
 
-def printed(arguments: argparse.Namespace, result: JointGap | Prepared) -> Printed:
+def printed(arguments: argparse.Namespace, result: GapResult | GapCheck | Prepared) -> Printed:
+    from cyclofeat.gap import GapCheck
+
     if isinstance(result, Prepared):
         return printed_preparation(result)
+    if isinstance(result, GapCheck):
+        return printed_check(result)
     lines = gap_lines(result)
     if arguments.out is not None:
         lines.append(f"report: {arguments.out}")

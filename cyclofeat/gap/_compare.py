@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 
-from cyclofeat.gap._answer import JointGap
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import overlays
+from cyclofeat.gap._result import GapResult
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.where import LocatedGap, locate_all
@@ -20,7 +20,7 @@ _FEW_SIMULATED = 40  # below it "disagree" is said too often where nothing diffe
 
 def compare_recordings(
     measured: Sequence[Recording], simulated: Sequence[Recording], *, settings: GapSettings | None = None
-) -> JointGap:
+) -> GapResult:
     """Find where measured recordings differ from those of any simulator.
 
     Nothing is named, as the simulator is not known. Conditions, counts and tachometers are used as far as
@@ -34,7 +34,7 @@ def compare_recordings(
 
     Returns
     -------
-    JointGap
+    GapResult
         Without effects.
 
     Raises
@@ -69,7 +69,7 @@ def compare_recordings(
     parts = both.part(numbers[: len(measured)]), both.part(numbers[len(measured) :])
     located = locate_all(parts[0], World(rig=rig), settings, simulated=parts[1])
     pictures = settings.pictures
-    return JointGap(
+    return GapResult(
         where=tuple(where_of(one, pictures=pictures) for one in located),
         rig=rig,
         overlays=tuple(

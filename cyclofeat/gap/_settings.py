@@ -52,18 +52,9 @@ class GapSettings:
     ----------
     alpha : float
         Chance of a false "disagree".
-    library : sequence of str or None
-        Effects that are considered. None: all of :func:`cyclofeat.simulators.effect_library` that fit the
-        model.
-    max_effects : {0, 1, 2}
-        0 compares and names nothing.
-    n_candidates : int
-        Explanations that are fitted before one is chosen; look-alikes count as one.
     baselines : sequence of str
-        Alternatives to the corrected model: ``"nothing"``, ``"retuned"``, ``"equaliser"``,
-        ``"gaussian_process"``.
-    with_placebo : bool
-        Whether the best wrong effect outside the group of look-alikes is compared too.
+        Alternatives to the corrected model: ``"nothing"``, ``"retuned"`` (left out for a user's simulator),
+        ``"equaliser"``, ``"gaussian_process"``.
     oracle : Rig, CycloidalGearbox or None
         The truth, where it is known (in a benchmark); compared in the last stage and not used before.
     pictures : bool
@@ -71,10 +62,8 @@ class GapSettings:
     n_after, n_report : int
         Simulated recordings of the comparison with the corrected model, and of each alternative on the
         recordings held out.
-    n_draws, n_null : int
-        Size of the table of effects (:func:`learn_effects`).
-    n_sims, n_interval : int
-        Simulated recordings for the search of a fit and for its intervals (:func:`fit_effects`).
+    n_sessions : int
+        Simulated sessions of each of the two rounds of the confirmation.
     n_permutations : int
         Relabellings of the comparison.
     n_bank : int
@@ -93,19 +82,12 @@ class GapSettings:
     """
 
     alpha: float = 0.03
-    library: Sequence[str] | None = None
-    max_effects: int = 2
-    n_candidates: int = 2
     baselines: Sequence[str] = ("nothing", "retuned", "equaliser", "gaussian_process")
-    with_placebo: bool = True
     oracle: Rig | CycloidalGearbox | None = None
     pictures: bool = True
     n_after: int = 96
     n_report: int = 64
-    n_draws: int = 60
-    n_null: int = 160
-    n_sims: int = 400
-    n_interval: int = 144
+    n_sessions: int = 96
     n_permutations: int = 999
     n_bank: int = 200
     random_state: int = 0
@@ -117,14 +99,15 @@ class GapSettings:
         if not 0 < checks.number("alpha", self.alpha) < 1:
             raise ValueError(f"alpha must be between 0 and 1, got {self.alpha!r}")
         least = {
-            "max_effects": 0, "n_candidates": 1, "n_after": 10, "n_report": 10, "n_draws": 5,
-            "n_null": 16, "n_sims": 1, "n_interval": 0, "n_permutations": 19,
-            "n_bank": 10, "random_state": 0,
-        }  # fmt: skip
+            "n_after": 10,
+            "n_report": 10,
+            "n_sessions": 32,
+            "n_permutations": 19,
+            "n_bank": 10,
+            "random_state": 0,
+        }
         for name, low in least.items():
             checks.whole(name, getattr(self, name), low)
-        if self.max_effects > 2:
-            raise ValueError(f"max_effects must be 0, 1 or 2, got {self.max_effects}")
 
 
 def checked(comparison: Comparison, windows: Windows) -> tuple[Comparison, Measured]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -79,7 +80,7 @@ class Comparison:
     n_jobs : int, default=1
         Number of worker processes of the simulations.
     cache : path, optional
-        Folder in which simulations and fits are kept: an interrupted run goes on from there.
+        Folder in which simulations are kept: an interrupted run goes on from there.
 
     Raises
     ------
@@ -168,12 +169,16 @@ class Comparison:
         stated = dataclasses.astuple(self.conditions), self.defect_counts, self.tachometer, self.n_bank
         return repr((self.rig.to_text(), self.population.text, stated, self.random_state))
 
-    def corrected_rig(self, effects: Iterable[Effect]) -> Rig:
-        """Return the model with effects added, after the ``may_differ`` effects of the same kinds."""
+    def corrected_rig(self, effects: Iterable[Effect] = (), variants: Sequence[Sequence[Effect]] = ()) -> Rig:
+        """Return the model with effects added, after the ``may_differ`` effects of the same kinds.
+
+        Each of the ``variants`` joins one of the model's, if it has some.
+        """
         added = tuple(effects)
-        kinds = {effect.effect_id for effect in added}
+        kinds = {effect.effect_id for effect in itertools.chain(added, *variants)}
         rig = with_may_differ(self.rig, [effect for effect in self.may_differ if effect.effect_id in kinds])
-        return rig.with_added(*added)
+        joined = [(*own, *more) for own, more in zip(itertools.cycle(rig.variants or ((),)), variants)]
+        return rig.with_added(*added).replace(variants=joined if any(joined) else rig.variants)
 
     def replace(self, **changes: Any) -> Comparison:
         """Return a checked copy with some parameters changed; both share their simulations."""
@@ -190,7 +195,7 @@ class Comparison:
         ----------
         call : callable
         kind : str
-            Name of the subfolder of ``cache``: ``"fit"``.
+            Name of the subfolder of ``cache``: ``"bank"``.
         *key : object
             Text, numbers and arrays that the result depends on.
         code : tuple of str

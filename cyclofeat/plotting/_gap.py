@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import Where, WhereRow
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap._result import GapResult
 
 Kind = Literal["families", "spectrum", "orders", "phase"]
 KINDS: tuple[Kind, ...] = ("families", "spectrum", "orders", "phase")
@@ -86,7 +86,7 @@ class GapDisplay:
     @classmethod
     def from_result(
         cls,
-        result: JointGap,
+        result: GapResult,
         kind: Kind = "spectrum",
         ax: Axes | None = None,
         *,
@@ -98,7 +98,7 @@ class GapDisplay:
 
         Parameters
         ----------
-        result : cyclofeat.gap.JointGap
+        result : cyclofeat.gap.GapResult
         kind, ax, phase
             As in :meth:`plot`.
         condition : int, default=0

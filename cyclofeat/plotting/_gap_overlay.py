@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from cyclofeat.gap import JointGap, Overlay
+    from cyclofeat.gap import GapResult, Overlay
 
 OverlayKind = Literal["spectrum", "orders", "distribution"]
 
@@ -56,7 +56,7 @@ class GapOverlayDisplay:
     @classmethod
     def from_result(
         cls,
-        result: JointGap,
+        result: GapResult,
         kind: OverlayKind = "spectrum",
         ax: Axes | None = None,
         *,
@@ -67,7 +67,7 @@ class GapOverlayDisplay:
 
         Parameters
         ----------
-        result : cyclofeat.gap.JointGap
+        result : cyclofeat.gap.GapResult
         kind : {"spectrum", "orders", "distribution"}, default="spectrum"
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import ProofRow
-    from cyclofeat.gap._answer import JointGap
+    from cyclofeat.gap._result import GapResult
 
 _GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 
@@ -50,12 +50,12 @@ class GapReductionDisplay:
         self.comparison = tuple(comparison)
 
     @classmethod
-    def from_result(cls, result: JointGap, ax: Axes | None = None, *, condition: int = 0) -> Self:
+    def from_result(cls, result: GapResult, ax: Axes | None = None, *, condition: int = 0) -> Self:
         """Draw the shares that alternatives close at one condition.
 
         Parameters
         ----------
-        result : cyclofeat.gap.JointGap
+        result : cyclofeat.gap.GapResult
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
         condition : int, default=0

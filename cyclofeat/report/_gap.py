@@ -24,7 +24,7 @@ from cyclofeat.report._page import check_page_path, origin, write_page
 if TYPE_CHECKING:
     import os
 
-    from cyclofeat.gap import JointGap, Overlay, Proof
+    from cyclofeat.gap import GapResult, Overlay, Proof
 
 _FEW = 5  # recordings, below which exact tests hardly reject
 _BESIDE_ANOTHER = (5.2, 3.4)  # inches of a picture that has another one beside it
@@ -37,7 +37,7 @@ _OVERLAYS = {
 
 
 def write_gap_report(
-    result: JointGap,
+    result: GapResult,
     path: str | os.PathLike[str],
     *,
     sources: Sequence[str | None] = (),
@@ -52,7 +52,7 @@ def write_gap_report(
 
     Parameters
     ----------
-    result : cyclofeat.gap.JointGap
+    result : cyclofeat.gap.GapResult
     path : path-like
         File to write, ``*.html``.
     sources : sequence of str or None, optional
@@ -87,7 +87,7 @@ def write_gap_report(
 
 
 def summarise_gap(
-    result: JointGap,
+    result: GapResult,
     *,
     sources: Sequence[str | None] = (),
     settings: Mapping[str, Any] | None = None,
@@ -97,7 +97,7 @@ def summarise_gap(
 
     Parameters
     ----------
-    result : cyclofeat.gap.JointGap
+    result : cyclofeat.gap.GapResult
     sources, settings, title
         As in :func:`write_gap_report`.
 
@@ -160,7 +160,7 @@ def _picture(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[st
     return picture(lambda ax, _: display.plot(ax), size, alt)
 
 
-def _warnings(result: JointGap) -> list[str]:
+def _warnings(result: GapResult) -> list[str]:
     given = list(result.warnings)
     n = sum(where.n_recordings for where in result.where)
     if n < _FEW and not any("recordings" in text for text in given):

@@ -12,17 +12,17 @@ from cyclofeat.report._gap_numbers import percent, quantity, range_text, rounded
 from cyclofeat.report._page import probability_text, unbroken
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, JointGap, Size
+    from cyclofeat.gap import FoundEffect, GapResult, Size
 
 _NEGLIGIBLE = 0.05  # probability below which an open effect is not listed by itself
 
 
-def the_answer(result: JointGap, word: str) -> dict[str, Any]:
+def the_answer(result: GapResult, word: str) -> dict[str, Any]:
     """Heading, sentences, and one row for each effect that is missing or may be.
 
     Parameters
     ----------
-    result : cyclofeat.gap.JointGap
+    result : cyclofeat.gap.GapResult
     word : str
         Name of the recordings in a heading: ``"measurement"``.
     """
@@ -39,7 +39,7 @@ def the_answer(result: JointGap, word: str) -> dict[str, Any]:
     }
 
 
-def what_remains(result: JointGap) -> dict[str, Any]:
+def what_remains(result: GapResult) -> dict[str, Any]:
     """What the corrected model leaves unexplained, in words."""
     remainder, model = result.remainder, "corrected model" if result.named else "model"
     if remainder is None:
@@ -64,7 +64,7 @@ def what_remains(result: JointGap) -> dict[str, Any]:
     return {"sentences": [text], "rows": rows}
 
 
-def measure_next(result: JointGap) -> list[dict[str, str]]:
+def measure_next(result: GapResult) -> list[dict[str, str]]:
     """What to measure next, the most useful first."""
     return [
         {
@@ -76,7 +76,7 @@ def measure_next(result: JointGap) -> list[dict[str, str]]:
     ]
 
 
-def _heading(result: JointGap, word: str) -> str:
+def _heading(result: GapResult, word: str) -> str:
     answers = [result.effect(effect.effect_id).answer for effect in result.named]
     sure = answers.count("present")
     likely = len(answers) - sure
@@ -97,7 +97,7 @@ def _heading(result: JointGap, word: str) -> str:
     return f"Model and {word} disagree{end}"
 
 
-def _sentences(result: JointGap, word: str) -> list[str]:
+def _sentences(result: GapResult, word: str) -> list[str]:
     n = sum(where.n_recordings for where in result.where)
     at = f" at {len(result.where)} conditions" if len(result.where) > 1 else ""
     if result.verdict == "disagree":
@@ -128,7 +128,7 @@ def _sentences(result: JointGap, word: str) -> list[str]:
     return texts
 
 
-def _rows(result: JointGap) -> list[dict[str, Any]]:
+def _rows(result: GapResult) -> list[dict[str, Any]]:
     """Effects that are missing, and those that may be; one that is tied to an earlier one only beside it."""
     named = {effect.effect_id for effect in result.named}
     rows: list[dict[str, Any]] = []
@@ -145,7 +145,7 @@ def _rows(result: JointGap) -> list[dict[str, Any]]:
     return rows
 
 
-def _row(result: JointGap, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:
+def _row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:
     asked = {one.effect: one.probability for one in result.effects}
     together = min(found.probability + sum(asked.get(name, 0.0) for name in ties), 1.0)
     return {
@@ -171,7 +171,7 @@ def _size(size: Size) -> dict[str, str]:
     }
 
 
-def _tiles(result: JointGap) -> list[dict[str, str]]:
+def _tiles(result: GapResult) -> list[dict[str, str]]:
     tiles = [_closed(result)] if result.named else []
     if result.remainder is not None:
         value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
@@ -188,7 +188,7 @@ def _tiles(result: JointGap) -> list[dict[str, str]]:
     return tiles
 
 
-def _closed(result: JointGap) -> dict[str, str]:
+def _closed(result: GapResult) -> dict[str, str]:
     label = "Gap closed on recordings held out"
     if not result.proof:
         return {"label": label, "value": "not tested", "text": "no recordings were held out"}

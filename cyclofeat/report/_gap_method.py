@@ -9,10 +9,10 @@ from cyclofeat.plotting.gap_words import p_words
 from cyclofeat.report._page import versions
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import JointGap, Where
+    from cyclofeat.gap import GapResult, Where
 
 
-def method(result: JointGap) -> list[tuple[str, str]]:
+def method(result: GapResult) -> list[tuple[str, str]]:
     """Method in short: heading and text of each part."""
     parts = _comparison(result.where[0], result.where[0].alpha * len(result.where))
     tests = [
@@ -77,7 +77,7 @@ def _comparison(where: Where, alpha: float) -> list[tuple[str, str]]:
     ]
 
 
-def provenance(result: JointGap, settings: dict[str, Any]) -> list[tuple[str, str]]:
+def provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, str]]:
     """Settings and circumstances: label and text of each."""
     where = result.where[0]
     known = {

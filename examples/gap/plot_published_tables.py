@@ -55,7 +55,7 @@ for step in gap.steps:
 for row in (*gap.rejected[:5], *(row for row in gap.rejected[5:] if row.effect == "brake_rotor")):
     print(f"not added: {row.effect} {row.score:.2f} (p = {row.p:.2f})")
 for row in gap.parameters:
-    print(f"  {row.effect}.{row.name} = {row.value:.3g} {row.unit} (90 %: {row.low:.3g} to {row.high:.3g})")
+    print(f"  {row.name} = {row.value:.3g} {row.unit} (90 %: {row.low:.3g} to {row.high:.3g})")
 
 fig, ax = plt.subplots(figsize=(9, 5.5), layout="constrained")
 names, scores = zip(*((row.effect, row.score) for row in gap.ranking[::-1]), strict=True)

@@ -15,7 +15,7 @@ from cyclofeat._base.versions import code_sha256, package_versions
 from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
-from cyclofeat.simulators.effects._library import stream
+from cyclofeat.simulators.effects._library import labelled, stream
 from cyclofeat.simulators.gearbox import LobeDefects
 from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
@@ -58,7 +58,8 @@ def columns(campaign: Campaign) -> dict[str, str]:
     """Return the columns of a campaign's table and their kinds."""
     effects = {
         f"effects.{label}.{name}": NUMBER
-        for label, effect in campaign.the_rig.labelled_effects().items()
+        for effects in campaign.the_rig.effect_sets()
+        for label, effect in labelled(effects).items()
         for name in effect.parameters
     }
     return {**_COLUMNS, **effects}
@@ -168,7 +169,7 @@ def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRu
     except ValueError as error:  # there is no such machine
         return row, error
     row |= {"settling_s": settling, **machine.true_values()}
-    for label, drawn in zip(rig.labelled_effects(), machine.effects, strict=True):
+    for label, drawn in labelled(machine.effects).items():
         row |= {f"effects.{label}.{name}": float(getattr(drawn, name)) for name in drawn.parameters}
     return row, planned
 

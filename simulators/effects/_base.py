@@ -65,6 +65,7 @@ class TorqueContext:
 # Default place of an effect, by the hook that it overrides.
 _PLACE_OF_HOOK = {
     "change_gearbox": Place.GEOMETRY,
+    "change_simulator": Place.GEOMETRY,
     "load_fluctuation": Place.LOAD_AND_SPEED,
     "speed_fluctuation": Place.LOAD_AND_SPEED,
     "change_torque": Place.SENSOR,
@@ -75,8 +76,9 @@ class Effect(BaseEstimator):
     """Abstract base of the effects: a deviation of a real rig from the plain simulation.
 
     A subclass states its parameters and overrides at least one hook: :meth:`change_gearbox`,
-    :meth:`load_fluctuation`, :meth:`speed_fluctuation` or :meth:`change_torque`. Hooks are pure: the same
-    arguments and the same state of ``random`` give the same result, and arguments stay unchanged.
+    :meth:`change_simulator`, :meth:`load_fluctuation`, :meth:`speed_fluctuation` or :meth:`change_torque`.
+    Hooks are pure: the same arguments and the same state of ``random`` give the same result, and arguments
+    stay unchanged.
 
     A parameter is a number; a range ``(low, high)``, from which each assembly draws, log-uniformly where the
     parameter is fitted in its logarithm, else uniformly; or a frozen distribution of scipy (uniform,
@@ -146,6 +148,13 @@ class Effect(BaseEstimator):
     def change_gearbox(self, gearbox: CycloidalGearbox, random: np.random.Generator) -> CycloidalGearbox:
         """Return the gearbox with the effect on it; by default the same."""
         return gearbox
+
+    def change_simulator(self, simulator: Any, random: np.random.Generator) -> Any:
+        """Return a user's simulator (:class:`cyclofeat.simulators.Simulator`) with the effect on it.
+
+        Mostly by :func:`dataclasses.replace`. By default the same.
+        """
+        return simulator
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: np.random.Generator

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
 
@@ -44,10 +44,13 @@ _NOT_PROPOSED = {
     "load_warm_up", "sensor_warm_up", "stick_slip", "rattle", "input_shaft_line", "output_shaft_line",
     "clipping", "lost_samples",
 }  # fmt: skip
-_HOOKS = ("change_gearbox", "load_fluctuation", "speed_fluctuation", "change_torque", "resample")
+_HOOKS = (
+    "change_gearbox", "change_simulator", "load_fluctuation", "speed_fluctuation", "change_torque",
+    "resample",
+)  # fmt: skip
 
 # Keys of the random streams of the hooks, appended to the key of their effect.
-RANGES, GEARBOX, LOAD, SPEED, TORQUE = range(5)
+RANGES, GEARBOX, LOAD, SPEED, TORQUE, SIMULATOR = range(6)
 
 
 def effect_library() -> Mapping[str, type[Effect]]:
@@ -228,6 +231,37 @@ def checked_effects(effects: Any) -> tuple[Effect, ...]:
                 "effect_library() has them all"
             )
     return tuple(effect.with_parameters() for effect in given)
+
+
+def read_variants(content: Any, read: Callable[[Any], tuple[Effect, ...]]) -> tuple[tuple[Effect, ...], ...]:
+    """Return the sets of effects that ``read`` makes of each item of a sequence."""
+    if not isinstance(content, Sequence) or isinstance(content, str):
+        raise TypeError(f"variants must be a list of lists of effects, got {short(content)}")
+    variants = []
+    for index, item in enumerate(content):
+        try:
+            variants.append(read(item))
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"variants[{index}]: {error}") from None
+    return tuple(variants)
+
+
+def in_chain(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return the effects in the order of the chain; those of one place stay in the order given."""
+    return tuple(sorted(effects, key=lambda effect: effect.place))
+
+
+def labelled(effects: Iterable[Effect]) -> dict[str, Effect]:
+    """Return the effects of a rig by their labels, as ``Rig.labelled_effects``."""
+    seen: Counter[str] = Counter()
+    of_label = {}
+    for effect in effects:
+        label = effect.effect_id
+        if isinstance(effect, _gearbox.GearboxParameter):
+            label += f"_{effect.parameter}"
+        seen[label] += 1
+        of_label[label if seen[label] == 1 else f"{label}_{seen[label]}"] = effect
+    return of_label
 
 
 def stream_keys(effects: Iterable[Effect]) -> list[tuple[int, ...]]:

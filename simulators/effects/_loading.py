@@ -11,6 +11,7 @@ import types
 from pathlib import Path
 from typing import Any
 
+from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.effects._base import Effect
 from cyclofeat.simulators.effects._library import effects_in, is_known, register_effect
 
@@ -25,7 +26,8 @@ def load_effects(path: str | os.PathLike[str]) -> dict[str, type[Effect]]:
     Parameters
     ----------
     path : path
-        Python file in UTF-8. Classes whose name begins with an underscore are not registered.
+        Python file in UTF-8. Classes whose name begins with an underscore are not registered. Rig files may
+        name its subclasses of :class:`cyclofeat.simulators.Simulator`.
 
     Returns
     -------
@@ -96,6 +98,8 @@ def _run(file: str, text: str, *, replace: bool = False) -> types.ModuleType:
         exec(compile(text, file, "exec"), vars(module))
         for kind in effects_in(module):
             _register(kind, file, replace=replace)
+        for simulator in _simulators_in(module):
+            simulator.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
     except BaseException as error:
         sys.modules.pop(name)
         if before is not None:
@@ -122,19 +126,30 @@ def _register(kind: type[Effect], file: str, *, replace: bool = False) -> None:
     kind.__reduce__ = _reduce  # type: ignore[method-assign, assignment]
 
 
-def _reduce(effect: Effect) -> tuple[Any, ...]:
-    """Pickle an effect with the text that defines it: other processes do not have the module."""
-    module = sys.modules[type(effect).__module__]
+def _simulators_in(module: types.ModuleType) -> list[type[Simulator]]:
+    return [
+        kind
+        for kind in vars(module).values()
+        if inspect.isclass(kind) and issubclass(kind, Simulator) and kind.__module__ == module.__name__
+    ]
+
+
+def _reduce(made: Effect | Simulator) -> tuple[Any, ...]:
+    """Pickle with the text that defines the class: other processes do not have the module."""
+    module = sys.modules[type(made).__module__]
     text = vars(module)["__effects_text__"]
-    return _unpickled, (module.__file__, text, type(effect).__qualname__, effect.get_params(deep=False))
+    kind: Any = type(made)
+    parameters = {name: getattr(made, name) for name in inspect.signature(kind).parameters}
+    return _unpickled, (module.__file__, text, kind.__qualname__, parameters)
 
 
-def _unpickled(file: str, text: str, name: str, parameters: dict[str, Any]) -> Effect:
-    """Return the effect of :func:`_reduce`; it replaces one of another file with the same name."""
-    module = _run(file, text, replace=True)
-    kind: type[Effect] = getattr(module, name)
-    _register(kind, file, replace=True)
-    return kind(**parameters)
+def _unpickled(file: str, text: str, name: str, parameters: dict[str, Any]) -> Effect | Simulator:
+    """Return what :func:`_reduce` took; an effect replaces one of another file with the same name."""
+    kind = getattr(_run(file, text, replace=True), name)
+    if issubclass(kind, Effect):
+        _register(kind, file, replace=True)
+    made: Effect | Simulator = kind(**parameters)
+    return made
 
 
 def _line_of(error: Exception, file: str) -> int:

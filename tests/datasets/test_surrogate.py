@@ -258,6 +258,18 @@ def test_effects_of_a_rig_are_drawn_applied_and_listed(tmp_path):
         assert read_recording(tmp_path / file).meta["effects"] == made[0].meta["effects"]
 
 
+def test_each_recording_has_one_of_a_rigs_variants(tmp_path):
+    variants = [[Hum(0.1 + 0.01 * k)] for k in range(9)]
+    Rig(variants=variants).to_json(tmp_path / "rig.json")
+    rig, some = Rig.from_json(tmp_path / "rig.json"), {"duration": 0.05}
+    made = make_rig_recordings(4, [0, 2], rig=rig, **some)
+    hums = [recording.meta["effects"][0]["amplitude_nm"] for recording in made]
+    assert len(set(hums)) > 3
+    assert made == make_rig_recordings(4, [0, 2], rig=rig, n_jobs=2, **some)
+    alone = make_rig_recordings(4, [0, 2], rig=Rig(effects=[Hum(hums[3])]), **some)
+    np.testing.assert_array_equal(made[3].torque, alone[3].torque)
+
+
 def test_one_effect_more_leaves_the_assembly_as_it_is():
     plain, offset = (
         make_rig_recordings(1, [2], rig=Rig.r2().with_added(*effects), duration=0.05)[0]

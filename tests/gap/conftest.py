@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 from short_records import GEARBOX, SPEED, Recorder, short
-from sklearn.ensemble import ExtraTreesClassifier
 
 from cyclofeat.gap import Bank
-from cyclofeat.gap.simulations import Population, as_rig
+from cyclofeat.gap.simulations import as_rig
 from cyclofeat.simulators import CycloidalGearbox, Effect, Rig
 
 
@@ -41,32 +40,3 @@ def recorded(simulations: Path) -> Recorder:
         return comparison.bank(n, counts, random_state=seed)
 
     return record
-
-
-@pytest.fixture(scope="module")
-def few_trees():
-    """Effects are named by a tenth of the trees, in a tenth of the time."""
-    fit = ExtraTreesClassifier.fit
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            ExtraTreesClassifier, "fit", lambda self, X, y: fit(self.set_params(n_estimators=40), X, y)
-        )
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _machines_once():
-    """Fits of effects on the torque ask for the same runs of the machine, from the same seeds: made once."""
-    real, made = Population.run_machine, {}
-
-    def run_machine(self, count, random_state, assembly=None, spare=0.0):
-        if assembly is not None:
-            return real(self, count, random_state, assembly, spare)
-        key = (self.text, count, str(random_state.entropy), random_state.spawn_key, spare)
-        if key not in made:
-            made[key] = real(self, count, random_state, spare=spare)
-        return made[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Population, "run_machine", run_machine)
-        yield

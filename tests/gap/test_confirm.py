@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from cyclofeat.gap import GapSettings, MeasuredRig, find_joint_gap
+from cyclofeat.gap import GapSettings, MeasuredRig, find_gap
 from cyclofeat.gap.confirm import (
+    Confirmed,
     Gaussian,
     confirm,
+    draw_effects,
     next_measurements,
     simulate_sessions,
     size_posterior,
@@ -18,7 +22,7 @@ from cyclofeat.gap.confirm import (
 from cyclofeat.gap.posterior import EffectPosterior, named_effects
 from cyclofeat.gap.world import FLOOR, World, prepare_world
 from cyclofeat.recordings import Recording
-from cyclofeat.simulators import Gain, Noise, Rig
+from cyclofeat.simulators import Gain, Hum, LoadDrift, LoadScale, Noise, Offset, Rig, SensorDrift
 from cyclofeat.simulators.effects import InputShaftLine
 
 RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 900.0, 2, 12
@@ -70,6 +74,71 @@ def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
     assert np.argmax(np.abs(left.z)) == 5
 
 
+class Stated:
+    """A posterior that states given probabilities, and sizes of mean 0 and deviation 0.01."""
+
+    def __init__(self, presence):
+        effects = (Noise(), Hum(), Gain(), Offset(), LoadScale(), LoadDrift(), SensorDrift())
+        self.world = SimpleNamespace(effects=tuple(one for one in effects if one.effect_id in presence))
+        self.presence = lambda session: presence
+
+    def size_distribution(self, session, names):
+        return np.zeros(len(names)), np.full(len(names), 0.01)
+
+
+NO_SIZES = Gaussian(np.zeros(0), np.zeros((0, 0)))
+
+
+def drawn_sets(presence, n=2000, effects=(), sizes=NO_SIZES, seed=0):
+    confirmed = Confirmed(effects, (), sizes, None, None, None, None, True, None)
+    return draw_effects(Stated(presence), None, confirmed, n, random_state=seed)
+
+
+def present_in(sets, name):
+    return np.array([any(effect.effect_id == name for effect in effects) for effects in sets])
+
+
+def test_effects_are_drawn_with_their_probabilities_and_look_alikes_apart():
+    presence = {
+        "noise": 0.97, "hum": 0.3, "gain": 0.5, "offset": 0.35, "load_scale": 0.04, "load_drift": 0.7,
+        "sensor_drift": 0.6, "clearance": np.nan,
+    }  # fmt: skip
+    sets = drawn_sets(presence)
+    share = {name: present_in(sets, name).mean() for name in presence}
+    for name, certain in (("noise", 1), ("load_scale", 0), ("clearance", 0)):
+        assert share[name] == certain
+    for name in ("hum", "gain", "offset", "load_drift", "sensor_drift"):
+        assert share[name] == pytest.approx(presence[name], abs=0.045), name  # 4 sigma
+    assert not np.any(present_in(sets, "gain") & present_in(sets, "offset"))
+    drifts = present_in(sets, "load_drift"), present_in(sets, "sensor_drift")
+    assert np.all(drifts[0] | drifts[1])
+    assert np.mean(drifts[0] & drifts[1]) == pytest.approx(0.3, abs=0.045)
+    both = np.mean(present_in(sets, "hum") & present_in(sets, "gain"))
+    assert both == pytest.approx(0.3 * 0.5, abs=0.035)
+
+
+def test_the_same_seed_draws_the_same_sets():
+    presence = {"noise": 0.5, "gain": 0.5}
+    assert drawn_sets(presence, 20) == drawn_sets(presence, 20)
+    assert drawn_sets(presence, 20) != drawn_sets(presence, 20, seed=1)
+    assert drawn_sets({}, 3) == ((), (), ())
+
+
+def test_sizes_of_confirmed_effects_are_drawn_together_and_the_others_beside():
+    effects = (Noise(), Gain())
+    mean = np.array([*Noise(0.3).to_vector(), *Gain(1.1).to_vector()])
+    covariance = np.array([[0.01, -0.0008], [-0.0008, 0.0001]])
+    sets = drawn_sets(
+        {"noise": 0.99, "gain": 0.99, "hum": 0.99}, effects=effects, sizes=Gaussian(mean, covariance)
+    )
+    vectors = np.array([np.concatenate([one.to_vector() for one in effects]) for effects in sets])
+    assert [one.effect_id for one in sets[0]] == ["noise", "gain", "hum"]
+    np.testing.assert_allclose(vectors.mean(axis=0)[:2], mean, atol=0.01)
+    np.testing.assert_allclose(np.cov(vectors[:, :2].T), covariance, rtol=0.15)
+    assert vectors[:, 2].std() == pytest.approx(0.01, rel=0.1)
+    assert abs(np.corrcoef(vectors.T)[2, :2]).max() < 0.09
+
+
 @pytest.fixture(scope="module")
 def posterior(tmp_path_factory):
     world = World(
@@ -96,7 +165,7 @@ SETTINGS = GapSettings(n_bank=24, n_after=16, n_report=12, n_permutations=999, b
 
 def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     told = []
-    result = find_joint_gap(
+    result = find_gap(
         recordings(Noise(0.3), loads=(22.0, 14.0), n=10), recordings(Noise(0.3), n=4, seed=1),
         posterior=posterior, settings=SETTINGS, progress=told.append,
     )  # fmt: skip
@@ -110,14 +179,13 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert not result.unknown
     assert result.proof[0].result.grr > 0.8
     assert result.rig.gearbox == Rig().gearbox
+    drawn = [one for effects in result.posterior_rig.variants for one in effects if one.effect_id == "noise"]
+    assert len(drawn) == len(result.posterior_rig.variants) == 200
+    low, high = np.quantile([one.rms_nm for one in drawn], [0.05, 0.95])
+    assert (low, high) == pytest.approx((size.low, size.high), rel=0.02)
     assert {overlay.condition.load_nm for overlay in result.overlays} == {22.0, 14.0}
     assert told[0] == "comparing measurement and model"
     assert told[-1] == "judging on recordings held out"
-
-
-def test_an_option_without_effect_is_an_error(posterior):
-    with pytest.raises(ValueError, match=r"settings.library must be None, got \['hum'\]"):
-        find_joint_gap(recordings(n=2), posterior=posterior, settings=GapSettings(library=["hum"]))
 
 
 def test_of_look_alikes_that_share_their_probability_the_first_is_named():

@@ -81,7 +81,7 @@ def given(monkeypatch: pytest.MonkeyPatch, learned: None) -> Callable[..., dict[
     def find(fit: list[Any], hold: list[Any] | None, **others: Any) -> None:
         raise _Given({"fit": fit, "hold": hold, **others})
 
-    monkeypatch.setattr(cyclofeat.gap, "find_joint_gap", find, raising=False)
+    monkeypatch.setattr(cyclofeat.gap, "find_gap", find, raising=False)
 
     def call(*arguments: Any) -> dict[str, Any]:
         with pytest.raises(_Given) as found:

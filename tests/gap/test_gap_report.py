@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,6 +25,8 @@ from cyclofeat.gap.proof import _alternatives as alternatives
 from cyclofeat.gap.proof import _distance as distance
 from cyclofeat.simulators import (
     BrakeRotor,
+    ContactDampingScale,
+    ContactStiffnessScale,
     CycloidalGearbox,
     Effect,
     Hum,
@@ -310,21 +311,16 @@ def test_gaussian_process_extrapolates_over_the_count() -> None:
     assert changed.mean() - x.mean() == pytest.approx(0.3, abs=0.03)
 
 
-def test_retuned_fits_stiffness_and_damping_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is fitted to which recordings, and that its rig is the alternative."""
-    asked: list[object] = []
-
-    def fit_effects(comparison: Comparison, measured: Measured, effects: list[Effect], **_: object) -> object:
-        asked.extend([comparison, measured, [effect.effect_id for effect in effects]])
-        return SimpleNamespace(rig=comparison.rig.with_added(*effects))
-
-    monkeypatch.setattr(alternatives, "fit_effects", fit_effects)
-    comparison = Comparison(sampling_rate=FS, rig=BASE)
-    measured = comparison.measured(np.full((3, N), 22.0), y=[2, 2, 5], groups=[0, 0, 1])
-    retuned = alternatives.Retuned(10).fit(comparison, measured)
-    names = ["contact_stiffness_scale", "contact_damping_scale"]
-    assert asked == [comparison, measured, names]
-    assert {effect.effect_id for effect in retuned.rig.effects} > set(names)
+def test_retuned_finds_the_contacts_of_the_rig(cache: Path) -> None:
+    """Contacts of half the stiffness and three times the damping, and nothing else is added."""
+    truth = [ContactStiffnessScale(0.5), ContactDampingScale(3.0)]
+    bank = bank_of(truth, [0, 4], 8, 5, cache)
+    comparison = Comparison(sampling_rate=FS, rig=BASE, cache=cache)
+    retuned = alternatives.Retuned(10).fit(comparison, comparison.measured(bank.X, y=bank.counts))
+    assert retuned.rig.without("contact_stiffness_scale", "contact_damping_scale") == BASE
+    found = {effect.effect_id: effect for effect in retuned.rig.effects}
+    assert found["contact_stiffness_scale"].factor == pytest.approx(0.5, rel=0.15)
+    assert found["contact_damping_scale"].factor == pytest.approx(3.0, rel=0.4)
 
 
 # The report as a whole

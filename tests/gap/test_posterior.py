@@ -224,13 +224,27 @@ def test_gain_and_offset_by_least_squares():
     mean = np.stack([1.03 * load + 0.4 * direction, np.r_[np.full(6, 23.0), np.full(6, 1e3)]])
     shown = np.stack([np.ones(12, dtype=bool), np.arange(12) < 6])
     apart, together = gain_and_offset(mean, np.stack([conditions, same]), shown)
-    gain, offset, *_, remainder = apart
+    gain, offset = np.sinh(apart[3:5]) * (0.003, 0.05)
     assert gain == pytest.approx(0.03, abs=0.002)
     assert offset == pytest.approx(0.4, abs=0.03)
-    assert remainder == pytest.approx(np.log(0.1), abs=0.1)
-    gain, offset, *_ = together
+    assert apart[-1] == pytest.approx(np.log(0.1), abs=0.1)
+    gain, offset = np.sinh(together[3:5]) * (0.003, 0.05)
     assert gain * 22 + offset == pytest.approx(1.0, rel=0.01)
     assert offset / (22 * gain) == pytest.approx(1.0 / (22 * 0.06) ** 2, rel=1e-6)
+    # Alone, each is a least-squares fit to deviations in units of their errors, and leaves the rest of them.
+    error = np.hypot(0.003 * load, 0.05)
+    deviation = (mean[0] - load) / error
+    for k, cause in enumerate((load / error, direction / error, 1 / error)):
+        z, left = linear_fit(cause, deviation)
+        assert np.sinh(apart[k]) == pytest.approx(z)
+        assert apart[9 + k] == pytest.approx(np.log(left / 12 + 0.1))
+    assert apart[12] == pytest.approx(np.log(deviation @ deviation / 12 + 0.1))
+
+
+def linear_fit(cause, deviation):
+    """Slope over its standard error for errors of 1, and the sum of squares left."""
+    (slope,), (left,), *_ = np.linalg.lstsq(cause[:, None], deviation, rcond=None)
+    return slope * np.sqrt(cause @ cause), left
 
 
 def test_padding_changes_no_answer(posterior, held_out):

@@ -114,7 +114,7 @@ def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     assert rows["std"].difference > 1
     assert gap.steps[0].effect == "sensor_drift"
     assert gap.rig.effects[-1].effect_id == "sensor_drift"
-    assert (gap.parameters[0].effect, gap.parameters[0].unit) == ("sensor_drift", "Nm")
+    assert (gap.parameters[0].name, gap.parameters[0].unit) == ("sensor_drift.rms_nm", "Nm")
     assert (
         abs(gap.fitted[:, 1].mean() - gap.measured[:, 1].mean()) < 1
     )  # a factor of e; without it, more than 3

@@ -30,8 +30,6 @@ MAPPED = {
 LONG = {
     "cyclofeat.counting._lobes",
     "cyclofeat.gap.proof._downstream",
-    "cyclofeat.gap.size._fit",
-    "cyclofeat.gap.what._ranker",
     "cyclofeat.gap.proof._prove",
     "cyclofeat.report._gap",
 }

@@ -11,7 +11,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-from gap_answers import EFFECTS, REMAINDER, JointGap, answered, compared, overlay, proof_of
+from gap_answers import EFFECTS, REMAINDER, GapResult, answered, compared, overlay, proof_of
 from pages import parse, words
 
 from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
@@ -267,7 +267,7 @@ def test_settings_are_told_once(result, bare, tmp_path):
 
 
 def test_the_least_there_can_be(result, null, bare, tmp_path):
-    plain = JointGap(where=(null,), rig=Rig())
+    plain = GapResult(where=(null,), rig=Rig())
     text = bare(plain, tmp_path, sources=(), settings=None)
     assert "No clear answer yet" in text
     assert "The recordings do not state whether they were taken on a machine." in text
@@ -305,7 +305,7 @@ def test_origins(result, bare, tmp_path, sources, expected, title):
 
 def test_few_recordings_are_warned_of(null, bare, tmp_path):
     few = dataclasses.replace(null, n_recordings=3)
-    text = bare(JointGap(where=(few,), rig=Rig()), tmp_path)
+    text = bare(GapResult(where=(few,), rig=Rig()), tmp_path)
     assert "Only 3 recordings: with fewer than 5, only large differences can be shown." in text
 
 

@@ -188,6 +188,17 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
     assert row["effects.quantisation.lsb_nm"] == 0.05
 
 
+def test_a_run_states_the_effects_of_its_variant() -> None:
+    rig = QUICK.replace(variants=[[Hum(0.1)], [Hum(0.3), Noise(0.4)]])
+    campaign = SMALL.replace(rig=rig)
+    rows = [result.row for result in _run.simulate_runs(campaign, list(campaign.plans()))]
+    assert all(row.keys() == _run.columns(campaign).keys() for row in rows)
+    second = [row["effects.hum.amplitude_nm"] == 0.3 for row in rows]
+    assert 0 < sum(second) < len(rows)
+    assert second == [row["effects.noise_2.rms_nm"] == 0.4 for row in rows]
+    assert not any(math.isnan(row["effects.noise.rms_nm"]) for row in rows)
+
+
 def test_shards_follow_from_the_number_of_runs_unless_they_are_stated(tmp_path: Path) -> None:
     shards = {n: Campaign(defect_counts=(0,), repeats=n) for n in (1, 20, 80, 1000, 10**6)}
     assert [one.shard_length for one in shards.values()] == [1, 1, 4, 50, 128]

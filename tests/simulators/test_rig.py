@@ -138,6 +138,37 @@ def test_one_effect_more_or_less_changes_nothing_else_of_an_assembly(preset):
     assert other.replace(load_torque=gearbox.load_torque) == gearbox
 
 
+VARIANTS = Rig(
+    CycloidalGearbox.steel(), [Noise(0.1), PinErrors(1e-5)],
+    variants=[[Hum(0.1), Gain(1.02)], [Hum(0.2), Gain(1.01)], [BrakeRotor((0.01, 0.03))], []],
+)  # fmt: skip
+
+
+def test_each_assembly_has_one_of_the_variants_with_equal_chances():
+    sets = VARIANTS.effect_sets()
+    drawn = [VARIANTS.draw(seed) for seed in range(400)]
+    labels = [tuple(effect.effect_id for effect in machine.effects) for machine in drawn]
+    kinds = [tuple(effect.effect_id for effect in effects) for effects in sets]
+    assert kinds[2:] == [("pin_errors", "brake_rotor", "noise"), ("pin_errors", "noise")]
+    for k, variant in enumerate(sets[:2]):
+        assert sum(machine.effects == variant for machine in drawn) == pytest.approx(100, abs=35), (
+            k
+        )  # 4 sigma
+    assert labels.count(kinds[2]) == pytest.approx(100, abs=35)
+    assert len({machine.gearbox.brake_inertia for machine in drawn}) == labels.count(kinds[2]) + 1
+    assert drawn == [VARIANTS.draw(seed) for seed in range(400)]
+
+
+def test_variants_leave_all_else_of_an_assembly_as_it_is():
+    plain = VARIANTS.replace(variants=())
+    for seed in range(8):
+        gearbox = VARIANTS.draw(seed).gearbox
+        assert gearbox.pin_radial_errors == plain.draw(seed).gearbox.pin_radial_errors
+    assert VARIANTS.has_brake
+    assert not plain.has_brake
+    assert VARIANTS.without("hum", "brake_rotor").variants == ((Gain(1.02),), (Gain(1.01),), (), ())
+
+
 def test_the_gearbox_may_have_errors_of_its_own():
     own = CycloidalGearbox.steel(clearance=5e-5, pin_radial_errors=[1e-5] * 16, wheel_runouts=(1e-5j, 0j))
     assert Rig(own).draw(0).gearbox == own
@@ -263,17 +294,18 @@ def test_distributions_are_truncated_to_the_bounds():
 # Files
 
 
-@by_name
+@pytest.mark.parametrize("preset", [*PRESETS, VARIANTS], ids=lambda preset: preset.name)
 def test_a_file_says_everything_and_comes_back_the_same(preset, tmp_path):
     path = tmp_path / "rig.json"
     preset.to_json(path)
     assert Rig.from_json(path) == preset
     text = path.read_text(encoding="utf-8")
     found = json.loads(text)
-    assert set(found) == {"format", "note", "name", "gearbox", "effects"}
+    lists = ["effects", "variants"] if preset.variants else ["effects"]
+    assert set(found) == {"format", "note", "name", "gearbox", *lists}
     assert {name for name, value in found["gearbox"].items() if value == 22.0} == {"load_torque"}
     # one line to a value, and nothing else but brackets
-    inner = sum(len(found[part]) + 1 for part in ("gearbox", "effects"))
+    inner = sum(len(found[part]) + 1 for part in ("gearbox", *lists))
     assert len(text.splitlines()) == 2 + len(found) + inner
 
 
@@ -451,6 +483,20 @@ BAD_FILES = {
     "gearbox errors": ('{"gearbox": {"pin_radial_errors": 1}}', "must be a list of numbers, or .* got 1"),
     "gearbox digits": ('{"gearbox": {"pin_radius": ' + "9" * 5000 + "}}", "must be .*finite, got inf"),
     "gearbox long whole": ('{"gearbox": {"pin_radius": ' + "9" * 400 + "}}", "must be .*finite, got 999"),
+    "variants": ('{"variants": {"effect": "hum"}}', "variants must be a list of lists of effects, got {"),
+    "variant": ('{"variants": [[], {"effect": "hum"}]}', r"variants\[1\]: effects must be a list .* got {"),
+    "variant's effect": (
+        '{"variants": [[{"effect": "hums"}]]}',
+        r"variants\[0\]: effects\[0\]: unknown effect 'hums': did you mean 'hum'",
+    ),
+    "variant's number": (
+        '{"variants": [[{"effect": "gain", "factor": -1}]]}',
+        r"variants\[0\]: effects\[0\]: factor of gain must lie between",
+    ),
+    "variant's brake": (
+        '{"effects": [{"effect": "brake_rotor"}], "variants": [[], [{"effect": "brake_rotor"}]]}',
+        r"effects and variants\[1\] must hold one brake_rotor at most",
+    ),
     "name": ('{"name": "\\ud800"}', "name must be a line of printable text"),
 }
 

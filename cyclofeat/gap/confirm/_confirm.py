@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
-from cyclofeat.gap.confirm._sessions import SimulatedSessions, at_most, simulate_sessions, sized
+from cyclofeat.gap.confirm._sessions import (
+    MOST_RECORDINGS,
+    SimulatedSessions,
+    at_most,
+    simulate_sessions,
+    sized,
+)
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import Session
@@ -19,7 +25,6 @@ from cyclofeat.simulators import Effect
 
 Float = NDArray[np.float64]
 
-_MOST_RECORDINGS = 12
 _WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
@@ -35,6 +40,8 @@ class Confirmed:
         With the most probable sizes.
     names : tuple of str
         Of their sizes, as in :attr:`World.size_names`.
+    sizes : Gaussian
+        Their joint distribution, on the scale of their fit.
     low, middle, high : ndarray, shape (n_sizes,)
         0.05, 0.5 and 0.95 quantile, in the parameter's unit.
     remainder : Unexplained
@@ -48,6 +55,7 @@ class Confirmed:
 
     effects: tuple[Effect, ...]
     names: tuple[str, ...]
+    sizes: Gaussian = field(repr=False)
     low: Float = field(repr=False)
     middle: Float = field(repr=False)
     high: Float = field(repr=False)
@@ -84,7 +92,7 @@ def confirm(
         Called with the name of each step.
     """
     world = posterior.world
-    shown = at_most(session, _MOST_RECORDINGS)
+    shown = at_most(session, MOST_RECORDINGS)
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
@@ -117,7 +125,9 @@ def confirm(
     low, middle, high = (_in_units(effects, end) for end in ends)
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     difference = shown.values.mean(axis=0) - simulated_mean
-    return Confirmed(sized(effects, final.mean), names, low, middle, high, remainder, accepted, difference)
+    return Confirmed(
+        sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference
+    )
 
 
 def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:

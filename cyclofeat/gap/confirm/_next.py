@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap._answer import NextMeasurement
-from cyclofeat.gap.confirm._sessions import part_of, simulate_sessions, sized
+from cyclofeat.gap._result import NextMeasurement
+from cyclofeat.gap.confirm._sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, sized
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import Session, World
 from cyclofeat.simulators import Effect
@@ -35,6 +35,7 @@ def next_measurements(
     ----------
     posterior : EffectPosterior
     session : Session
+        Of more than 12 recordings, 12 are used.
     random_state, n_jobs : int
 
     Returns
@@ -42,35 +43,80 @@ def next_measurements(
     tuple of NextMeasurement
         Those that give anything, the most informative first; empty where nothing is open.
     """
-    world = posterior.world
+    world, session = posterior.world, at_most(session, MOST_RECORDINGS)
     presence = posterior.predict_proba([session])[0]
     if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
         return ()
-    candidates = _candidates(session, world)
-    n = len(session.values)
-    longer = _extended(session, [conditions for _, conditions in candidates])
+    further = FurtherRecordings(session, world)
     sizes = posterior.size_distribution(session, world.size_names)
     simulated = simulate_sessions(
-        world, longer, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
+        world, further.session, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
         random_state=random_state, n_jobs=n_jobs,
     ).sessions  # fmt: skip
-    if not simulated:
-        return ()
-    before = _entropy(posterior, [part_of(one, np.arange(n)) for one in simulated])
-    found: list[tuple[float, NextMeasurement]] = []
-    for k, (what, _) in enumerate(candidates):
-        more = np.r_[:n, n + k * _PER_CANDIDATE : n + (k + 1) * _PER_CANDIDATE]
-        after = _entropy(posterior, [part_of(one, more) for one in simulated])
-        gains = np.mean(before - after, axis=0)
-        settles = tuple(name for name, gain in zip(posterior.names_, gains, strict=True) if gain > _SEPARATED)
-        gain = float(gains.sum())
-        found.append((gain, NextMeasurement(what, settles, gain)))
-    useful = [one for one in found if one[0] > _SEPARATED]
-    return tuple(one for _, one in sorted(useful, key=lambda one: -one[0]))
+    return further.rank(simulated, lambda sessions: -_entropy(posterior, sessions))
+
+
+class FurtherRecordings:
+    """Recordings that could be made besides those of a session.
+
+    At another load, another speed, in reverse, and more of the same; speeds and loads are those of the world.
+
+    Parameters
+    ----------
+    session : Session
+    world : World
+
+    Attributes
+    ----------
+    session : Session
+        With all these recordings, whose summaries are still to be simulated.
+    """
+
+    def __init__(self, session: Session, world: World) -> None:
+        self._names, self._n = world.names, len(session.values)
+        candidates = _candidates(session, world)
+        self._what = [what for what, _ in candidates]
+        rows = np.r_[np.arange(self._n), np.arange(len(candidates) * _PER_CANDIDATE) % self._n]
+        self.session = part_of(session, rows)
+        further = np.array([conditions for _, conditions in candidates])
+        self.session.conditions[self._n :] = np.repeat(further, _PER_CANDIDATE, axis=0)
+
+    def rank(
+        self,
+        simulated: Sequence[Session],
+        information: Callable[[list[Session]], Float],
+        *,
+        n_errors: float = 0.0,
+    ) -> tuple[NextMeasurement, ...]:
+        """Rank them by the information that they give on simulated rigs.
+
+        Parameters
+        ----------
+        simulated : sequence of Session
+            Like ``session``.
+        information : callable
+            Returns what the sessions of these rigs tell of each effect in bits, (n_sessions, n_effects).
+        n_errors : float
+            Standard errors that a gain must exceed.
+        """
+        if not simulated:
+            return ()
+        n = self._n
+        before = information([part_of(one, np.arange(n)) for one in simulated])
+        found: list[tuple[float, NextMeasurement]] = []
+        for k, what in enumerate(self._what):
+            more = np.r_[:n, n + k * _PER_CANDIDATE : n + (k + 1) * _PER_CANDIDATE]
+            rises = information([part_of(one, more) for one in simulated]) - before
+            gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
+            settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
+            gain = float(gains.sum())
+            if gain > max(_SEPARATED, n_errors * error):
+                found.append((gain, NextMeasurement(what, settles, gain)))
+        return tuple(one for _, one in sorted(found, key=lambda one: -one[0]))
 
 
 def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, float, float]]]:
-    """Further conditions inside the world: another load, another speed, reverse, and more of the same."""
+    """Further conditions inside the world."""
     speed, load, direction = session.conditions[0].tolist()
     loads = [load * ratio for ratio in (_LOAD_RATIO, 1 / _LOAD_RATIO)]
     speeds = [speed * ratio for ratio in (_SPEED_RATIO, 1 / _SPEED_RATIO)]
@@ -85,15 +131,6 @@ def _candidates(session: Session, world: World) -> list[tuple[str, tuple[float, 
     if np.all(session.conditions[:, 2] == direction):
         found.append(("recordings in reverse", (speed, load, -direction)))
     return found
-
-
-def _extended(session: Session, conditions: Sequence[tuple[float, float, float]]) -> Session:
-    """Return a session with further recordings, whose summaries are still to be simulated."""
-    n = len(session.values)
-    rows = np.r_[np.arange(n), np.arange(len(conditions) * _PER_CANDIDATE) % n]
-    longer = part_of(session, rows)
-    longer.conditions[n:] = np.repeat(np.array(conditions), _PER_CANDIDATE, axis=0)
-    return longer
 
 
 def _drawn(

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.world import DrawnMachine, DrawnSession, Session, World, simulate_drawn
-from cyclofeat.simulators import Effect
+from cyclofeat._base.parallel import stopped_quietly
+from cyclofeat.gap.world import FEWEST, DrawnMachine, DrawnSession, Rigs, Session, World, simulate_drawn
+from cyclofeat.simulators import Effect, SimulationFailed
 
 Float = NDArray[np.float64]
+Chains = list[tuple[Effect, ...]]
 
-_RIGS_PER_MACHINE = 2  # with different sizes of the effects on the torque signal
+MOST_RECORDINGS = 12  # of a session, that are simulated
+_RIGS_PER_MACHINE = 2  # with different effects on the torque signal
 _MACHINES_AT_ONCE = 4
 
 
@@ -56,12 +60,15 @@ def simulate_sessions(
     n_sessions : int
     random_state, n_jobs : int
     """
-    seeds = np.random.SeedSequence(random_state).spawn(-(-n_sessions // _RIGS_PER_MACHINE))
-    machines = [_drawn(world, template, draw, seed) for seed in seeds]
-    parts = [machines[k : k + _MACHINES_AT_ONCE] for k in range(0, len(machines), _MACHINES_AT_ONCE)]
-    made = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(simulate_drawn)(world, part) for part in parts)
+
+    def rigs(random: np.random.Generator) -> tuple[tuple[Effect, ...], Chains]:
+        drawn = [draw(random) for _ in range(_RIGS_PER_MACHINE)]
+        in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
+        return in_machine, [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
+
+    machines = _machines(world, template, rigs, n_sessions, random_state)
     sessions, sizes = [], []
-    for columns in (columns for part in made for columns in part):
+    for columns in _simulated(world, machines, n_jobs):
         for values, counts, speeds, drawn in zip(
             columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
         ):
@@ -78,26 +85,95 @@ def simulate_sessions(
     )
 
 
-def _drawn(
+def simulate_prior(
     world: World,
     template: Session,
-    draw: Callable[[np.random.Generator], Sequence[Effect]],
-    seed: np.random.SeedSequence,
-) -> DrawnMachine:
+    n_rigs: int,
+    *,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    progress: Callable[[int, int], object] | None = None,
+) -> Rigs:
+    """Simulate sessions with the conditions of another, of rigs whose effects are drawn from the prior.
+
+    Parameters
+    ----------
+    world : World
+    template : Session
+        Whose conditions and counts they have; unknown counts are drawn.
+    n_rigs : int
+        Two at a time share the runs of a machine.
+    random_state, n_jobs : int
+    progress : callable, optional
+        Called with the number of rigs done and ``n_rigs``.
+
+    Returns
+    -------
+    Rigs
+        Without those of which too many recordings failed.
+
+    Raises
+    ------
+    SimulationFailed
+        If all failed.
+    """
+
+    def rigs(random: np.random.Generator) -> tuple[tuple[Effect, ...], Chains]:
+        in_machine = world.prior.in_machine(random)
+        n = len(in_machine)
+        return in_machine, [world.prior.on_torque(n, random) for _ in range(_RIGS_PER_MACHINE)]
+
+    parts = []
+    for part in _simulated(world, _machines(world, template, rigs, n_rigs, random_state), n_jobs):
+        parts.append(part)
+        if progress is not None:
+            progress(min(len(parts) * _RIGS_PER_MACHINE, n_rigs), n_rigs)
+    columns: dict[str, Any] = {
+        name: np.concatenate([part[name] for part in parts])[:n_rigs] for name in parts[0]
+    }
+    numbers = np.arange(n_rigs)
+    made = Rigs(
+        world.names, world.size_names, world.logarithmic, world.cells, numbers,
+        numbers // _RIGS_PER_MACHINE, world=world.to_dict(), **columns,
+    )  # fmt: skip
+    n_made = np.isfinite(made.values[:, :, 0]).sum(axis=1)
+    usable = made.of(n_made >= min(FEWEST, len(template.values)))
+    if not len(usable):
+        raise SimulationFailed(f"none of {n_rigs} simulated rigs gave enough recordings")
+    return usable
+
+
+def _machines(
+    world: World,
+    template: Session,
+    rigs: Callable[[np.random.Generator], tuple[tuple[Effect, ...], Chains]],
+    n_rigs: int,
+    random_state: int,
+) -> list[DrawnMachine]:
+    """Draw machines with the conditions of a session; ``rigs`` draws effects on gearbox and torque."""
     n = len(template.values)
-    for_draws, *for_runs = seed.spawn(n + 1)
-    random = np.random.default_rng(for_draws)
-    counts = template.counts
-    if counts is None:
-        counts = random.choice(np.array(world.defect_counts), n)
     speeds, loads, directions = template.conditions.T
-    rigs = [draw(random) for _ in range(_RIGS_PER_MACHINE)]
-    return DrawnMachine(
-        effects=tuple(effect for effect in rigs[0] if effect.needs_simulation()),
-        chains=[tuple(effect for effect in rig if not effect.needs_simulation()) for rig in rigs],
-        session=DrawnSession(speeds, loads, directions.astype(np.int64), counts),
-        seeds=for_runs,
-    )
+    machines = []
+    for seed in np.random.SeedSequence(random_state).spawn(-(-n_rigs // _RIGS_PER_MACHINE)):
+        for_draws, *for_runs = seed.spawn(n + 1)
+        random = np.random.default_rng(for_draws)
+        counts = template.counts
+        if counts is None:
+            counts = random.choice(np.array(world.defect_counts), n)
+        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts)
+        machines.append(DrawnMachine(*rigs(random), session, for_runs))
+    return machines
+
+
+def _simulated(
+    world: World, machines: Sequence[DrawnMachine], n_jobs: int
+) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the columns of the rigs of each machine."""
+    parts = [machines[k : k + _MACHINES_AT_ONCE] for k in range(0, len(machines), _MACHINES_AT_ONCE)]
+    calls = (joblib.delayed(simulate_drawn)(world, part) for part in parts)
+    with stopped_quietly(joblib.Parallel(n_jobs=n_jobs, return_as="generator")(calls)) as made:
+        for part in made:
+            yield from part
 
 
 def at_most(session: Session, most: int) -> Session:

@@ -8,6 +8,8 @@ often it is right on rigs that it has not seen.
 from cyclofeat.gap.posterior._inputs import gain_and_offset
 from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import (
+    ABSENT,
+    PRESENT,
     TIES,
     PosteriorScore,
     calibration_error,
@@ -16,6 +18,8 @@ from cyclofeat.gap.posterior._score import (
 )
 
 __all__ = [
+    "ABSENT",
+    "PRESENT",
     "QUANTILES",
     "TIES",
     "EffectPosterior",

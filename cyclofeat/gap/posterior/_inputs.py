@@ -19,8 +19,9 @@ Flags = NDArray[np.bool_]
 # Prior spreads of the fit of gain and offset: share of the load, Nm, and what recordings differ by.
 _GAIN, _OFFSET_NM = 0.06, 1.0
 _LOAD_SHARE, _MEAN_NM = 0.003, 0.05
+_SMALL = 0.003, 0.05  # gain, and offset in Nm, from which their logarithm counts
 _LOW_COUNTS = 2  # counts up to it are pooled apart from larger ones
-_LARGEST = 5.0  # % by which a tachometer may deviate
+_SPEED_SCALES = 0.1, 0.005  # %: what the speed by the tachometer varies by, and that by the mesh from it
 _SPEED_CELL = "speed: input speed by the mesh lines"
 _MEAN_CELL = "amplitudes: mean"
 
@@ -37,7 +38,8 @@ class Recordings:
         Speed in RPM, load in Nm, direction.
     counts : ndarray of int, shape (n_sessions, n_recordings)
     speeds : ndarray, shape (n_sessions, n_recordings, 2)
-        Speed by the tachometer, and by the mesh lines against it, in %.
+        Deviation of the speed by the tachometer, and of that by the mesh lines from it, on a scale that is
+        linear for small ones and logarithmic for large ones.
     mean_torque : ndarray, shape (n_sessions, n_recordings)
         In Nm.
     made : ndarray of bool, shape (n_sessions, n_recordings)
@@ -124,12 +126,13 @@ def _recordings(
             part[made] = reference.deviations(values[made], conditions[made], counts[made] if known else None)
     by_tachometer = 100 * (np.nan_to_num(speeds) / conditions[:, :, 0] - 1)
     by_mesh = np.nan_to_num(values[:, :, cells.index(_SPEED_CELL)])
+    by_both = np.stack([by_tachometer, by_mesh - by_tachometer], axis=2)
     return Recordings(
         known=deviations[0],
         unknown=deviations[1],
         conditions=conditions,
         counts=counts,
-        speeds=np.clip(np.stack([by_tachometer, by_mesh - by_tachometer], axis=2), -_LARGEST, _LARGEST),
+        speeds=np.arcsinh(by_both / _SPEED_SCALES),
         mean_torque=np.nan_to_num(values[:, :, cells.index(_MEAN_CELL)]).astype(np.float64),
         made=made,
     )
@@ -163,10 +166,11 @@ def assembled(
 
 
 def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
-    """Fit the deviation of the mean torque as gain times load plus offset, for each session.
+    """Explain the deviation of the mean torque by a gain, an offset and a friction, for each session.
 
-    The offset keeps its sign when the rig reverses. A Gaussian prior holds both where one load and direction
-    cannot tell them apart.
+    A gain grows with the load, an offset keeps its sign when the rig reverses, and a friction changes it.
+    Each is fitted alone, then gain and offset together; a Gaussian prior holds these where one load and
+    direction cannot tell them apart.
 
     Parameters
     ----------
@@ -176,18 +180,30 @@ def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Floa
 
     Returns
     -------
-    ndarray, shape (n_sessions, 7)
-        Gain and offset, both over their standard errors, the logarithms of these errors, and that of the mean
-        square of what the fit leaves.
+    ndarray, shape (n_sessions, 14)
+        The three alone, over their standard errors; gain and offset together, then over their standard
+        errors; the logarithms of these errors; and the logarithms of the mean squares that each of the three
+        leaves alone, that there are without any, and that gain and offset leave together. All but logarithms
+        are on a scale that is linear for small values and logarithmic for large ones.
     """
     load, direction = conditions[:, :, 1], conditions[:, :, 2]
+    n = shown.sum(axis=1, keepdims=True)
     error = np.hypot(_LOAD_SHARE * load, _MEAN_NM)
-    inputs = np.stack([load, direction], axis=2) / error[:, :, None] * shown[:, :, None]
-    deviation = (mean_torque - load) / error
-    information = np.swapaxes(inputs, 1, 2) @ inputs + np.diag([_GAIN**-2, _OFFSET_NM**-2])
+    causes = np.stack([load, direction, np.ones_like(load)], axis=2) * (shown / error)[:, :, None]
+    deviation = (mean_torque - load) / error * shown
+    total = np.sum(deviation**2, axis=1, keepdims=True)
+    alone = np.sum(causes * deviation[:, :, None], axis=1) / np.sqrt(np.sum(causes**2, axis=1))
+    both = causes[:, :, :2]
+    information = np.swapaxes(both, 1, 2) @ both + np.diag([_GAIN**-2, _OFFSET_NM**-2])
     covariance = np.linalg.inv(information)
-    fitted = (covariance @ np.swapaxes(inputs, 1, 2) @ deviation[:, :, None])[:, :, 0]
+    fitted = (covariance @ np.swapaxes(both, 1, 2) @ deviation[:, :, None])[:, :, 0]
     errors = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    left = (deviation - (inputs @ fitted[:, :, None])[:, :, 0]) * shown
-    remainder = np.sum(left**2, axis=1, keepdims=True) / shown.sum(axis=1, keepdims=True)
-    return np.concatenate([fitted, fitted / errors, np.log(errors), np.log(remainder + 0.1)], axis=1)
+    left = deviation - (both @ fitted[:, :, None])[:, :, 0]
+    squares = [np.maximum(total - alone**2, 0), total, np.sum(left**2, axis=1, keepdims=True)]
+    return np.concatenate(
+        [
+            np.arcsinh(np.concatenate([alone, fitted / _SMALL, fitted / errors], axis=1)),
+            np.log(errors), *(np.log(some / n + 0.1) for some in squares),
+        ],
+        axis=1,
+    )  # fmt: skip

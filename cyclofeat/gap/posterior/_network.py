@@ -65,7 +65,7 @@ def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Arra
     parts = [
         mean,
         on_other_scale,
-        mean @ weights["uncorrelating"],
+        xp.arcsinh(mean @ weights["uncorrelating"]),
         spread,
         lowest,
         highest,
@@ -83,11 +83,13 @@ def answers(
     shown: Array,
     many: Array,
     whole: Array,
+    blurred: Callable[[Array], Array] = lambda pools: pools,
     thinned: Callable[[Array], Array] = lambda layer: layer,
 ) -> Array:
     """Return the outputs of sessions, shape (n_sessions, n_outputs).
 
-    ``thinned`` drops units while the network is trained (Srivastava et al. 2014).
+    While the network is trained, ``blurred`` adds noise to the session's pools (Bishop 1995), and ``thinned``
+    drops units (Srivastava et al. 2014).
     """
 
     def layer(name: str, x: Array) -> Array:
@@ -97,7 +99,7 @@ def answers(
     coded = layer("recording_2", layer("recording_1", recordings)) * inside
     mean = coded.sum(1) / shown.sum(1)[:, None]
     of_session = [pools(xp, weights, recordings, shown, many, whole), mean, coded.max(1)]
-    x = thinned(layer("session_1", thinned(xp.concatenate(of_session, 1))))
+    x = thinned(layer("session_1", blurred(xp.concatenate(of_session, 1))))
     x = thinned(layer("session_2", x) + x)
     x = layer("session_3", x) + x
     return x @ weights["answer"] + weights["answer_bias"]

@@ -30,7 +30,7 @@ Float = NDArray[np.float64]
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 DEFAULT = Path(__file__).with_name("default.npz")
-_FORMAT = "cyclofeat effect posterior 2"
+_FORMAT = "cyclofeat effect posterior 3"
 _FEWEST = 20  # machines with an effect from which it is learned
 _CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
 _AT_A_TIME = 500
@@ -50,7 +50,7 @@ class EffectPosterior(BaseEstimator):
     ----------
     n_networks : int, default=2
         Networks that differ in their random numbers; their answers are averaged.
-    epochs : int, default=60
+    epochs : int, default=40
         In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
         tachometer or without.
     random_state : int, default=0
@@ -80,7 +80,7 @@ class EffectPosterior(BaseEstimator):
     like those. Whether a rig is one of that world is not asked.
     """
 
-    def __init__(self, n_networks: int = 2, epochs: int = 60, random_state: int = 0) -> None:
+    def __init__(self, n_networks: int = 2, epochs: int = 40, random_state: int = 0) -> None:
         self.n_networks = n_networks
         self.epochs = epochs
         self.random_state = random_state

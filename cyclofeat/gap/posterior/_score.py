@@ -21,6 +21,7 @@ TIES: tuple[tuple[str, ...], ...] = (
     ("load_drift", "sensor_drift"),
     ("clock_error", "speed_scale"),
 )
+PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
 _BINS = 15
 _NAMED = 0.5
 

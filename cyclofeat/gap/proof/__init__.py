@@ -8,7 +8,6 @@ from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
 from cyclofeat.gap.proof._distance import Part, Sample, describe
 from cyclofeat.gap.proof._distance import Scale as Scale
 from cyclofeat.gap.proof._downstream import DownstreamGain, downstream_gain
-from cyclofeat.gap.proof._held_out import check_held_out
 from cyclofeat.gap.proof._prove import prove
 from cyclofeat.gap.proof._scores import AFTER, BEFORE, DistanceRow, Proof, ProofRow, score_alternatives
 
@@ -24,7 +23,6 @@ __all__ = [
     "ProofRow",
     "Sample",
     "Simulated",
-    "check_held_out",
     "describe",
     "downstream_gain",
     "prove",

@@ -10,16 +10,15 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import optimize, signal
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
-from cyclofeat.gap.size import fit_effects
-from cyclofeat.gap.summaries import Measured, class_means, per_recording
-from cyclofeat.simulators import ContactDampingScale, ContactStiffnessScale
+from cyclofeat.gap.summaries import Measured, class_means, less_class_means, per_recording, smallest_spreads
+from cyclofeat.simulators import ContactDampingScale, ContactStiffnessScale, Rig, SimulationFailed
 
 Float = NDArray[np.float64]
 Counts = Sequence[int] | None
@@ -28,7 +27,9 @@ _SEGMENT_S = 0.25  # length of a segment of the averaged spectra, which resolve 
 _MOST_GAIN = 2.0  # limit of the gain of the equaliser; power that is still missing is added as noise
 _BANDS_PER_OCTAVE = 6
 _LOWEST_HZ = 6.0
-_RETUNED_SIMS = 100
+_RETUNED_CALLS, _RETUNED_SIMS = 30, 8
+_RETUNED_FROM = ((0.0, 0.0), (np.log(2), 0.0), (0.0, np.log(2)))  # logarithms of both factors
+_RETUNED_WITHIN = ((-4.0, 4.0), (-4.0, 4.0))
 _FEWEST_PER_COUNT = 4
 _POWER_FLOOR = 1e-18  # Nm^2/Hz
 
@@ -64,11 +65,39 @@ class Retuned(Simulated):
     """Model with the stiffness and damping of all contacts fitted, as an engineer would try first."""
 
     def fit(self, comparison: Comparison, measured: Measured) -> Self:
-        """Fit both factors by :func:`cyclofeat.gap.fit_effects`."""
-        factors = [ContactStiffnessScale(1.0), ContactDampingScale(1.0)]
-        fitted = fit_effects(comparison, measured, factors, starts=(), n_sims=_RETUNED_SIMS, n_interval=0)
-        self.rig = fitted.rig
+        """Bring the mean summaries of few simulated recordings next to the measured ones.
+
+        The recordings have the same random numbers whatever the factors (Nelder and Mead 1965).
+        """
+        counts = None if measured.counts is None else np.unique(measured.counts).tolist()
+        wanted = class_means(measured.values, measured.counts_or_zeros)
+        n, smallest = max(_RETUNED_SIMS, 2 * len(counts or ())), smallest_spreads(measured.cells)
+
+        def misfit(logarithms: Float) -> float:
+            retuned = comparison.replace(rig=_with_contacts(comparison.rig, logarithms))
+            try:
+                bank = retuned.bank(n, counts)
+            except SimulationFailed:
+                return np.inf
+            of_count = 0 * bank.counts if counts is None else bank.counts
+            values = retuned.summaries(bank)
+            means = class_means(values, of_count)
+            spread = np.hypot(less_class_means(values, of_count, means).std(axis=0), smallest)
+            differences = [(wanted[count] - mean) / spread for count, mean in means.items()]
+            return float(np.sum(np.square(differences)))
+
+        found = optimize.minimize(
+            misfit, np.zeros(2), method="Nelder-Mead", bounds=_RETUNED_WITHIN,
+            options={"maxfev": _RETUNED_CALLS, "initial_simplex": _RETUNED_FROM},
+        )  # fmt: skip
+        self.rig = _with_contacts(comparison.rig, found.x)
         return self
+
+
+def _with_contacts(rig: Rig, logarithms: Float) -> Rig:
+    """Return the rig with stiffness and damping of all contacts by factors."""
+    stiffness, damping = np.exp(logarithms).tolist()
+    return rig.with_added(ContactStiffnessScale(stiffness), ContactDampingScale(damping))
 
 
 class _Filtered(Simulated):

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from cyclofeat._base.arguments import different_names
+from cyclofeat.gap._result import Size
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.published._rigs import SET_POINT, Set, SimulatedRigs, kind_of
 from cyclofeat.gap.published._scores import STATISTICS, fewest_units, sign_flip_p, to_statistics
 from cyclofeat.gap.published._search import Search, Step, Tried
 from cyclofeat.gap.published._settings import PublishedSettings
-from cyclofeat.gap.size import FittedParameter
 from cyclofeat.gap.where import holm
 from cyclofeat.simulators import Effect, Rig, effect_library
 
@@ -107,8 +107,8 @@ class PublishedGap:
         Effects that were added and taken out again.
     effects : tuple of Effect
         With the parameters of the rig of the largest weight.
-    parameters : tuple of FittedParameter
-        The same, with the weighted 5 % and 95 % quantiles over all rigs.
+    parameters : tuple of Size
+        The same, named as ``"noise.rms_nm"``, with the weighted 5 % and 95 % quantiles over all rigs.
     rig : Rig
         The model with the effects.
     held_out : tuple of HeldOut
@@ -128,7 +128,7 @@ class PublishedGap:
     rejected: tuple[Tried, ...]
     dropped: tuple[str, ...]
     effects: tuple[Effect, ...]
-    parameters: tuple[FittedParameter, ...]
+    parameters: tuple[Size, ...]
     rig: Rig
     held_out: tuple[HeldOut, ...] = field(repr=False)
     measured: Float = field(repr=False)
@@ -300,7 +300,7 @@ def _located(measured: Float, expected: Float) -> tuple[Discrepancy, ...]:
 
 def _parameters(
     names: Sequence[tuple[str, str]], best: Float, theta: Float, weights: Float
-) -> tuple[FittedParameter, ...]:
+) -> tuple[Size, ...]:
     """Parameters of the best rig, with weighted quantiles over all rigs."""
     rows = []
     for k, (effect, name) in enumerate(names):
@@ -308,7 +308,7 @@ def _parameters(
         at = np.searchsorted(np.cumsum(weights[order]), (0.05, 0.95)).clip(max=len(order) - 1)
         low, high = theta[order[at], k].tolist()
         unit = kind_of(effect).parameters[name].unit
-        rows.append(FittedParameter(effect, name, float(best[k]), low, high, unit))
+        rows.append(Size(f"{effect}.{name}", unit, float(best[k]), low, high))
     return tuple(rows)
 
 

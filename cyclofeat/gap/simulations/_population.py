@@ -158,19 +158,12 @@ class Population:
             spare_s=spare * duration,
         )
 
-    def run_machine(
-        self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
-    ) -> MachineRun:
-        """Simulate one run of the machine, without its chain of measurement.
-
-        Arguments as :meth:`plan_run`. Raises SimulationFailed or ValueError if the rig cannot be simulated or
-        built.
-        """
-        return self.plan_run(count, random_state, assembly, spare).simulate()
-
     def record(self, count: int, random_state: Seed, assembly: Seed | None = None) -> Record:
-        """Simulate one recording; arguments and errors as :meth:`run_machine`."""
-        return record(self.run_machine(count, random_state, assembly), (), self.direction)
+        """Simulate one recording; arguments as :meth:`plan_run`.
+
+        Raises SimulationFailed or ValueError if the rig cannot be simulated or built.
+        """
+        return record(self.plan_run(count, random_state, assembly).simulate(), (), self.direction)
 
 
 def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) -> Record:
@@ -188,7 +181,7 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 
 
-def in_batches(items: Sequence[T]) -> list[Sequence[T]]:
+def _in_batches(items: Sequence[T]) -> list[Sequence[T]]:
     """Parts of a list of runs, each as many as are simulated at once."""
     from cyclofeat.simulators.batch import n_lanes
 
@@ -227,7 +220,7 @@ def simulate_bank(
             for run in runs
         ]
 
-    parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(some)(part) for part in in_batches(range(n)))
+    parts = joblib.Parallel(n_jobs=n_jobs)(joblib.delayed(some)(part) for part in _in_batches(range(n)))
     made = list(itertools.chain.from_iterable(parts))
     done = [i for i, one in enumerate(made) if isinstance(one, Record)]
     if len(done) <= n // 2:

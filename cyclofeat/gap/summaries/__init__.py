@@ -21,14 +21,11 @@ from cyclofeat.gap.summaries._summarise import (
 from cyclofeat.gap.summaries._whitening import uncorrelating
 from cyclofeat.gap.summaries._windows import (
     Measured,
-    check_counts,
-    checked_speeds,
     class_means,
     less_class_means,
     mixed,
     per_recording,
     read_measured,
-    recordings_of,
 )
 
 __all__ = [
@@ -39,8 +36,6 @@ __all__ = [
     "Conditions",
     "Measured",
     "PhaseMap",
-    "check_counts",
-    "checked_speeds",
     "class_means",
     "left_out",
     "less_class_means",
@@ -49,7 +44,6 @@ __all__ = [
     "per_recording",
     "phase_maps",
     "read_measured",
-    "recordings_of",
     "signed_log",
     "smallest_spreads",
     "summarise",

@@ -74,18 +74,16 @@ class Conditions:
     input_speed_hz: float
     n_lobes: int = 15
 
-    def whole_turns(self, n_samples: int, suffix: str = "") -> int:
+    def whole_turns(self, n_samples: int) -> int:
         """Number of samples of a window in its whole output turns at the nominal speed.
 
-        Raises ValueError, which names the argument ``X`` with ``suffix``, if the window is shorter than one
-        turn.
+        Raises ValueError if the window is shorter than one turn.
         """
         turn, duration = self.n_lobes / self.input_speed_hz, n_samples / self.sampling_rate
         whole = math.floor(duration / turn + 0.01)
         if whole < 1:
             raise ValueError(
-                f"X{suffix} must hold windows of at least one output turn ({turn:.3g} s), "
-                f"got {duration:.3g} s"
+                f"X must hold windows of at least one output turn ({turn:.3g} s), got {duration:.3g} s"
             )
         return min(round(whole * turn * self.sampling_rate), n_samples)
 

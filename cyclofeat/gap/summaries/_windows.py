@@ -96,41 +96,34 @@ def read_measured(
 
 
 def recordings_of(
-    n_windows: int, y: ArrayLike | None, groups: ArrayLike | None, suffix: str = ""
+    n_windows: int, y: ArrayLike | None, groups: ArrayLike | None
 ) -> tuple[NDArray[np.intp], NDArray[np.int64] | None]:
-    """Recording of each window, numbered from 0, and each recording's count where counts are known.
-
-    ``suffix`` ends the arguments' names in errors.
-    """
+    """Recording of each window, numbered from 0, and each recording's count where counts are known."""
     names = np.arange(n_windows) if groups is None else np.asarray(groups)
     if names.shape != (n_windows,):
         raise ValueError(
-            f"groups{suffix} must hold one recording per window: shape ({n_windows},), got {names.shape}"
+            f"groups must hold one recording per window: shape ({n_windows},), got {names.shape}"
         )
     if any(name is None or name != name for name in names.tolist()):
-        raise ValueError(f"groups{suffix} must name the recording of every window, got None or NaN")
+        raise ValueError("groups must name the recording of every window, got None or NaN")
     _, of_window = np.unique(names, return_inverse=True)
     if y is None:
         return of_window, None
     labels = np.asarray(y)
     if labels.shape != (n_windows,):
-        raise ValueError(
-            f"y{suffix} must hold one count per window: shape ({n_windows},), got {labels.shape}"
-        )
+        raise ValueError(f"y must hold one count per window: shape ({n_windows},), got {labels.shape}")
     try:
         numbers = labels.astype(np.float64)
     except (TypeError, ValueError):
         numbers = np.full(n_windows, np.nan)
     if not np.all(np.isfinite(numbers) & (numbers >= 0) & (numbers == np.round(numbers))):
         got = ", ".join(sorted({repr(label) for label in labels.tolist()}))
-        raise ValueError(f"y{suffix} must hold whole numbers of worn lobes from 0, got {got}")
+        raise ValueError(f"y must hold whole numbers of worn lobes from 0, got {got}")
     counts = numbers.astype(np.int64)
     first = np.array([counts[of_window == k][0] for k in range(of_window.max() + 1)])
     if np.any(first[of_window] != counts):
         at = int(np.flatnonzero(first[of_window] != counts)[0])
-        raise ValueError(
-            f"y{suffix} must be the same within a recording, got two counts in {names.tolist()[at]!r}"
-        )
+        raise ValueError(f"y must be the same within a recording, got two counts in {names.tolist()[at]!r}")
     return of_window, first
 
 
@@ -154,29 +147,22 @@ def per_recording(values: Float, of_window: NDArray[np.intp]) -> Float:
     return np.array([values[of_window == k].mean(axis=0) for k in range(n)])
 
 
-def check_counts(counts: NDArray[np.int64] | None, n_lobes: int, suffix: str = "") -> None:
+def check_counts(counts: NDArray[np.int64] | None, n_lobes: int) -> None:
     """Raise ValueError where a count exceeds the lobes of a wheel."""
     if counts is not None and counts.max() > n_lobes:
-        raise ValueError(f"y{suffix} must hold counts from 0 to the {n_lobes} lobes, got {counts.max()}")
+        raise ValueError(f"y must hold counts from 0 to the {n_lobes} lobes, got {counts.max()}")
 
 
-def checked_speeds(
-    angle: ArrayLike, shape: tuple[int, ...], n_samples: int, sampling_rate: float, suffix: str = ""
-) -> Float:
-    """Mean input speed in Hz over the first ``n_samples`` of each window, from its checked angle in rad.
-
-    ``suffix`` ends the arguments' names in errors.
-    """
+def checked_speeds(angle: ArrayLike, shape: tuple[int, ...], n_samples: int, sampling_rate: float) -> Float:
+    """Mean input speed in Hz over the first ``n_samples`` of each window, from its checked angle in rad."""
     angles = np.asarray(angle, dtype=float)
     if angles.shape != shape:
-        raise ValueError(f"angle{suffix} must have the shape of X{suffix}, {shape}, got {angles.shape}")
+        raise ValueError(f"angle must have the shape of X, {shape}, got {angles.shape}")
     if not np.all(np.isfinite(angles)):
-        raise ValueError(f"angle{suffix} must be finite, got NaN or infinity")
+        raise ValueError("angle must be finite, got NaN or infinity")
     speeds = mean_speed(angles[:, :n_samples], sampling_rate)
     if np.any(speeds <= 0):
-        raise ValueError(
-            f"angle{suffix} must grow over each window: it is the input shaft's, in rad and unwrapped"
-        )
+        raise ValueError("angle must grow over each window: it is the input shaft's, in rad and unwrapped")
     return speeds
 
 

@@ -86,10 +86,17 @@ class EffectPrior:
 
 
 def missing_effects(rig: Rig) -> tuple[Effect, ...]:
-    """Return the known effects that have a prior and that the rig does not have, with default values."""
-    stated = {effect.effect_id for effect in rig.effects} | ({"brake_rotor"} if rig.has_brake else set())
+    """Return the known effects that have a prior and that the rig does not have, with default values.
+
+    With a user's simulator, its own take the place of those of the toolkit's gearbox.
+    """
+    unanswered = "change_simulator" if rig.simulator is None else "change_gearbox"
+    stated = {effect.effect_id for effects in rig.effect_sets() for effect in effects}
+    stated |= {"brake_rotor"} if rig.has_brake else set()
     return tuple(
-        kind() for name, kind in known_effects().items() if kind.vector_names() and name not in stated
+        kind()
+        for name, kind in known_effects().items()
+        if kind.vector_names() and name not in stated and not kind.overrides(unanswered)
     )
 
 

@@ -160,9 +160,10 @@ class World:
     def from_dict(cls, content: Mapping[str, Any]) -> World:
         """Return the world of settings as :meth:`to_dict` gives them, also after a way through JSON."""
         given = dict(content)
+        simulator = given["rig"].get("simulator")
         given["rig"] = Rig.from_dict(given["rig"])
         for name in ("effects", "may_differ"):
-            given[name] = Rig.from_dict({"effects": given[name]}).effects
+            given[name] = Rig.from_dict({"effects": given[name], "simulator": simulator}).effects
         for name in ("speeds_rpm", "loads_nm", "defect_counts"):
             given[name] = tuple(given[name])
         given["wheels"] = tuple(tuple(wheels) for wheels in given["wheels"])

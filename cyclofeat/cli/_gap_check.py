@@ -1,0 +1,117 @@
+"""``cyclofeat gap --check``: what recordings could tell, and how often the posterior is right about them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cyclofeat._base.checks import whole
+from cyclofeat._base.progress import Progress
+from cyclofeat._base.words import number
+from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._reading import READING, read_all
+from cyclofeat.cli._table import Printed
+
+if TYPE_CHECKING:
+    from cyclofeat.gap import CheckedEffect, Condition, GapCheck
+    from cyclofeat.gap.posterior import EffectPosterior
+    from cyclofeat.recordings import Recording
+
+__all__ = ["CHECKING", "add_check", "check", "printed_check"]
+
+_IDLE = (
+    "hold_out", "out", "save_simulator", "simulated", "alpha", "one_assembly", "cache", "machines", "effects",
+)  # fmt: skip
+CHECKING = ("recordings", "rigs")
+_RECORDINGS, _RIGS = 12, 240
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a check."""
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="say which effects recordings like MEASURED could tell, from which size, and how often the "
+        "posterior is right; without MEASURED, of planned recordings (one or two minutes on two cores)",
+    )
+    parser.add_argument(
+        "--recordings",
+        type=int,
+        default=_RECORDINGS,
+        metavar="N",
+        help="planned recordings, at the middle speed and load that the posterior knows "
+        f"(default {_RECORDINGS})",
+    )
+    parser.add_argument(
+        "--rigs",
+        type=int,
+        default=_RIGS,
+        metavar="N",
+        help=f"simulated rigs with known effects that --check asks about (default {_RIGS}); more of them "
+        "give surer sizes",
+    )
+
+
+def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
+    """Check the recordings named, or as many planned ones."""
+    from cyclofeat.gap import check_recordings
+
+    refuse_idle(arguments, _IDLE, "with --check")
+    recordings: list[Recording] | list[Condition]
+    if arguments.measured:
+        refuse_idle(arguments, ["recordings"], "beside MEASURED")
+        recordings = read_all(arguments.measured, arguments)
+    else:
+        refuse_idle(arguments, [*READING, "sampling_rate"], "without MEASURED")
+        recordings = _planned(whole("--recordings", arguments.recordings, 1), posterior)
+    return check_recordings(
+        recordings,
+        posterior=posterior,
+        n_rigs=whole("--rigs", arguments.rigs, 1),
+        random_state=arguments.seed,
+        n_jobs=arguments.jobs,
+        progress=Progress("cyclofeat gap: simulating rigs"),
+    )
+
+
+def _planned(n: int, posterior: EffectPosterior) -> list[Condition]:
+    from cyclofeat.gap import Condition
+
+    world = posterior.world
+    return [Condition(sum(world.speeds_rpm) / 2, sum(world.loads_nm) / 2)] * n
+
+
+def printed_check(result: GapCheck) -> Printed:
+    """Return what is printed of a check."""
+    score, at = result.score, dict.fromkeys(one.text for one in result.conditions)
+    recordings = number(len(result.conditions), "recording")
+    lines = [
+        f"{score.n_rigs} simulated rigs with known effects, {recordings} of each at {'; '.join(at)}",
+        f"sets of effects named exactly: {result.sets_right:.0%}, and but for look-alikes "
+        f"{result.sets_right_with_ties:.0%}",
+        f"effects found: {score.recall:.0%}; names that are right: {score.precision:.0%}",
+        *(_line(one) for one in sorted(result.effects, key=lambda one: -one.recall) if one.n),
+    ]
+    if result.wrong:
+        wrong = ", ".join(f"{name} ({n})" for name, n in result.wrong.items())
+        lines.append(f"named although absent: {wrong}")
+    lines += [f"would help: {one.what} ({one.gain:.2g} bits)" for one in result.next_measurements]
+    return Printed("\n".join(lines), result.to_dict())
+
+
+def _line(one: CheckedEffect) -> str:
+    half, most = _beyond(one, one.half_below, one.half_above), _beyond(one, one.most_below, one.most_above)
+    text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
+    if half:
+        text += f"; in half with {one.parameter} {half}" + (f", in 9 of 10 {most}" if most else "")
+    elif one.recall < 1:
+        text += f"; no {one.parameter} is found in half"
+    return text + (f"; taken for {', '.join(one.confused_with)}" if one.confused_with else "")
+
+
+def _beyond(one: CheckedEffect, below: float, above: float) -> str:
+    """The sizes below and above two ends in words, empty where there are none."""
+    ends = [f"{word} {end:.3g}" for word, end in (("below", below), ("above", above)) if not math.isnan(end)]
+    unit = "" if one.unit == "1" or not ends else f" {one.unit}"
+    return " or ".join(ends) + unit

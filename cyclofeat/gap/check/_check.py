@@ -1,0 +1,308 @@
+"""Which effects recordings could tell, from which size, and how often the posterior is right about them."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cyclofeat._base.checks import check_type, whole
+from cyclofeat.gap._measured import Condition, MeasuredRig
+from cyclofeat.gap._result import NextMeasurement, finite
+from cyclofeat.gap.check._sizes import detection_limit, ends, main_parameter, strengths_of
+from cyclofeat.gap.confirm import FurtherRecordings, simulate_prior
+from cyclofeat.gap.posterior import EffectPosterior, PosteriorScore, load_posterior, score_posterior
+from cyclofeat.gap.world import Rigs, Session, World
+from cyclofeat.recordings import Recording
+from cyclofeat.simulators import Effect
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Float = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Tell = Callable[[int, int], object]
+
+_FORMAT = "cyclofeat gap check 1"
+_FOR_NEXT = 5  # one rig of so many more has further recordings
+_SURE = 2.0  # standard errors by which these must help
+_HALF, _MOST = 0.5, 0.9
+_NAMED = 0.5
+_CONFUSED = 0.1  # rise of another effect's probability
+_FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that it is confused with
+_LEAST = 1e-6  # probability
+
+
+@dataclass(frozen=True)
+class CheckedEffect:
+    """How well recordings show one effect.
+
+    Attributes
+    ----------
+    effect : str
+    n : int
+        Simulated rigs that have it.
+    recall : float
+        Share of them in which it is found: its probability is above one half.
+    parameter, unit : str
+        Its main parameter.
+    half_below, half_above : float
+        Values of this parameter below and above which the effect is found in half of the cases. NaN on a side
+        on which it grows no stronger, and on both if no simulated rig has it strong enough or fewer than five
+        have it.
+    most_below, most_above : float
+        The same for 9 of 10 cases.
+    confused_with : tuple of str
+        Up to three absent effects that become more probable where it is present but not found.
+    """
+
+    effect: str
+    n: int
+    recall: float
+    parameter: str
+    unit: str
+    half_below: float
+    half_above: float
+    most_below: float
+    most_above: float
+    confused_with: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapCheck:
+    """What recordings could tell, and how often the posterior is right about simulated rigs.
+
+    Attributes
+    ----------
+    conditions : tuple of Condition
+        Of each recording.
+    effects : tuple of CheckedEffect
+        All that the posterior has learned, in its order.
+    score : PosteriorScore
+        Of the simulated rigs.
+    wrong : dict from str to int
+        How often an effect was named that was absent, the most frequent first; without those that never were.
+    next_measurements : tuple of NextMeasurement
+        Further recordings that would help, the most useful first.
+    seconds : float
+        Computing time.
+    """
+
+    conditions: tuple[Condition, ...] = field(repr=False)
+    effects: tuple[CheckedEffect, ...] = field(repr=False)
+    score: PosteriorScore
+    wrong: dict[str, int]
+    next_measurements: tuple[NextMeasurement, ...]
+    seconds: float = field(repr=False)
+
+    @property
+    def sets_right(self) -> float:
+        """Share of the rigs whose effects were named exactly."""
+        return self.score.between(0, len(self.effects))
+
+    @property
+    def sets_right_with_ties(self) -> float:
+        """The same if look-alikes count as one effect."""
+        return self.score.between(0, len(self.effects), ties=True)
+
+    def effect(self, name: str) -> CheckedEffect:
+        """Return how well the recordings show an effect.
+
+        Raises
+        ------
+        KeyError
+            If the posterior has not learned it.
+        """
+        for one in self.effects:
+            if one.effect == name:
+                return one
+        raise KeyError(f"{name} is not among the effects that the posterior has learned")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them."""
+        return dict(
+            finite(
+                {
+                    "format": _FORMAT,
+                    "recordings": len(self.conditions),
+                    "conditions": [asdict(one) for one in dict.fromkeys(self.conditions)],
+                    "rigs": self.score.n_rigs,
+                    "sets_right": self.sets_right,
+                    "sets_right_with_ties": self.sets_right_with_ties,
+                    "precision": self.score.precision,
+                    "recall": self.score.recall,
+                    "wrong": self.wrong,
+                    "effects": [asdict(one) for one in self.effects],
+                    "next_measurements": [asdict(one) for one in self.next_measurements],
+                    "seconds": round(self.seconds, 1),
+                }
+            )
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the effects as a data frame, one row each.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        import pandas as pd
+
+        return pd.DataFrame([asdict(one) for one in self.effects])
+
+
+def check_recordings(
+    recordings: Iterable[Recording] | Iterable[Condition],
+    *,
+    posterior: EffectPosterior | None = None,
+    n_rigs: int = 240,
+    random_state: int = 0,
+    n_jobs: int = 1,
+    progress: Tell | None = None,
+) -> GapCheck:
+    """Find out what recordings can tell, before they are made or before their gap is looked for.
+
+    Rigs with random sets of effects of random sizes are simulated at the conditions of the recordings, and
+    the posterior is asked what each has. The torque of the recordings is not used.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording or of Condition
+        Recordings that were made, or the condition of each one that is planned: those are taken to be of
+        known counts of worn lobes, all that the posterior knows in turn, without a tachometer.
+    posterior : EffectPosterior, optional
+        Default: that of paper B's gearbox (:func:`cyclofeat.gap.posterior.load_posterior`).
+    n_rigs : int, default=240
+        With 32 effects, some 20 rigs have each of them.
+    random_state, n_jobs : int
+    progress : callable, optional
+        Called with the number of simulated rigs and their total.
+
+    Returns
+    -------
+    GapCheck
+
+    Raises
+    ------
+    ValueError, TypeError
+        If recordings and posterior do not fit together.
+
+    Notes
+    -----
+    Sizes are logistic regressions of "found" on the main parameter; all else varies from rig to rig.
+
+    Examples
+    --------
+    >>> planned = [Condition(500, 22)] * 6 + [Condition(500, 11)] * 6
+    >>> check = check_recordings(planned, n_jobs=2)  # doctest: +SKIP
+    >>> print(check.effect("gain"), check.sets_right)  # doctest: +SKIP
+    """
+    began = time.monotonic()
+    posterior = posterior or load_posterior()
+    whole("n_rigs", n_rigs, 1)
+    world = posterior.world
+    template = _template(tuple(recordings), world)
+    posterior.predict_proba([template])  # conditions that it has not learned fail at once
+    n_next = -(-n_rigs // _FOR_NEXT)
+
+    def after(n: int) -> Tell | None:
+        return None if progress is None else lambda done, _: progress(n + done, n_rigs + n_next)
+
+    rigs = simulate_prior(
+        world, template, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=after(0)
+    )
+    p = posterior.predict_proba(_sessions(rigs, template))
+    wrong = np.sum((p > _NAMED) & ~rigs.present, axis=0)
+    counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
+    return GapCheck(
+        conditions=tuple(Condition(at[0], at[1], int(at[2])) for at in template.conditions.tolist()),
+        effects=tuple(
+            _checked(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
+        ),
+        score=score_posterior(
+            posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
+        ),
+        wrong={name: n for n, name in counted if n},
+        next_measurements=_next(posterior, template, n_next, random_state + 1, n_jobs, after(n_rigs)),
+        seconds=time.monotonic() - began,
+    )
+
+
+def _next(
+    posterior: EffectPosterior,
+    template: Session,
+    n_rigs: int,
+    random_state: int,
+    n_jobs: int,
+    progress: Tell | None,
+) -> tuple[NextMeasurement, ...]:
+    """Return the recordings with which the posterior gives more probability to what rigs have and lack."""
+    world = posterior.world
+    further = FurtherRecordings(template, world)
+    rigs = simulate_prior(
+        world, further.session, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=progress
+    )
+    complete = rigs.of(np.flatnonzero(np.isfinite(rigs.values[:, :, 0]).all(axis=1)))
+
+    def information(sessions: list[Session]) -> Float:
+        p = posterior.predict_proba(sessions)
+        bits = np.log2(np.clip(np.where(complete.present, p, 1 - p), _LEAST, None))
+        return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
+
+    return further.rank(_sessions(complete, template), information, n_errors=_SURE)
+
+
+def _template(recordings: tuple[Any, ...], world: World) -> Session:
+    """Return a session with the conditions of recordings, and what is known of them."""
+    if not recordings or isinstance(recordings[0], Recording):
+        return MeasuredRig.of(recordings, world.rig, world.sampling_rate).session()
+    for one in recordings:
+        check_type("recordings", one, Condition)
+    n = len(recordings)
+    return Session(
+        np.zeros((n, len(world.cells))),
+        np.array([dataclasses.astuple(one) for one in recordings], dtype=float),
+        counts=np.resize(np.array(world.defect_counts), n),
+    )
+
+
+def _sessions(rigs: Rigs, template: Session) -> list[Session]:
+    """Return the sessions of rigs, with as much known as of another."""
+    counts, tachometer = template.counts is not None, template.speeds_rpm is not None
+    return [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
+
+
+def _checked(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:
+    """Return how well an effect is found, given the probabilities of all in each rig."""
+    effect: Effect = (world.effects or ())[column]
+    there, found = rigs.present[:, column], p[:, column] > _NAMED
+    name = main_parameter(effect)
+    parameter = effect.parameters[name]
+    sizes = rigs.sizes[there, world.size_names.index(f"{effect.effect_id}.{name}")]
+    strengths = strengths_of(parameter, sizes)
+    half, most = (
+        ends(parameter, detection_limit(strengths, found[there], share)) for share in (_HALF, _MOST)
+    )
+    return CheckedEffect(
+        effect.effect_id, int(there.sum()), float(np.mean(found[there])) if there.any() else np.nan,
+        name, parameter.unit, *half, *most, _confused(there & ~found, ~there, p, rigs),
+    )  # fmt: skip
+
+
+def _confused(missed: Flags, without: Flags, p: Float, rigs: Rigs) -> tuple[str, ...]:
+    """Return absent effects whose probability is higher where an effect is missed than without it."""
+    rises: dict[str, float] = {}
+    if missed.sum() < _FEWEST:
+        return ()
+    for k, name in enumerate(rigs.names):
+        absent = ~rigs.present[:, k]
+        if np.any(missed & absent) and np.any(without & absent):
+            rises[name] = float(p[missed & absent, k].mean() - p[without & absent, k].mean())
+    clear = sorted((name for name in rises if rises[name] > _CONFUSED), key=lambda name: -rises[name])
+    return tuple(clear[:_MOST_NAMES])

@@ -1,0 +1,46 @@
+"""The whole workflow on rigs of an independent generator, with one to five effects at once.
+
+The sets are some of those that the posterior of the package answers rightly; how many it does is the
+benchmark's to say (``make bench-gap``).
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
+
+from benchmarks.hidden_effects._answers import answers
+from benchmarks.hidden_effects._ask import whole_answer
+from benchmarks.hidden_effects._folders import generate
+from cyclofeat.gap import GapSettings
+from cyclofeat.gap.posterior import load_posterior
+
+SETS = ("set_00acf5d6", "set_82e7b299", "set_24cd4a2b", "set_2dbea1c0", "set_9d431f15", "set_515d2d0a")
+SETTINGS = GapSettings(
+    baselines=("nothing",), pictures=False, n_bank=40, n_report=24, n_sessions=32, n_permutations=499
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sets")
+    generate(SETS, place, 1)
+    return place
+
+
+@pytest.mark.parametrize(
+    "name", [SETS[-1], *(pytest.param(name, marks=pytest.mark.slow) for name in SETS[:-1])]
+)
+def test_all_that_is_hidden_is_named_and_closes_the_gap(name, folder):
+    result = whole_answer(name, folder, load_posterior(), SETTINGS)
+    (answer,) = answers({name: result})
+    assert answer.right
+    assert not answer.wrong_claim
+    closed = [proof["closed"]["after"]["all"] for proof in result["proof"]]
+    stated = [share for share in closed if share is not None]
+    assert stated
+    assert min(stated) > 0.5
