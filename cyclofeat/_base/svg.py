@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def columns(
     return _svg(parts, width, _HEIGHT, label)
 
 
-def confusion(table: Float, names: Sequence[object]) -> str:
+def confusion(table: NDArray[Any], names: Sequence[object]) -> str:
     """Return a confusion matrix, true classes in rows, as shares of its rows."""
     shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     label = "Share of each true count (row) that was predicted as each count (column)"
@@ -97,7 +97,7 @@ def disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
     """Return a ring of lobes, numbered from 1 and counter-clockwise, as dark as their shares from 0 to 1."""
     n, inner, outer = len(shares), 34.0, 58.0
     ends = np.exp(-2j * np.pi * (np.arange(n + 1) - 0.5) / n)
-    parts = []
+    parts: list[str] = []
     for lobe, (begin, end) in enumerate(pairwise(ends.tolist())):
         corners = np.array([inner * begin, outer * begin, outer * end, inner * end]) + 60 * (1 + 1j)
         worn = lobe in counted
@@ -124,7 +124,7 @@ def outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
     return _svg(parts, 120, 120, label)
 
 
-def _points(x: Float, y: Float) -> str:
+def _points(x: NDArray[Any], y: NDArray[Any]) -> str:
     return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
 
 

@@ -176,8 +176,10 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
     Examples
     --------
     >>> answer = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
-    >>> counts_frame({"a.csv": answer}).loc["a.csv", ["defect_count", "probability_0"]].tolist()
-    [1, 0.1]
+    >>> counts_frame({"a.csv": answer})[["defect_count", "probability", "lobes"]]
+               defect_count  probability lobes
+    recording
+    a.csv                 1          0.9  (3,)
     """
     names = [*counts] if isinstance(counts, Mapping) else range(len(counts))
     given = counts.values() if isinstance(counts, Mapping) else counts

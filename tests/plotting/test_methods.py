@@ -1,4 +1,4 @@
-"""``plot`` of recordings and results draws what the displays draw; ``to_frame`` holds what the result holds."""
+"""``plot`` of recordings and results draws what displays draw; ``to_frame`` holds what the result holds."""
 
 from __future__ import annotations
 
