@@ -52,10 +52,12 @@ def card(
         f'<div style="font-weight:600;font-size:1.1em;margin-bottom:.3em">{html.escape(title)}</div>',
         '<div style="display:flex;flex-wrap:wrap;gap:1em 1.5em;align-items:flex-start">',
         *pictures,
-        f'<div style="flex:1 1 20em;min-width:0"><table style="border:0;margin:0">{cells}</table></div>',
+        f'<div style="flex:1 1 20em;min-width:0"><table style="border:0;margin:0;width:auto">{cells}</table></div>',
         "</div>",
         *(f'<div style="{_NOTE}">{html.escape(note)}</div>' for note in dict.fromkeys(notes)),
     ]
     if code:
-        parts.append(f'<div style="margin-top:.4em;opacity:.85">Next: <code>{html.escape(code)}</code></div>')
+        parts.append(
+            f'<div class="next" style="margin-top:.4em;opacity:.85">Next: <code>{html.escape(code)}</code></div>'
+        )
     return f'<div style="line-height:1.45">{"".join(parts)}</div>'
