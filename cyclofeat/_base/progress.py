@@ -16,8 +16,8 @@ class Progress:
 
     On a terminal it rewrites one line; elsewhere it prints a line every ten seconds. The default stream is
     standard error. The time left follows from the pace since the first report: what comes before it, such as
-    compilation or what an earlier run finished, does not repeat. It is stated once
-    that pace spans two seconds.
+    compilation or what an earlier run finished, does not repeat. It is stated once that
+    pace spans two seconds.
     """
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
