@@ -154,7 +154,7 @@ async def _script(request: Request) -> Response:
     return FileResponse(Path(__file__).with_name("templates") / "app.js", media_type="text/javascript")
 
 
-def _state(request: Request) -> Response:
+async def _state(request: Request) -> Response:
     return JSONResponse(parts(_session(request)))
 
 
