@@ -36,7 +36,7 @@ if manner == "usage":
     sys.exit(2)
 for option in ("--report", "--out", "--save-simulator"):
     if option in words:
-        open(words[words.index(option) + 1], "w").write("<title>written</title>")
+        open(words[words.index(option) + 1], "w").write('"written"')
 if os.path.exists("printed.json"):
     print(open("printed.json").read())
 elif manner == "fail":

@@ -15,7 +15,7 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  #
 _ENDINGS = re.compile(r"((?:\.[A-Za-z]\w{0,9}){0,2})$")
 
 
-class Refused(ValueError):
+class Refused(Exception):
     """A request that is not done; ``status`` is that of HTTP."""
 
     def __init__(self, status: int, message: str) -> None:
