@@ -32,9 +32,11 @@ def _version(name: str) -> str:
 @functools.cache
 def documentation_site() -> str:
     """Return the address of the documentation by the package's metadata; empty where they state none."""
-    stated = importlib.metadata.metadata("cyclofeat").get_all("Project-URL") or []
-    urls = dict(entry.lower().split(", ", 1) for entry in stated)
-    return urls.get("documentation", "").rstrip("/")
+    for entry in importlib.metadata.metadata("cyclofeat").get_all("Project-URL") or ():
+        name, _, address = str(entry).partition(", ")
+        if name.lower() == "documentation":
+            return address.rstrip("/")
+    return ""
 
 
 def code_sha256(root: Path, files: Iterable[Path]) -> str:
