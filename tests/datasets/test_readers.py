@@ -104,7 +104,7 @@ def test_labels_that_are_given_precede_those_of_the_file(tmp_path, suffix):
 def test_written_csv_is_legible(tmp_path):
     path = tmp_path / "record.csv"
     write_recording(path, Recording([21.5, 22], RATE, angle=[0, 0.5], assembly="A1", worn_lobes=(0, 4)))
-    lines = path.read_text().splitlines()
+    lines = path.read_text(encoding="utf-8").splitlines()
     assert '# assembly: "A1"' in lines
     assert "# worn_lobes: [0, 4]" in lines
     assert lines[-3:] == ["torque [Nm],angle [rad]", "21.5,0", "22,0.5"]
@@ -689,7 +689,29 @@ def test_another_unit_is_stated_where_the_record_is_no_torque():
 
 
 def test_a_campaign_s_folder_is_no_folder_of_recordings(tmp_path):
-    (tmp_path / "campaign.json").write_text("{}")
+    (tmp_path / "campaign.json").write_text("{}", encoding="utf-8")
     (tmp_path / "parameters.parquet").write_bytes(b"PAR1")
     with pytest.raises(ValueError, match="holds a campaign.*load_campaign reads it"):
         read_folder(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
+    rows = 60_000
+    path = tmp_path / f"long{suffix}"
+    text = "torque [Nm],note,spare\n" + "".join(
+        f"{n % 97}.25,{'0' * 150}1,{'9' * 150}\n" for n in range(rows)
+    )
+    path.write_bytes(gzip.compress(text.encode(), 1) if suffix == ".csv.gz" else text.encode())
+    n_bytes = len(text)
+    del text
+    tracemalloc.start()
+    try:
+        recording = read_recording(path, sampling_rate=1000)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(recording.torque, np.arange(rows) % 97 + 0.25)
+    blocks = 2**22  # of text, whatever its length
+    assert n_bytes > 18e6
+    assert peak <= 3 * recording.torque.nbytes + blocks
