@@ -1,4 +1,4 @@
-"""Checks of the gallery's examples while "make docs" runs them (no warning, no empty picture), and thumbnails."""
+"""Checks of the gallery's examples while "make docs" runs them (no warning, no empty picture); thumbnails."""
 
 from __future__ import annotations
 

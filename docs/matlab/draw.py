@@ -1,6 +1,7 @@
 """Draw the figure of the page for users of MATLAB: ``python docs/matlab/draw.py`` (needs GNU Octave).
 
-Octave runs ``spectra.m`` and Python ``spectra.py`` on the same file. Both must agree before anything is drawn.
+Octave runs ``spectra.m`` and Python ``spectra.py`` on the same file.
+Both must agree before the figure is drawn.
 """
 
 from __future__ import annotations

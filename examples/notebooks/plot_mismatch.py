@@ -51,7 +51,10 @@ result = find_gap(fitted, held_out, settings=settings)
 print("model and recordings:", result.verdict)
 for effect in result.effects:
     if effect.probability > 0.05:
-        sizes = [f"{size.name} {size.value:.2g} ({size.low:.2g} to {size.high:.2g}) {size.unit}" for size in effect.sizes]
+        sizes = [
+            f"{size.name} {size.value:.2g} ({size.low:.2g} to {size.high:.2g}) {size.unit}"
+            for size in effect.sizes
+        ]
         print(f"{effect.effect:20} {effect.probability:4.0%} {effect.answer:10} {', '.join(sizes)}")
 print("sizes confirmed by simulation:", result.confirmed)
 
@@ -61,9 +64,7 @@ print("sizes confirmed by simulation:", result.confirmed)
 # The corrected model should lie inside the band of the recordings. If it does not, something is missing that
 # no effect of the library explains, and ``result.remainder`` lists where.
 
-figure, (above, below) = plt.subplots(
-    2, 1, figsize=(8, 6.6), height_ratios=[2.2, 1], layout="constrained"
-)
+figure, (above, below) = plt.subplots(2, 1, figsize=(8, 6.6), height_ratios=[2.2, 1], layout="constrained")
 GapOverlayDisplay.from_result(result, "spectrum", above, label="recordings")
 GapReductionDisplay.from_result(result, below)
 plt.show()
@@ -71,8 +72,8 @@ plt.show()
 # %%
 # Train on the corrected rig
 # --------------------------
-# ``result.posterior_rig`` holds 200 sets of effects that the recordings leave possible; each simulated assembly
-# has another one, so that the counter does not bet on a single guess. We train one counter on the model as it
+# ``result.posterior_rig`` holds 200 sets of effects that the recordings leave possible; each simulated
+# assembly has another one, so that the counter does not bet on a single guess. We train one counter on the model as it
 # was and one on the corrected rig, and count new recordings of the hidden rig.
 
 
@@ -95,5 +96,6 @@ for name, rig in (("model as it was", model), ("corrected", result.posterior_rig
 #
 # .. code-block:: console
 #
-#    $ cyclofeat gap measured/ --simulator mine.json --hold-out 0.4 --out gap.html --save-simulator corrected.json
+#    $ cyclofeat gap measured/ --simulator mine.json --hold-out 0.4 --out gap.html \
+#          --save-simulator corrected.json
 #    $ cyclofeat train --rig corrected.json --out corrected.skops

@@ -6,7 +6,8 @@ You know scikit-learn and want to know whether a pipeline of yours counts worn l
 windows, see why shuffled folds mislead here, compare four pipelines on the same folds, calibrate the best
 one, and store it in a file that runs no code when it is loaded.
 
-You need ``pip install "cyclofeat[export,plot]"``. The torque is **surrogate**: simulated on the assumed rig R1.
+You need ``pip install "cyclofeat[export,plot]"``. The torque is **surrogate**: simulated on the assumed
+rig R1.
 """
 
 import tempfile
@@ -28,8 +29,8 @@ from cyclofeat.simulators import Noise, Rig
 # %%
 # Windows, labels, groups
 # -----------------------
-# Twelve assemblies for each of four counts, two windows of one output turn from each. ``X`` has one window per
-# row, ``y`` the number of worn lobes, and ``groups`` the assembly: a gearbox as it was put together, with its
+# Twelve assemblies for each of four counts, two windows of one output turn from each. ``X`` has one window
+# per row, ``y`` the number of worn lobes, and ``groups`` the assembly: a gearbox as it was put together, with its
 # own pins, friction and load.
 
 rig = Rig.r1().with_effects(Noise(1.0))
@@ -54,7 +55,9 @@ nonsense = np.repeat(random, 2)
 shuffled = cross_val_score(spectrum, X, nonsense, cv=StratifiedKFold(3, shuffle=True, random_state=0))
 protocol = Protocol(n_splits=3)
 grouped = evaluate(spectrum, X, nonsense, groups, protocol=protocol)
-print(f"random labels, chance 0.25: shuffled folds {shuffled.mean():.2f}, grouped folds {grouped.accuracy:.2f}")
+print(
+    f"random labels, chance 0.25: shuffled folds {shuffled.mean():.2f}, grouped folds {grouped.accuracy:.2f}"
+)
 
 # %%
 # Four pipelines on the same folds

@@ -88,18 +88,17 @@ run("cyclofeat count disc_a.csv disc_b.csv disc_c.csv --speed 500 --model model.
 # learned from, do not trust my count*. A line that reads the results with ``--json`` must look at
 # ``refused``, because the exit code is 0.
 #
-# The reason tells where to look. Here it is the speed, so draw the spectrum around the first lobe line. At
-# 500 RPM worn lobes pass 8.89 times per second; in this file the line stands elsewhere.
+# The disc has three worn lobes and the count without the refusal would have been 0. The reason tells where to
+# look: the speed. At 500 RPM lobes pass 8.89 times per second, and the lobe lines are the multiples of that
+# frequency; in this file the lines stand elsewhere.
 
-healthy, worn, refused = (
-    read_recording(desk / f"disc_{letter}.csv", speed_rpm=500) for letter in "abc"
-)
+healthy, worn, refused = (read_recording(desk / f"disc_{letter}.csv", speed_rpm=500) for letter in "abc")
 figure, (above, below) = plt.subplots(2, 1, figsize=(8, 7), layout="constrained")
 for recording, label in ((worn, "disc_b, counted"), (refused, "disc_c, refused")):
     spectrum = SpectrumDisplay.from_recording(recording)
     above.plot(spectrum.frequencies, spectrum.values, label=label)
 above.set(xlim=(5, 55), yscale="log", xlabel="frequency (Hz)", ylabel="amplitude (Nm)")
-above.set_title("The lines of the refused file lie 6 % lower")
+above.set_title("The lines of the refused file lie 8 % lower")
 above.legend()
 TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn).plot(below)
 below.set_title("The counted file lies inside the training data: its distance is below 1")
