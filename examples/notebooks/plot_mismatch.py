@@ -73,8 +73,8 @@ plt.show()
 # Train on the corrected rig
 # --------------------------
 # ``result.posterior_rig`` holds 200 sets of effects that the recordings leave possible; each simulated
-# assembly has another one, so that the counter does not bet on a single guess. We train one counter on the model as it
-# was and one on the corrected rig, and count new recordings of the hidden rig.
+# assembly has another one, so that the counter does not bet on a single guess. We train one counter on
+# the model as it was and one on the corrected rig, and count new recordings of the hidden rig.
 
 
 def counter_of(rig):

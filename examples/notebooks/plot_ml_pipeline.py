@@ -30,8 +30,8 @@ from cyclofeat.simulators import Noise, Rig
 # Windows, labels, groups
 # -----------------------
 # Twelve assemblies for each of four counts, two windows of one output turn from each. ``X`` has one window
-# per row, ``y`` the number of worn lobes, and ``groups`` the assembly: a gearbox as it was put together, with its
-# own pins, friction and load.
+# per row, ``y`` the number of worn lobes, and ``groups`` the assembly: a gearbox as it was put
+# together, with its own pins, friction and load.
 
 rig = Rig.r1().with_effects(Noise(1.0))
 recordings = make_rig_recordings(
