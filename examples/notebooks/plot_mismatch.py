@@ -56,7 +56,7 @@ for effect in result.effects:
             for size in effect.sizes
         ]
         print(f"{effect.effect:20} {effect.probability:4.0%} {effect.answer:10} {', '.join(sizes)}")
-print("sizes confirmed by simulation:", result.confirmed)
+print("something left unexplained:", result.remainder.unexplained)
 
 # %%
 # Look at the correction before you use it
