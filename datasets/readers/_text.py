@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 from cyclofeat.datasets.readers._columns import largest_unpacked, reading
 
@@ -70,7 +70,7 @@ class TextLines:
                 yield file
             return
         with reading(self.path, "gzip"), gzip.open(self.path) as packed:
-            yield packed
+            yield cast("IO[bytes]", packed)
 
     def _check_content(self, *, may_hold_zeros: bool) -> None:
         limit = largest_unpacked(self.path) if self.path.suffix.lower() == ".gz" else None
