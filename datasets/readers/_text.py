@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 from cyclofeat.datasets.readers._columns import largest_unpacked, reading
 
@@ -55,13 +55,13 @@ class TextLines:
         empty = 0
         with self._opened() as file, io.TextIOWrapper(file, self.encoding) as lines:
             for line in lines:
-                text = line.removesuffix("\n")
-                if not text.strip():
+                if line.isspace():
                     empty += 1
                     continue
-                yield from [""] * empty
-                empty = 0
-                yield text
+                if empty:
+                    yield from [""] * empty
+                    empty = 0
+                yield line.removesuffix("\n")
 
     @contextmanager
     def _opened(self) -> Iterator[IO[bytes]]:
@@ -70,7 +70,7 @@ class TextLines:
                 yield file
             return
         with reading(self.path, "gzip"), gzip.open(self.path) as packed:
-            yield packed
+            yield cast("IO[bytes]", packed)
 
     def _check_content(self, *, may_hold_zeros: bool) -> None:
         limit = largest_unpacked(self.path) if self.path.suffix.lower() == ".gz" else None
