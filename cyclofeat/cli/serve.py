@@ -24,9 +24,7 @@ def run(arguments: argparse.Namespace) -> Iterator[str]:
     try:
         from cyclofeat.serve import Address, make_app, serve
     except ImportError as error:
-        raise ImportError(
-            f"serve needs starlette, uvicorn, jinja2 and platformdirs (extra serve): {error}"
-        ) from error
+        raise ImportError(f"serve needs starlette, uvicorn and jinja2 (extra serve): {error}") from error
     model = []
     if arguments.model is not None:
         read_model(arguments)  # its errors now, not at the first count

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import platformdirs
-
 from cyclofeat import __version__
-from cyclofeat.models import card_path
+from cyclofeat.models import card_path, user_cache
 from cyclofeat.serve._commands import Order, order
 from cyclofeat.serve._jobs import Job, Jobs
 from cyclofeat.serve._store import Store
@@ -18,7 +16,7 @@ from cyclofeat.serve._store import Store
 
 def default_model() -> Path:
     """Return where the default model lies once it has been trained here: in the user's cache."""
-    return platformdirs.user_cache_path("cyclofeat", appauthor=False) / f"model-{__version__}.skops"
+    return user_cache() / f"model-{__version__}.skops"
 
 
 @dataclass
