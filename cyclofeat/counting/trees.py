@@ -13,6 +13,7 @@ from scipy.sparse import issparse
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._base import PoorOnArbitraryData
 
 __all__ = ["CountingTrees", "TreeTable"]
@@ -21,7 +22,7 @@ __all__ = ["CountingTrees", "TreeTable"]
 _MOST_PATHS = 200_000
 
 
-class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
+class CountingTrees(PoorOnArbitraryData, DocumentedEstimator, ExtraTreesClassifier):
     """Extremely randomised trees over features of windows; parameters as in scikit-learn.
 
     For few windows all trees are evaluated in one compiled loop, because scikit-learn's overhead of some 80

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.svg import thinned
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording
 
@@ -98,20 +99,3 @@ def plain_log_ticks(ax: Axes) -> None:
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
-
-
-def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
-    """Return first and last sample, and the smallest and largest of equal parts: ``max_points`` at most.
-
-    All samples if there are no more.
-    """
-    if max_points < 4:
-        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
-    if values.size <= max_points:
-        return time, values
-    length = -(-values.size // (max_points // 2 - 1))
-    parts = np.pad(values, (0, -values.size % length), mode="edge").reshape(-1, length)
-    starts = length * np.arange(len(parts))
-    extremes = [[0], starts + parts.argmin(axis=1), starts + parts.argmax(axis=1), [values.size - 1]]
-    kept = np.unique(np.minimum(np.concatenate(extremes), values.size - 1))
-    return time[kept], values[kept]
