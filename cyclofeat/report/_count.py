@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 _N_FEATURE_PICTURES = 4
-_MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
+MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def summarise_count(
     sections = []
     for place, item in sorted(urgent, key=lambda one: one[0]):
         rows[place]["anchor"] = f"recording-{place + 1}"
-        sections.append(rows[place] | _section(model, item, _MOST_SAMPLES // len(urgent)))
+        sections.append(rows[place] | _section(model, item, MOST_SAMPLES // len(urgent)))
     _, surrogate, said_of_origin = origin(sources)
     several = len(rows) + len(failed) > 1
     return {

@@ -104,7 +104,7 @@ def hann_line(torque, frequencies):
 
 
 def test_a_long_recording_shares_the_room_of_the_page_and_keeps_its_peaks(model, monkeypatch, drawn):
-    monkeypatch.setattr("cyclofeat.report._count._MOST_SAMPLES", 1000)
+    monkeypatch.setattr("cyclofeat.report._count.MOST_SAMPLES", 1000)
     given = []
     monkeypatch.setattr(
         "cyclofeat.report._figures.picture", lambda *_, plot=None, **__: given.append(plot and plot.to_dict())
