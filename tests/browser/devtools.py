@@ -158,7 +158,7 @@ class Browser:
             "Tab": 9, "Enter": 13, " ": 32, "PageUp": 33, "PageDown": 34, "End": 35, "Home": 36,
             "ArrowLeft": 37, "ArrowRight": 39, "0": 48, "+": 187, "-": 189, "Escape": 27,
         }[key]  # fmt: skip
-        text = {"text": "" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
+        text = {"text": "\r" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             more = text if kind == "keyDown" else {}
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **more)
