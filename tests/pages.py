@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import re
 from html.parser import HTMLParser
+
+import numpy as np
 
 VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 
@@ -48,3 +51,12 @@ def words(parsed):
 
 def without_pictures(page):
     return re.sub(r"data:image/svg\+xml;base64,[A-Za-z0-9+/=]+", "", page)
+
+
+def unpacked(column):
+    """Numbers of a plot's column that is held as text."""
+    return np.frombuffer(base64.b64decode(column["base64"]), dtype="<f4")
+
+
+def without_scripts(page):
+    return re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)

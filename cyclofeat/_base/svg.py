@@ -28,14 +28,20 @@ class Curve(NamedTuple):
 
 
 def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
-    """Return the extremes of ``max_points / 2`` equal parts, or all points if there are no more."""
+    """Return first and last sample, and the smallest and largest of equal parts: ``max_points`` at most.
+
+    All samples if there are no more.
+    """
     if max_points < 4:
         raise ValueError(f"max_points must be at least 4, got {max_points!r}")
     if values.size <= max_points:
         return time, values
-    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
-    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
-    return np.repeat(time[starts], 2), extremes.T.ravel()
+    length = -(-values.size // (max_points // 2 - 1))
+    parts = np.pad(values, (0, -values.size % length), mode="edge").reshape(-1, length)
+    starts = length * np.arange(len(parts))
+    extremes = [[0], starts + parts.argmin(axis=1), starts + parts.argmax(axis=1), [values.size - 1]]
+    kept = np.unique(np.minimum(np.concatenate(extremes), values.size - 1))
+    return time[kept], values[kept]
 
 
 def curves(drawn: Sequence[Curve], label: str) -> str:

@@ -49,7 +49,7 @@ from cyclofeat.counting._lobe_sets import inclusion as inclusion
 from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting._model import LobeCount, LobeModel, counts_frame
+from cyclofeat.counting._model import LobeCount, LobeModel, WindowCount, counts_frame
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
@@ -75,6 +75,7 @@ __all__ = [
     "RecordingCounts",
     "RecordingPlan",
     "TrainingDomain",
+    "WindowCount",
     "counts_frame",
     "evaluate",
     "features_seen",

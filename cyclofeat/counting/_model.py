@@ -18,7 +18,7 @@ from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
-from cyclofeat.counting._combine import RecordingCounts, predict_recordings
+from cyclofeat.counting._combine import combine_proba
 from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
@@ -39,6 +39,32 @@ if TYPE_CHECKING:
 
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
+
+
+@dataclass(frozen=True)
+class WindowCount:
+    """Answer of a model for one window of a recording.
+
+    Attributes
+    ----------
+    start_s, stop_s : float
+        The window in s from the recording's first sample.
+    defect_count : int
+        Most probable number of worn lobes in this window alone.
+    probability : float
+        Its probability.
+    distance : float
+        Distance from the training windows, in units of the largest inside; NaN where the model has no domain.
+    reason : str
+        Why the window is refused, else empty.
+    """
+
+    start_s: float
+    stop_s: float
+    defect_count: int
+    probability: float
+    distance: float
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -71,6 +97,8 @@ class LobeCount:
     distance : float
         Median over windows of the distance from the training windows, in units of the largest distance
         inside; NaN where the model has no domain.
+    windows : tuple of WindowCount
+        The answer of each window.
     """
 
     defect_count: int
@@ -83,9 +111,10 @@ class LobeCount:
     refused: bool = False
     reason: str = ""
     distance: float = float("nan")
+    windows: tuple[WindowCount, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer in plain types, for JSON."""
+        """Return the answer of the whole recording in plain types, for JSON."""
         return {
             "defect_count": self.defect_count,
             "probability": {str(count): value for count, value in self.probability.items()},
@@ -403,16 +432,17 @@ class LobeModel:
         """
         self.check(recording)
         windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
-        combined, features, lines = self._window_answers(windows.X)
-        probability = combined.probability[0]
-        count = int(combined.counts[0])
+        proba, probability, features, lines = self._window_answers(windows.X)
+        classes = np.asarray(self.counter.classes_)
+        count = int(classes[probability.argmax()])
         notes = []
         if recording.input_speed_hz is None:
             notes.append(
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
-        distance, n_outside = self._distance(features)
-        reason = self._refusal(windows.X, n_outside, has_angle=recording.angle is not None)
+        distances = self._distances(windows.X, features)
+        distance, n_outside = float(np.median(distances)), int(np.sum(distances > 1))
+        reason, reasons = self._refusals(windows.X, distances > 1, has_angle=recording.angle is not None)
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -435,7 +465,7 @@ class LobeModel:
             notes.append("probabilities are not calibrated on assemblies that training did not see")
         return LobeCount(
             defect_count=count,
-            probability={int(c): float(p) for c, p in zip(combined.classes, probability, strict=True)},
+            probability={int(c): float(p) for c, p in zip(classes, probability, strict=True)},
             lobes=tuple(lobes),
             lobe_probability=tuple(share.tolist()),
             absolute=absolute,
@@ -444,10 +474,21 @@ class LobeModel:
             refused=bool(reason),
             reason=reason,
             distance=distance,
+            windows=tuple(
+                WindowCount(start, start + windows.X.shape[1] / windows.sampling_rate, *answer)
+                for start, *answer in zip(
+                    windows.start_s.tolist(),
+                    classes[proba.argmax(axis=1)].tolist(),
+                    proba.max(axis=1).tolist(),
+                    distances.tolist(),
+                    reasons,
+                    strict=True,
+                )
+            ),
         )
 
-    def _window_answers(self, X: Float) -> tuple[RecordingCounts, Float | None, LobeLines | None]:
-        """Count one recording from all its windows.
+    def _window_answers(self, X: Float) -> tuple[Float, Float, Float | None, LobeLines | None]:
+        """Return the probabilities of each count: of each window, and of the recording from all of them.
 
         Also return the features in which the domain measures distances, and the lobe lines: they take most of
         the time, so that locator and domain reuse those of the counter. None where the counter has none.
@@ -468,23 +509,22 @@ class LobeModel:
         elif self.domain is not None:
             features = features_seen(self.counter, X)
         learned = getattr(deciding, "dependence_", None)
-        combined = predict_recordings(
-            deciding, seen, np.zeros(len(X), dtype=int), dependence=1.0 if learned is None else learned
-        )
-        return combined, features, lines
+        proba = np.asarray(deciding.predict_proba(seen))
+        combined = combine_proba(proba, np.zeros(len(X), dtype=int), 1.0 if learned is None else learned)
+        return proba, combined[0], features, lines
 
-    def _refusal(self, X: Float, n_outside: int, *, has_angle: bool) -> str:
-        """Return why the recording is refused; empty if it is not."""
+    def _refusals(self, X: Float, outside: NDArray[np.bool_], *, has_angle: bool) -> tuple[str, list[str]]:
+        """Return why the recording is refused, and why each window is; empty where it is not."""
         # First the speed: a wrong one explains windows outside the domain.
         if not has_angle and (reason := self._another_speed(X)):
-            return reason
-        if n_outside > len(X) / 2:
-            return OUTSIDE
+            return reason, [reason] * len(X)
+        empty = np.zeros(len(X), dtype=bool)
         if hasattr(self.counter, "predict_set"):
-            n_empty = int(np.sum(~self.counter.predict_set(X).any(axis=1)))
-            if n_empty > len(X) / 2:
-                return NO_CLASS
-        return ""
+            empty = ~self.counter.predict_set(X).any(axis=1)
+        reasons = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
+        if outside.sum() > len(X) / 2:
+            return OUTSIDE, reasons
+        return NO_CLASS if empty.sum() > len(X) / 2 else "", reasons
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
@@ -499,13 +539,12 @@ class LobeModel:
             f"at the model's {60 * self.input_speed_hz:.0f} RPM"
         )
 
-    def _distance(self, features: Float | None) -> tuple[float, int]:
-        """Return the median distance of windows in units of the largest inside, and how many are outside."""
+    def _distances(self, X: Float, features: Float | None) -> Float:
+        """Return the distance of each window in units of the largest inside; NaN without a domain."""
         if self.domain is None or features is None:
-            return float("nan"), 0
+            return np.full(len(X), np.nan)
         largest = max(self.domain.threshold_, np.finfo(float).tiny)
-        distance = self.domain.distance(features) / largest
-        return float(np.median(distance)), int(np.sum(distance > 1))
+        return np.asarray(self.domain.distance(features) / largest)
 
     def _lobe_probability(self, windows: WindowSet, lines: LobeLines | None, absolute: bool) -> Float:
         """Return the mean probability of each lobe, numbered as on the disc or from the first sample."""

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import math
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,9 +93,7 @@ def write_animation(
     """
     target = check_page_path(path)
     summary = summarise_animation(run, frames=frames, part=part, source=source, title=title)
-    script = files("cyclofeat.report").joinpath("templates/animation.js").read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    return write_page(target, "animation.html", summary | {"script": script, "script_digest": digest})
+    return write_page(target, "animation.html", summary, scripts=["animation.js"])
 
 
 def summarise_animation(

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 _N_FEATURE_PICTURES = 4
+MOST_SAMPLES = 240_000  # of torque in a page, which they make 1.3 MB larger
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def summarise_count(
     sections = []
     for place, item in sorted(urgent, key=lambda one: one[0]):
         rows[place]["anchor"] = f"recording-{place + 1}"
-        sections.append(rows[place] | _section(model, item))
+        sections.append(rows[place] | _section(model, item, MOST_SAMPLES // len(urgent)))
     _, surrogate, said_of_origin = origin(sources)
     several = len(rows) + len(failed) > 1
     return {
@@ -229,7 +230,7 @@ def _row(item: CountedRecording) -> dict[str, Any]:
     }
 
 
-def _section(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
+def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
     from cyclofeat.datasets import describe
 
     count, recording = item.count, item.recording
@@ -255,8 +256,22 @@ def _section(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
         ],
         "relative": bool(count.lobe_probability) and not count.absolute,
         "recorded": _recorded(model, item, described),
-        **_evidence(model, item),
+        "window_table": _window_table(count),
+        **_evidence(model, item, most_samples),
     }
+
+
+def _window_table(count: LobeCount) -> list[dict[str, Any]]:
+    """Return the answer of each window."""
+    return [
+        {
+            "time": f"{window.start_s:.4g} to {window.stop_s:.4g} s",
+            "count": window.defect_count,
+            "probability": probability_text(window.probability),
+            "reason": window.reason,
+        }
+        for window in count.windows
+    ]
 
 
 def _speed_known(item: CountedRecording) -> bool:
@@ -313,7 +328,7 @@ def _recorded(
     return [(label, str(value)) for label, value in lines.items() if value is not None]
 
 
-def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
+def _evidence(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
     """Pictures of a recording, and of its features if the model has a training domain."""
     from cyclofeat.plotting import (
         LobeMapDisplay,
@@ -324,12 +339,14 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
         TrainingDisplay,
     )
     from cyclofeat.report._figures import distance_picture, feature_picture, recording_pictures
+    from cyclofeat.report._recording_plots import window_spans
 
     count, recording = item.count, item.recording
     if recording.angle_is_absolute and count.lobe_probability and not count.absolute:
         # The model counts lobes from the first sample, and so must the picture.
         recording = recording.replace(angle_is_absolute=False)
     torque = TorqueDisplay.from_recording(recording)
+    of_torque: dict[str, Any] = {"windows": window_spans(count.windows), "most_samples": most_samples}
     if _speed_known(item):
         lobe_map = LobeMapDisplay.from_recording(
             recording,
@@ -344,11 +361,12 @@ def _evidence(model: LobeModel, item: CountedRecording) -> dict[str, Any]:
             SpectrumDisplay.from_recording(recording, **at),
             OrderDisplay.from_recording(recording, **at),
             lobe_map,
+            **of_torque,
         )
     else:
         # Lines marked at a wrong speed would mislead.
         unmarked = SpectrumDisplay.from_recording(recording.replace(speed_rpm=None))
-        pictures = recording_pictures(torque, unmarked)
+        pictures = recording_pictures(torque, unmarked, **of_torque)
     evidence: dict[str, Any] = {"pictures": pictures, "distance": None, "features": []}
     if model.domain is not None:
         display = TrainingDisplay.from_estimator(model, recording)

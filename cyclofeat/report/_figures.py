@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat.plotting import (
@@ -17,6 +17,8 @@ from cyclofeat.plotting import (
     TrainingDisplay,
 )
 from cyclofeat.plotting.kinds import words_of
+from cyclofeat.report._plot import Plot, Span
+from cyclofeat.report._recording_plots import order_plot, spectrum_plot, torque_plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +41,7 @@ _COLOURS = {
     "light": ("#1d2329", "#6b7580", "#d3d9de", "#ffffff", "#1f6fb4", "#e07b12", "#2a9134"),
     "dark": ("#e4e8ec", "#8b96a1", "#363e46", "#1c2126", "#4a98de", "#f0a050", "#55bd60"),
 }
+_REFUSED = "#b3261e"
 
 
 def _theme(ink: str, faint: str, frame: str, legend: str, *cycle: str) -> Any:
@@ -66,18 +69,25 @@ def _themes() -> dict[str, Any]:
     return {scheme: _theme(*colours) for scheme, colours in _COLOURS.items()}
 
 
-def picture(draw: Draw, size: tuple[float, float], alt: str, *, by_scheme: bool = False) -> Picture:
+def picture(
+    draw: Draw, size: tuple[float, float], alt: str, *, by_scheme: bool = False, plot: Plot | None = None
+) -> Picture:
     """Draw a figure of ``size`` in inches as SVG data URIs ``light`` and ``dark``, with its size in pixels.
 
     ``draw`` is called with the axes and the scheme, ``alt`` describes the figure in words. Drawing takes most
     of a report's time: a figure is drawn once, and again in dark only if ``by_scheme`` says that it has
-    colours besides those of the theme.
+    colours besides those of the theme. With a ``plot``, which the page draws in the scheme of the screen, the
+    figure is for paper, and light.
     """
     width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
     light = _svg(draw, size, "light")
-    dark = _svg(draw, size, "dark") if by_scheme else _darkened(light)
+    svgs = {"light": light}
     drawn: Picture = {"alt": alt, "width": width, "height": height}
-    for scheme, svg in (("light", light), ("dark", dark)):
+    if plot is None:
+        svgs["dark"] = _svg(draw, size, "dark") if by_scheme else _darkened(light)
+    else:
+        drawn["plot"] = plot.to_dict()
+    for scheme, svg in svgs.items():
         drawn[scheme] = "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode("ascii")
     return drawn
 
@@ -106,21 +116,35 @@ def recording_pictures(
     spectrum: SpectrumDisplay,
     orders: OrderDisplay | None = None,
     lobe_map: LobeMapDisplay | None = None,
+    *,
+    windows: Sequence[Span] = (),
+    most_samples: int = 100_000,
 ) -> dict[str, Picture]:
-    """Draw ``torque``, ``spectrum``, ``orders`` and ``lobe_map`` of one recording, each on its own scale."""
+    """Draw ``torque``, ``spectrum``, ``orders`` and ``lobe_map`` of one recording, each on its own scale.
+
+    The torque has its ``windows`` above it. The page holds ``most_samples`` of it, or their room in extremes.
+    """
+
+    def draw_torque(ax: Axes, _: str) -> None:
+        torque.plot(ax, max_points=2000)
+        _draw_windows(ax, windows)
+
     drawn = {
         "torque": picture(
-            lambda ax, _: torque.plot(ax, max_points=2000), (6.0, 2.8), "Output torque in Nm over time in s"
+            draw_torque, (6.0, 2.8), "Output torque in Nm over time in s, with the answer of each window",
+            plot=torque_plot(torque, windows, most_samples),
         ),
         "spectrum": picture(
             lambda ax, _: spectrum.plot(ax), (6.0, 3.4),
             "Amplitude spectrum of the torque in Nm; lobe lines and orders are marked if a speed is known",
+            plot=spectrum_plot(spectrum),
         ),
     }  # fmt: skip
     if orders is not None:
         drawn["orders"] = picture(
             lambda ax, _: orders.plot(ax), (6.0, 3.4),
             "Amplitudes in Nm at the lines of the output turn, by order of the input shaft",
+            plot=order_plot(orders),
         )  # fmt: skip
     if lobe_map is not None:
         drawn["lobe_map"] = picture(
@@ -129,6 +153,22 @@ def recording_pictures(
             by_scheme=True,
         )  # fmt: skip
     return drawn
+
+
+def _draw_windows(ax: Axes, windows: Sequence[Span]) -> None:
+    """Draw a strip of windows with their labels above the curve."""
+    low, high = ax.get_ylim()
+    if windows:
+        ax.set_ylim(low, high + 0.12 * (high - low))
+    few = len(windows) <= 8
+    for window in windows:
+        colour = _REFUSED if window.amiss else "C0"
+        ax.axvspan(window.start, window.stop, 0.9, 1, facecolor=colour, edgecolor="w", alpha=0.3)
+        middle, label = (window.start + window.stop) / 2, window.label if few else window.label[0]
+        ax.text(
+            middle, 0.95, label, transform=ax.get_xaxis_transform(), ha="center", va="center",
+            fontsize="small", clip_on=True,
+        )  # fmt: skip
 
 
 def distance_picture(display: TrainingDisplay) -> Picture:

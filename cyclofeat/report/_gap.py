@@ -20,6 +20,7 @@ from cyclofeat.report._gap_method import method, provenance
 from cyclofeat.report._gap_reduction import reduction
 from cyclofeat.report._gap_where import where_they_differ
 from cyclofeat.report._page import check_page_path, origin, write_page
+from cyclofeat.report._plot import Axis, Line, Plot
 
 if TYPE_CHECKING:
     import os
@@ -34,6 +35,11 @@ _OVERLAYS = {
                "shaft whole orders; others are of lobes, or of nothing that turns."),
     "distribution": ("Distribution of the torque", "How often each value of the torque occurs."),
 }  # fmt: skip
+_AXES = {
+    "spectrum": (Axis("frequency", "Hz", log=True), Axis("rms in a twelfth octave", "Nm", log=True)),
+    "orders": (Axis("order of the input shaft", ""), Axis("amplitude", "Nm", log=True)),
+    "distribution": (Axis("torque", "Nm"), Axis("density", "1/Nm")),
+}
 
 
 def write_gap_report(
@@ -159,7 +165,21 @@ def _overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
 def _picture(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[str, Any]:
     display = GapOverlayDisplay(overlay, label=label)
     alt = f"{_OVERLAYS[overlay.kind][0]} of recordings, model and corrected model: {overlay.condition.text}"
-    return picture(lambda ax, _: display.plot(ax), size, alt)
+    return picture(lambda ax, _: display.plot(ax), size, alt, plot=_plot(overlay, label))
+
+
+def _plot(overlay: Overlay, label: str) -> Plot:
+    curves = {
+        ("model", "ink", "dashed"): overlay.model,
+        (label, "accent", "wide"): overlay.measured,
+        ("corrected model", "third", "line"): overlay.corrected,
+    }
+    lines = [
+        Line(name, band.mean, colour, style, (band.low, band.high))  # type: ignore[arg-type]
+        for (name, colour, style), band in curves.items()
+        if band is not None
+    ]
+    return Plot(overlay.x, lines, _AXES[overlay.kind])
 
 
 def _warnings(result: GapResult) -> list[str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     import jinja2
 
 SIMULATED = ("simulated", "surrogate")
+_SCRIPTS_OF_PLOTS = ("uplot/LICENSE", "uplot/uPlot.iife.min.js", "plot.js")
 
 
 def check_page_path(path: str | os.PathLike[str]) -> Path:
@@ -40,9 +44,15 @@ def check_page_path(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def write_page(target: Path, template: str, summary: Mapping[str, Any]) -> Path:
-    """Render a template of this package and write the whole page."""
-    html = environment().get_template(template).render(summary)
+def write_page(
+    target: Path, template: str, summary: Mapping[str, Any], scripts: Sequence[str] = _SCRIPTS_OF_PLOTS
+) -> Path:
+    """Render a template of this package with scripts, by default those of plots, and write the whole page."""
+    folder = files("cyclofeat.report").joinpath("templates")
+    parts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in scripts}
+    script = "\n".join(f"/*\n{text}\n*/" if "LICENSE" in name else text for name, text in parts.items())
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    html = environment().get_template(template).render(summary, script=script, script_digest=digest)
     return write_whole(target, lambda file: file.write(html.encode()))
 
 

@@ -154,8 +154,10 @@ class Browser:
 
     def press(self, key: str) -> None:
         """A key, as from the keyboard; ``" "`` is the space bar."""
-        codes = {"Tab": 9, "Enter": 13, " ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}
-        code = codes[key]
+        code = {
+            "Tab": 9, "Enter": 13, " ": 32, "PageUp": 33, "PageDown": 34, "End": 35, "Home": 36,
+            "ArrowLeft": 37, "ArrowRight": 39, "0": 48, "+": 187, "-": 189, "Escape": 27,
+        }[key]  # fmt: skip
         text = {"text": "\r" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             more = text if kind == "keyDown" else {}

@@ -133,7 +133,7 @@ def test_a_page_is_dark_on_dark_screens_and_light_on_paper(opened, browser, name
     # what a printer is given: the light scheme, whatever the screen prefers
     browser.call("Emulation.setEmulatedMedia", media="print")
     assert min(browser.run(shade)) > 200
-    assert set(browser.run(shown)) <= {"on-light"}
+    assert set(browser.run(shown)) <= {"on-light", ""}
     browser.call("Emulation.setEmulatedMedia", media="")
 
 
@@ -142,6 +142,88 @@ def test_a_page_fits_a_narrow_screen(opened, browser, name):
     browser.resize(400, 800)
     opened(name)
     assert browser.run("document.documentElement.scrollWidth") <= 400
+
+
+# -- plots that can be zoomed
+
+
+def said(browser, plot=0):
+    return browser.run(f"document.querySelectorAll('.tools output')[{plot}].textContent")
+
+
+def ends(browser, plot=0):
+    """First and last time in view, as the read-out says them while nothing is pointed at."""
+    return [float(number) for number in re.findall(r"[\d.]+(?= to| s)", said(browser, plot))]
+
+
+def drag(browser, start, stop):
+    left, top, width, height = browser.run(
+        "(() => { const e = document.querySelector('.u-over'); e.scrollIntoView({block: 'center'});"
+        " const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()"
+    )
+
+    def mouse(kind, share, **more):
+        x, y = left + share * width, top + height / 2
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    mouse("mouseMoved", start)
+    mouse("mousePressed", start, button="left", buttons=1, clickCount=1)
+    mouse("mouseMoved", (start + stop) / 2, button="left", buttons=1)
+    mouse("mouseMoved", stop, button="left", buttons=1)
+    mouse("mouseReleased", stop, button="left", clickCount=1)
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=2, y=2)
+
+
+def test_a_drag_zooms_and_a_double_click_shows_all_again(opened):
+    browser = opened("count")
+    assert ends(browser) == pytest.approx([0, 1.7995], abs=2e-3)
+    drag(browser, 0.25, 0.5)
+    assert ends(browser) == pytest.approx([0.45, 0.9], abs=0.02)
+    browser.run("document.querySelector('.u-over').dispatchEvent(new MouseEvent('dblclick'))")
+    assert ends(browser) == pytest.approx([0, 1.7995], abs=2e-3)
+
+
+def test_the_keyboard_zooms_and_reads_the_recorded_values(opened):
+    browser = opened("count")
+    browser.run("document.querySelector('.zoom').focus()")
+    for key in ("ArrowRight", "+", "+", "+", "+", "ArrowRight"):
+        browser.press(key)
+    time, torque = (float(part) for part in re.findall(r"(?:time|torque) ([\d.]+)", said(browser)))
+    recorded = recording((4, 5, 6), seed=100).torque
+    assert torque == pytest.approx(recorded[round(2000 * time)], rel=5e-4)
+    assert "window 1: 3 worn lobes" in said(browser)
+    browser.press("0")
+    browser.run("document.querySelector('.tools button:last-of-type').click()")
+    assert browser.run("document.querySelector('.tools output').getAttribute('aria-live')") == "polite"
+
+
+def test_plots_of_the_gap_can_hide_a_curve(opened):
+    browser = opened("gap")
+    toggle = "document.querySelector('.live .legend button')"
+    assert browser.run(f"{toggle}.getAttribute('aria-pressed')") == "true"
+    browser.run(f"{toggle}.click()")
+    assert browser.run(f"{toggle}.getAttribute('aria-pressed')") == "false"
+    browser.run("document.querySelector('.zoom').focus()")
+    browser.press("ArrowRight")
+    assert "model" not in said(browser).split("corrected")[0]
+
+
+@pytest.mark.parametrize("name", ["count", "gap"])
+def test_still_pictures_stay_without_scripts_and_on_paper(opened, browser, name):
+    stills = "Array.from(document.querySelectorAll('.zoomable > img')).filter(i => i.offsetParent).length"
+    live = "Array.from(document.querySelectorAll('.zoomable .live')).filter(i => i.offsetParent).length"
+    opened(name)
+    n = browser.run("document.querySelectorAll('.zoomable').length")
+    assert (browser.run(stills), browser.run(live)) == (0, n)
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    assert (browser.run(stills), browser.run(live)) == (n, 0)
+    browser.call("Emulation.setEmulatedMedia", media="")
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        opened(name)
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+    assert (browser.run(stills), browser.run(live)) == (n, 0)
 
 
 # -- the animation

@@ -1,17 +1,20 @@
 """The report of a count: the answer first, escaped, whole, and honest about what it rests on."""
 
 import json
+import re
 import time
 import weakref
 
 import numpy as np
 import pytest
-from pages import parse, without_pictures, words
-from small_model import recording, small_model, unlike_training
+from numpy.testing import assert_allclose
+from pages import parse, unpacked, without_pictures, words
+from small_model import RATE, SPEED, recording, small_model, unlike_training
 
 from cyclofeat.counting import ConformalCounter, LobeModel
 from cyclofeat.recordings import Windower
 from cyclofeat.report import CountedRecording, summarise_count, write_count_report
+from cyclofeat.report._recording_plots import window_spans
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +73,73 @@ def test_the_page_is_whole_and_escaped(page):
     bare = without_pictures(page)
     assert "<b>worn" not in bare
     assert "<model>" not in bare
-    assert "http" not in bare.replace('http-equiv="Content-Security-Policy"', "")
-    assert "<script" not in bare
     parsed = parse(page)
-    images = [value for tag, name, value in parsed.attributes if (tag, name) == ("img", "src")]
-    # disc, torque, spectrum, orders, distance and four kinds of features, each for two schemes
-    assert len(images) == 2 * 9
-    assert all(image.startswith("data:image/svg+xml;base64,") for image in images)
+    addresses = [value for _, name, value in parsed.attributes if name in ("src", "href", "xlink:href")]
+    # disc, distance and four kinds of features for two schemes, plots of torque, spectrum and orders for one
+    assert len(addresses) == 2 * 6 + 3
+    assert all(address.startswith("data:image/svg+xml;base64,") for address in addresses)
+
+
+def test_plots_hold_the_numbers_of_the_recording(page, counted):
+    torque, spectrum, orders = (json.loads(data) for data in re.findall(r'json">(.*?)</script>', page))
+    recorded = counted[0].recording.torque
+    assert torque["x"] == {"first": 0, "last": (recorded.size - 1) / 2000, "n": recorded.size}
+    assert_allclose(unpacked(torque["lines"][0]["columns"][0]), recorded, rtol=1e-7)
+    assert [span["label"] for span in torque["spans"]] == ["3 worn", "3 worn"]
+    assert spectrum["view"] == [0, 400]
+    frequencies = np.linspace(spectrum["x"]["first"], spectrum["x"]["last"], spectrum["x"]["n"])
+    amplitudes = unpacked(spectrum["lines"][0]["columns"][0])
+    assert_allclose(amplitudes[:1000], 2 * np.abs(hann_line(recorded, frequencies[:1000])), atol=1e-6)
+    kinds = {line["name"] for line in orders["lines"]}
+    assert "multiples of the lobes' passage (order 16/15)" in kinds
+    assert len(kinds) == 4
+
+
+def hann_line(torque, frequencies):
+    """Fourier sums with a window of Hann whose mean is 1."""
+    time = np.arange(torque.size) / 2000
+    weights = (1 - np.cos(2 * np.pi * np.arange(torque.size) / torque.size)) / torque.size
+    weighted = (torque - torque.mean()) * weights
+    return np.array([np.sum(weighted * np.exp(-2j * np.pi * f * time)) for f in frequencies])
+
+
+def test_a_long_recording_shares_the_room_of_the_page_and_keeps_its_peaks(model, monkeypatch, drawn):
+    monkeypatch.setattr("cyclofeat.report._count.MOST_SAMPLES", 1000)
+    given = []
+    monkeypatch.setattr(
+        "cyclofeat.report._figures.picture", lambda *_, plot=None, **__: given.append(plot and plot.to_dict())
+    )
+    long = recording((4,), seed=300, turns=2)
+    torque = long.torque.copy()
+    torque[5000] = 40.0
+    one = CountedRecording("long.npz", long.replace(torque=torque), model.count(long))
+    summarise_count(model, [one, one])
+    plot = given[0]
+    time, values = unpacked(plot["x"]), unpacked(plot["lines"][0]["columns"][0])
+    assert time.size + values.size <= 500
+    assert values.max() == 40.0
+    assert time[values.argmax()] == pytest.approx(2.5)
+    # what is drawn was recorded, at the time where it is drawn
+    assert_allclose(values, torque[np.round(time * 2000).astype(int)], rtol=1e-6)
+    assert plot["note"].startswith("Of every 58 samples the page holds the smallest and the largest")
+
+
+def test_windows_are_answered_one_by_one(model):
+    healthy, worn = recording((), seed=301), recording((4, 5, 6), seed=302)
+    strange = unlike_training()
+    torque = np.concatenate([one.torque for one in (healthy, strange, worn)])
+    joined = worn.replace(torque=torque, angle=2 * np.pi * SPEED * np.arange(torque.size) / RATE)
+    answers = model.count(joined).windows
+    assert [answer.defect_count for answer in answers][::2] == [0, 3]
+    assert [bool(answer.reason) for answer in answers] == [False, True, False]
+    assert [answer.start_s for answer in answers] == [0, 1.8, 3.6]
+    assert answers[2].stop_s == pytest.approx(5.4)
+    alone = [model.count(one).probability for one in (healthy, worn)]
+    assert answers[0].probability == pytest.approx(alone[0][0], abs=2e-3)
+    spans = window_spans(answers)
+    assert [span.label for span in spans] == ["0 worn", "refused", "3 worn"]
+    assert [span.amiss for span in spans] == [False, True, False]
+    assert spans[1].text.startswith("window 2: refused, would be ")
 
 
 def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
@@ -144,7 +207,7 @@ def displays(monkeypatch, drawn):
     given = []
     monkeypatch.setattr(
         "cyclofeat.report._figures.recording_pictures",
-        lambda torque, spectrum, orders=None, lobe_map=None: given.append((spectrum, orders, lobe_map)),
+        lambda torque, spectrum, orders=None, lobe_map=None, **_: given.append((spectrum, orders, lobe_map)),
     )
     return given
 
