@@ -462,7 +462,9 @@ def good_files(folder):
     hdf5_matlab(folder / "v73.mat", {"torque": TORQUE, "fs": RATE})
     pq.write_table(pa.table({"torque": TORQUE}), folder / "parquet.parquet")
     wavfile.write(folder / "wav.wav", 25_600, TORQUE)
-    (folder / "csv.csv").write_text("torque [Nm]\n" + "\n".join(map(repr, map(float, TORQUE))) + "\n")
+    (folder / "csv.csv").write_text(
+        "torque [Nm]\n" + "\n".join(map(repr, map(float, TORQUE))) + "\n", encoding="utf-8"
+    )
     return sorted(folder.iterdir())
 
 
@@ -561,7 +563,7 @@ def test_none_and_one_sample_are_errors_in_every_kind(tmp_path, n_samples):
     savemat(tmp_path / "a.mat", {"torque": few, "fs": RATE})
     hdf5_matlab(tmp_path / "b.mat", {"torque": few, "fs": RATE})
     pq.write_table(pa.table({"torque": few}), tmp_path / "a.parquet")
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few))
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few), encoding="utf-8")
     if n_samples:
         wavfile.write(tmp_path / "a.wav", 8_000, few)
     for path in tmp_path.iterdir():
@@ -589,7 +591,7 @@ def test_what_is_not_finite_is_named_with_its_place(tmp_path, value):
     hdf5_matlab(tmp_path / "b.mat", {"torque": bad, "fs": RATE})
     pq.write_table(pa.table({"torque": bad}), tmp_path / "a.parquet")
     wavfile.write(tmp_path / "a.wav", 25_600, bad)
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad))
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad), encoding="utf-8")
     for path in tmp_path.iterdir():
         message = attempt(path, 5)
         assert "finite" in message
