@@ -10,6 +10,7 @@ import html
 from collections.abc import Mapping, Sequence
 
 _ROW = "text-align:left;vertical-align:top;padding:.1em .9em .1em 0;background:none;border:0"
+_TABLE = "border:0;margin:0;width:auto"
 _NAME = "font-weight:normal;opacity:.75"
 _NOTE = "border-left:3px solid #c98a00;padding-left:.6em;margin:.4em 0"
 
@@ -52,10 +53,13 @@ def card(
         f'<div style="font-weight:600;font-size:1.1em;margin-bottom:.3em">{html.escape(title)}</div>',
         '<div style="display:flex;flex-wrap:wrap;gap:1em 1.5em;align-items:flex-start">',
         *pictures,
-        f'<div style="flex:1 1 20em;min-width:0"><table style="border:0;margin:0">{cells}</table></div>',
+        f'<div style="flex:1 1 20em;min-width:0"><table style="{_TABLE}">{cells}</table></div>',
         "</div>",
         *(f'<div style="{_NOTE}">{html.escape(note)}</div>' for note in dict.fromkeys(notes)),
     ]
     if code:
-        parts.append(f'<div style="margin-top:.4em;opacity:.85">Next: <code>{html.escape(code)}</code></div>')
+        # Pages, whose readers run nothing, hide it.
+        parts.append(
+            f'<div class="next" style="margin-top:.4em">Next: <code>{html.escape(code)}</code></div>'
+        )
     return f'<div style="line-height:1.45">{"".join(parts)}</div>'
