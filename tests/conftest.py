@@ -14,6 +14,13 @@ from cyclofeat.gap import Comparison, LocatedGap, locate
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print the processor time of the run, that of all its processes together."""
+    used = os.times()
+    seconds = used.user + used.system + used.children_user + used.children_system
+    terminalreporter.write_sep("=", f"{seconds:.0f} s of processor time")
+
+
 class MadeOnce:
     """Results on disk: the first process that asks for one makes it, the others wait for it."""
 

@@ -160,13 +160,15 @@ def recordings(*effects, loads=(22.0,), n=6, seed=0):
     return made
 
 
-SETTINGS = GapSettings(n_bank=24, n_after=16, n_report=12, n_permutations=999, baselines=("nothing",))
+SETTINGS = GapSettings(
+    n_bank=16, n_after=12, n_report=12, n_sessions=32, n_permutations=499, baselines=("nothing",)
+)
 
 
 def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     told = []
     result = find_gap(
-        recordings(Noise(0.3), loads=(22.0, 14.0), n=10), recordings(Noise(0.3), n=4, seed=1),
+        recordings(Noise(0.3), loads=(22.0, 14.0), n=8), recordings(Noise(0.3), n=4, seed=1),
         posterior=posterior, settings=SETTINGS, progress=told.append,
     )  # fmt: skip
     assert [effect.effect_id for effect in result.named] == ["noise"]

@@ -19,6 +19,8 @@ from benchmarks.hidden_effects._folders import generate
 from cyclofeat.gap import GapSettings
 from cyclofeat.gap.posterior import load_posterior
 
+pytestmark = pytest.mark.slow  # tests/gap/test_confirm.py goes the whole way on a small world
+
 SETS = ("set_00acf5d6", "set_82e7b299", "set_24cd4a2b", "set_2dbea1c0", "set_9d431f15", "set_515d2d0a")
 SETTINGS = GapSettings(
     baselines=("nothing",), pictures=False, n_bank=40, n_report=24, n_sessions=32, n_permutations=499
@@ -32,9 +34,7 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.parametrize(
-    "name", [SETS[-1], *(pytest.param(name, marks=pytest.mark.slow) for name in SETS[:-1])]
-)
+@pytest.mark.parametrize("name", SETS)
 def test_all_that_is_hidden_is_named_and_closes_the_gap(name, folder):
     result = whole_answer(name, folder, load_posterior(), SETTINGS)
     (answer,) = answers({name: result})
