@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
@@ -12,7 +14,17 @@ if TYPE_CHECKING:
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a model, and the one that cuts the start of each recording."""
-    parser.add_argument("--model", required=True, help="model file that train wrote, with its card beside it")
+    add_model_file(parser)
+    parser.add_argument(
+        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
+    )
+
+
+def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options that name a model and state how it is loaded."""
+    parser.add_argument(
+        "--model", required=required, help="model file that train wrote, with its card beside it"
+    )
     parser.add_argument(
         "--trust",
         "--trust-model",
@@ -27,17 +39,29 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
     )
-    parser.add_argument(
-        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
-    )
 
 
 def read_model(arguments: argparse.Namespace) -> LobeModel:
     """Return the model that the options name."""
-    from cyclofeat.models import as_lobe_model, load_model, read_card
+    _import_scikit_learn()
+    from cyclofeat.models import as_lobe_model, load_model, read_card, user_cache
 
-    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
+    loaded = load_model(
+        arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=user_cache() / "models"
+    )
     return as_lobe_model(loaded, read_card(arguments.model))
+
+
+def _import_scikit_learn() -> None:
+    """Import scikit-learn without pandas: half a second that no count needs."""
+    if "pandas" in sys.modules:
+        return
+    hidden = cast("dict[str, None]", sys.modules)
+    hidden["pandas"] = None  # an import finds nothing
+    try:
+        import_module("sklearn.base")
+    finally:
+        del hidden["pandas"]
 
 
 def without_start(recording: Recording, seconds: float) -> Recording:

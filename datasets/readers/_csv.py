@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
 from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
-from cyclofeat.datasets.readers._text import read_text
+from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
@@ -30,38 +31,45 @@ class CsvSource(Source):
 
     def __init__(self, path: Path, delimiter: str | None) -> None:
         self.file = path.name
-        lines = read_text(path).split("\n")
-        while lines and not lines[-1].strip():
-            lines.pop()
-        head = 0
-        while head < len(lines) and (lines[head].startswith("#") or not lines[head].strip()):
-            head += 1
-        if head == len(lines):
+        self.lines = TextLines(path)
+        comments, start = list[str](), list[str]()
+        for line in self.lines:
+            if not start and (line.startswith("#") or not line.strip()):
+                comments.append(line)
+            else:
+                start.append(line)
+            if len(start) == 3:  # names, units, first samples
+                break
+        if not start:
             raise ValueError(f"{self.file} holds no row of data")
-        self.labels = labels_from_comments(self.file, lines[:head])
+        self.labels = labels_from_comments(self.file, comments)
         # Comma last: with the others it is a decimal comma.
-        self.delimiter = delimiter or next((d for d in "\t;," if d in lines[head]), ",")
-        self.decimal_comma = self.delimiter != "," and any("," in line for line in lines[head:])
-        n_columns = lines[head].count(self.delimiter) + 1
+        self.delimiter = delimiter or next((d for d in "\t;," if d in start[0]), ",")
+        self.decimal_comma = self.delimiter != "," and any(
+            "," in line for line in islice(self.lines, len(comments), None)
+        )
+        n_columns = start[0].count(self.delimiter) + 1
         if n_columns > _MOST_COLUMNS:
             raise ValueError(
-                f"{self.file}: line {head + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can be read; "
-                "one row per sample and one column per channel are right"
+                f"{self.file}: line {len(comments) + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can "
+                "be read; one row per sample and one column per channel are right"
             )
-        first = self._cells(lines[head])
+        first = self._cells(start[0])
         self.named = all(self._number(cell) is None for cell in first)
         units: list[str | None] | None = None
         if self.named:
-            head += 1
-            units = self._unit_row(lines[head], len(first)) if head < len(lines) else None
-            head += units is not None
-            if head == len(lines):
+            units = self._unit_row(start[1], len(first)) if len(start) > 1 else None
+            if len(start) <= 1 + (units is not None):
                 raise ValueError(f"{self.file} holds column names, but no row of data")
-        self.first_line = head + 1  # as editors count
+        n_before = len(comments) + self.named + (units is not None)
+        self.first_line = n_before + 1  # as editors count
         names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
         super().__init__(path, names, units)
-        self.rows = lines[head:]
         self._check_width()
+
+    def _rows(self) -> Iterator[str]:
+        """Yield the rows of samples, read anew."""
+        return islice(self.lines, self.first_line - 1, None)
 
     def _cells(self, line: str) -> list[str]:
         try:
@@ -85,7 +93,7 @@ class CsvSource(Source):
 
     def _check_width(self) -> None:
         width = len(self.names)
-        for index, row in enumerate(self.rows):
+        for index, row in enumerate(self._rows()):
             cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._cells(row))
             if cells != width or not row.strip():
                 came = "1 column" if cells == 1 else f"{cells} columns"
@@ -104,7 +112,7 @@ class CsvSource(Source):
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
-        rows = [row.replace(",", ".") for row in self.rows] if self.decimal_comma else self.rows
+        rows = (row.replace(",", ".") for row in self._rows()) if self.decimal_comma else self._rows()
         try:
             return np.loadtxt(
                 rows, delimiter=self.delimiter, usecols=index, comments=None, quotechar='"', ndmin=1
@@ -116,9 +124,9 @@ class CsvSource(Source):
         try:
             return self.column(index)
         except ValueError:
-            if self._number(self._cells(self.rows[0])[index]) is not None:
+            if self._number(self._cells(next(self._rows()))[index]) is not None:
                 raise
-            cells = [self._cells(row)[index].strip() for row in self.rows]
+            cells = [self._cells(row)[index].strip() for row in self._rows()]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
                 raise
             bare = [re.sub(r"(?<=.{10})(Z|[+-]\d\d:?\d\d)$", "", cell).replace(",", ".") for cell in cells]
@@ -129,7 +137,7 @@ class CsvSource(Source):
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
         """Return the error that names the first cell of a column that is no number."""
         column = f"column {self.names[index]!r}"
-        for row, line in enumerate(self.rows):
+        for row, line in enumerate(self._rows()):
             cell = self._cells(line)[index]
             if self._number(cell) is None:
                 shown = cell if len(cell) <= 60 else f"{cell[:60]}..."

@@ -461,7 +461,7 @@ def test_load_gives_windows_labels_groups_and_parameters(whole: Path) -> None:
     assert len(set(data.groups)) == 15
     assert data.ok.all()
     assert data.campaign == SMALL
-    frame = data.parameters
+    frame = data.to_frame()
     assert frame["defect_count"].tolist() == data.y.tolist()
     assert [len(lobes) for lobes in frame["worn_lobes"]] == data.y.tolist()
     assert (frame["depth"][data.y == 0] == 0).all()
@@ -472,13 +472,12 @@ def test_load_gives_windows_labels_groups_and_parameters(whole: Path) -> None:
     np.testing.assert_array_equal(np.asarray(quiet.X), np.asarray(data.X))
 
 
-def test_without_pandas_parameters_are_arrays(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    frame = load_campaign(whole).parameters
+def test_a_table_of_runs_needs_pandas_and_says_so(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    arrays = load_campaign(whole).parameters
-    assert isinstance(arrays, dict)
-    assert list(arrays) == list(frame.columns)
-    np.testing.assert_array_equal(arrays["true_load_nm"], frame["true_load_nm"])
+    data = load_campaign(whole)
+    assert data.parameters["true_load_nm"].shape == data.y.shape
+    with pytest.raises(ImportError, match="pip install pandas"):
+        data.to_frame()
 
 
 def test_one_shard_is_a_memmap(tmp_path: Path) -> None:
@@ -542,7 +541,7 @@ def test_a_failed_run_is_a_row_with_its_reason(tmp_path: Path) -> None:
         depth=1.0,
     )
     data = run_campaign(campaign, tmp_path / "stiff")
-    frame = data.parameters
+    frame = data.to_frame()
     status = frame["status"].to_numpy()
     assert 0 < data.ok.sum() < 8
     assert set(status) <= {"ok", "diverged", "locked"}
@@ -564,10 +563,10 @@ def test_values_that_contradict_each_other_are_a_row_too(tmp_path: Path) -> None
     rig = rig.with_effects(BrakeRotor(0.02, 1e4, loguniform(1e-8, 0.2)))
     campaign = SMALL.replace(rig=rig, defect_counts=(0,), repeats=4, depth=1.0)
     data = run_campaign(campaign, tmp_path / "damping")
-    invalid = (data.parameters["status"] == "invalid").to_numpy()
+    invalid = data.parameters["status"] == "invalid"
     np.testing.assert_array_equal(invalid, data.parameters["settling_s"] > 60)
     assert 0 < invalid.sum() < 4
-    assert data.parameters["reason"][invalid].str.contains("must have more damping").all()
+    assert data.to_frame()["reason"][invalid].str.contains("must have more damping").all()
 
 
 def test_a_design_of_which_nothing_can_be_simulated_is_refused(tmp_path: Path) -> None:
