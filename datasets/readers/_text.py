@@ -55,13 +55,13 @@ class TextLines:
         empty = 0
         with self._opened() as file, io.TextIOWrapper(file, self.encoding) as lines:
             for line in lines:
-                text = line.removesuffix("\n")
-                if not text.strip():
+                if line.isspace():
                     empty += 1
                     continue
-                yield from [""] * empty
-                empty = 0
-                yield text
+                if empty:
+                    yield from [""] * empty
+                    empty = 0
+                yield line.removesuffix("\n")
 
     @contextmanager
     def _opened(self) -> Iterator[IO[bytes]]:
