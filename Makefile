@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-browser test-oldest lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting papers test-gap bench-gap clean
+.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-asv papers test-gap bench-gap clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -37,7 +37,7 @@ demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo
 	$(BIN)/python -m cyclofeat demo --out demo
 
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
-test test-slow test-nojit test-browser: export OPENBLAS_NUM_THREADS = 1
+test test-slow test-nojit test-browser test-array-api coverage: export OPENBLAS_NUM_THREADS = 1
 # Both processes of a run, and the next run, read the same bytecode.
 test test-slow: export PYTHONDONTWRITEBYTECODE =
 
@@ -52,19 +52,32 @@ test-slow: $(INSTALLED)  ## the tests that take longer than a minute each
 test-nojit: $(INSTALLED)  ## the tests marked nojit, without compilation
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -m nojit
 
+# An environment variable that scipy reads when it is imported.
+test-array-api: $(INSTALLED)  ## scikit-learn's checks with arrays of other libraries
+	SCIPY_ARRAY_API=1 $(BIN)/pytest -k array_api tests/test_common.py
+
+coverage: $(INSTALLED)  ## lines and branches that the tests run, slow ones too; fails below 95 %
+	$(BIN)/pytest -n 2 --dist loadfile -m "not bench and not browser" --cov --cov-report=term
+
 test-browser: $(INSTALLED)  ## the pages of reports and animations in Chromium
 	$(BIN)/pytest -m browser tests/browser
 
-lint: $(INSTALLED)  ## ruff: rules and format
+lint: $(INSTALLED)  ## ruff: rules and format; spelling; workflows; scientific-python's review of repositories
 	$(BIN)/ruff check .
 	$(BIN)/ruff check --preview --select PLW1514 .  # text without an encoding
 	$(BIN)/ruff format --check .
+	git ls-files -z | xargs -0 $(BIN)/codespell
+	$(BIN)/zizmor --quiet --offline --strict-collection .github
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/repo-review --show err .
 
 # The wheel comes from the source distribution, so both are proved whole, and a stale build/ cannot slip in.
 $(WHEEL): $(INSTALLED) $(SOURCES)
 	rm -rf dist
 	@mkdir dist
 	$(BIN)/pyproject-build . > dist/build.log 2>&1 || { cat dist/build.log; exit 1; }
+	$(BIN)/twine check --strict dist/*.whl dist/*.tar.gz
+	$(BIN)/check-wheel-contents dist/*.whl
 	$(BIN)/python -m zipfile -e dist/cyclofeat-*.whl dist/tree
 	@touch $@
 
@@ -107,6 +120,12 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
 
+COMMITS ?= HEAD^!
+bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.1.0..HEAD); writes build/asv/html
+	$(BIN)/python -m pip install -q --disable-pip-version-check 'asv[virtualenv]>=0.6'
+	cd benchmarks/asv && $(CURDIR)/$(BIN)/asv machine --yes && \
+		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish
+
 papers: $(INSTALLED)  ## both papers' statements and figures (ONLY=statements, ONLY=scripts); writes benchmarks/papers.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers $(if $(ONLY),--only $(ONLY))
@@ -118,6 +137,6 @@ bench-gap: $(INSTALLED)  ## the gap workflow on 1,200 hidden sets; writes benchm
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.gap
 
 clean:  ## remove what the commands made (.venv stays)
-	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist demo cyclofeat.egg-info .pytest_cache .tox .coverage .mypy_cache .ruff_cache .hypothesis
 	rm -rf docs/_build docs/gallery docs/generated docs/sg_execution_times.rst
 	find cyclofeat simulators datasets tests examples -name __pycache__ -prune -exec rm -rf {} +

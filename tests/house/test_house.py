@@ -117,3 +117,38 @@ def test_import_loads_nothing_heavy(tmp_path, record_property):
     print(f"cold import: {float(seconds):.3f} s")
     heavy = {"numba", "sklearn", "matplotlib", "scipy.signal", "pandas", "pywt", "cyclofeat.simulators"}
     assert not heavy & set(modules)
+
+
+def test_the_conda_recipe_states_what_pyproject_states():
+    text = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    project = PYPROJECT["project"]
+    run = text.partition("  run:\n")[2].partition("\n\n")[0]
+    stated = {line.strip(" -").replace(" ", "") for line in run.splitlines()}
+    wanted = {"python>=${{python_min}}", *(one.lower() for one in project["dependencies"])}
+    assert stated == wanted
+    assert f'version: "{project["version"]}"\n' in text
+    assert f'python_min: "{project["requires-python"].removeprefix(">=")}"\n' in text
+    assert f"license: {project['license']}\n" in text
+    for name, entry in project["scripts"].items():
+        assert f"- {name} = {entry}\n" in text
+
+
+def test_every_tested_python_is_stated_everywhere():
+    versions = PYPROJECT["tool"]["tox"]["env_list"]
+    workflow = (ROOT / ".github" / "workflows" / "check.yml").read_text(encoding="utf-8")
+    assert f"python: [{', '.join(map(repr, versions))}]".replace("'", '"') in workflow
+    stated = [c.rpartition(" ")[2] for c in PYPROJECT["project"]["classifiers"] if ":: Python :: 3." in c]
+    assert stated == versions
+
+
+def test_hooks_use_the_ruff_of_the_checks():
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    (pin,) = [one for one in PYPROJECT["project"]["optional-dependencies"]["lint"] if one.startswith("ruff")]
+    assert f"rev: v{pin.removeprefix('ruff==').removesuffix('*')}" in hooks
+
+
+def test_names_of_files_suit_every_system():
+    names = [path.relative_to(ROOT).as_posix() for path in source_files()]
+    assert len({name.lower() for name in names}) == len(names)
+    bad = re.compile(r'[<>:"|?*\\]|(^|/)(con|prn|aux|nul|com\d|lpt\d)(\.|/|$)|[. ](/|$)', re.IGNORECASE)
+    assert not [name for name in names if bad.search(name)]

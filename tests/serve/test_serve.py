@@ -374,7 +374,7 @@ def printed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command, options in (("inspect", []), ("count", ["--model", str(model)])):
-            with open("printed.txt", "w") as file:
+            with open("printed.txt", "w", encoding="utf-8") as file:
                 patch.setattr(sys, "stdout", file)
                 assert main([command, "--json", "worn.csv", "two.csv", *options]) == 2
             documents[command] = (folder / "printed.txt").read_text()
