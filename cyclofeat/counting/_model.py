@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat._base.words import from_1
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
@@ -76,11 +77,11 @@ class LobeCount:
     distance: float = float("nan")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer in plain types, for JSON."""
+        """Return the answer in plain types, for JSON. Lobes count from 1."""
         return {
             "defect_count": self.defect_count,
             "probability": {str(count): value for count, value in self.probability.items()},
-            "lobes": list(self.lobes),
+            "worn_lobes_from_1": from_1(self.lobes),
             "lobe_probability": list(self.lobe_probability),
             "lobes_absolute": self.absolute,
             "n_windows": self.n_windows,

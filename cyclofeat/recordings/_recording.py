@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.words import from_1
 from cyclofeat.recordings import _checks as check
 from cyclofeat.recordings._checks import Label
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
@@ -185,7 +186,7 @@ class Recording:
         Recording
             With ``source="simulated"`` where no other is given. Where lobes are removed, ``defect_count``
             counts them too; ``worn_lobes`` is then None, since removed lobes are not worn ones, and ``meta``
-            holds both as ``"worn_lobes"`` and ``"removed_lobes"``.
+            holds both as ``"worn_lobes_from_1"`` and ``"removed_lobes_from_1"``, as files do.
 
         Examples
         --------
@@ -211,7 +212,10 @@ class Recording:
         if not removed:
             found["worn_lobes"] = run.defects.worn_lobes
         elif not {"defect_count", "worn_lobes"} & labels.keys():
-            positions = {"worn_lobes": list(run.defects.worn_lobes), "removed_lobes": list(removed)}
+            positions = {
+                "worn_lobes_from_1": from_1(run.defects.worn_lobes),
+                "removed_lobes_from_1": from_1(removed),
+            }
             labels["meta"] = positions | dict(labels.get("meta") or {})
         if with_angle:
             found |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}

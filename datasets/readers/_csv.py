@@ -15,22 +15,27 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
-from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
+from cyclofeat.datasets.readers._labels import FILE_LABELS, FORMAT, LABELS, VERSION, labels_of_file
 from cyclofeat.datasets.readers._text import read_text
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
 _MOST_COLUMNS = 4096
+_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?(?<!,)"
 
 
 class CsvSource(Source):
-    """Columns of a CSV file; default delimiter: the first of tab, semicolon, comma in the first row."""
+    """Columns of a CSV file, or of lines of text.
+
+    Default delimiter: the first of tab, semicolon, comma in the first row; spaces where there are none and
+    the last row holds several numbers.
+    """
 
     noun, plural = "column", "columns"
 
-    def __init__(self, path: Path, delimiter: str | None) -> None:
+    def __init__(self, path: Path, delimiter: str | None, lines: list[str] | None = None) -> None:
         self.file = path.name
-        lines = read_text(path).split("\n")
+        lines = read_text(path).split("\n") if lines is None else lines
         while lines and not lines[-1].strip():
             lines.pop()
         head = 0
@@ -39,6 +44,9 @@ class CsvSource(Source):
         if head == len(lines):
             raise ValueError(f"{self.file} holds no row of data")
         self.labels = labels_from_comments(self.file, lines[:head])
+        if delimiter == " " or (delimiter is None and _is_spaced(lines[head], lines[-1])):
+            lines[head:] = _with_tabs(lines[head:])
+            delimiter = "\t"
         # Comma last: with the others it is a decimal comma.
         self.delimiter = delimiter or next((d for d in "\t;," if d in lines[head]), ",")
         self.decimal_comma = self.delimiter != "," and any("," in line for line in lines[head:])
@@ -116,7 +124,7 @@ class CsvSource(Source):
         try:
             return self.column(index)
         except ValueError:
-            if self._number(self._cells(self.rows[0])[index]) is not None:
+            if self.begins_with_number(index):
                 raise
             cells = [self._cells(row)[index].strip() for row in self.rows]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
@@ -125,6 +133,10 @@ class CsvSource(Source):
             with suppress(ValueError):
                 return np.array(bare, dtype="datetime64[ns]")
             raise
+
+    def begins_with_number(self, index: int) -> bool:
+        """Return True if the first cell of a column below its name is a number."""
+        return self._number(self._cells(self.rows[0])[index]) is not None
 
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
         """Return the error that names the first cell of a column that is no number."""
@@ -138,6 +150,29 @@ class CsvSource(Source):
                 )
                 return ValueError(f"{self.file}: {self.where(row)}, {column} holds {came}")
         return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
+
+
+def _is_spaced(first: str, last: str) -> bool:
+    """Return True if spaces separate the columns, by the first row and the last."""
+
+    def numbers(line: str) -> bool:
+        cells = line.split()
+        return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
+
+    return numbers(last) and (numbers(first) or not any(mark in first for mark in "\t;,"))
+
+
+def _with_tabs(lines: list[str]) -> list[str]:
+    """Return lines with tabs between columns that spaces separate; a name keeps its unit in brackets."""
+    rows = [line.split() for line in lines]
+    width = len(rows[-1])
+    for index, line in enumerate(lines[:2]):  # names and units
+        if len(rows[index]) != width:
+            wide = re.split(r"\s{2,}", line.strip())
+            rows[index] = (
+                wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
+            )
+    return ["\t".join(row) for row in rows]
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
@@ -163,11 +198,11 @@ def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] |
             labels[key] = json.loads(value)
         except ValueError:
             raise ValueError(f"{file}: label {key!r} in its header is not JSON, got {value!r}") from None
-    check_version(file, labels.pop(FORMAT))
+    labels = labels_of_file(file, labels, labels.pop(FORMAT))
     unknown = labels.keys() - {*LABELS, "sampling_rate"}
     if unknown:
         raise ValueError(
-            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(LABELS)}"
+            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(FILE_LABELS)}"
         )
     check_rate(labels.get("sampling_rate"), f"{file}: sampling_rate in its header")
     return labels
