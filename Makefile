@@ -57,6 +57,7 @@ test-browser: $(INSTALLED)  ## the pages of reports and animations in Chromium
 
 lint: $(INSTALLED)  ## ruff: rules and format
 	$(BIN)/ruff check .
+	$(BIN)/ruff check --preview --select PLW1514 .  # text without an encoding
 	$(BIN)/ruff format --check .
 
 # The wheel comes from the source distribution, so both are proved whole, and a stale build/ cannot slip in.

@@ -3,7 +3,7 @@
 import tomllib
 from pathlib import Path
 
-project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 for requirement in project["dependencies"]:
     name, floor = requirement.split(">=")
     # ".*": the newest patch of that minor version, since a first release may lack a wheel or a fix.

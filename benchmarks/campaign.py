@@ -248,10 +248,10 @@ def main() -> None:
     if arguments.out is None:
         return
     if arguments.shares:
-        result = arguments.out.read_text().partition(HEADING)[0]
+        result = arguments.out.read_text(encoding="utf-8").partition(HEADING)[0]
     else:
         result = f"Made by `make bench-campaign RUNS={arguments.runs}`.\n\n{result}\n"
-    arguments.out.write_text(result + outside)
+    arguments.out.write_text(result + outside, encoding="utf-8")
 
 
 if __name__ == "__main__":

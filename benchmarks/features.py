@@ -139,7 +139,7 @@ def cold_import_seconds() -> float:
 
 def resident_kib(kind: str) -> int:
     """Resident memory of this process in KiB: ``RssAnon`` its own, ``RssFile`` pages of mapped files."""
-    for line in Path("/proc/self/status").read_text().splitlines():
+    for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
         if line.startswith(f"{kind}:"):
             return int(line.split()[1])
     raise RuntimeError(f"no {kind} in /proc/self/status")
@@ -184,7 +184,9 @@ def memory_map_gib() -> float:
 
 def busy_seconds() -> float:
     """Processor time that all processes of the machine have taken so far."""
-    user, nice, system, _idle, _wait, *interrupts = map(int, Path("/proc/stat").read_text().split()[1:9])
+    user, nice, system, _idle, _wait, *interrupts = map(
+        int, Path("/proc/stat").read_text(encoding="utf-8").split()[1:9]
+    )
     return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
 
 
@@ -314,7 +316,7 @@ def main() -> None:
         result = table()
     print(result, end="")
     if arguments.out is not None:
-        arguments.out.write_text(f"Made by `make bench-features`.\n\n{result}")
+        arguments.out.write_text(f"Made by `make bench-features`.\n\n{result}", encoding="utf-8")
 
 
 if __name__ == "__main__":

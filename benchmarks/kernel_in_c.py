@@ -47,7 +47,10 @@ class CKernel:
             raise FileNotFoundError("gcc is not there")
         with tempfile.TemporaryDirectory() as folder:
             source, library = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
-            source.write_text(constants() + Path(__file__).with_name("kernel.c").read_text())
+            source.write_text(
+                constants() + Path(__file__).with_name("kernel.c").read_text(encoding="utf-8"),
+                encoding="utf-8",
+            )
             subprocess.run([gcc, *FLAGS, "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
             self._integrate = ctypes.CDLL(str(library)).integrate
         self._integrate.restype = ctypes.c_ssize_t

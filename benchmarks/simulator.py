@@ -325,7 +325,9 @@ def scipy_solvers() -> list[Row]:
 
 def busy_seconds() -> float:
     """Processor time that all processes of the machine have taken so far."""
-    user, nice, system, _idle, _wait, *interrupts = map(int, Path("/proc/stat").read_text().split()[1:9])
+    user, nice, system, _idle, _wait, *interrupts = map(
+        int, Path("/proc/stat").read_text(encoding="utf-8").split()[1:9]
+    )
     return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
 
 
@@ -335,7 +337,7 @@ def children_seconds() -> float:
     fields = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
-            pid, rest = stat.parent.name, stat.read_text().rpartition(")")[2].split()
+            pid, rest = stat.parent.name, stat.read_text(encoding="utf-8").rpartition(")")[2].split()
         except OSError:  # the process has ended
             continue
         fields[int(pid)] = int(rest[1]), (int(rest[11]) + int(rest[12])) / tick
@@ -449,7 +451,7 @@ def main() -> None:
         result = table()
     print(result, end="")
     if arguments.out is not None:
-        arguments.out.write_text(f"Made by `make bench-simulator`.\n\n{result}\n{NOTES}")
+        arguments.out.write_text(f"Made by `make bench-simulator`.\n\n{result}\n{NOTES}", encoding="utf-8")
 
 
 if __name__ == "__main__":

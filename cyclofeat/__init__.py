@@ -23,6 +23,8 @@ module                     responsibility
 from importlib import import_module
 from typing import Any
 
+from cyclofeat._base import plots
+
 __version__ = "0.1.0"
 
 _PUBLIC = {
@@ -31,6 +33,9 @@ _PUBLIC = {
 }
 
 __all__ = ["Recording", "Windower", "__version__"]
+
+# ``plot`` of recordings and results needs displays, which lie above them: only the root may know both.
+plots.load_with(lambda: import_module("cyclofeat.plotting"))
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from sklearn.utils import Bunch
 
+from cyclofeat._base.frames import frame
 from cyclofeat.datasets._descr import descr
 
 _TABLES = {
@@ -17,8 +18,13 @@ _TABLES = {
 }
 
 
-def load_published_tables() -> Bunch:
+def load_published_tables(*, as_frame: bool = False) -> Bunch:
     """Load published statistics, centroids and entropies of measured torque, for 0 to 7 worn lobes.
+
+    Parameters
+    ----------
+    as_frame : bool, default=False
+        Return data frames of pandas instead of structured arrays.
 
     Returns
     -------
@@ -34,6 +40,11 @@ def load_published_tables() -> Bunch:
 
         DESCR : str
             Origin, licence, units and what is inferred.
+
+    Raises
+    ------
+    ImportError
+        If ``as_frame`` and pandas is not installed.
 
     Notes
     -----
@@ -52,7 +63,8 @@ def load_published_tables() -> Bunch:
     tables: dict[str, Any] = {}
     for name, file in _TABLES.items():
         with (folder / file).open(encoding="utf-8") as lines:
-            tables[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
+            table = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
+        tables[name] = frame(table) if as_frame else table
     description = descr(
         "Published statistics, centroids and entropies of torque measured on a cycloidal gearbox.",
         origin=(

@@ -48,7 +48,7 @@ _NOT_NEGATIVE = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CycloidalGearbox:
     """A single-stage cycloidal gearbox with two wheels, and the rig that drives and brakes it.
 
@@ -230,6 +230,15 @@ class CycloidalGearbox:
             raise ValueError(
                 "brake_inertia needs a meter_stiffness above 0 (Nm/rad) between output shaft and brake, got 0"
             )
+
+    def __repr__(self) -> str:
+        """Return the parameters that are not the defaults."""
+        changed = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if getattr(self, field.name) != field.default
+        }
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in changed.items())})"
 
     def _check_teeth(self) -> None:
         """Check the numbers of sleeves and corners, and that the profile has no undercut."""

@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import rayleigh, uniform
 
-from cyclofeat._base.checks import check_type, positive
+from cyclofeat._base import svg
+from cyclofeat._base.card import card
+from cyclofeat._base.checks import check_type, is_number, positive, short
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._machine import (
@@ -40,7 +43,7 @@ from cyclofeat.simulators.effects import (
 )
 from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
-from cyclofeat.simulators.effects._numbers import meant
+from cyclofeat.simulators.effects._numbers import is_distribution, meant, shown
 from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.simulation import SimulationRun
 
@@ -171,6 +174,34 @@ class Rig:
             LoadDrift(0.3, 25.0),
         )
         return cls(effects=(*_assembly_errors(), *differing), name="R2")
+
+    def __repr__(self) -> str:
+        """Return name, gearbox and effects, but only the number of variants, which may be hundreds."""
+        more = f", {len(self.variants)} variants" if self.variants else ""
+        more += f", simulator={self.simulator!r}" if self.simulator else ""
+        effects = ", ".join(map(repr, self.effects))
+        return f"<Rig {self.name!r}: {self.gearbox!r}, effects=[{effects}]{more}>"
+
+    def _repr_html_(self) -> str:
+        gearbox = self.gearbox
+        rows: dict[str, object] = {
+            "gearbox": f"{gearbox.n_lobes} lobes, {gearbox.n_pins} pins on a circle of "
+            f"{1e3 * gearbox.pin_circle_radius:.4g} mm",
+            "input speed": f"{gearbox.input_speed * 30 / math.pi:.5g} RPM",
+            "load": f"{gearbox.load_torque:.4g} Nm",
+            "simulator": "" if self.simulator is None else repr(self.simulator),
+        }
+        for label, effect in self.labelled_effects().items():
+            units = {name: parameter.unit for name, parameter in effect.parameters.items()}
+            given = effect.get_params(deep=False)
+            rows[label] = ", ".join(
+                f"{name} {_stated(value)} {units.get(name, '1')}".removesuffix(" 1")
+                for name, value in given.items()
+            )
+        if self.variants:
+            rows["variants"] = f"{len(self.variants)} sets of further effects, of which each assembly has one"
+        drawn = svg.outlines(_wheel_and_pins(gearbox), "Wheel between the pins")
+        return card(f"Rig {self.name}", rows, pictures=[drawn], code="rig.simulate(LobeDefects.worn(3))")
 
     @property
     def has_brake(self) -> bool:
@@ -537,6 +568,21 @@ class Rig:
             return cls.from_dict(content)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+
+def _stated(value: Any) -> str:
+    """Return a number, range, distribution or setting of an effect as short text."""
+    if isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)):
+        return f"{value[0]:.4g} to {value[1]:.4g}"
+    return f"{value:.4g}" if is_number(value) else shown(value) if is_distribution(value) else short(value)
+
+
+def _wheel_and_pins(gearbox: CycloidalGearbox) -> list[NDArray[np.complex128]]:
+    """Return the outlines of a wheel in its rest position and of the external sleeves."""
+    wheel = gearbox.outline_profile.outline(points_per_lobe=20) * np.exp(-1j * np.pi / gearbox.n_lobes)
+    circle = gearbox.pin_radius * np.exp(2j * np.pi * np.arange(24) / 24)
+    centres = gearbox.pin_circle_radius * np.exp(2j * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins)
+    return [wheel + gearbox.eccentricity, *(centre + circle for centre in centres)]
 
 
 def _assembly_errors() -> tuple[Effect, ...]:

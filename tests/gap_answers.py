@@ -91,7 +91,6 @@ def answered(located: Any, **changes: Any) -> GapResult:
         "rig": Rig(effects=[Hum(2.0)]),
         "effects": EFFECTS,
         "named": (Hum(1.987), PinErrors(1.2e-5), Gain(1.05)),
-        "confirmed": True,
         "remainder": Remainder(0.31, unexplained=False),
         "next_measurements": (
             NextMeasurement("a record at 44 Nm", ("gain", "offset"), 0.83),

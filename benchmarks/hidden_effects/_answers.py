@@ -63,7 +63,7 @@ class Answer:
 
     @property
     def unknown(self) -> bool | None:
-        return self.result.get("unknown")
+        return (self.result.get("remainder") or {}).get("unexplained")
 
     @cached_property
     def effects(self) -> dict[str, Mapping[str, Any]]:

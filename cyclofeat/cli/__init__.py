@@ -64,7 +64,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # No option before the command takes a value, so the first other word is the command.
     called = next((word for word in words if not word.startswith("-")), "")
     try:
-        arguments = make_parser([called]).parse_args(words)
+        try:
+            arguments = make_parser([called]).parse_args(words)
+        finally:
+            sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings():
             warnings.showwarning = show_warning
             failed = run_and_print(COMMANDS[arguments.command], arguments)

@@ -41,12 +41,8 @@ def gap_lines(result: GapResult) -> list[str]:
     ]
     if open_ones:
         lines.append(f"open: {', '.join(open_ones)}")
-    if result.named and not result.confirmed:
-        lines.append("not confirmed by simulation")
     if result.remainder is not None:
         lines += _remaining(result.remainder)
-    if result.unknown:
-        lines.append("something is missing that no effect considered explains")
     for one in result.next_measurements[:1]:
         apart = f", to tell apart {', '.join(one.separates)}" if one.separates else ""
         lines.append(f"measure next: {one.what}{apart}")
@@ -59,9 +55,7 @@ def gap_lines(result: GapResult) -> list[str]:
 def _effect(found: FoundEffect, word: str) -> Iterator[str]:
     ties = f", or {', '.join(found.ties)}" if found.ties else ""
     yield f"{word}: {found.effect} ({found.probability:.0%}){ties}: {effect_name(found.effect)}"
-    for size in found.sizes:
-        unit = "" if size.unit == "1" else f" {size.unit}"
-        yield f"  {size.name} = {size.value:.3g} ({size.low:.3g} to {size.high:.3g}){unit}"
+    yield from (f"  {size}" for size in found.sizes)
 
 
 def _remaining(remainder: Remainder) -> Iterator[str]:
@@ -71,6 +65,7 @@ def _remaining(remainder: Remainder) -> Iterator[str]:
     yield f"left unexplained ({p_words(remainder.p)}):"
     for row in remainder.rows[:_N_REMAINING]:
         yield f"  {cell_name(row)}: {mean_difference_words(row.difference, row.unit)}"
+    yield "something is missing that no effect considered explains: sizes are not confirmed by simulation"
 
 
 def _closed(proof: Proof) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
@@ -34,10 +36,25 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
 
 def read_model(arguments: argparse.Namespace) -> LobeModel:
     """Return the model that the options name."""
-    from cyclofeat.models import as_lobe_model, load_model, read_card
+    _import_scikit_learn()
+    from cyclofeat.models import as_lobe_model, load_model, read_card, user_cache
 
-    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow)
+    loaded = load_model(
+        arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=user_cache() / "models"
+    )
     return as_lobe_model(loaded, read_card(arguments.model))
+
+
+def _import_scikit_learn() -> None:
+    """Import scikit-learn without pandas: half a second that no count needs."""
+    if "pandas" in sys.modules:
+        return
+    hidden = cast("dict[str, None]", sys.modules)
+    hidden["pandas"] = None  # an import finds nothing
+    try:
+        import_module("sklearn.base")
+    finally:
+        del hidden["pandas"]
 
 
 def without_start(recording: Recording, seconds: float) -> Recording:

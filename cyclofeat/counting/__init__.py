@@ -17,6 +17,7 @@ name                         job
 ``noise_sweep``              evaluation against noise
 ``LobeLocator``              probability per lobe of being worn
 ``LobeModel``                counter and locator for whole recordings
+``counts_frame``             answers for many recordings as a data frame
 ``plan_recording``           length of a recording that tells n worn lobes from n + 1
 ``Protocol``                 choice of what is held out, and of how intervals are computed
 ``train_and_test``           evaluation on other windows than those of training
@@ -48,7 +49,7 @@ from cyclofeat.counting._lobe_sets import inclusion as inclusion
 from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting._model import LobeCount, LobeModel
+from cyclofeat.counting._model import LobeCount, LobeModel, counts_frame
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
@@ -74,6 +75,7 @@ __all__ = [
     "RecordingCounts",
     "RecordingPlan",
     "TrainingDomain",
+    "counts_frame",
     "evaluate",
     "features_seen",
     "learning_curve",

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
+from cyclofeat._base import plots, svg
+from cyclofeat._base.card import card
+from cyclofeat._base.frames import frame
+from cyclofeat._base.words import number
 from cyclofeat.counting._assembly_folds import Float, Int, aligned_proba
 from cyclofeat.counting._protocols import Protocol, Windows
 from cyclofeat.counting.scores import (
@@ -26,7 +31,13 @@ from cyclofeat.counting.scores import (
     sums_by_assembly,
 )
 
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
 Interval = tuple[float, float]
+Table = Literal["classes", "assemblies", "windows"]
+TABLES: tuple[Table, ...] = ("classes", "assemblies", "windows")
 
 
 @dataclass(frozen=True)
@@ -67,6 +78,8 @@ class Evaluation:
     by_condition : dict or None
         Accuracy of each condition.
     probabilities : ndarray, shape (n_windows, n_classes), or None
+    folds : ndarray of int, shape (n_windows,), or None
+        Fold in which each window was held out, from 0.
     protocol : str
         What was held out, see :class:`Protocol`; ``"train-test"`` for :func:`train_and_test`.
     """
@@ -97,6 +110,7 @@ class Evaluation:
     refused: float | None = None
     by_condition: dict[Any, float] | None = None
     probabilities: NDArray[np.float64] | None = field(default=None, repr=False)
+    folds: Int | None = field(default=None, repr=False)
     protocol: str = "stratified"
 
     def __str__(self) -> str:
@@ -153,6 +167,109 @@ class Evaluation:
             result["by_condition"] = {str(name): value for name, value in self.by_condition.items()}
         return result
 
+    def to_frame(self, table: Table = "classes") -> pd.DataFrame:
+        """Return one table of the result as a data frame.
+
+        Parameters
+        ----------
+        table : {"classes", "assemblies", "windows"}, default="classes"
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per true count (``recall`` with its interval, ``precision``), per assembly, or per window
+            (its fold, and the probability of each count where there is one).
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If there is no such table.
+        """
+        if table not in TABLES:
+            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
+        if table == "classes":
+            return frame(self.class_scores())
+        if table == "assemblies":
+            return frame({"assembly": self.groups, "accuracy": self.group_accuracy})
+        columns: dict[str, Any] = {
+            "assembly": self.assemblies,
+            "defect_count": self.labels,
+            "predicted_count": self.predictions,
+        }
+        if self.folds is not None:
+            columns["fold"] = self.folds
+        if self.probabilities is not None:
+            columns |= {f"probability_{c}": self.probabilities[:, k] for k, c in enumerate(self.classes)}
+        return frame(columns)
+
+    def class_scores(self) -> list[dict[str, Any]]:
+        """Return a row for each true count: its windows, recall with its interval, precision (NaN: none)."""
+        rows = []
+        for k, count in enumerate(self.classes.tolist()):
+            tested, said = int(self.confusion[k].sum()), int(self.confusion[:, k].sum())
+            recall, limits = self.class_accuracy(k) if tested else (math.nan, (math.nan, math.nan))
+            rows.append({
+                "defect_count": count,
+                "n_windows": tested,
+                "n_assemblies": int(np.unique(self.assemblies[self.labels == count]).size),
+                "recall": recall,
+                "recall_low": limits[0],
+                "recall_high": limits[1],
+                "precision": float(self.confusion[k, k] / said) if said else math.nan,
+            })  # fmt: skip
+        return rows
+
+    def plot(
+        self, kind: Literal["confusion", "calibration"] = "confusion", ax: Axes | None = None, **options: Any
+    ) -> Any:
+        """Draw the result.
+
+        Parameters
+        ----------
+        kind : {"confusion", "calibration"}, default="confusion"
+            Confusion matrix, or the share of right answers by the probability that the counter gave them.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            Passed on to ``plot`` of the display.
+
+        Returns
+        -------
+        cyclofeat.plotting.EvaluationDisplay
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind, or the counter gave no probabilities.
+        """
+        return plots.draw(self, kind, ax, **options)
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "held out": f"{self.groups.size} assemblies, {number(self.predictions.size, 'window')} "
+            f"({self.protocol})",
+            "macro F1": _scored(self.macro_f1, self.macro_f1_interval),
+            "mean absolute error": _scored(self.mean_absolute_error, self.mean_absolute_error_interval)
+            + " lobes",
+            "exact lobes": _scored(self.exact_lobes, self.exact_lobes_interval),
+            "calibration error": _scored(self.calibration_error, self.calibration_error_interval),
+            "coverage of sets": _scored(self.coverage, self.coverage_interval),
+            "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
+        }
+        return card(
+            f"Accuracy {_scored(self.accuracy, self.accuracy_interval)}", rows,
+            pictures=[svg.confusion(self.confusion, self.classes.tolist())], code="evaluation.to_frame()",
+        )  # fmt: skip
+
+
+def _scored(value: float | None, limits: Interval | None) -> str:
+    """Return a score with its interval; empty without one."""
+    return "" if value is None or limits is None else f"{value:.3f} [{limits[0]:.3f}, {limits[1]:.3f}]"
+
 
 def score_text(scores: Mapping[str, Any]) -> str:
     """One line for people from :meth:`Evaluation.to_dict`."""
@@ -170,6 +287,7 @@ class Answers:
     classes: NDArray[Any]
     predictions: NDArray[Any]
     proba: Float
+    folds: Int
     sets: NDArray[np.bool_] | None = None
     exact: NDArray[np.bool_] | None = None
 
@@ -177,11 +295,13 @@ class Answers:
     def empty(cls, data: Windows) -> Answers:
         """Return empty answers for the windows of ``data``."""
         classes = np.unique(data.y)
-        return cls(classes, np.empty_like(data.y), np.full((len(data.y), classes.size), np.nan))
+        nothing = np.full((len(data.y), classes.size), np.nan)
+        return cls(classes, np.empty_like(data.y), nothing, np.full(len(data.y), -1))
 
     def enter(self, fitted: BaseEstimator, data: Windows, test: NDArray[np.intp]) -> None:
-        """Store the answers of a fitted counter for some windows."""
+        """Store the answers of a fitted counter for some windows, the next fold."""
         X = data.X[test]
+        self.folds[test] = self.folds.max() + 1
         self.predictions[test] = fitted.predict(X)
         known = getattr(fitted, "classes_", None)
         if known is not None and not np.isin(known, self.classes).all():
@@ -244,6 +364,7 @@ def summarise(data: Windows, answers: Answers, protocol: Protocol) -> Evaluation
         labels=data.y,
         assemblies=data.groups,
         confidence=protocol.confidence,
+        folds=answers.folds,
         protocol=protocol.hold_out,
         **more,
     )

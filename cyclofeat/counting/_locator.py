@@ -7,9 +7,9 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._assembly_folds import of_windows
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
@@ -39,7 +39,7 @@ def passage_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[n
 
 
 @dataclass(eq=False, repr=False)
-class LobeLocator(BaseEstimator):
+class LobeLocator(DocumentedEstimator):
     """Probability that each lobe of a disc is worn.
 
     The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.signal.lobes`), from the passage of

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
+from cyclofeat._base import plots, svg
+from cyclofeat._base.card import card
+from cyclofeat._base.frames import frame
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
-from cyclofeat._base.words import from_1
+from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings
 from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
+from cyclofeat.counting._evaluation_summary import score_text
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
@@ -28,6 +32,10 @@ from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, Windower, WindowSet, common_n_lobes, common_speed
 from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
 from cyclofeat.signal.windows import Float
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
 
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
@@ -68,7 +76,7 @@ class LobeCount:
     defect_count: int
     probability: dict[int, float]
     lobes: tuple[int, ...]
-    lobe_probability: tuple[float, ...]
+    lobe_probability: tuple[float, ...] = field(repr=False)
     absolute: bool
     n_windows: int
     warnings: tuple[str, ...] = ()
@@ -91,6 +99,98 @@ class LobeCount:
             "distance": None if np.isnan(self.distance) else self.distance,
             "warnings": list(self.warnings),
         }
+
+    def plot(
+        self, kind: Literal["counts", "lobes"] = "counts", ax: Axes | None = None, **options: Any
+    ) -> Any:
+        """Draw the probabilities.
+
+        Parameters
+        ----------
+        kind : {"counts", "lobes"}, default="counts"
+            Probability of each number of worn lobes, or of each lobe of being worn.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            Passed on to ``Axes.bar``.
+
+        Returns
+        -------
+        cyclofeat.plotting.CountDisplay
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind, or the model located no lobes.
+        """
+        return plots.draw(self, kind, ax, **options)
+
+    def _repr_html_(self) -> str:
+        answer = number(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
+        numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
+        distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
+        rows = {
+            "probability": f"{self.probability[self.defect_count]:.3f}",
+            "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
+            "combined": number(self.n_windows, "window"),
+            "distance": distance,
+            "refused": self.reason,
+        }
+        drawn = [
+            svg.columns(
+                self.probability.values(), [*self.probability], "Probability of each number of worn lobes",
+                marked={self.defect_count},
+            ),
+            svg.disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
+            if self.lobe_probability
+            else "",
+        ]  # fmt: skip
+        return card(
+            f"Refused, not reliable: {answer}" if self.refused else answer, rows,
+            pictures=drawn, notes=self.warnings, code='count.plot("lobes")' if self.lobes else "count.plot()",
+        )  # fmt: skip
+
+
+def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.DataFrame:
+    """Return the answers for many recordings as a data frame.
+
+    Parameters
+    ----------
+    counts : mapping from str to LobeCount, or sequence of LobeCount
+        Answers, by the names of their recordings.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per recording, its name as the index: ``defect_count``, ``probability`` (of that count),
+        ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
+        ``warnings``, and ``probability_<count>`` of each count.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+
+    Examples
+    --------
+    >>> answer = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
+    >>> counts_frame({"a.csv": answer})[["defect_count", "probability", "lobes"]]
+               defect_count  probability lobes
+    recording
+    a.csv                 1          0.9  (3,)
+    """
+    names = [*counts] if isinstance(counts, Mapping) else range(len(counts))
+    given = counts.values() if isinstance(counts, Mapping) else counts
+    rows = []
+    for one in given:
+        of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
+        row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
+        rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
+    made = frame(rows)
+    made.index = frame({"recording": names}).set_index("recording").index
+    return made
 
 
 @dataclass(frozen=True)
@@ -247,6 +347,22 @@ class LobeModel:
         }
         domain = getattr(counter, "domain_", None)
         return cls(counter, None, sampling_rate, input_speed_hz, n_lobes, card, domain)
+
+    def _repr_html_(self) -> str:
+        stated, scores = self.card, self.card.get("cross_validation")
+        rows = {
+            "for recordings at": f"{self.sampling_rate:g} Hz and {60 * self.input_speed_hz:g} RPM",
+            "disc": f"{self.n_lobes} lobes",
+            "counts": ", ".join(map(str, stated.get("classes", ()))),
+            "trained on": stated.get("description"),
+            "windows": stated.get("n_windows"),
+            "cross-validation": score_text(scores) if scores else "none: accuracy unknown",
+            "probabilities": "calibrated" if stated.get("calibrated") else "not calibrated",
+            "locates lobes": "no" if self.locator is None else "yes",
+            "refuses": "no" if self.domain is None else "what is unlike the training",
+        }
+        drawn = svg.confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
+        return card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
 
     def check(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's sampling rate, lobes or speed do not suit the model."""

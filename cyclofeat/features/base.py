@@ -10,11 +10,16 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn import get_config
-from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.utils import gen_batches
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import Interval, check_feature_names_in, fit_context
+from cyclofeat._base.sklearn_private import (
+    DocumentedEstimator,
+    Interval,
+    check_feature_names_in,
+    fit_context,
+)
 from cyclofeat.signal.windows import Float
 
 __all__ = ["SPEED_CONSTRAINTS", "WindowTransformer"]
@@ -35,7 +40,7 @@ def windows_per_chunk(n_samples: int) -> int:
     return min(max(samples // n_samples, 1), _CHUNK_WINDOWS)
 
 
-class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
+class WindowTransformer(TransformerMixin, DocumentedEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
     A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
+import numpy as np
+
+from cyclofeat._base import plots, svg
+from cyclofeat._base.card import card
+from cyclofeat._base.frames import frame
+from cyclofeat._base.words import number
 from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._overlays import Overlay
 from cyclofeat.gap._where import Where
@@ -18,6 +23,7 @@ from cyclofeat.simulators import Effect, Rig
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 FORMAT = "cyclofeat gap 2"
 Table = Literal["effects", "sizes", "remainder", "next_measurements", "where", "proof"]
@@ -42,6 +48,10 @@ class Size:
     value: float
     low: float
     high: float
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.name} = {self.value:.3g} ({self.low:.3g} to {self.high:.3g}){unit}"
 
 
 @dataclass(frozen=True)
@@ -100,7 +110,7 @@ class Remainder:
 
     p: float
     unexplained: bool
-    rows: tuple[RemainderRow, ...] = ()
+    rows: tuple[RemainderRow, ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True)
@@ -121,8 +131,36 @@ class NextMeasurement:
     gain: float | None = None
 
 
+class _OfEffect(Protocol):
+    @property
+    def effect(self) -> str: ...
+
+
+AnyRow = TypeVar("AnyRow", bound=_OfEffect)
+
+
+class EffectRows(Generic[AnyRow]):
+    """Base of results that have a row for each effect that was asked for."""
+
+    effects: tuple[AnyRow, ...]
+
+    def effect(self, name: str) -> AnyRow:
+        """Return the row of an effect.
+
+        Raises
+        ------
+        KeyError
+            If it was not asked for.
+        """
+        for row in self.effects:
+            if row.effect == name:
+                return row
+        asked = ", ".join(row.effect for row in self.effects) or "none"
+        raise KeyError(f"{name} is not among the effects that were asked for: {asked}")
+
+
 @dataclass(frozen=True, kw_only=True)
-class GapResult:
+class GapResult(EffectRows[FoundEffect]):
     """Result of :func:`find_gap`: what the model lacks, how sure and how large, and what is left.
 
     Attributes
@@ -138,34 +176,30 @@ class GapResult:
         All effects that were asked for, the most probable first.
     named : tuple of Effect
         Those that were added, with their sizes.
-    confirmed : bool
-        Whether simulation has confirmed and corrected set and sizes.
     remainder : Remainder or None
-        None where the corrected model was not simulated.
+        What the corrected model leaves. Where it leaves something unexplained, an effect is missing that is
+        not in ``effects``, and the sizes are not confirmed by simulation. None where effects were not asked
+        for.
     next_measurements : tuple of NextMeasurement
         The most useful first.
     overlays : tuple of Overlay
         Recordings, model and corrected model, for pictures.
     proof : tuple of Proof
         One per condition held out; empty where nothing was held out or nothing named.
-    unknown : bool
-        Whether something is missing that none of ``effects`` explains.
     warnings : tuple of str
     seconds : float
         Computing time.
     """
 
-    where: tuple[Where, ...]
-    rig: Rig
+    where: tuple[Where, ...] = field(repr=False)
+    rig: Rig = field(repr=False)
     posterior_rig: Rig | None = field(default=None, repr=False)
-    effects: tuple[FoundEffect, ...] = ()
+    effects: tuple[FoundEffect, ...] = field(default=(), repr=False)
     named: tuple[Effect, ...] = ()
-    confirmed: bool = False
     remainder: Remainder | None = None
     next_measurements: tuple[NextMeasurement, ...] = ()
     overlays: tuple[Overlay, ...] = field(default=(), repr=False)
-    proof: tuple[Proof, ...] = ()
-    unknown: bool = False
+    proof: tuple[Proof, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
     seconds: float = math.nan
 
@@ -179,19 +213,6 @@ class GapResult:
         """``"disagree"``, ``"equivalent"`` or ``"unresolved"``, over all conditions."""
         return verdict_over_conditions(self.where)
 
-    def effect(self, name: str) -> FoundEffect:
-        """Return what was found of an effect.
-
-        Raises
-        ------
-        KeyError
-            If it was not asked for.
-        """
-        for found in self.effects:
-            if found.effect == name:
-                return found
-        raise KeyError(f"{name} is not among the effects that were asked for")
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --json`` prints them."""
         plain = {
@@ -200,8 +221,6 @@ class GapResult:
             "p": self.p,
             "effects": [_plain_effect(found) for found in self.effects],
             "named": [effect.effect_id for effect in self.named],
-            "confirmed": self.confirmed,
-            "unknown": self.unknown,
             "remainder": None if self.remainder is None else asdict(self.remainder),
             "next_measurements": [asdict(one) for one in self.next_measurements],
             "conditions": [
@@ -234,11 +253,9 @@ class GapResult:
         ValueError
             If there is no such table.
         """
-        import pandas as pd
-
         if table not in TABLES:
             raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
-        return pd.DataFrame(self._rows(table))
+        return frame(self._rows(table))
 
     def _rows(self, table: Table) -> list[dict[str, Any]]:
         if table == "effects":
@@ -253,21 +270,77 @@ class GapResult:
         rows = [_at(one.condition) | asdict(row) for one in of_conditions for row in one.rows]
         return [row.pop("cell", {}) | row for row in rows]
 
+    def plot(
+        self,
+        kind: Literal["spectrum", "orders", "distribution", "differences", "closed"] = "spectrum",
+        ax: Axes | None = None,
+        **options: Any,
+    ) -> Any:
+        """Draw the result at one condition.
+
+        Parameters
+        ----------
+        kind : {"spectrum", "orders", "distribution", "differences", "closed"}, default="spectrum"
+            Recordings, model and corrected model over each other, by one of the first three; the clearest
+            differences between recordings and model; or the share of the gap that each alternative closes.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            ``condition`` (number of the condition, default 0) and, but for ``"closed"``, ``label`` (name of
+            the recordings).
+
+        Returns
+        -------
+        GapOverlayDisplay, GapDisplay or GapReductionDisplay
+            Of :mod:`cyclofeat.plotting`; with the axes ``ax_`` and the ``figure_``.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind or condition, or the result holds nothing of the kind.
+        """
+        return plots.draw(self, kind, ax, **options)
+
     def _repr_html_(self) -> str:
-        rows = {"verdict": self.verdict, "p": f"{self.p:.2g}"}
+        rows = {
+            "conditions": "; ".join(where.condition.text for where in self.where),
+            "recordings": sum(where.n_recordings for where in self.where),
+            "recordings against model": f"{self.verdict} (p = {self.p:.2g})",
+        }
         for effect in self.named:
             found = self.effect(effect.effect_id)
-            rows[found.effect] = f"probability {found.probability:.3g}"
-            for size in found.sizes:
-                text = f"{size.value:.3g} ({size.low:.3g} to {size.high:.3g}) {size.unit}"
-                rows[f"{found.effect}: {size.name}"] = text
+            numbers = [f"probability {found.probability:.3g}", *map(str, found.sizes)]
+            rows[f"missing: {found.effect}"] = "; ".join(numbers)
         if self.remainder is not None:
-            rows["unexplained"] = f"{'yes' if self.unknown else 'nothing'} (p = {self.remainder.p:.2g})"
+            left = "something" if self.remainder.unexplained else "nothing"
+            rows["left unexplained"] = f"{left} (p = {self.remainder.p:.2g})"
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
-            rows[f"share of the gap closed{at}"] = f"{proof.result.grr:.0%}"
-        cells = (f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+            rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"
+        return card(
+            f"Gap: {number(len(self.named), 'effect')} named" if self.effects else f"Gap: {self.verdict}",
+            rows, pictures=[_curves(overlay) for overlay in self.overlays[:1]], notes=self.warnings,
+            code='result.to_frame("sizes")' if self.named else 'result.to_frame("where")',
+        )  # fmt: skip
+
+
+def _curves(overlay: Overlay) -> str:
+    """Return recordings (accent), model (dashed) and corrected model of an overlay, in logarithms."""
+    looks = (
+        (overlay.measured, svg.Curve(overlay.x, width=2.4)),
+        (overlay.model, svg.Curve(overlay.x, "currentColor", 1.0, "4 3")),
+        (overlay.corrected, svg.Curve(overlay.x, svg.SECOND, 1.2)),
+    )
+    drawn = [
+        look._replace(values=np.log(np.maximum(band.mean, np.finfo(float).tiny)))
+        for band, look in looks
+        if band is not None
+    ]
+    corrected = "" if overlay.corrected is None else ", corrected model (thin)"
+    text = f"{overlay.kind.capitalize()} at {overlay.condition.text}: recordings (wide), model (dashed)"
+    return svg.curves(drawn, text + corrected)
 
 
 def _plain_effect(found: FoundEffect) -> dict[str, Any]:

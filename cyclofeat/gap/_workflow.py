@@ -65,7 +65,7 @@ def find_gap(
     3. How large: sessions with the effects that are more probable than not (of look-alikes, that share their
        probability, the most probable one) are simulated, their sizes fitted,
        and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`). If something is
-       left, the sizes stay those of the posterior, and the result is not confirmed.
+       left, the sizes stay those of the posterior.
     4. How sure: sets of effects with sizes are drawn from all that the recordings leave possible
        (:func:`cyclofeat.gap.confirm.draw_effects`), to train on.
     5. How much better: the corrected model is judged on recordings held out.
@@ -104,12 +104,10 @@ def find_gap(
         posterior_rig=corrected_rig(located, world.rig, variants=variants),
         effects=_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,
-        confirmed=confirmed.accepted,
         remainder=left,
         next_measurements=further,
         overlays=_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
-        unknown=not confirmed.accepted,
         warnings=(*rig.warnings, *rig.doubts),
         seconds=time.monotonic() - began,
     )

@@ -15,6 +15,7 @@ name                     job
 =======================  =========================================================================
 """
 
+from cyclofeat.models._cache import user_cache as user_cache
 from cyclofeat.models._card import ALLOWED as ALLOWED
 from cyclofeat.models._card import CARD_SUFFIX as CARD_SUFFIX
 from cyclofeat.models._card import FORMAT as FORMAT

@@ -15,7 +15,7 @@ from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat.counting import Evaluation, LobeModel
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.models._content import ModelFileError, estimators_in, the_skops
+from cyclofeat.models._content import ModelFileError, estimators_in
 
 FORMAT = 2
 CARD_SUFFIX = ".card.json"
@@ -127,7 +127,7 @@ def make_card(
         scores = scores.to_dict()
     found = package_versions(*MODEL_PACKAGES)
     if target.suffix == ".skops":
-        found["skops"] = the_skops().__version__
+        found |= package_versions("skops")
     card: dict[str, Any] = {
         "format": FORMAT,
         "file": target.name,
@@ -187,7 +187,7 @@ def check_versions(source: Path, card: Mapping[str, Any], allowed: set[str]) -> 
     here = package_versions(*MODEL_PACKAGES)
     compared = _COMPARED | _COMPARED_BY_FORMAT[source.suffix]
     if source.suffix == ".skops":
-        here["skops"] = the_skops().__version__
+        here |= package_versions("skops")
     differences = {}
     for name, parts in compared.items():
         written = str(card["versions"].get(name, "unknown"))

@@ -29,6 +29,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.files import write_whole
 from cyclofeat.counting import Evaluation, LobeModel
+from cyclofeat.models._cache import read_through
 from cyclofeat.models._card import (
     FEATURES,
     allowed_differences,
@@ -135,7 +136,13 @@ def save_model(
     return target
 
 
-def load_model(path: str | os.PathLike[str], *, trusted: bool = False, allow: Collection[str] = ()) -> Any:
+def load_model(
+    path: str | os.PathLike[str],
+    *,
+    trusted: bool = False,
+    allow: Collection[str] = (),
+    cache: str | os.PathLike[str] | None = None,
+) -> Any:
     """Read what :func:`save_model` wrote.
 
     Parameters
@@ -149,6 +156,10 @@ def load_model(path: str | os.PathLike[str], *, trusted: bool = False, allow: Co
         What may differ from when the file was written: ``"cyclofeat"``, ``"scikit-learn"`` (or
         ``"sklearn"``), ``"python"``, ``"numpy"``, ``"scipy"``, ``"joblib"``, ``"skops"``, ``"features"``
         (their definitions).
+    cache : path-like, optional
+        Folder for copies of ``.skops`` models that passed their checks; the next reading of the same file
+        takes a moment. It is made if it does not exist, and has no effect where others can write to it.
+        Commands use ``cyclofeat/models`` in the user's cache folder.
 
     Returns
     -------
@@ -189,7 +200,12 @@ def load_model(path: str | os.PathLike[str], *, trusted: bool = False, allow: Co
     with warnings.catch_warnings():
         # versions were compared above; where they differ, that is allowed
         warnings.simplefilter("ignore", InconsistentVersionWarning)
-        loaded = read_skops(source, data) if source.suffix == ".skops" else read_joblib(source, data)
+        if source.suffix == ".joblib":
+            loaded = read_joblib(source, data)
+        elif cache is None:
+            loaded = read_skops(source, data)
+        else:
+            loaded = read_through(Path(cache), card["sha256"], lambda: read_skops(source, data))
     try:
         _check_counter(loaded)
         found = feature_definitions(loaded)

@@ -11,14 +11,19 @@ class                    picture
 ``GapDisplay``           where recordings and simulator differ: families, spectrum, orders, phase
 ``GapOverlayDisplay``    recordings, model and corrected model over each other
 ``GapReductionDisplay``  how far corrected simulators close that gap
+``CountDisplay``         probability of each number of worn lobes, and of each lobe
+``EvaluationDisplay``    confusion matrix and calibration of a counter
 =======================  ==================================================================================
 
 ``from_recording`` (or ``from_estimator``) makes a display, ``plot(ax=None)`` draws it, sets ``ax_`` and
 ``figure_`` and returns the display. Those of the gap draw at once, by ``from_result``. Only drawing needs
-matplotlib (``pip install matplotlib``). For confusion matrices use
-``sklearn.metrics.ConfusionMatrixDisplay``.
+matplotlib (``pip install matplotlib``). ``plot`` of recordings and results makes and draws a display in one
+call: ``recording.plot("spectrum")``.
 """
 
+from cyclofeat.plotting import _methods as _methods
+from cyclofeat.plotting._count import CountDisplay
+from cyclofeat.plotting._evaluation import EvaluationDisplay
 from cyclofeat.plotting._gap import GapDisplay
 from cyclofeat.plotting._gap_overlay import GapOverlayDisplay
 from cyclofeat.plotting._gap_reduction import GapReductionDisplay
@@ -29,6 +34,8 @@ from cyclofeat.plotting._torque import TorqueDisplay
 from cyclofeat.plotting._training import TrainingDisplay, TrainingMoments
 
 __all__ = [
+    "CountDisplay",
+    "EvaluationDisplay",
     "GapDisplay",
     "GapOverlayDisplay",
     "GapReductionDisplay",

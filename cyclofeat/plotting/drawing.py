@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.svg import thinned
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording
 
@@ -98,14 +99,3 @@ def plain_log_ticks(ax: Axes) -> None:
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
     ax.xaxis.set_minor_locator(NullLocator())
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.10g}"))
-
-
-def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
-    """Return the extremes of ``max_points / 2`` equal parts, or all points if there are no more."""
-    if max_points < 4:
-        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
-    if values.size <= max_points:
-        return time, values
-    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
-    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
-    return np.repeat(time[starts], 2), extremes.T.ravel()

@@ -6,17 +6,22 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from cyclofeat._base import plots, svg
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.words import from_1
+from cyclofeat._base.card import card
+from cyclofeat._base.words import from_1, lobes_text
 from cyclofeat.recordings import _checks as check
 from cyclofeat.recordings._checks import Label
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 from cyclofeat.signal.orders import input_angle_from_disc, mean_speed
 from cyclofeat.signal.windows import Float
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +289,59 @@ class Recording:
     def replace(self, **changes: Any) -> Recording:
         """Return a copy with other values of the named parameters, checked anew."""
         return dataclasses.replace(self, **changes)
+
+    def plot(
+        self,
+        kind: Literal["torque", "spectrum", "orders", "lobes"] = "torque",
+        ax: Axes | None = None,
+        **options: Any,
+    ) -> Any:
+        """Draw the recording.
+
+        Parameters
+        ----------
+        kind : {"torque", "spectrum", "orders", "lobes"}, default="torque"
+            Torque over time, its spectrum, the lines of the output turn, or the disturbance while each lobe
+            passes; the last two need a speed.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            Passed on to ``plot`` of the display.
+
+        Returns
+        -------
+        TorqueDisplay, SpectrumDisplay, OrderDisplay or LobeMapDisplay
+            Of :mod:`cyclofeat.plotting`; with the axes ``ax_`` and the ``figure_``.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind, or it needs a speed and the recording states none.
+        """
+        return plots.draw(self, kind, ax, **options)
+
+    def _repr_html_(self) -> str:
+        known = "not known"
+        angle = "none" if self.angle is None else f"of the {self.angle_of} shaft"
+        worn = known if self.defect_count is None else str(self.defect_count)
+        if self.worn_lobes:
+            worn += f": {lobes_text(self.worn_lobes)}, counted from 1"
+        rows = {
+            "length": f"{self.duration:.4g} s: {self.n_samples} samples at {self.sampling_rate:g} Hz",
+            "torque": f"{self.torque.min():.4g} to {self.torque.max():.4g} Nm, "
+            f"mean {self.torque.mean():.4g} Nm",
+            "input speed": known if self.speed_rpm is None else f"{self.speed_rpm:g} RPM",
+            "load": known if self.load_nm is None else f"{self.load_nm:g} Nm",
+            "angle": f"{angle}, absolute" if self.angle_is_absolute else angle,
+            "worn lobes": worn,
+            "assembly": self.assembly,
+            "run": self.run,
+            "source": self.source,
+        }
+        drawn = svg.curves([svg.Curve(self.torque)], f"Torque over {self.duration:.4g} s")
+        return card("Recording of output torque", rows, pictures=[drawn], code='recording.plot("spectrum")')
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:

@@ -7,6 +7,7 @@ function                       page
 ``write_evaluation_report``    scores of counters on assemblies that they have not seen
 ``write_gap_report``           where model and measurement disagree, and what is missing
 ``write_animation``            the gearbox turning, with its forces and its torque
+``Report``                     a page of your own, with text, figures, tables and the pages above
 ``check_page_path``            a check, before the work, that the page can be written
 =============================  ================================================================
 
@@ -19,9 +20,11 @@ from cyclofeat.report._count import CountedRecording, summarise_count, write_cou
 from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
 from cyclofeat.report._gap import summarise_gap, write_gap_report
 from cyclofeat.report._page import check_page_path
+from cyclofeat.report._report import Report
 
 __all__ = [
     "CountedRecording",
+    "Report",
     "check_page_path",
     "summarise_animation",
     "summarise_count",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -100,11 +101,12 @@ def summarise_evaluation(
         if not (np.array_equal(result.labels, first.labels) and np.array_equal(result.groups, first.groups)):
             raise ValueError(f"results must be of the same windows, but {name!r} is of others than {main!r}")
     require_matplotlib()
+    from cyclofeat.plotting import EvaluationDisplay
     from cyclofeat.report._figures import calibration_picture, confusion_picture
 
     _, surrogate, said_of_origin = origin(sources)
     wrong = _wrong(first)
-    labels, curve = first.labels, first.calibration_curve()
+    labels, display = first.labels, EvaluationDisplay(first)
     return {
         "title": "Counting on assemblies not seen before",
         "version": __version__,
@@ -120,8 +122,8 @@ def summarise_evaluation(
         "with_lobes": any(result.exact_lobes is not None for result in results.values()),
         "with_sets": any(result.coverage is not None for result in results.values()),
         "classes": _classes(first),
-        "confusion": confusion_picture(first.confusion, [str(c) for c in first.classes]),
-        "calibration": None if curve is None else calibration_picture(*curve),
+        "confusion": confusion_picture(display),
+        "calibration": None if first.probabilities is None else calibration_picture(display),
         "wrong": wrong[:_MOST_WRONG],
         "n_more_wrong": max(len(wrong) - _MOST_WRONG, 0),
         "protocol": first.protocol,
@@ -187,18 +189,15 @@ def _method(name: str, result: Evaluation) -> dict[str, Any]:
 def _classes(result: Evaluation) -> list[dict[str, Any]]:
     """Each count: how often it was recognised, and how often an answer of it was right."""
     rows = []
-    for k, label in enumerate(result.classes):
-        cells = result.confusion[k]
-        said = int(result.confusion[:, k].sum())
-        others = np.where(np.arange(cells.size) == k, 0, cells)
-        of_class = result.labels == label
+    for k, row in enumerate(result.class_scores()):
+        others = np.where(np.arange(result.classes.size) == k, 0, result.confusion[k])
         rows.append({
-            "label": str(label),
-            "windows": int(cells.sum()),
-            "assemblies": int(np.unique(result.assemblies[of_class]).size),
-            "found": f"{cells[k] / cells.sum():.3f}" if cells.sum() else "-",
-            "range": _range(result.class_accuracy(k)[1]) if cells.sum() else "",
-            "right": f"{cells[k] / said:.3f}" if said else "-",
+            "label": str(row["defect_count"]),
+            "windows": row["n_windows"],
+            "assemblies": row["n_assemblies"],
+            "found": "-" if math.isnan(row["recall"]) else f"{row['recall']:.3f}",
+            "range": "" if math.isnan(row["recall"]) else _range((row["recall_low"], row["recall_high"])),
+            "right": "-" if math.isnan(row["precision"]) else f"{row['precision']:.3f}",
             "taken_for": f"{result.classes[others.argmax()]} ({others.max()})" if others.any() else "",
         })  # fmt: skip
     return rows

@@ -5,20 +5,17 @@ from __future__ import annotations
 import base64
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cyclofeat.plotting import (
+    EvaluationDisplay,
     LobeMapDisplay,
     OrderDisplay,
     SpectrumDisplay,
     TorqueDisplay,
     TrainingDisplay,
 )
-from cyclofeat.plotting.drawing import legend_above
 from cyclofeat.plotting.kinds import words_of
 
 if TYPE_CHECKING:
@@ -147,52 +144,16 @@ def feature_picture(display: TrainingDisplay, kind: str, counts: tuple[int, ...]
     return picture(lambda ax, _: display.plot(ax, kind=kind, counts=counts), _BESIDE_TRAINING, alt)
 
 
-def confusion_picture(confusion: NDArray[np.int64], labels: Sequence[str]) -> Picture:
+def confusion_picture(display: EvaluationDisplay) -> Picture:
     """Draw a confusion matrix, true counts in rows."""
-
-    def draw(ax: Axes, scheme: str) -> None:
-        from sklearn.metrics import ConfusionMatrixDisplay
-
-        ConfusionMatrixDisplay(confusion, display_labels=labels).plot(
-            ax=ax, cmap=_COUNT_COLOURS[scheme], colorbar=False
-        )
-        ax.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
-
-    side = 1.6 + 0.45 * len(labels)
     alt = "Confusion matrix: windows by true and predicted number of worn lobes"
-    return picture(draw, (side, side), alt, by_scheme=True)
-
-
-def calibration_picture(
-    said: NDArray[np.float64], was: NDArray[np.float64], weight: NDArray[np.float64]
-) -> Picture:
-    """Draw the share of right answers by bins of the probability; larger dots hold more of the windows."""
-
-    def draw(ax: Axes, _: str) -> None:
-        from matplotlib import rcParams
-
-        faint = rcParams["xtick.color"]
-        ax.plot([0, 1], [0, 1], linestyle="--", linewidth=1, color=faint, label="right as often as stated")
-        ax.plot(said, was, linewidth=0.8, color="C0", alpha=0.6)
-        ax.scatter(
-            said, was, s=25 + 500 * weight, color="C0", alpha=0.8, zorder=3,
-            label="answers of similar probability,\nand their share of all windows",
-        )  # fmt: skip
-        for x, y, share in zip(said, was, weight, strict=True):
-            ax.annotate(
-                f"{100 * share:.0f} %", (x, y), xytext=(0, -17), textcoords="offset points", ha="center",
-                fontsize="small",
-            )  # fmt: skip
-        ax.text(0.03, 0.97, "too careful:\nright more often than stated", va="top", color=faint)
-        ax.text(0.97, 0.03, "too sure:\nright less often than stated", ha="right", color=faint)
-        ax.set(
-            xlabel="probability that the counter gave its answer",
-            ylabel="share of these answers that were right",
-            aspect="equal", xlim=(0, 1.04), ylim=(-0.06, 1.06),
-        )  # fmt: skip
-        ax.grid(alpha=0.3, linewidth=0.6)
-        legend_above(ax, markerscale=0.5)
-
     return picture(
-        draw, (5.2, 5.2), "Calibration: share of right answers by probability said, beside the diagonal"
-    )
+        lambda ax, scheme: display.plot("confusion", ax, cmap=_COUNT_COLOURS[scheme]),
+        (display.side, display.side), alt, by_scheme=True,
+    )  # fmt: skip
+
+
+def calibration_picture(display: EvaluationDisplay) -> Picture:
+    """Draw the share of right answers by bins of the probability; larger dots hold more of the windows."""
+    alt = "Calibration: share of right answers by probability said, beside the diagonal"
+    return picture(lambda ax, _: display.plot("calibration", ax), (5.2, 5.2), alt)

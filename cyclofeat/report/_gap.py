@@ -125,7 +125,9 @@ def summarise_gap(
         "answer": the_answer(result, word),
         "warnings": _warnings(result),
         "next": measure_next(result),
-        "remains": what_remains(result) if result.effects else None,
+        "remains": None
+        if result.remainder is None
+        else what_remains(result.remainder, "corrected model" if result.named else "model"),
         "overlays": _overlays(result.overlays, label),
         "where": [where_they_differ(where, label, word) for where in result.where],
         "corrected": bool(result.named),

@@ -12,7 +12,7 @@ from cyclofeat.report._gap_numbers import percent, quantity, range_text, rounded
 from cyclofeat.report._page import probability_text, unbroken
 
 if TYPE_CHECKING:
-    from cyclofeat.gap import FoundEffect, GapResult, Size
+    from cyclofeat.gap import FoundEffect, GapResult, Remainder, Size
 
 _NEGLIGIBLE = 0.05  # probability below which an open effect is not listed by itself
 
@@ -39,11 +39,8 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
     }
 
 
-def what_remains(result: GapResult) -> dict[str, Any]:
-    """What the corrected model leaves unexplained, in words."""
-    remainder, model = result.remainder, "corrected model" if result.named else "model"
-    if remainder is None:
-        return {"sentences": [f"The {model} was not simulated: what it leaves is not known."], "rows": []}
+def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
+    """What a model, named in words, leaves unexplained."""
     p = unbroken(p_words(remainder.p))
     if not remainder.unexplained:
         text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
@@ -83,7 +80,8 @@ def _heading(result: GapResult, word: str) -> str:
     parts = [f"{number(sure, 'effect')} {'is' if sure == 1 else 'are'} missing in the model"] if sure else []
     if likely:
         parts.append(f"{likely} more probably" if sure else f"{number(likely, 'effect')} probably missing")
-    if parts and result.unknown:
+    unexplained = result.remainder is not None and result.remainder.unexplained
+    if parts and unexplained:
         parts.append("and something unknown")
     if parts:
         return ", ".join(parts)
@@ -93,7 +91,7 @@ def _heading(result: GapResult, word: str) -> str:
         return "No clear answer yet"
     end = ""
     if result.effects:
-        end = ", and no effect considered explains it" if result.unknown else "; what is missing is open"
+        end = ", and no effect considered explains it" if unexplained else "; what is missing is open"
     return f"Model and {word} disagree{end}"
 
 
@@ -118,12 +116,12 @@ def _sentences(result: GapResult, word: str) -> list[str]:
             f"No single difference is clear, but {number(n, 'recording')}{at} "
             f"{'is' if n == 1 else 'are'} too few to show agreement."
         ]
-    if result.named and result.confirmed:
-        texts.append("Simulation of the corrected model has confirmed the effects and their sizes.")
-    elif result.named:
+    if result.named and result.remainder is not None:
         texts.append(
             "Effects and sizes are those that were learned from simulated rigs; simulation of this one has "
             "not confirmed them."
+            if result.remainder.unexplained
+            else "Simulation of the corrected model has confirmed the effects and their sizes."
         )
     return texts
 
@@ -175,7 +173,7 @@ def _tiles(result: GapResult) -> list[dict[str, str]]:
     tiles = [_closed(result)] if result.named else []
     if result.remainder is not None:
         value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
-        if result.unknown:
+        if result.remainder.unexplained:
             value, text = "something", "none of the effects considered explains all of it"
             if result.remainder.rows:
                 row = result.remainder.rows[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import joblib
 import numpy as np
@@ -13,11 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
 from sklearn.utils import check_array, gen_batches
 
+from cyclofeat._base.frames import frame
 from cyclofeat.features import WaveletMinimaOverlap
 from cyclofeat.scans._search import Search, assemblies, class_means, defect_counts, permuted_means
 from cyclofeat.signal import lobes
 from cyclofeat.signal.wavelets import AnyWavelet, morris_names, wavelet_qualifier
 from cyclofeat.signal.windows import Float, ratio
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _CHUNK_SAMPLES = 2**20
 _N_REFERENCES = 8
@@ -71,9 +75,15 @@ class WaveletScan:
     rows: tuple[WaveletRow, ...] = field(repr=False)
     counts: tuple[float, ...]
 
-    def records(self) -> list[dict[str, Any]]:
-        """Rows as dicts, for ``pandas.DataFrame``."""
-        return [asdict(row) for row in self.rows]
+    def to_frame(self) -> pd.DataFrame:
+        """Return the rows as a data frame.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return frame([asdict(row) for row in self.rows])
 
 
 def scan_wavelets(

@@ -127,8 +127,7 @@ fitted, held_out = hold_out(recordings, 0.4)
 settings = GapSettings(baselines=("nothing",), pictures=False, n_jobs=-1)
 result = find_gap(fitted, held_out, posterior=posterior, settings=settings)
 for found in result.effects:
-    sizes = [f"{size.name} {size.value:.3g} ({size.low:.3g} to {size.high:.3g})" for size in found.sizes]
-    print(f"{found.effect}: {found.probability:.0%}, {', '.join(sizes)}")
-print(f"confirmed by simulation: {result.confirmed}")
+    print(f"{found.effect}: {found.probability:.0%}", *found.sizes, sep=", ")
+print(f"something left unexplained: {result.remainder.unexplained}")
 for proof in result.proof:
     print(f"{proof.condition.text}: {proof.result.grr:.0%} of the gap closed")

@@ -6,11 +6,12 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from cyclofeat._base.frames import frame
 from cyclofeat.simulators.campaign._design import Campaign
 from cyclofeat.simulators.campaign._run import OK
 from cyclofeat.simulators.campaign._store import (
@@ -23,6 +24,9 @@ from cyclofeat.simulators.campaign._store import (
     read_manifest,
     shard_file,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Shards:
@@ -130,10 +134,10 @@ class CampaignData:
         Assembly of each run.
     ok : ndarray of bool, shape (n_runs,)
         Runs that reached their end: ``X[ok], y[ok], groups[ok]`` hold no NaN.
-    parameters : pandas.DataFrame, or dict from str to ndarray where there is no pandas
-        One row per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``, ``reason``,
-        true values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's effects
-        (``effects.<effect>.<parameter>``).
+    parameters : dict from str to ndarray, shape (n_runs,)
+        One value per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``,
+        ``reason``, true values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's
+        effects (``effects.<effect>.<parameter>``).
     sampling_rate : float
         In Hz.
     campaign : Campaign
@@ -146,10 +150,20 @@ class CampaignData:
     y: NDArray[np.int64] = field(repr=False)
     groups: NDArray[np.str_] = field(repr=False)
     ok: NDArray[np.bool_] = field(repr=False)
-    parameters: Any = field(repr=False)
+    parameters: dict[str, NDArray[Any]] = field(repr=False)
     sampling_rate: float
     campaign: Campaign
     manifest: dict[str, Any] = field(repr=False)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return ``parameters`` as a data frame, one row per run.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return frame(self.parameters)
 
 
 def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> CampaignData:
@@ -209,7 +223,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
         y=columns["defect_count"].astype(np.int64),
         groups=columns["assembly"].astype(np.str_),
         ok=columns["status"] == OK,
-        parameters=_parameters(table),
+        parameters={name: table.column(name).to_numpy() for name in table.column_names},
         sampling_rate=campaign.sampling_rate,
         campaign=campaign,
         manifest=manifest,
@@ -231,11 +245,3 @@ def _check_files(folder: Path, manifest: dict[str, Any], verify: bool) -> None:
         more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
         kind = FileNotFoundError if all(text.endswith("is missing") for text in wrong) else ValueError
         raise kind(f"{folder}: {wrong[0]}{more}; run the campaign again to mend it")
-
-
-def _parameters(table: Any) -> Any:
-    try:
-        import pandas
-    except ImportError:
-        return {name: table.column(name).to_numpy() for name in table.column_names}
-    return pandas.DataFrame(table.to_pandas())

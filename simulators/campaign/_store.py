@@ -9,6 +9,7 @@ import itertools
 import json
 import os
 import shutil
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -208,23 +209,32 @@ def _full_disk_explained(folder: Path, digests: Mapping[int, Mapping[str, str]])
 def _locked(folder: Path) -> Iterator[None]:
     """Lock the folder for this process; the lock ends with the process."""
     try:
-        import fcntl
-    except ImportError:  # not a POSIX system
-        yield
-        return
-    held = os.open(folder, os.O_RDONLY)
+        held = _lock(folder)
+    except (BlockingIOError, FileExistsError):
+        raise BlockingIOError(
+            errno.EWOULDBLOCK, f"{folder}: another process is at work on this campaign: wait for its end"
+        ) from None
     try:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BlockingIOError(
-                errno.EWOULDBLOCK, f"{folder}: another process is at work on this campaign: wait for its end"
-            ) from None
-        except OSError:
-            pass  # a file system without locks
         yield
     finally:
         os.close(held)
+
+
+def _lock(folder: Path) -> int:
+    """Return a descriptor that locks the folder until it is closed."""
+    if sys.platform == "win32":  # folders cannot be opened; the system removes the file with its process
+        return os.open(folder / ".lock", os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+    import fcntl
+
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(held)
+        raise
+    except OSError:
+        pass  # a file system without locks
+    return held
 
 
 def _counted(

@@ -55,10 +55,10 @@ def test_versions_are_those_installed() -> None:
 def test_the_sum_of_code_follows_names_and_content(tmp_path: Path) -> None:
     files = [tmp_path / "a.py", tmp_path / "b.py"]
     for file in files:
-        file.write_text("1")
+        file.write_text("1", encoding="utf-8")
     first = code_sha256(tmp_path, files)
     assert code_sha256(tmp_path, reversed(files)) != first
-    files[1].write_text("2")
+    files[1].write_text("2", encoding="utf-8")
     assert code_sha256(tmp_path, files) != first
 
 

@@ -255,7 +255,8 @@ def test_a_page_that_complains_would_be_heard(browser, tmp_path):
     path = tmp_path / "bad.html"
     path.write_text(
         "<!DOCTYPE html><title>x</title><script>setTimeout(() => {throw Error('heard')});"
-        "console.warn('this too'); fetch('http://example.org/').catch(() => 0)</script>"
+        "console.warn('this too'); fetch('http://example.org/').catch(() => 0)</script>",
+        encoding="utf-8",
     )
     browser.open(path)
     browser.wait_for("1", lambda _: any("heard" in text for text in browser.said))

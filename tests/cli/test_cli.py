@@ -183,7 +183,7 @@ class UpsideDown(Effect):
 @pytest.fixture
 def mine(tmp_path):
     """A file with an effect of the user, which nobody knows afterwards."""
-    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
     yield tmp_path / "mine.py"
     unregister_effect("upside_down")
 
@@ -215,7 +215,7 @@ def test_a_rig_names_effects_of_the_user(capsys, mine, tmp_path):
     ids=lambda words: words[0],
 )
 def test_every_command_of_rigs_takes_effects_of_the_user(capsys, tmp_path, command):
-    (tmp_path / "bad.py").write_text("1 / 0")
+    (tmp_path / "bad.py").write_text("1 / 0", encoding="utf-8")
     code, _, err = run(capsys, *command, "--effects-from", tmp_path / "bad.py")
     assert code == 2
     assert "bad.py, line 1: ZeroDivisionError" in err
@@ -433,7 +433,7 @@ def test_a_closed_standard_output_is_an_error():
 def small(tmp_path):
     """A folder of two small recordings with names beyond ASCII; its manifest leaves one out."""
     for name in ("Prüfung", "zweite"):
-        (tmp_path / f"{name}.csv").write_text("torque [Nm]\n1\n2\n3\n")
+        (tmp_path / f"{name}.csv").write_text("torque [Nm]\n1\n2\n3\n", encoding="utf-8")
     (tmp_path / "recordings.csv").write_text("file,sampling_rate\nPrüfung.csv,1000\n", encoding="utf-16")
     return tmp_path
 
@@ -467,7 +467,7 @@ def test_a_full_disk_below_standard_output_is_an_error(small, option):
 
 def wrong_column(folder):
     file = folder / "other.csv"
-    file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n")
+    file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
     return ["count", file, "--channel", "torque"]
 
 
@@ -478,7 +478,7 @@ def empty(folder):
 
 def not_a_number(folder):
     file = folder / "nan.csv"
-    file.write_text("torque_nm\n22\nnan\n22\n")
+    file.write_text("torque_nm\n22\nnan\n22\n", encoding="utf-8")
     return ["count", file, "--sampling-rate", "25600"]
 
 
@@ -605,7 +605,7 @@ def test_inspect_says_what_would_spoil_a_count(capsys, folder, tmp_path):
 
 
 def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_path):
-    (tmp_path / "rig.csv").write_text("Zeit;Drehmoment;Winkel\n" + "0;1;0\n1;2;9\n2;4;18\n")
+    (tmp_path / "rig.csv").write_text("Zeit;Drehmoment;Winkel\n" + "0;1;0\n1;2;9\n2;4;18\n", encoding="utf-8")
     code, out, err = run(capsys, "inspect", tmp_path / "rig.csv", folder / "worn.csv", "--json")
     assert code == 2
     bad, good = json.loads(out)
@@ -636,7 +636,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
 )
 @pytest.mark.parametrize("command", ["inspect", "count", "evaluate", "train"])
 def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, command, options, message):
-    (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n")
+    (tmp_path / "rig.csv").write_text("torque,angle\n1,2\n2,2\n", encoding="utf-8")
     more = {
         "count": ["--model", folder / "model.joblib", "--trust"],
         "train": ["--out", tmp_path / "m.skops"],
@@ -656,11 +656,13 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
             header="torque [Nm],phi", comments="",
         )  # fmt: skip
         lines.append(f"{name},25600,phi,rad,{recording.defect_count},{recording.assembly},500")
-    (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "recordings.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     code, out, err = run(capsys, "count", tmp_path, "--model", folder / "model.joblib", "--trust", "--json")
     assert code == 0, err
     assert len(json.loads(out)) == 3
-    (tmp_path / "recordings.csv").write_text("\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n")
+    (tmp_path / "recordings.csv").write_text(
+        "\n".join([*lines, "x.csv,1,,,1,A,500"]) + "\n", encoding="utf-8"
+    )
     code, _, err = run(capsys, "inspect", tmp_path)
     assert code == 2
     assert "recordings.csv: line 5: no such file: x.csv" in err

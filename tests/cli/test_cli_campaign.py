@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -76,8 +77,12 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
     code, _, err = run(capsys, "campaign", "--example", file)
     assert code == 2
     assert "exists: give --example another name" in err
-    edited = json.loads(file.read_text()) | {"repeats": 1, "defect_counts": [0, 1], "duration": 0.01}
-    file.write_text(json.dumps(edited))
+    edited = json.loads(file.read_text(encoding="utf-8")) | {
+        "repeats": 1,
+        "defect_counts": [0, 1],
+        "duration": 0.01,
+    }
+    file.write_text(json.dumps(edited), encoding="utf-8")
     code, text, err = run(capsys, "campaign", file, "--out", tmp_path / "out", "--jobs", 1, "--json")
     assert code == 0, err
     assert json.loads(text)["status"] == {"ok": 2}
@@ -109,7 +114,9 @@ def test_mistakes_in_the_call(capsys, monkeypatch, tmp_path, arguments, message)
 @pytest.mark.parametrize("name", ["published", "R1", "r2"])
 def test_a_design_names_the_rigs_that_the_other_commands_name(capsys, tmp_path, name):
     design, out = tmp_path / "design.json", tmp_path / "out"
-    design.write_text(json.dumps({"rig": name, "defect_counts": [0], "repeats": 1, "duration": 0.01}))
+    design.write_text(
+        json.dumps({"rig": name, "defect_counts": [0], "repeats": 1, "duration": 0.01}), encoding="utf-8"
+    )
     code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
     assert code == 0, err
     assert load_campaign(out).campaign.rig == rig_preset(name)
@@ -117,7 +124,7 @@ def test_a_design_names_the_rigs_that_the_other_commands_name(capsys, tmp_path, 
 
 
 def test_an_unknown_rig_is_told_those_known(capsys, tmp_path):
-    (tmp_path / "design.json").write_text('{"rig": "R9"}')
+    (tmp_path / "design.json").write_text('{"rig": "R9"}', encoding="utf-8")
     code, _, err = run(capsys, "campaign", tmp_path / "design.json", "--out", tmp_path / "out")
     assert code == 2
     assert "design.json: rig: name must be one of ('R0', 'R1', 'R2', 'published'), got 'R9'" in err
@@ -184,6 +191,7 @@ def test_a_disk_that_is_really_full(tmp_path):
     assert n_runs == "32"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="Windows sends Ctrl-C to all processes of a console")
 def test_interrupted_from_the_keyboard_goes_on(design, tmp_path):
     SMALL.replace(repeats=200).to_json(design)
     out = tmp_path / "out"

@@ -38,17 +38,12 @@ def test_all_is_told_in_order(result):
 
 def test_what_is_left_and_what_is_not_known(result):
     undefined = proof_of(compared(after=(math.nan,)), None)
-    lines = gap_lines(
-        dataclasses.replace(
-            result, confirmed=False, remainder=REMAINDER, unknown=True, proof=(undefined,), warnings=()
-        )
-    )
+    lines = gap_lines(dataclasses.replace(result, remainder=REMAINDER, proof=(undefined,), warnings=()))
     assert lines[8:] == [
-        "not confirmed by simulation",
         "left unexplained (p < 0.001):",
         "  third octave at 631 Hz: 2.3 dB more",
         "  values that repeat, end or stand still: share of the largest value: 0.4 lower",
-        "something is missing that no effect considered explains",
+        "something is missing that no effect considered explains: sizes are not confirmed by simulation",
         "measure next: a record at 44 Nm, to tell apart gain, offset",
         "held out: too little disagreement to state how far it shrank",
     ]

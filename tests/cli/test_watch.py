@@ -54,26 +54,26 @@ def names(paths):
 
 def test_a_file_is_told_of_once_it_has_come_to_rest(watch, tmp_path):
     file = tmp_path / "a.csv"
-    file.write_text("1")
+    file.write_text("1", encoding="utf-8")
     assert watch.poll(0.0) == []
-    file.write_text("12")  # still being written
+    file.write_text("12", encoding="utf-8")  # still being written
     assert watch.poll(1.0) == []
     assert watch.unsettled == {"a.csv"}
     assert watch.poll(1.9) == []
     assert names(watch.poll(2.0)) == ["a.csv"]
     watch.counted(file)
     assert watch.poll(9.0) == []
-    file.write_text("123")
+    file.write_text("123", encoding="utf-8")
     assert watch.poll(10.0) == []
     assert names(watch.poll(11.0)) == ["a.csv"]  # another recording under the same name
 
 
 def test_same_size_and_time_in_another_file_is_another_file(watch, tmp_path):
     file = tmp_path / "a.csv"
-    file.write_text("1")
+    file.write_text("1", encoding="utf-8")
     watch.poll(0.0)
     watch.counted(watch.poll(1.0)[0])
-    (tmp_path / "b.part").write_text("2")
+    (tmp_path / "b.part").write_text("2", encoding="utf-8")
     os.utime(tmp_path / "b.part", ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))
     (tmp_path / "b.part").rename(file)
     watch.done = DoneList()
@@ -83,27 +83,27 @@ def test_same_size_and_time_in_another_file_is_another_file(watch, tmp_path):
 
 def test_what_is_no_recording_is_left_alone(watch, tmp_path):
     for name in (".a.csv", "a.csv.part", "a.txt", "recordings.csv"):
-        (tmp_path / name).write_text("1")
+        (tmp_path / name).write_text("1", encoding="utf-8")
     (tmp_path / "folder.csv").mkdir()
     (tmp_path / "nowhere.csv").symlink_to(tmp_path / "absent")
-    (tmp_path / "B.CSV").write_text("1")
+    (tmp_path / "B.CSV").write_text("1", encoding="utf-8")
     watch.poll(0.0)
     assert names(watch.poll(5.0)) == ["B.CSV"]
 
 
 def test_a_bad_file_is_told_of_once_and_late(watch, tmp_path):
     file = tmp_path / "a.csv"
-    file.write_text("1")
+    file.write_text("1", encoding="utf-8")
     watch.poll(0.0)
     watch.failed(watch.poll(1.0)[0], "half")
     assert watch.bad(1.0) == []  # its writer may only have paused
-    file.write_text("12")
+    file.write_text("12", encoding="utf-8")
     watch.poll(3.0)
     assert watch.bad(9.0) == []  # nothing is wrong with what has not been tried
     watch.failed(watch.poll(9.0)[0], "still bad")
     assert watch.bad(9.0) == [(file, "still bad")]
     assert watch.bad(99.0) == []
-    file.write_text("123")
+    file.write_text("123", encoding="utf-8")
     watch.poll(100.0)
     watch.failed(watch.poll(101.0)[0], "bad for ever")
     assert watch.bad(999.0) == []
@@ -111,11 +111,11 @@ def test_a_bad_file_is_told_of_once_and_late(watch, tmp_path):
 
 def test_a_file_that_goes_away_is_forgotten(watch, tmp_path):
     file = tmp_path / "a.csv"
-    file.write_text("1")
+    file.write_text("1", encoding="utf-8")
     watch.poll(0.0)
     file.unlink()
     assert watch.poll(1.0) == []
-    file.write_text("1")
+    file.write_text("1", encoding="utf-8")
     assert watch.poll(2.0) == []
 
 
@@ -140,10 +140,10 @@ def test_what_is_done_stays_done_after_a_cut_line(tmp_path):
     with pytest.raises(ValueError, match="not a list that watch wrote .line 1."):
         DoneList(file)
     for other in ("a letter to a friend", '{"my": "design"}'):
-        file.write_text(other)
+        file.write_text(other, encoding="utf-8")
         with pytest.raises(ValueError, match="not a list that watch wrote"):
             DoneList(file)
-        assert file.read_text() == other
+        assert file.read_text(encoding="utf-8") == other
 
 
 def test_what_cannot_be_written_is_written_later(tmp_path):
@@ -230,6 +230,7 @@ def lines_of(process, n):
     return [process.stdout.readline() for _ in range(n)]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="Windows sends Ctrl-C to all processes of a console")
 @pytest.mark.parametrize("ask", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
 def test_a_process_that_watches(capsys, tmp_path, model_file, ask):
     """Files in pieces, garbage, files renamed into place; a clean end, and nothing counted twice."""

@@ -78,16 +78,16 @@ def test_no_import_circles():
 def test_a_lazy_and_a_type_only_import_are_seen(tmp_path):
     package = tmp_path / "house"
     (package / "room").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "room" / "__init__.py").write_text("from .one import f")
-    (package / "room" / "one.py").write_text("def f():\n    from house import two")
-    (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f")
+    (package / "__init__.py").write_text("", encoding="utf-8")
+    (package / "room" / "__init__.py").write_text("from .one import f", encoding="utf-8")
+    (package / "room" / "one.py").write_text("def f():\n    from house import two", encoding="utf-8")
+    (package / "two.py").write_text("if TYPE_CHECKING:\n    from .room.one import f", encoding="utf-8")
     assert circles(graph_of({"house": package})) == [["house.room.one", "house.two"]]
 
 
 def test_a_package_that_a_part_of_it_imports_is_a_circle(tmp_path):
     package = tmp_path / "house"
     package.mkdir()
-    (package / "__init__.py").write_text("from house.one import f")
-    (package / "one.py").write_text("from house import g")
+    (package / "__init__.py").write_text("from house.one import f", encoding="utf-8")
+    (package / "one.py").write_text("from house import g", encoding="utf-8")
     assert circles(graph_of({"house": package})) == [["house", "house.one"]]

@@ -92,8 +92,8 @@ def smuggled(counter, file):
 
 
 def change_card(file, **changes):
-    card = json.loads(card_path(file).read_text())
-    card_path(file).write_text(json.dumps(card | changes))
+    card = json.loads(card_path(file).read_text(encoding="utf-8"))
+    card_path(file).write_text(json.dumps(card | changes), encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -107,7 +107,7 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
     for suffix in FORMATS:
         save_model(tmp_path / f"model.{suffix}", model)
     expected["model"] = model.count(Recording(data[0][0], RATE)).to_dict()
-    (tmp_path / "names.json").write_text(json.dumps(sorted(expected.keys() - {"model"})))
+    (tmp_path / "names.json").write_text(json.dumps(sorted(expected.keys() - {"model"})), encoding="utf-8")
     code = (
         "import json, sys, numpy as np, pathlib\n"
         "from cyclofeat import Recording\n"
@@ -241,7 +241,7 @@ def test_a_damaged_file_is_not_loaded(stored, suffix, damage):
 )
 def test_without_a_whole_card_nothing_is_loaded(stored, suffix, text, message):
     card = card_path(stored[suffix])
-    card.unlink() if text is None else card.write_text(text)
+    card.unlink() if text is None else card.write_text(text, encoding="utf-8")
     with pytest.raises(ModelFileError, match=message):
         load_model(stored[suffix], trusted=True)
 

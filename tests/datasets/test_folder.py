@@ -17,7 +17,9 @@ TORQUE = 22 + np.random.default_rng(1).normal(size=50)
 @pytest.fixture
 def folder(tmp_path):
     for name in ("a", "b", "c"):
-        (tmp_path / f"{name}.csv").write_text("torque [Nm],x\n" + "".join(f"{t},1\n" for t in TORQUE))
+        (tmp_path / f"{name}.csv").write_text(
+            "torque [Nm],x\n" + "".join(f"{t},1\n" for t in TORQUE), encoding="utf-8"
+        )
     return tmp_path
 
 
@@ -108,7 +110,7 @@ def test_a_manifest_that_does_not_say_from_where_lobes_count_is_refused(folder):
 
 
 def test_recordings_that_cannot_be_read_are_named_by_line_too(folder):
-    (folder / "b.csv").write_text("torque,x\n1,nan\nnan,1\n")
+    (folder / "b.csv").write_text("torque,x\n1,nan\nnan,1\n", encoding="utf-8")
     text = "file,sampling_rate,defect_count\na.csv,,0\nb.csv,1,0\nc.csv,1,40\n"
     with pytest.raises(ValueError) as caught:
         read_folder(manifest(folder, text))
@@ -150,7 +152,7 @@ def test_two_channels_of_one_file_are_two_recordings(folder):
 def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
     for name in ("b.npz", "a.csv"):
         write_recording(tmp_path / name, Recording(TORQUE, 100, run=name))
-    (tmp_path / "notes.txt").write_text("hello")
+    (tmp_path / "notes.txt").write_text("hello", encoding="utf-8")
     assert [recording.run for recording in read_folder(tmp_path)] == ["a.csv", "b.npz"]
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress((tmp_path / "a.csv").read_bytes()))
     assert [entry.path.name for entry in folder_entries(tmp_path)] == ["a.csv", "a.csv.gz", "b.npz"]
@@ -160,7 +162,7 @@ def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
         read_folder(tmp_path / "missing")
     (tmp_path / "empty").mkdir()
     with pytest.raises(
-        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet or .wav recordings"
+        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet, .wav or .xlsx recordings"
     ):
         read_folder(tmp_path / "empty")
     with pytest.raises(ValueError, match="is no folder; use read_recording"):

@@ -483,7 +483,10 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.reader(file))
     rows = [[float(c) if c.lstrip("-")[:1].isdigit() and "]" not in c else c for c in row] for row in rows]
-    assert read_recording(write_xlsx(tmp_path / "run.xlsx", S=rows)) == recording
+    found = read_recording(write_xlsx(tmp_path / "run.xlsx", S=rows))
+    np.testing.assert_allclose(found.torque, TORQUE, rtol=1e-14)  # workbooks hold 15 digits
+    np.testing.assert_allclose(found.angle, ANGLE, rtol=1e-14)
+    assert found.replace(torque=recording.torque, angle=recording.angle) == recording
 
 
 @pytest.mark.parametrize(
@@ -519,7 +522,9 @@ def good_files(folder):
     pq.write_table(pa.table({"torque": TORQUE}), folder / "parquet.parquet")
     wavfile.write(folder / "wav.wav", 25_600, TORQUE)
     write_xlsx(folder / "xlsx.xlsx", S=[["torque [Nm]"], *zip(TORQUE.tolist())])
-    (folder / "csv.csv").write_text("torque [Nm]\n" + "\n".join(map(repr, map(float, TORQUE))) + "\n")
+    (folder / "csv.csv").write_text(
+        "torque [Nm]\n" + "\n".join(map(repr, map(float, TORQUE))) + "\n", encoding="utf-8"
+    )
     return sorted(folder.iterdir())
 
 
@@ -621,7 +626,7 @@ def test_none_and_one_sample_are_errors_in_every_kind(tmp_path, n_samples):
     savemat(tmp_path / "a.mat", {"torque": few, "fs": RATE})
     hdf5_matlab(tmp_path / "b.mat", {"torque": few, "fs": RATE})
     pq.write_table(pa.table({"torque": few}), tmp_path / "a.parquet")
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few))
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in few), encoding="utf-8")
     if n_samples:
         wavfile.write(tmp_path / "a.wav", 8_000, few)
     for path in tmp_path.iterdir():
@@ -649,7 +654,7 @@ def test_what_is_not_finite_is_named_with_its_place(tmp_path, value):
     hdf5_matlab(tmp_path / "b.mat", {"torque": bad, "fs": RATE})
     pq.write_table(pa.table({"torque": bad}), tmp_path / "a.parquet")
     wavfile.write(tmp_path / "a.wav", 25_600, bad)
-    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad))
+    (tmp_path / "a.csv").write_text("torque\n" + "".join(f"{value}\n" for value in bad), encoding="utf-8")
     for path in tmp_path.iterdir():
         message = attempt(path, 5)
         assert "finite" in message

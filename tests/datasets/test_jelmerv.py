@@ -69,7 +69,9 @@ def test_licence_and_attribution_lie_beside_the_file_and_in_the_wheel(data):
     for words in ("CC BY-SA 4.0", "JelmerV", "Anti-Backlash-Cycloidal-Actuator", "78d6dacc"):
         assert words in licence
         assert words in data.DESCR
-    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
+        "package-data"
+    ]
     assert "jelmerv_cycloidal/*" in patterns["cyclofeat.datasets"]
 
 

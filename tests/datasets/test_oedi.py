@@ -31,7 +31,7 @@ def test_two_states_at_ten_load_levels(data):
 
 
 def test_labels_agree_with_the_list_of_recordings(data):
-    with (MINI.parent / "recordings.csv").open(newline="") as file:
+    with (MINI.parent / "recordings.csv").open(encoding="utf-8", newline="") as file:
         listed = list(csv.DictReader(file))
     assert [row["recording"] for row in listed] == data.recording_names
     assert [int(row["broken_tooth"]) for row in listed] == data.broken_tooth.tolist()
@@ -63,7 +63,9 @@ def test_the_description_gives_origin_licence_and_caveats(data):
 
 
 def test_a_wheel_leaves_the_recordings_out():
-    package_data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    package_data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"][
+        "package-data"
+    ]
     assert not any("oedi" in pattern for pattern in package_data["cyclofeat.datasets"])
 
 

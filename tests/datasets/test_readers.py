@@ -114,7 +114,7 @@ def test_files_of_the_first_format_keep_their_lobes(tmp_path, suffix):
 def test_written_csv_is_legible(tmp_path):
     path = tmp_path / "record.csv"
     write_recording(path, Recording([21.5, 22], RATE, angle=[0, 0.5], assembly="A1", worn_lobes=(0, 4)))
-    lines = path.read_text().splitlines()
+    lines = path.read_text(encoding="utf-8").splitlines()
     assert '# assembly: "A1"' in lines
     assert "# worn_lobes_from_1: [1, 5]" in lines
     assert lines[-3:] == ["torque [Nm],angle [rad]", "21.5,0", "22,0.5"]
@@ -748,7 +748,7 @@ def test_another_unit_is_stated_where_the_record_is_no_torque():
 
 
 def test_a_campaign_s_folder_is_no_folder_of_recordings(tmp_path):
-    (tmp_path / "campaign.json").write_text("{}")
+    (tmp_path / "campaign.json").write_text("{}", encoding="utf-8")
     (tmp_path / "parameters.parquet").write_bytes(b"PAR1")
     with pytest.raises(ValueError, match="holds a campaign.*load_campaign reads it"):
         read_folder(tmp_path)

@@ -37,7 +37,7 @@ def test_an_effect_that_was_not_asked_for(result) -> None:
 
 
 def test_plain_values(result) -> None:
-    unexplained = dataclasses.replace(result, remainder=REMAINDER, unknown=True)
+    unexplained = dataclasses.replace(result, remainder=REMAINDER)
     plain = unexplained.to_dict()
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     assert plain["format"] == "cyclofeat gap 2"
@@ -49,6 +49,7 @@ def test_plain_values(result) -> None:
     assert [one["speed_rpm"] for one in plain["conditions"]] == [500.0, 400.0]
     assert plain["proof"][1]["closed"]["after"]["all"] == 0.97
     assert plain["proof"][1]["direction"] == -1
+    assert plain["remainder"]["unexplained"]
     assert [row["low_hz"] for row in plain["remainder"]["rows"]] == [562.0, None]
 
 
@@ -68,7 +69,10 @@ def test_tables(result) -> None:
 
 
 def test_html_is_escaped_and_short(result) -> None:
+    assert len(repr(result)) < 600
     text = result._repr_html_()
+    assert text.count("<polyline") == 3
+    assert text.count("No tachometer.") == 1
     for part in ("0.999", "1.99 (1.91 to 2.06) Nm", "400 RPM, 12 Nm, reverse", "97%", "nothing (p = 0.31)"):
         assert part in text, part
     odd = FoundEffect("hum", 0.9, "present", (Size("<b>", "Nm", 1.0, 0.5, 2.0),))
@@ -76,4 +80,4 @@ def test_html_is_escaped_and_short(result) -> None:
         result, effects=(odd,), named=(Hum(1.0),), proof=(proof_of(compared(after=(0.5,)), None),)
     )._repr_html_()
     assert "<b>" not in text
-    assert "share of the gap closed</th>" in text
+    assert "gap closed</th>" in text

@@ -176,7 +176,7 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert size.value == pytest.approx(0.3, rel=0.05)
     assert result.verdict == "disagree"
     assert len(result.where) == 2
-    assert not result.unknown
+    assert not result.remainder.unexplained
     assert result.proof[0].result.grr > 0.8
     assert result.rig.gearbox == Rig().gearbox
     drawn = [one for effects in result.posterior_rig.variants for one in effects if one.effect_id == "noise"]

@@ -278,7 +278,7 @@ def bad_calls(folder: Path) -> dict[str, tuple[list[Any], str]]:
     nan = NOISE[:2].copy()
     nan[1, 7] = np.nan
     (folder / "empty").mkdir()
-    (folder / "broken.json").write_text("{")
+    (folder / "broken.json").write_text("{", encoding="utf-8")
     return {
         "absent": ([folder / "absent"], "no such file"),
         "empty": ([folder / "empty"], "empty"),

@@ -125,6 +125,15 @@ def test_a_hidden_drift_is_found_named_and_predicts_discs_left_out(drift):
     assert {row.statistic for row in gap.held_out} == {"mean", "std", "up", "down", "range", "entropy"}
 
 
+def test_the_tables_of_the_gap_are_its_rows(drift):
+    _, gap = drift
+    for table in ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"):
+        assert len(gap.to_frame(table)) == len(getattr(gap, table)) > 0, table
+    assert gap.to_frame().score.tolist() == [row.score for row in gap.ranking]
+    with pytest.raises(ValueError, match="table must be one of discrepancies, .*, got 'dropped'"):
+        gap.to_frame("dropped")
+
+
 def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     """Another number for one disc moves no prediction of that disc; the scale of scores is held."""
     made, _ = drift

@@ -156,7 +156,7 @@ def rig_files(tmp_path_factory, surrogates):
         )
         worn = " ".join(str(lobe + 1) for lobe in recording.worn_lobes)
         rows.append(f"r{k:02d}.npz,25600,{recording.defect_count},{worn},A{k},500,surrogate")
-    (folder / "measured" / "recordings.csv").write_text("\n".join(rows) + "\n")
+    (folder / "measured" / "recordings.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     one = made[2]
     rate, degrees = one.sampling_rate, np.rad2deg(one.angle)
     wave = {"wf_increment": 1 / rate, "unit_string": "Nm"}
@@ -216,7 +216,9 @@ def run_commands(block: Block, page: str, capsys: pytest.CaptureFixture[str]) ->
         if "--example" in words:  # of hundreds of runs: the first few, and short ones
             design = Path(words[words.index("--example") + 1])
             few = {"repeats": 1, "defect_counts": [0, 3], "duration": 0.05}
-            design.write_text(json.dumps(json.loads(design.read_text()) | few))
+            design.write_text(
+                json.dumps(json.loads(design.read_text(encoding="utf-8")) | few), encoding="utf-8"
+            )
 
 
 @pytest.mark.parametrize(

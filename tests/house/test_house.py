@@ -15,7 +15,7 @@ import cyclofeat
 
 ROOT = Path(__file__).parents[2]
 ROOMS = {"cyclofeat": "cyclofeat", "simulators": "cyclofeat.simulators", "datasets": "cyclofeat.datasets"}
-PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
 def source_files() -> list[Path]:

@@ -113,8 +113,12 @@ def test_page_and_folder_name_the_same_scripts():
 
 
 def test_a_script_that_fails_fails_the_command(tmp_path, monkeypatch, capsys):
-    (tmp_path / "plot_good.py").write_text("import matplotlib.pyplot as plt\nplt.plot([0, 1])\n")
-    (tmp_path / "plot_late.py").write_text("import warnings\nwarnings.warn('looks wrong')\n")
+    (tmp_path / "plot_good.py").write_text(
+        "import matplotlib.pyplot as plt\nplt.plot([0, 1])\n", encoding="utf-8"
+    )
+    (tmp_path / "plot_late.py").write_text(
+        "import warnings\nwarnings.warn('looks wrong')\n", encoding="utf-8"
+    )
     monkeypatch.setattr(papers, "SCRIPTS", tmp_path)
     with pytest.raises(SystemExit, match="plot_late.py: UserWarning: looks wrong"):
         papers.draw(tmp_path)

@@ -51,8 +51,10 @@ def test_an_untrusted_file_runs_nothing(stored, tmp_path):
     evil = tmp_path / "evil.joblib"
     joblib.dump(Touch(str(marker)), evil)
     digest = hashlib.sha256(evil.read_bytes()).hexdigest()
-    card = json.loads(card_path(stored).read_text()) | {"sha256": digest}
-    card_path(evil).write_text(json.dumps(card))  # who can write the one file can write the other
+    card = json.loads(card_path(stored).read_text(encoding="utf-8")) | {"sha256": digest}
+    card_path(evil).write_text(
+        json.dumps(card), encoding="utf-8"
+    )  # who can write the one file can write the other
     with pytest.raises(ModelFileError):
         load_model(evil)
     assert not marker.exists()
@@ -80,9 +82,9 @@ def test_a_truncated_file_is_a_clear_error(stored, kept):
     with pytest.raises(ModelFileError, match="is not the file that its card describes"):
         load_model(stored, trusted=True)
     # a card that agrees, as of a file that was cut before it was written
-    card = json.loads(card_path(stored).read_text())
+    card = json.loads(card_path(stored).read_text(encoding="utf-8"))
     card["sha256"] = hashlib.sha256(stored.read_bytes()).hexdigest()
-    card_path(stored).write_text(json.dumps(card))
+    card_path(stored).write_text(json.dumps(card), encoding="utf-8")
     with pytest.raises(ModelFileError, match="cannot be read as a joblib model"):
         load_model(stored, trusted=True)
 

@@ -9,7 +9,7 @@ from pages import parse, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import ConformalCounter, evaluate
-from cyclofeat.report import _figures, summarise_evaluation, write_evaluation_report
+from cyclofeat.report import summarise_evaluation, write_evaluation_report
 
 
 @pytest.fixture(scope="module")
@@ -73,13 +73,11 @@ def test_each_count_is_that_of_the_confusion_matrix(data, results):
     json.dumps(found)
 
 
-def test_calibration_is_drawn_as_it_is(data, results, monkeypatch):
-    y = data[1]
-    drawn = []
-    monkeypatch.setattr("cyclofeat.report._figures.calibration_picture", lambda *sums: drawn.append(sums))
-    summarise_evaluation(results)
-    ((said, was, weight),) = drawn
-    result = results["bayes & co"]
+def test_calibration_is_drawn_as_it_is(data, results):
+    y, result = data[1], results["bayes & co"]
+    ax = result.plot("calibration", Figure().subplots()).ax_
+    said, was = ax.collections[0].get_offsets().T
+    weight = (ax.collections[0].get_sizes() - 25) / 500
     probability = result.probabilities.max(axis=1)
     bins = np.minimum((10 * probability).astype(int), 9)
     for k, b in enumerate(np.unique(bins)):
@@ -87,14 +85,6 @@ def test_calibration_is_drawn_as_it_is(data, results, monkeypatch):
         assert was[k] == pytest.approx((result.predictions == y)[bins == b].mean())
     assert weight.sum() == pytest.approx(1)
     assert float(np.sum(weight * np.abs(said - was))) == pytest.approx(result.calibration_error)
-
-
-def test_the_calibration_says_what_its_axes_and_its_diagonal_are(monkeypatch):
-    drawn = []
-    monkeypatch.setattr(_figures, "picture", lambda draw, *_: drawn.append(draw))
-    _figures.calibration_picture(np.array([0.6, 0.9]), np.array([0.5, 0.95]), np.array([0.25, 0.75]))
-    ax = Figure().subplots()
-    drawn[0](ax, "light")
     assert ax.get_xlabel() == "probability that the counter gave its answer"
     assert ax.get_ylabel() == "share of these answers that were right"
     (diagonal,) = (line for line in ax.lines if line.get_label() == "right as often as stated")
@@ -102,6 +92,12 @@ def test_the_calibration_says_what_its_axes_and_its_diagonal_are(monkeypatch):
     texts = {text.get_text().split(":")[0]: text.get_position() for text in ax.texts}
     assert texts["too careful"][1] > texts["too careful"][0]
     assert texts["too sure"][1] < texts["too sure"][0]
+
+
+def test_the_confusion_is_drawn_as_it_is(results):
+    result = results["bayes & co"]
+    ax = result.plot(ax=Figure().subplots()).ax_
+    assert [int(text.get_text()) for text in ax.texts] == result.confusion.ravel().tolist()
 
 
 def test_nothing_wrong_is_said_with_its_limit(data, tmp_path):

@@ -89,8 +89,9 @@ def test_what_grows_is_found_and_separable():
     assert first.separability > 0.9
     assert first.p_value < 0.05
     assert [row.kendall for row in scan.rows] == sorted((row.kendall for row in scan.rows), reverse=True)
-    assert len(scan.records()) == 12
-    assert set(scan.records()[0]) >= {"wavelet", "level", "kendall", "separability", "p_value"}
+    table = scan.to_frame()
+    assert table.kendall.tolist() == [row.kendall for row in scan.rows]
+    assert set(table) >= {"wavelet", "level", "kendall", "separability", "p_value"}
 
 
 def test_counts_that_mean_nothing_are_rarely_found():

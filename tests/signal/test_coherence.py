@@ -44,7 +44,7 @@ def test_coherence_against_octave(n_samples):
     x, reference = (
         np.loadtxt(ORACLES / name)[:n_samples] for name in ("pwelch_input.csv", "mscohere_reference.csv")
     )
-    with (ORACLES / "mscohere_coherence.csv").open(newline="") as file:
+    with (ORACLES / "mscohere_coherence.csv").open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if int(row["n_samples"]) == n_samples]
     frequencies, coherence = magnitude_squared_coherence(x, reference, SAMPLING_RATE)
     assert_allclose(frequencies, [float(row["frequency_hz"]) for row in rows], rtol=1e-15)

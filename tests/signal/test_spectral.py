@@ -92,7 +92,7 @@ def test_psd_is_scipys_with_explicit_arguments(preset, n_samples):
 
 
 def octave_rows(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 

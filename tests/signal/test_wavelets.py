@@ -280,7 +280,7 @@ def test_a_circular_shift_by_the_deepest_coefficient_shifts_the_picture(n_period
 
 
 def rows(path):
-    with path.open(newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 

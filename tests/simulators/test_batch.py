@@ -420,4 +420,7 @@ def test_the_kernel_knows_which_sources_it_was_compiled_with() -> None:
         folder / f"{name}.py" for name in ("_rows", "_vectors", "_lanes", "_friction", "_frames", "_steps")
     ]
     checksum = crc32(b"".join(path.read_bytes() for path in sources))
-    assert f"SOURCES_CHECKSUM = {checksum:#x}\n".lower() in (folder / "_kernel.py").read_text().lower()
+    assert (
+        f"SOURCES_CHECKSUM = {checksum:#x}\n".lower()
+        in (folder / "_kernel.py").read_text(encoding="utf-8").lower()
+    )

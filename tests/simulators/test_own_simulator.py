@@ -180,7 +180,7 @@ class Heavier(Effect):
 
 def test_a_file_of_effects_may_hold_the_simulator_and_travels_with_it(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "steady.py"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     (heavier,) = load_effects(path).values()
     steady = {"class": "Steady", "torque": 3.0}
     rig = Rig.from_dict({"simulator": steady, "effects": [heavier(2.0).to_dict()]})

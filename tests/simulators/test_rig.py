@@ -344,7 +344,9 @@ def test_effects_stand_in_the_file_one_to_a_line(tmp_path):
 
 def test_effects_of_a_file_may_leave_keys_out(tmp_path):
     path = tmp_path / "rig.json"
-    path.write_text('{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}')
+    path.write_text(
+        '{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}', encoding="utf-8"
+    )
     assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
 
 

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base import svg
+from cyclofeat._base.card import card
 from cyclofeat._base.checks import check_type, whole
+from cyclofeat._base.frames import frame
 from cyclofeat.gap._measured import Condition, MeasuredRig
-from cyclofeat.gap._result import NextMeasurement, finite
+from cyclofeat.gap._result import EffectRows, NextMeasurement, finite
 from cyclofeat.gap.check._sizes import detection_limit, ends, main_parameter, strengths_of
 from cyclofeat.gap.confirm import FurtherRecordings, simulate_prior
 from cyclofeat.gap.posterior import EffectPosterior, PosteriorScore, load_posterior, score_posterior
@@ -74,7 +77,7 @@ class CheckedEffect:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapCheck:
+class GapCheck(EffectRows[CheckedEffect]):
     """What recordings could tell, and how often the posterior is right about simulated rigs.
 
     Attributes
@@ -110,19 +113,6 @@ class GapCheck:
         """The same if look-alikes count as one effect."""
         return self.score.between(0, len(self.effects), ties=True)
 
-    def effect(self, name: str) -> CheckedEffect:
-        """Return how well the recordings show an effect.
-
-        Raises
-        ------
-        KeyError
-            If the posterior has not learned it.
-        """
-        for one in self.effects:
-            if one.effect == name:
-                return one
-        raise KeyError(f"{name} is not among the effects that the posterior has learned")
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --check --json`` prints them."""
         return dict(
@@ -152,9 +142,28 @@ class GapCheck:
         ImportError
             If pandas is not installed.
         """
-        import pandas as pd
+        return frame([asdict(one) for one in self.effects])
 
-        return pd.DataFrame([asdict(one) for one in self.effects])
+    def _repr_html_(self) -> str:
+        asked = sorted((one for one in self.effects if one.n), key=lambda one: -one.recall)
+        rarely = [one.effect for one in asked if one.recall < _HALF]
+        rows = {
+            "recordings": f"{len(self.conditions)} at "
+            + "; ".join(dict.fromkeys(one.text for one in self.conditions)),
+            "simulated rigs": self.score.n_rigs,
+            "sets named exactly": f"{self.sets_right:.0%}",
+            "the same but for look-alikes": f"{self.sets_right_with_ties:.0%}",
+            "names that are right": f"{self.score.precision:.0%}",
+            "found in less than half": ", ".join(rarely),
+            "would help": "; ".join(f"{one.what} ({one.gain:.2g} bits)" for one in self.next_measurements),
+        }
+        names = [one.effect for one in asked]
+        text = "Share of the rigs with an effect in which it is found, effect by effect"
+        drawn = svg.columns([one.recall for one in asked], names, text, marked=names)
+        return card(
+            f"Check: {self.score.recall:.0%} of the effects found", rows, pictures=[drawn],
+            code="check.to_frame()",
+        )  # fmt: skip
 
 
 def check_recordings(

@@ -13,14 +13,14 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import differential_evolution
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import RegressorMixin, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.arguments import different_names
-from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat._base.sklearn_private import DocumentedEstimator, Interval, fit_context
 from cyclofeat.gap.loops._parts import (
     LARGEST_TORQUE,
     branches,
@@ -67,7 +67,7 @@ class Subset:
     errors: tuple[float, ...]
 
 
-class _LoopEstimator(RegressorMixin, BaseEstimator):
+class _LoopEstimator(RegressorMixin, DocumentedEstimator):
     """Base of the estimators: checks of loops, and the score."""
 
     n_points: int

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import norm
-from sklearn.base import BaseEstimator
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._inputs import Inputs, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior._reference import Reference
@@ -38,7 +38,7 @@ _ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_"
 _STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
 
 
-class EffectPosterior(BaseEstimator):
+class EffectPosterior(DocumentedEstimator):
     """Probability of each effect and distribution of its size, given the recordings of a rig.
 
     The summaries of recordings become deviations from those of a rig without missing effects at the same

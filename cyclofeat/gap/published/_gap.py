@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from cyclofeat._base.arguments import different_names
+from cyclofeat._base.frames import frame
 from cyclofeat.gap._result import Size
 from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.published._rigs import SET_POINT, Set, SimulatedRigs, kind_of
@@ -22,7 +23,12 @@ from cyclofeat.gap.published._settings import PublishedSettings
 from cyclofeat.gap.where import holm
 from cyclofeat.simulators import Effect, Rig, effect_library
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Float = NDArray[np.float64]
+Table = Literal["discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"]
+TABLES: tuple[Table, ...] = ("discrepancies", "ranking", "steps", "rejected", "parameters", "held_out")
 
 # A clock error of some thousandths does not change minimum, maximum, mean or deviation.
 _UNSEEN = ("clock_error",)
@@ -137,6 +143,29 @@ class PublishedGap:
     n_simulated: int
     n_failed: int
     _rigs: SimulatedRigs = field(repr=False, compare=False)
+
+    def to_frame(self, table: Table = "ranking") -> pd.DataFrame:
+        """Return one table of the result as a data frame.
+
+        Parameters
+        ----------
+        table : {"discrepancies", "ranking", "steps", "rejected", "parameters", "held_out"}, default="ranking"
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per statistic, effect, effect named, effect that is next, parameter, or prediction.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        ValueError
+            If there is no such table.
+        """
+        if table not in TABLES:
+            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {table!r}")
+        return frame([asdict(row) for row in getattr(self, table)])
 
     def save_table(self, path: str | os.PathLike[str]) -> None:
         """Write the statistics of all simulated rigs, for :attr:`PublishedSettings.table`.

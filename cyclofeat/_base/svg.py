@@ -1,0 +1,146 @@
+"""Small pictures of numbers as SVG, in the text's colour and an accent: legible on light and dark ground."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Collection, Iterable, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+ACCENT, SECOND = "#2f7fc4", "#2a9134"
+_INK = "currentColor"
+_POINTS = 500
+_WIDTH, _HEIGHT = 260, 96
+
+
+class Curve(NamedTuple):
+    """Values at equal steps, and how they are drawn."""
+
+    values: Float
+    colour: str = ACCENT
+    width: float = 1.0
+    dashes: str = ""
+
+
+def thinned(time: Float, values: Float, max_points: int) -> tuple[Float, Float]:
+    """Return the extremes of ``max_points / 2`` equal parts, or all points if there are no more."""
+    if max_points < 4:
+        raise ValueError(f"max_points must be at least 4, got {max_points!r}")
+    if values.size <= max_points:
+        return time, values
+    starts = np.linspace(0, values.size, max_points // 2, endpoint=False).astype(int)
+    extremes = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)])
+    return np.repeat(time[starts], 2), extremes.T.ravel()
+
+
+def curves(drawn: Sequence[Curve], label: str) -> str:
+    """Return curves on one scale that fills the picture."""
+    low = min(float(curve.values.min()) for curve in drawn)
+    high = max(float(curve.values.max()) for curve in drawn)
+    scale = (_HEIGHT - 4) / (high - low if high > low else 1.0)
+    parts = []
+    for curve in drawn:
+        x, y = thinned(np.linspace(1, _WIDTH - 1, curve.values.size), curve.values - low, _POINTS)
+        points = _points(x, _HEIGHT - 2 - scale * y)
+        parts.append(
+            f'<polyline points="{points}" fill="none" stroke="{curve.colour}" stroke-width="{curve.width:g}" '
+            f'stroke-dasharray="{curve.dashes}"/>'
+        )
+    return _svg(parts, _WIDTH, _HEIGHT, label)
+
+
+def columns(
+    values: Iterable[float], names: Sequence[object], label: str, *, marked: Collection[object] = ()
+) -> str:
+    """Return columns of shares from 0 to 1, with their names below; those marked have the accent."""
+    step, top = min(_WIDTH / max(len(names), 1), 30.0), _HEIGHT - 16
+    width = step * len(names)
+    parts = [f'<line x1="0" x2="{width:g}" y1="{top}" y2="{top}" stroke="{_INK}" stroke-opacity=".5"/>']
+    for k, (name, value) in enumerate(zip(names, values, strict=True)):
+        height = max(top * value, 0.8)
+        look = f'fill="{ACCENT}"' if name in marked else f'fill="{_INK}" fill-opacity=".35"'
+        parts.append(
+            f'<rect x="{k * step + 2:.1f}" y="{top - height:.1f}" width="{step - 4:.1f}" '
+            f'height="{height:.1f}" {look}><title>{html.escape(str(name))}: {value:.3g}</title></rect>'
+        )
+        if step >= 7 * len(str(name)):
+            parts.append(_text((k + 0.5) * step, _HEIGHT - 3, str(name)))
+    return _svg(parts, width, _HEIGHT, label)
+
+
+def confusion(table: NDArray[Any], names: Sequence[object]) -> str:
+    """Return a confusion matrix, true classes in rows, as shares of its rows."""
+    shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
+    label = "Share of each true count (row) that was predicted as each count (column)"
+    side, edge = min(150 / len(names), 18.0), 16
+    parts = []
+    for row, column in np.ndindex(shares.shape):
+        colour = ACCENT if row == column else _INK
+        parts.append(
+            f'<rect x="{edge + column * side:.1f}" y="{row * side:.1f}" width="{side - 1:.1f}" '
+            f'height="{side - 1:.1f}" fill="{colour}" fill-opacity="{0.06 + 0.9 * shares[row, column]:.2f}">'
+            f"<title>{shares[row, column]:.3g}</title></rect>"
+        )
+    for k, name in enumerate(map(str, names)):
+        parts.append(_text(edge / 2, (k + 0.5) * side + 4, name))
+        parts.append(_text(edge + (k + 0.5) * side, len(names) * side + 12, name))
+    size = edge + len(names) * side
+    return _svg(parts, size, size, label)
+
+
+def disc(shares: Sequence[float], counted: Collection[int], label: str) -> str:
+    """Return a ring of lobes, numbered from 1 and counter-clockwise, as dark as their shares from 0 to 1."""
+    n, inner, outer = len(shares), 34.0, 58.0
+    ends = np.exp(-2j * np.pi * (np.arange(n + 1) - 0.5) / n)
+    parts: list[str] = []
+    for lobe, (begin, end) in enumerate(pairwise(ends.tolist())):
+        corners = np.array([inner * begin, outer * begin, outer * end, inner * end]) + 60 * (1 + 1j)
+        worn = lobe in counted
+        look = f'stroke="{ACCENT}" stroke-width="2"' if worn else f'stroke="{_INK}" stroke-opacity=".3"'
+        parts.insert(
+            len(parts) if worn else 0,
+            f'<polygon points="{_points(corners.real, corners.imag)}" fill="{ACCENT}" '
+            f'fill-opacity="{shares[lobe]:.2f}" {look}><title>lobe {lobe + 1}: {shares[lobe]:.3g}</title>'
+            "</polygon>",
+        )
+        middle = 60 * (1 + 1j) + 27.5 * np.exp(-2j * np.pi * lobe / n)
+        parts.append(_text(middle.real, middle.imag + 3, str(lobe + 1), bold=worn))
+    return _svg(parts, 120, 120, label)
+
+
+def outlines(shapes: Sequence[NDArray[np.complex128]], label: str) -> str:
+    """Return closed outlines, y upwards, the first one in the accent."""
+    reach = max(float(np.abs(shape).max()) for shape in shapes)
+    parts = []
+    for k, shape in enumerate(shapes):
+        drawn = 60 * (1 + 1j) + 58 / reach * np.conj(shape)
+        look = f'stroke="{_INK}" stroke-opacity=".6"' if k else f'stroke="{ACCENT}"'
+        parts.append(f'<polygon points="{_points(drawn.real, drawn.imag)}" fill="none" {look}/>')
+    return _svg(parts, 120, 120, label)
+
+
+def _points(x: NDArray[Any], y: NDArray[Any]) -> str:
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def _text(x: float, y: float, text: str, *, bold: bool = False) -> str:
+    weight = ' font-weight="bold"' if bold else ""
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" font-size="8.5"{weight} text-anchor="middle" fill="{_INK}">'
+        f"{html.escape(text)}</text>"
+    )
+
+
+def _svg(parts: Iterable[str], width: float, height: float, label: str) -> str:
+    """Return a picture with its label below it."""
+    return (
+        f'<figure style="margin:0;width:{max(width, 150):g}px;max-width:100%"><svg aria-hidden="true" '
+        f'width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}" style="max-width:100%">'
+        f'{"".join(parts)}</svg><figcaption style="font-size:.8em;line-height:1.25;opacity:.75">'
+        f"{html.escape(label)}</figcaption></figure>"
+    )

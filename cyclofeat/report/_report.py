@@ -1,0 +1,210 @@
+"""Page of a user's own: text, pictures and tables beside the sections of our pages."""
+
+from __future__ import annotations
+
+import base64
+import io
+import mimetypes
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from cyclofeat import __version__
+from cyclofeat._base.checks import is_number, is_whole, short
+from cyclofeat.report._count import CountedRecording, summarise_count
+from cyclofeat.report._evaluation import summarise_evaluation
+from cyclofeat.report._figures import picture
+from cyclofeat.report._gap import summarise_gap
+from cyclofeat.report._page import check_page_path, environment, write_page
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import Evaluation, LobeModel
+    from cyclofeat.gap import GapResult
+
+_PICTURES = (".gif", ".jpeg", ".jpg", ".png", ".svg", ".webp")
+_SIZE = (8.0, 3.6)
+
+
+class Report:
+    """Page of parts in the order in which they are added: one HTML file that needs no network.
+
+    Text, names and cells of tables are escaped.
+
+    Parameters
+    ----------
+    title : str
+        Heading of the page.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from cyclofeat import Recording
+    >>> recording = Recording([22.0, 22.4, 21.8], 2.0, run="press 4")
+    >>> report = Report("Press 4").add_text("Recorded after the bearing was changed.").add(recording)
+    >>> report = report.add_table([{"day": "Monday", "torque (Nm)": 22.07}], "Mean torque")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = report.write(pathlib.Path(folder, "press.html"))
+    ...     "after the bearing" in page.read_text(encoding="utf-8")
+    True
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = str(title)
+        self._parts: list[dict[str, Any]] = []
+
+    def add_heading(self, text: str) -> Self:
+        """Add a heading."""
+        return self._add(heading=str(text))
+
+    def add_text(self, text: str) -> Self:
+        """Add plain text; an empty line begins a new paragraph."""
+        return self._add(paragraphs=[part for part in str(text).split("\n\n") if part.strip()])
+
+    def add(self, shown: Any) -> Self:
+        """Add the card that a notebook shows of a recording, count, model, evaluation, rig or gap.
+
+        Parameters
+        ----------
+        shown : object
+            With ``_repr_html_``, whose HTML is trusted.
+
+        Raises
+        ------
+        TypeError
+            If a notebook would show plain text of it.
+        """
+        if not hasattr(shown, "_repr_html_"):
+            raise TypeError(
+                "shown must be a recording, a result or another object with _repr_html_, got "
+                f"{short(shown)}: text, figures and tables have add_text, add_figure and add_table"
+            )
+        return self._add(card=shown._repr_html_())
+
+    def add_figure(self, figure: Any, caption: str = "", *, size: tuple[float, float] = _SIZE) -> Self:
+        """Add a picture.
+
+        Parameters
+        ----------
+        figure : path, matplotlib.figure.Figure or object with ``plot(ax=...)``
+            File (GIF, JPEG, PNG, SVG, WebP), which becomes part of the page; figure; or a display, recording
+            or result, which is drawn in the colours of the page, light and dark.
+        caption : str, optional
+            Text below the picture, which also describes it to those who do not see it.
+        size : tuple of float, default=(8.0, 3.6)
+            Width and height in inches of what is drawn by ``plot``.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is needed and not installed.
+        FileNotFoundError
+            If there is no such file.
+        TypeError, ValueError
+            If ``figure`` is none of these, or a file of another kind.
+        """
+        if isinstance(figure, (str, os.PathLike)):
+            path = Path(figure)
+            if path.suffix.lower() not in _PICTURES:
+                raise ValueError(f"figure must be one of {', '.join(_PICTURES)}, got {path.name!r}")
+            kind = mimetypes.guess_type(f"picture{path.suffix.lower()}")[0] or "image/webp"
+            return self._add(image=_data_uri(path.read_bytes(), kind), caption=str(caption))
+        if hasattr(figure, "savefig"):
+            drawn = io.BytesIO()
+            figure.savefig(drawn, format="svg")
+            return self._add(image=_data_uri(drawn.getvalue(), "image/svg+xml"), caption=str(caption))
+        if not hasattr(figure, "plot"):
+            raise TypeError(
+                "figure must be a file, a matplotlib figure or an object with plot(ax=...), got "
+                f"{short(figure)}"
+            )
+        drawn_twice = picture(lambda ax, _: figure.plot(ax=ax), size, str(caption))
+        return self._add(picture=drawn_twice, caption=str(caption))
+
+    def add_table(self, table: Any, caption: str = "") -> Self:
+        """Add a table.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame or sequence of mappings
+            Rows; a named index of a data frame is its first column. Numbers have four digits.
+        caption : str, optional
+            Text above the table.
+
+        Raises
+        ------
+        TypeError
+            If ``table`` is neither.
+        """
+        if hasattr(table, "to_dict") and hasattr(table, "index"):
+            table = (table.reset_index() if table.index.name else table).to_dict("records")
+        if not isinstance(table, Sequence) or not all(isinstance(row, Mapping) for row in table):
+            raise TypeError(f"table must be a data frame or a sequence of mappings, got {short(table)}")
+        columns = list(dict.fromkeys(name for row in table for name in row))
+        right = [all(_is_numeric(row.get(name)) for row in table) for name in columns]
+        rows = [[_cell(row.get(name)) for name in columns] for row in table]
+        return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
+
+    def add_count(self, model: LobeModel, counted: Iterable[CountedRecording], **options: Any) -> Self:
+        """Add the page of a count as a section; arguments are those of :func:`summarise_count`."""
+        return self._add_page("count.html", summarise_count(model, counted, **options))
+
+    def add_evaluation(self, results: Mapping[str, Evaluation], **options: Any) -> Self:
+        """Add the page of an evaluation as a section; arguments are those of :func:`summarise_evaluation`."""
+        return self._add_page("evaluation.html", summarise_evaluation(results, **options))
+
+    def add_gap(self, result: GapResult, **options: Any) -> Self:
+        """Add the page of a gap as a section; arguments are those of :func:`summarise_gap`."""
+        return self._add_page("gap.html", summarise_gap(result, **options))
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page; a file of that name is replaced.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write, ``*.html``.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        FileNotFoundError
+            If the folder does not exist.
+        ImportError
+            If jinja2 is not installed.
+        ValueError
+            If nothing was added, or the name does not end in ``.html``.
+        """
+        target = check_page_path(path)
+        if not self._parts:
+            raise ValueError("the report is empty: add text, a figure, a table or a result first")
+        summary = {"title": self.title, "version": __version__, "parts": self._parts}
+        return write_page(target, "report.html", summary)
+
+    def _add_page(self, template: str, summary: Mapping[str, Any]) -> Self:
+        # Sections of one kind must not share the anchors of their links.
+        layout = {"layout": "part.html", "prefix": f"part-{len(self._parts) + 1}-"}
+        return self._add(section=environment().get_template(template).render(summary, **layout))
+
+    def _add(self, **part: Any) -> Self:
+        self._parts.append(part)
+        return self
+
+
+def _data_uri(content: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _is_numeric(value: Any) -> bool:
+    return value is None or is_number(value)
+
+
+def _cell(value: Any) -> str:
+    """Return a value as text; missing ones as a dash."""
+    if value is None or value != value:  # NaN
+        return "-"
+    return f"{value:.4g}" if is_number(value) and not is_whole(value) else str(value)

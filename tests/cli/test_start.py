@@ -1,0 +1,90 @@
+"""Start and end of the command as a process: what it loads, and how Ctrl-C and a closed output end it."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cyclofeat.cli import main
+from cyclofeat.models import user_cache
+
+GOLDEN = Path(__file__).parents[1] / "golden"
+ALLOWED = ("cyclofeat", "scikit-learn", "python", "numpy", "scipy", "skops")
+UNUSED = {
+    "numba", "pandas", "pyarrow", "skops", "matplotlib", "jinja2", "h5py", "nptdms", "scipy.io", "pytest",
+    "dask", "cyclofeat.simulators", "cyclofeat.gap", "cyclofeat.report",
+}  # fmt: skip
+# Sends the signal at the import of a module, while its importers are half loaded.
+INTERRUPTED = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores the keyboard
+moment = sys.argv.pop(1)
+class Moment:
+    def find_spec(name, path=None, target=None):
+        if name == moment:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Moment)
+from cyclofeat.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.fixture
+def counting(tmp_path):
+    """Words of a command that counts a recording with a ``.skops`` model."""
+    with np.load(GOLDEN / "recordings.npz") as stored:
+        torque = stored["codes"][0] * 2e-3
+    np.savez(tmp_path / "disc.npz", torque=torque, sampling_rate=2560.0)
+    allow = [word for name in ALLOWED for word in ("--allow", name)]
+    return ["count", str(tmp_path / "disc.npz"), "--model", str(GOLDEN / "model.skops"), *allow]
+
+
+def test_a_count_loads_nothing_that_it_does_not_need(counting, capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert main(counting) == 0
+    assert len(list((user_cache() / "models").iterdir())) == 1  # the model, checked
+    before = capsys.readouterr().out
+    code = "import sys; from cyclofeat.cli import main; print(main(sys.argv[1:]), *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code, *counting], capture_output=True, text=True, check=True)
+    status, *modules = done.stdout.removeprefix(before).split()
+    assert status == "0"
+    assert done.stdout.startswith(before)
+    assert not UNUSED & set(modules)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+@pytest.mark.parametrize("moment", ["argparse", "cyclofeat.cli.count", "numpy.linalg", "scipy.special"])
+def test_ctrl_c_ends_imports_with_one_line(moment, counting):
+    command = [sys.executable, "-c", INTERRUPTED, moment, *counting]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "cyclofeat: interrupted\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a signal")
+@pytest.mark.parametrize("seconds", [0.05, 0.3])
+def test_ctrl_c_soon_after_the_start_ends_with_one_line(seconds, counting):
+    code = INTERRUPTED.replace("sys.exit", "print('started', flush=True); sys.exit")
+    command = [sys.executable, "-c", code, "", *counting]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "started\n"
+        with pytest.raises(subprocess.TimeoutExpired):  # nobody counts as soon as that
+            child.wait(seconds)
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=120)
+    assert (child.returncode, out, err) == (130, "", "cyclofeat: interrupted\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes a pipe before it is written to")
+@pytest.mark.parametrize("words", [["--help"], ["count", "--help"]])
+def test_help_into_a_closed_pipe_ends_quietly(words):
+    reader, writer = os.pipe()
+    os.close(reader)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    command = [sys.executable, "-m", "cyclofeat", *words]
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, env=environment)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (141, b"")

@@ -1,0 +1,139 @@
+"""``plot`` of recordings and results draws what displays draw; ``to_frame`` holds what the result holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from gap_answers import answered
+from matplotlib.figure import Figure
+from sklearn.dummy import DummyClassifier
+from sklearn.naive_bayes import GaussianNB
+
+from cyclofeat import Recording
+from cyclofeat.counting import LobeCount, counts_frame, evaluate
+from cyclofeat.plotting import SpectrumDisplay
+from cyclofeat.signal.windows import Float
+
+SPEED = 500 / 60
+COUNT = LobeCount(2, {0: 0.25, 2: 0.75}, (3, 4), (0.0, 0.1, 0.0, 0.7, 0.9), True, 3)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    random = np.random.default_rng(0)
+    return Recording(22 + random.normal(0, 0.1, 3700), 2000, speed_rpm=500)
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    y = np.repeat(np.arange(30) % 3, 2)
+    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
+    return evaluate(GaussianNB(), X, y, np.repeat(np.arange(30), 2))
+
+
+@pytest.fixture
+def ax():
+    return Figure().subplots()
+
+
+def curves(ax) -> list[Float]:
+    return [np.asarray(line.get_ydata()) for line in ax.lines]
+
+
+@pytest.mark.parametrize("kind", ["torque", "spectrum", "orders", "lobes"])
+def test_every_kind_of_picture_of_a_recording_is_drawn(recording, ax, kind):
+    display = recording.plot(kind, ax)
+    assert display.ax_ is ax
+    assert ax.has_data()
+
+
+def test_a_recording_is_drawn_as_by_the_display(recording, ax):
+    recording.plot("spectrum", ax, max_frequency_hz=300.0)
+    direct = SpectrumDisplay.from_recording(recording).plot(Figure().subplots(), max_frequency_hz=300.0)
+    for drawn, expected in zip(curves(ax), curves(direct.ax_), strict=True):
+        np.testing.assert_array_equal(drawn, expected)
+
+
+def test_a_count_is_drawn_with_its_answer_in_another_colour(ax):
+    bars = COUNT.plot(ax=ax).bars_
+    assert [bar.get_height() for bar in bars] == [0.25, 0.75]
+    assert bars[0].get_facecolor() != bars[1].get_facecolor()
+    bars = COUNT.plot("lobes", Figure().subplots()).bars_
+    colours = [bar.get_facecolor() for bar in bars]
+    assert [bar.get_height() for bar in bars] == [0.0, 0.1, 0.0, 0.7, 0.9]
+    assert [colour == colours[-1] for colour in colours] == [False, False, False, True, True]
+    with pytest.raises(ValueError, match="kind='lobes' needs a model with a locator"):
+        dataclasses.replace(COUNT, lobe_probability=()).plot("lobes", ax)
+
+
+def test_a_gap_is_drawn_in_every_kind(compared_hum):
+    result = answered(compared_hum["hum"])
+    for kind in ("spectrum", "orders", "distribution", "differences", "closed"):
+        assert result.plot(kind, Figure().subplots(), condition=1).ax_.has_data()
+    with pytest.raises(ValueError, match="overlays of kind='orders' at 0 conditions"):
+        dataclasses.replace(result, overlays=()).plot("orders")
+
+
+def test_a_kind_that_there_is_not_is_an_error_with_those_that_there_are(recording):
+    with pytest.raises(ValueError, match="one of 'torque', 'spectrum', 'orders', 'lobes', got 'wavelet'"):
+        recording.plot("wavelet")
+
+
+def test_plot_works_after_the_import_of_the_root_and_names_a_missing_matplotlib(tmp_path):
+    code = (
+        "import sys, cyclofeat; recording = cyclofeat.Recording([1.0, 2.0], 1.0)\n"
+        "assert 'cyclofeat.plotting' not in sys.modules\n"
+        "sys.modules['matplotlib.figure'] = None\n"
+        "try: recording.plot()\n"
+        "except ImportError as error: print(error)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == "drawing needs matplotlib: pip install matplotlib"
+
+
+def test_an_evaluation_in_tables_is_the_evaluation(evaluation):
+    windows = evaluation.to_frame("windows")
+    right = windows.defect_count == windows.predicted_count
+    assert right.mean() == evaluation.accuracy
+    # An assembly lies in one fold, and every fold has held some out.
+    assert (windows.groupby("assembly").fold.nunique() == 1).all()
+    assert sorted(windows.fold.unique()) == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(windows.filter(like="probability_").sum(axis=1), 1)
+    assemblies = evaluation.to_frame("assemblies").set_index("assembly").accuracy
+    np.testing.assert_allclose(assemblies, right.groupby(windows.assembly).mean())
+    classes = evaluation.to_frame().set_index("defect_count")
+    np.testing.assert_allclose(classes.recall, right.groupby(windows.defect_count).mean())
+    np.testing.assert_allclose(classes.precision, right.groupby(windows.predicted_count).mean())
+    assert (classes.recall_low <= classes.recall).all()
+    assert (classes.recall <= classes.recall_high).all()
+    with pytest.raises(ValueError, match="table must be one of classes, assemblies, windows, got 'folds'"):
+        evaluation.to_frame("folds")
+
+
+def test_a_count_that_is_never_answered_has_no_precision():
+    y = np.repeat([0, 0, 1], 20)
+    constant = evaluate(DummyClassifier(), y[:, np.newaxis] * 1.0, y, np.arange(60))
+    assert constant.to_frame().precision.isna().tolist() == [False, True]
+
+
+def test_many_counts_are_one_table():
+    table = counts_frame({"a.csv": COUNT, "b.csv": dataclasses.replace(COUNT, probability={2: 1.0})})
+    assert table.index.tolist() == ["a.csv", "b.csv"]
+    assert table.index.name == "recording"
+    assert table.probability.tolist() == [0.75, 1.0]
+    assert table.lobes.tolist() == [(3, 4)] * 2
+    assert table.probability_0.isna().tolist() == [False, True]
+    assert counts_frame([COUNT]).index.tolist() == [0]
+    assert counts_frame([]).empty
+
+
+def test_a_missing_pandas_is_named_with_its_remedy(evaluation, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas"):
+        evaluation.to_frame()

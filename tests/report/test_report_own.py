@@ -1,0 +1,118 @@
+"""A page of a user's own: parts in their order, escaped, with pictures inside the file."""
+
+from __future__ import annotations
+
+import base64
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from gap_answers import REMAINDER, answered
+from matplotlib.figure import Figure
+from pages import parse, without_pictures, words
+from sklearn.naive_bayes import GaussianNB
+
+from cyclofeat import Recording
+from cyclofeat.counting import evaluate
+from cyclofeat.report import Report
+
+HOSTILE = "<script>alert(1)</script>"
+RECORDING = Recording(22 + np.sin(np.arange(200.0)), 100, run=HOSTILE)
+
+
+def scripts(parsed):
+    return [tag for tag in parsed.tags if tag == "script"]
+
+
+def test_parts_stand_in_their_order_and_are_escaped(tmp_path):
+    picture = tmp_path / "bench.svg"
+    picture.write_text(f"<svg xmlns='http://www.w3.org/2000/svg'>{HOSTILE}</svg>", encoding="utf-8")
+    figure = Figure(figsize=(2, 1))
+    figure.subplots().plot([1, 2])
+    report = (
+        Report(f"Press {HOSTILE}")
+        .add_heading(f"Heading {HOSTILE}")
+        .add_text(f"One {HOSTILE}\n\nTwo\n\n")
+        .add(RECORDING)
+        .add_figure(figure, f"Figure {HOSTILE}")
+        .add_figure(picture, "Photograph")
+        .add_figure(RECORDING, "Drawn again")
+        .add_table([{f"name {HOSTILE}": HOSTILE, "value": 1.23456}, {"value": None}], f"Table {HOSTILE}")
+    )
+    page = without_pictures(report.write(tmp_path / "own.html").read_text(encoding="utf-8"))
+    empty = Report("x").add_text("x").write(tmp_path / "empty.html").read_text(encoding="utf-8")
+    parsed = parse(page)
+    assert scripts(parsed) == scripts(parse(empty))
+    text = words(parsed)
+    parts = [
+        f"Press {HOSTILE}", f"Heading {HOSTILE}", f"One {HOSTILE}", "Two", "Recording of output torque",
+        f"Figure {HOSTILE}", "Photograph", "Drawn again", f"Table {HOSTILE}", "1.235",
+    ]  # fmt: skip
+    places = [text.find(part) for part in parts]
+    assert -1 not in places
+    assert places == sorted(places)
+    assert page.count("<p>") == 2
+    assert not re.search(r"""(src|href)=["'](?!data:|#|")""", page)
+    # Every picture has its text, drawn ones once for each scheme.
+    assert [value for _, name, value in parsed.attributes if name == "alt"] == [
+        f"Figure {HOSTILE}", "Photograph", "Drawn again", "Drawn again",
+    ]  # fmt: skip
+
+
+def test_a_file_is_embedded_as_it_is(tmp_path):
+    content = bytes(range(256))
+    (tmp_path / "photo.PNG").write_bytes(content)
+    page = (
+        Report("x").add_figure(tmp_path / "photo.PNG").write(tmp_path / "x.html").read_text(encoding="utf-8")
+    )
+    found = re.search(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
+    assert base64.b64decode(found[1]) == content
+
+
+def test_a_data_frame_keeps_its_named_index_and_marks_what_is_missing(tmp_path):
+    frame = pd.DataFrame({"Nm": [1.0, np.nan], "n": [100_000, 2]}, index=pd.Index(["a", "b"], name="run"))
+    page = Report("x").add_table(frame).write(tmp_path / "x.html").read_text(encoding="utf-8")
+    assert "run Nm n a 1 100000 b - 2" in words(parse(page))
+    assert '<th scope="col">run</th><th scope="col" class="number">Nm</th>' in page
+
+
+def test_whole_pages_become_sections_whose_links_stay_apart(tmp_path, compared_hum, monkeypatch):
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    for module in ("_figures", "_gap", "_gap_where", "_gap_reduction"):
+        monkeypatch.setattr(f"cyclofeat.report.{module}.picture", lambda *_, **__: drawn)
+    y = np.repeat(np.arange(30) % 3, 2)
+    X = y[:, np.newaxis] + np.random.default_rng(0).normal(0, 0.5, (60, 1))
+    evaluation = evaluate(GaussianNB(), X, y, np.repeat(np.arange(30), 2))
+    result = answered(compared_hum["hum"], remainder=REMAINDER)
+    report = (
+        Report("Both").add_gap(result).add_gap(result, title="Again").add_evaluation({"bayes": evaluation})
+    )
+    parsed = parse(report.write(tmp_path / "both.html").read_text(encoding="utf-8"))
+    ids = [value for _, name, value in parsed.attributes if name == "id"]
+    links = [value for _, name, value in parsed.attributes if name == "href"]
+    assert len(set(ids)) == len(ids)
+    assert links == ["#part-1-warnings", "#part-2-warnings"]
+    assert {link[1:] for link in links} <= set(ids)
+    assert parsed.tags.count("h1") == 1
+    text = words(parsed)
+    assert text.find("Model against recordings") < text.find("Again") < text.find("Counting on assemblies")
+
+
+@pytest.mark.parametrize(
+    ("add", "error", "message"),
+    [
+        (lambda report: report.add("text"), TypeError, "with _repr_html_, got 'text': text, figures"),
+        (lambda report: report.add_figure("a.pdf"), ValueError, "one of .gif, .* got 'a.pdf'"),
+        (lambda report: report.add_figure("none.png"), FileNotFoundError, "none.png"),
+        (lambda report: report.add_figure(3), TypeError, "figure must be a file, .* got 3"),
+        (lambda report: report.add_table([1, 2]), TypeError, "a sequence of mappings, got"),
+        (lambda report: report.write("x.html"), ValueError, "the report is empty"),
+        (lambda report: report.add_text("x").write("x.txt"), ValueError, "must end in .html"),
+    ],
+)
+def test_bad_input_is_one_clear_error(add, error, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=message):
+        add(Report("x"))
+    assert not list(tmp_path.iterdir())
