@@ -24,13 +24,29 @@ extensions = [
     "sphinx.ext.mathjax",
     "myst_parser",
     "numpydoc",
+    "sphinx_design",
+    "sphinxarg.ext",
     "sphinx_gallery.gen_gallery",
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build"]
 
-html_theme = "alabaster"
-html_theme_options = {"description": cyclofeat.__doc__.splitlines()[0], "page_width": "1100px"}
+html_theme = "pydata_sphinx_theme"
+html_theme_options = {
+    "logo": {"image_light": "_static/logo.svg", "image_dark": "_static/logo.svg", "text": "cyclofeat"},
+    "header_links_before_dropdown": 6,
+    "navbar_align": "left",
+    "navigation_with_keys": False,
+    "secondary_sidebar_items": ["page-toc"],
+    "show_toc_level": 2,
+    "footer_start": ["copyright"],
+    "footer_end": ["theme-version"],
+}
+html_title = f"cyclofeat {release}"
+html_static_path = ["_static"]
+html_css_files = ["custom.css"]
+html_favicon = "_static/logo.svg"
+html_sidebars = {"index": [], "gallery": [], "changelog": []}
 html_show_sourcelink = False
 
 autosummary_generate = True
@@ -38,10 +54,11 @@ autodoc_typehints = "none"  # numpydoc sections state them
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
+EXAMPLES = ("notebooks", "features", "gap", "papers")
 sphinx_gallery_conf = {
     # The scripts in examples/counting have no pictures: the how-tos show them.
-    "examples_dirs": ["../examples/features", "../examples/gap", "../examples/papers"],
-    "gallery_dirs": ["gallery/features", "gallery/gap", "gallery/papers"],
+    "examples_dirs": [f"../examples/{folder}" for folder in EXAMPLES],
+    "gallery_dirs": [f"gallery/{folder}" for folder in EXAMPLES],
     "filename_pattern": r"[/\\]plot_",
     "ignore_pattern": r"(^|[/\\])_\w+\.py$",
     "doc_module": ("cyclofeat",),

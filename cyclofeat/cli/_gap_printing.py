@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from cyclofeat.plotting.gap_words import (
+    VERDICTS,
     cell_name,
     effect_name,
     mean_difference_words,
@@ -18,18 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = ["gap_lines"]
 
-_VERDICTS = {
-    "disagree": "model and measurement disagree",
-    "equivalent": "model and measurement agree within the margins",
-    "unresolved": "no single number differs clearly; more recordings could show one",
-}
 _OPEN = 0.05  # probability from which an effect that is neither missing nor not is told
 _N_REMAINING = 3
 
 
 def gap_lines(result: GapResult) -> list[str]:
     """Lines that tell a result, the answer first."""
-    lines = [f"{_VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
+    lines = [f"{VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
     named = {effect.effect_id for effect in result.named}
     for found in result.effects:
         if found.effect in named or found.answer == "present":

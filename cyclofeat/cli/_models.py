@@ -14,7 +14,17 @@ if TYPE_CHECKING:
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a model, and the one that cuts the start of each recording."""
-    parser.add_argument("--model", required=True, help="model file that train wrote, with its card beside it")
+    add_model_file(parser)
+    parser.add_argument(
+        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
+    )
+
+
+def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options that name a model and state how it is loaded."""
+    parser.add_argument(
+        "--model", required=required, help="model file that train wrote, with its card beside it"
+    )
     parser.add_argument(
         "--trust",
         "--trust-model",
@@ -28,9 +38,6 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME",
         help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
-    )
-    parser.add_argument(
-        "--skip", type=float, default=0.0, help="seconds to leave out at the start (run-up of the machine)"
     )
 
 

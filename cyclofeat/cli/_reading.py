@@ -142,7 +142,8 @@ class FileResult(Generic[T]):
         file = {"file": str(self.path)}  # first, and not the name that a recording states
         text = "\n".join([self.title, *(f"  {line}" for line in lines)])
         if self.error:
-            return Printed(text, file | {"error": self.error}, placed(self.path, self.error), failed=True)
+            failure = file | {"error": self.error} | (facts or {})
+            return Printed(text, failure, placed(self.path, self.error), failed=True)
         return Printed(text, file | (facts or {}) | file)
 
 

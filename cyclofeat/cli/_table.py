@@ -63,5 +63,6 @@ COMMANDS = {
     "gap": Command(
         "find where model and measurement disagree, name all that is missing, correct the model", "gap"
     ),
+    "serve": Command("open a page in the browser that inspects, counts and compares", "serve", "lines"),
     "demo": Command("train, write surrogate recordings, count them, write the pages of both", "demo"),
 }

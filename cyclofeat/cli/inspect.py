@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from cyclofeat._base.words import number
 from cyclofeat.cli._reading import (
     FILES,
+    UNREADABLE,
     FileResult,
     add_reading_options,
     each_recording,
@@ -33,9 +36,13 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
 
 def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:
     facts = result.value
+    channels = _channels(arguments, result.path)
     if facts is None:
-        return result.printed()
+        return result.printed(facts={"channels": channels})
     lines = [f"started:   {facts['start_time']} (UTC)"] if facts["start_time"] else []
+    others = [name if unit is None else f"{name} ({unit})" for name, unit in channels.items()]
+    if len(others) > 1:
+        lines.append(f"channels:  {', '.join(others)}")
     lines.append(f"speed:     {_speed_text(facts)}")
     if facts["output_turns"] is not None:
         turns = number(facts["whole_output_turns"], "whole output turn")
@@ -43,7 +50,16 @@ def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -
     lines.append(f"clipped:   {100 * facts['clipped_share']:.3g} %")
     lines.append(f"dropouts:  {100 * facts['dropout_share']:.3g} %")
     lines += [f"warning:   {warning}" for warning in facts["warnings"]]
-    return result.printed(lines, facts)
+    return result.printed(lines, {**facts, "channels": channels})
+
+
+def _channels(arguments: argparse.Namespace, path: Path) -> dict[str, str | None]:
+    """Return the channels of a file with their units; none where it cannot be opened."""
+    from cyclofeat.datasets.readers import list_channels
+
+    with contextlib.suppress(*UNREADABLE):
+        return list_channels(path, delimiter=reading_arguments(arguments).get("delimiter"))
+    return {}
 
 
 def _speed_text(facts: dict[str, Any]) -> str:

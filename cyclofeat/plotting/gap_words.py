@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # the gap loads the simulator: a picture of a result does not
 __all__ = [
     "CONDITIONS",
     "OURS",
+    "VERDICTS",
     "alternative_name",
     "cell_name",
     "difference_words",
@@ -50,6 +51,11 @@ _ALTERNATIVES = {
     "gaussian_process": "Gaussian process (black box)",
     "placebo": "best wrong effect",
     "oracle": "the true simulator",
+}
+VERDICTS = {
+    "disagree": "model and measurement disagree",
+    "equivalent": "model and measurement agree within the margins",
+    "unresolved": "no single number differs clearly; more recordings could show one",
 }
 CONDITIONS = {
     "all": "all recordings held out",

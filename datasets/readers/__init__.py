@@ -16,7 +16,13 @@ from cyclofeat.datasets.readers._columns import Source
 from cyclofeat.datasets.readers._describe import describe, describe_recording, one_line
 from cyclofeat.datasets.readers._folder import MANIFEST, Entry, folder_entries, read_folder
 from cyclofeat.datasets.readers._npz import load_arrays
-from cyclofeat.datasets.readers._read import SOURCES, ReadingOptions, read_recording, write_recording
+from cyclofeat.datasets.readers._read import (
+    SOURCES,
+    ReadingOptions,
+    list_channels,
+    read_recording,
+    write_recording,
+)
 
 __all__ = [
     "MANIFEST",
@@ -27,6 +33,7 @@ __all__ = [
     "describe",
     "describe_recording",
     "folder_entries",
+    "list_channels",
     "load_arrays",
     "one_line",
     "read_folder",

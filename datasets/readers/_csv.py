@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
 from cyclofeat.datasets.readers._labels import FILE_LABELS, FORMAT, LABELS, VERSION, labels_of_file
-from cyclofeat.datasets.readers._text import read_text
+from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
@@ -25,51 +26,60 @@ _NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?(?<!,)"
 
 
 class CsvSource(Source):
-    """Columns of a CSV file, or of lines of text.
+    """Columns of a CSV file, or of lines that can be read several times.
 
     Default delimiter: the first of tab, semicolon, comma in the first row; spaces where there are none and
-    the last row holds several numbers.
+    the first samples are several numbers.
     """
 
     noun, plural = "column", "columns"
 
-    def __init__(self, path: Path, delimiter: str | None, lines: list[str] | None = None) -> None:
+    def __init__(self, path: Path, delimiter: str | None, lines: Iterable[str] | None = None) -> None:
         self.file = path.name
-        lines = read_text(path).split("\n") if lines is None else lines
-        while lines and not lines[-1].strip():
-            lines.pop()
-        head = 0
-        while head < len(lines) and (lines[head].startswith("#") or not lines[head].strip()):
-            head += 1
-        if head == len(lines):
+        self.lines = TextLines(path) if lines is None else lines
+        comments, start = list[str](), list[str]()
+        for line in self.lines:
+            if not start and (line.startswith("#") or not line.strip()):
+                comments.append(line)
+            else:
+                start.append(line)
+            if len(start) == 3:  # names, units, first samples
+                break
+        if not start:
             raise ValueError(f"{self.file} holds no row of data")
-        self.labels = labels_from_comments(self.file, lines[:head])
-        if delimiter == " " or (delimiter is None and _is_spaced(lines[head], lines[-1])):
-            lines[head:] = _with_tabs(lines[head:])
+        self.labels = labels_from_comments(self.file, comments)
+        spaced = _spaced(start) if delimiter is None else start[-1] if delimiter == " " else ""
+        if spaced:
+            self.lines = _WithTabs(self.lines, len(comments), len(spaced.split()))
+            start = list(islice(self.lines, len(comments), len(comments) + len(start)))
             delimiter = "\t"
         # Comma last: with the others it is a decimal comma.
-        self.delimiter = delimiter or next((d for d in "\t;," if d in lines[head]), ",")
-        self.decimal_comma = self.delimiter != "," and any("," in line for line in lines[head:])
-        n_columns = lines[head].count(self.delimiter) + 1
+        self.delimiter = delimiter or next((d for d in "\t;," if d in start[0]), ",")
+        self.decimal_comma = self.delimiter != "," and any(
+            "," in line for line in islice(self.lines, len(comments), None)
+        )
+        n_columns = start[0].count(self.delimiter) + 1
         if n_columns > _MOST_COLUMNS:
             raise ValueError(
-                f"{self.file}: line {head + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can be read; "
-                "one row per sample and one column per channel are right"
+                f"{self.file}: line {len(comments) + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can "
+                "be read; one row per sample and one column per channel are right"
             )
-        first = self._cells(lines[head])
+        first = self._cells(start[0])
         self.named = all(self._number(cell) is None for cell in first)
         units: list[str | None] | None = None
         if self.named:
-            head += 1
-            units = self._unit_row(lines[head], len(first)) if head < len(lines) else None
-            head += units is not None
-            if head == len(lines):
+            units = self._unit_row(start[1], len(first)) if len(start) > 1 else None
+            if len(start) <= 1 + (units is not None):
                 raise ValueError(f"{self.file} holds column names, but no row of data")
-        self.first_line = head + 1  # as editors count
+        n_before = len(comments) + self.named + (units is not None)
+        self.first_line = n_before + 1  # as editors count
         names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
         super().__init__(path, names, units)
-        self.rows = lines[head:]
         self._check_width()
+
+    def _rows(self) -> Iterator[str]:
+        """Yield the rows of samples, read anew."""
+        return islice(self.lines, self.first_line - 1, None)
 
     def _cells(self, line: str) -> list[str]:
         try:
@@ -93,7 +103,7 @@ class CsvSource(Source):
 
     def _check_width(self) -> None:
         width = len(self.names)
-        for index, row in enumerate(self.rows):
+        for index, row in enumerate(self._rows()):
             cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._cells(row))
             if cells != width or not row.strip():
                 came = "1 column" if cells == 1 else f"{cells} columns"
@@ -112,7 +122,7 @@ class CsvSource(Source):
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
-        rows = [row.replace(",", ".") for row in self.rows] if self.decimal_comma else self.rows
+        rows = (row.replace(",", ".") for row in self._rows()) if self.decimal_comma else self._rows()
         try:
             return np.loadtxt(
                 rows, delimiter=self.delimiter, usecols=index, comments=None, quotechar='"', ndmin=1
@@ -126,7 +136,7 @@ class CsvSource(Source):
         except ValueError:
             if self.begins_with_number(index):
                 raise
-            cells = [self._cells(row)[index].strip() for row in self.rows]
+            cells = [self._cells(row)[index].strip() for row in self._rows()]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
                 raise
             bare = [re.sub(r"(?<=.{10})(Z|[+-]\d\d:?\d\d)$", "", cell).replace(",", ".") for cell in cells]
@@ -136,12 +146,12 @@ class CsvSource(Source):
 
     def begins_with_number(self, index: int) -> bool:
         """Return True if the first cell of a column below its name is a number."""
-        return self._number(self._cells(self.rows[0])[index]) is not None
+        return self._number(self._cells(next(self._rows()))[index]) is not None
 
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
         """Return the error that names the first cell of a column that is no number."""
         column = f"column {self.names[index]!r}"
-        for row, line in enumerate(self.rows):
+        for row, line in enumerate(self._rows()):
             cell = self._cells(line)[index]
             if self._number(cell) is None:
                 shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
@@ -152,27 +162,34 @@ class CsvSource(Source):
         return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
 
 
-def _is_spaced(first: str, last: str) -> bool:
-    """Return True if spaces separate the columns, by the first row and the last."""
+def _spaced(rows: list[str]) -> str:
+    """Return the first row of several numbers between spaces; nothing where other marks separate columns."""
 
     def numbers(line: str) -> bool:
         cells = line.split()
         return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
 
-    return numbers(last) and (numbers(first) or not any(mark in first for mark in "\t;,"))
+    if not numbers(rows[0]) and any(mark in rows[0] for mark in "\t;,"):
+        return ""
+    return next(filter(numbers, rows), "")
 
 
-def _with_tabs(lines: list[str]) -> list[str]:
-    """Return lines with tabs between columns that spaces separate; a name keeps its unit in brackets."""
-    rows = [line.split() for line in lines]
-    width = len(rows[-1])
-    for index, line in enumerate(lines[:2]):  # names and units
-        if len(rows[index]) != width:
-            wide = re.split(r"\s{2,}", line.strip())
-            rows[index] = (
-                wide if len(wide) == width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
-            )
-    return ["\t".join(row) for row in rows]
+class _WithTabs:
+    """Lines with tabs between columns that spaces separate; a name keeps its unit in brackets."""
+
+    def __init__(self, lines: Iterable[str], n_comments: int, width: int) -> None:
+        self.lines, self.n_comments, self.width = lines, n_comments, width
+
+    def __iter__(self) -> Iterator[str]:
+        for index, line in enumerate(self.lines, -self.n_comments):
+            yield line if index < 0 else "\t".join(self._cells(line, is_head=index < 2))
+
+    def _cells(self, line: str, *, is_head: bool) -> list[str]:
+        cells = line.split()
+        if not is_head or len(cells) == self.width:
+            return cells
+        wide = re.split(r"\s{2,}", line.strip())
+        return wide if len(wide) == self.width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:

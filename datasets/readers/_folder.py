@@ -13,7 +13,7 @@ from typing import Any
 
 from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
-from cyclofeat.datasets.readers._text import read_text
+from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
 
 #: Name of the file that describes the recordings of its folder.
@@ -165,7 +165,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
 
 
 def _manifest(folder: Path) -> list[Entry]:
-    lines = read_text(folder / MANIFEST).split("\n")
+    lines = list(TextLines(folder / MANIFEST))
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")

@@ -78,7 +78,7 @@ class ReadingOptions:
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm.
     delimiter : {",", ";", "\\t", " "}, optional
         Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
-        of spaces where there are none and the last row holds several numbers.
+        of spaces where there are none and the first samples are several numbers.
 
     Raises
     ------
@@ -208,6 +208,39 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     if meta.get("angle_unit_assumed"):
         _check_assumed_angle(path, recording)
     return recording
+
+
+def list_channels(path: str | os.PathLike[str], *, delimiter: str | None = None) -> dict[str, str | None]:
+    """List the channels of a file.
+
+    Parameters
+    ----------
+    path : path
+        File of a kind that :func:`read_recording` reads.
+    delimiter : {",", ";", "\\t"}, optional
+        Separator of a CSV's columns.
+
+    Returns
+    -------
+    dict of str to (str or None)
+        Name of each channel, as ``channel`` takes it, and its unit where the file states one.
+
+    Raises
+    ------
+    FileNotFoundError, ImportError, ValueError
+        As for :func:`read_recording`.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder) / "rig.csv"
+    ...     _ = path.write_text("time [s],left [Nm],right [Nm]\\n0,21.9,3.1\\n0.1,22.1,3.0\\n")
+    ...     list_channels(path)
+    {'time [s]': 's', 'left [Nm]': 'Nm', 'right [Nm]': 'Nm'}
+    """
+    source = _open(file_path(path), delimiter)
+    return dict(zip(source.names, source.units, strict=True))
 
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:

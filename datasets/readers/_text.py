@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import codecs
 import gzip
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, cast
 
 from cyclofeat.datasets.readers._columns import largest_unpacked, reading
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
+_BLOCK = 2**20
 # Those of UTF-32 first: that of UTF-16 begins one of them.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
@@ -19,44 +24,85 @@ _UNMARKED = ("utf-8", "cp1252")
 _REMEDY = "save it as text in UTF-8"
 
 
-def read_text(path: Path) -> str:
-    r"""Text of a file, all line ends ``\n``: in UTF-8, UTF-16 or UTF-32 with a byte-order mark, or Latin-1.
+class TextLines:
+    r"""Lines of a file without their ends, read anew by each iteration and never all at once.
+
+    In UTF-8, UTF-16 or UTF-32 with a byte-order mark, or Latin-1; lines end with ``\n``, ``\r\n`` or ``\r``.
+    Empty lines at the end are left out.
 
     Raises
     ------
     ValueError
         If it is in none of these encodings, unpacks to too much, or begins with an endless line.
     """
-    content = _content(path)
-    marked = next((encoding for mark, encoding in _MARKS if content.startswith(mark)), None)
-    if marked is None and b"\0" in content:
-        raise ValueError(f"{path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}")
-    for encoding in _UNMARKED if marked is None else (marked,):
-        try:
-            text = content.decode(encoding)
-        except UnicodeDecodeError as error:
-            wrong = error.start
-        else:
-            return text.replace("\r\n", "\n").replace("\r", "\n")
-    known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
-    raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
 
-
-def _content(path: Path) -> bytes:
-    if path.suffix.lower() != ".gz":
-        with path.open("rb") as file:
-            _check_first_line(path, file.read(_LONGEST_LINE + 1))
-        return path.read_bytes()
-    limit = largest_unpacked(path)
-    with reading(path, "gzip"), gzip.open(path) as packed:
-        start = packed.read(_LONGEST_LINE + 1)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._opened() as file:
+            start = file.read(_LONGEST_LINE + 1)
         _check_first_line(path, start)
-        content = start + packed.read(limit)
-    if len(content) > limit:
-        raise ValueError(
-            f"{path.name} takes more than {limit / 1e9:.3g} GB when unpacked: unpack it, or split it"
-        )
-    return content
+        marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
+        self._check_content(may_hold_zeros=marked is not None)
+        for encoding in _UNMARKED if marked is None else (marked,):
+            self.encoding = encoding
+            wrong = self._undecodable()
+            if wrong is None:
+                return
+        known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
+        raise ValueError(f"{path.name} is not text in {known} (byte {wrong}); {_REMEDY}")
+
+    def __iter__(self) -> Iterator[str]:
+        empty = 0
+        with self._opened() as file, io.TextIOWrapper(file, self.encoding) as lines:
+            for line in lines:
+                if line.isspace():
+                    empty += 1
+                    continue
+                if empty:
+                    yield from [""] * empty
+                    empty = 0
+                yield line.removesuffix("\n")
+
+    @contextmanager
+    def _opened(self) -> Iterator[IO[bytes]]:
+        if self.path.suffix.lower() != ".gz":
+            with self.path.open("rb") as file:
+                yield file
+            return
+        with reading(self.path, "gzip"), gzip.open(self.path) as packed:
+            yield cast("IO[bytes]", packed)
+
+    def _check_content(self, *, may_hold_zeros: bool) -> None:
+        limit = largest_unpacked(self.path) if self.path.suffix.lower() == ".gz" else None
+        size = 0
+        with self._opened() as file:
+            while block := file.read(_BLOCK):
+                size += len(block)
+                if limit is not None and size > limit:
+                    raise ValueError(
+                        f"{self.path.name} takes more than {limit / 1e9:.3g} GB when unpacked: unpack it, or "
+                        "split it"
+                    )
+                if not may_hold_zeros and b"\0" in block:
+                    raise ValueError(
+                        f"{self.path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
+                    )
+
+    def _undecodable(self) -> int | None:
+        """Return the first byte that is not in the encoding; None if all are."""
+        decoder = codecs.getincrementaldecoder(self.encoding)()
+        before = 0
+        with self._opened() as file:
+            while True:
+                block = file.read(_BLOCK)
+                pending = len(decoder.getstate()[0])
+                try:
+                    decoder.decode(block, final=not block)
+                except UnicodeDecodeError as error:
+                    return before - pending + error.start
+                if not block:
+                    return None
+                before += len(block)
 
 
 def _check_first_line(path: Path, start: bytes) -> None:

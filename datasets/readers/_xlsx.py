@@ -73,7 +73,7 @@ class _Sheet(CsvSource):
 
 
 def _sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the title of each sheet that holds something, and its rows as lines with tabs."""
+    """Yield the title of each sheet of several rows, and these as lines with tabs."""
     try:
         from openpyxl import load_workbook
     except ImportError:
@@ -86,8 +86,10 @@ def _sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
             for sheet in book.worksheets:
                 sheet.reset_dimensions()  # some programs state wrong ones
                 rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
+                while rows and not rows[-1]:
+                    rows.pop()
                 width = max(map(len, rows), default=0)
-                if width:
+                if len(rows) > 1:  # names or notes, and something below them
                     yield str(sheet.title), [_line(row, width) for row in rows]
         finally:
             book.close()

@@ -1,6 +1,6 @@
 """
-Power in bands and around harmonics
-===================================
+Band power grows with wear; shares around 100 Hz do not
+=======================================================
 
 Paper A (section 5.5) compared the energy at multiples of 100 Hz with the total energy; the ratio looked
 random. 100 Hz is order 12 of the input shaft and the second harmonic of the mains; the drive's mesh is at

@@ -1,6 +1,6 @@
 """
-Coherence with a healthy disc
-=============================
+Coherence with a healthy disc falls with wear, on this rig
+==========================================================
 
 Both papers compared torque with that of the healthy disc by magnitude-squared coherence (MATLAB's
 ``mscohere``) from 0 to 1500 Hz. Paper B found a different pattern for each count in simulation; neither

@@ -1,6 +1,6 @@
 """
-Envelope spectrum of the mesh level
-===================================
+An envelope spectrum detects wear and does not count it
+=======================================================
 
 Paper A (section 5.1) tried the classical method for gears: take the wavelet level that contains the mesh
 frequency, compute its Hilbert envelope, and look for harmonics of the shaft in the envelope's spectrum. It

@@ -1,6 +1,6 @@
 """
-High-pass filter
-================
+A high-pass filter removes drift and keeps the effect of wear
+=============================================================
 
 Does removing slow drift help? Paper A (section 2) tried high-pass filters at 0.5, 1, 10 and 50 Hz on
 measured torque and rejected them: low frequencies mattered more there than in simulation.

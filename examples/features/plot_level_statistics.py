@@ -1,6 +1,6 @@
 """
-Statistics of wavelet levels
-============================
+Wear raises all wavelet levels but the noisy ones
+=================================================
 
 Paper B describes its scalograms by eye (figs. 10-12: levels that grow, peak or become quiet).
 :class:`~cyclofeat.features.WaveletLevelStatistics` quantifies this with rms, share of the energy, kurtosis

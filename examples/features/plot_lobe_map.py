@@ -1,6 +1,6 @@
 """
-Lobe map
-========
+Fold the torque, and each lobe has a slot of its own
+====================================================
 
 :class:`~cyclofeat.features.LobeMap` removes the rig's resonance from the torque and folds it at the rate at
 which lobes pass the load, so that each lobe has a slot. It gives the mean and rms of each slot and two

@@ -1,6 +1,6 @@
 """
-Overlap of the scalogram's minima
-=================================
+Noise removes the trend in overlapping scalogram minima
+=======================================================
 
 Paper B (section 7) compares the dark cells of a scalogram, those of the lowest colour, with the dark cells
 of the worst disc. In simulation their overlap at levels 3 and 4 grows with the count, except at 3 and 4

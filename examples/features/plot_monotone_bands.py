@@ -1,6 +1,6 @@
 """
-Bands in which entropy falls
-============================
+Bands in which entropy falls with wear, and how many chance gives
+=================================================================
 
 Paper A (fig. 19) shows, for its simulation with steel discs, the frequency bands in which Shannon entropy
 falls strictly with the number of worn lobes. Among thousands of bands, some always do.

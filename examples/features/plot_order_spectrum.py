@@ -1,6 +1,6 @@
 """
-Order spectrum
-==============
+Orders separate worn lobes from run-out
+=======================================
 
 A worn lobe passes the load at 16/15 of the input speed (8.9 Hz); run-out turns at the input speed (8.3 Hz).
 A fixed frequency grid, or an estimate of the speed that is wrong by one per cent, does not separate the

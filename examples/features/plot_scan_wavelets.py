@@ -1,6 +1,6 @@
 """
-Which wavelet?
-==============
+Which wavelet? A scan that knows what chance finds
+==================================================
 
 Paper B (section 5) tried 130 wavelets on the overlap of minima and selected mb32.3 by eye.
 :func:`~cyclofeat.scans.scan_wavelets` gives numbers: how monotonically the overlap grows with the count at

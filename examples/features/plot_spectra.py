@@ -1,6 +1,6 @@
 """
-Density and amplitude spectrum
-==============================
+Two spectra of the papers, and what wear does to them
+=====================================================
 
 The two spectra of the papers, line by line: Welch's power spectral density as MATLAB's ``pwelch`` gives it
 (:class:`~cyclofeat.features.WelchPSD`, paper A section 5.3), and the amplitudes of a transform of 8192

@@ -1,6 +1,6 @@
 """
-Spectral entropy
-================
+Spectral entropy measures the ratio of ripple to mean
+=====================================================
 
 Shannon entropy is the one method that succeeded in paper A: the entropy of the measured torque's spectrum
 falls strictly from one worn lobe to seven (table 6), and so does the normalized entropy.

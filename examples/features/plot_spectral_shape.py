@@ -1,6 +1,6 @@
 """
-Flatness, centroid and roll-off, and their course
-=================================================
+Flatness, centroid and roll-off show some wear, not how much
+============================================================
 
 Does wear move the spectrum to higher frequencies? Paper A followed centroid and 95 % roll-off over the
 parts of a recording (section 5.4) and compared flatness (5.6); none of them separated counts.

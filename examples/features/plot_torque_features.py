@@ -1,6 +1,6 @@
 """
-All features in a pipeline
-==========================
+Which features count lobes of unseen assemblies?
+================================================
 
 :class:`~cyclofeat.features.TorqueFeatures` gives the features of all methods in one row per window and fits
 into a pipeline like any other transformer. Which of them count worn lobes in assemblies that were not in

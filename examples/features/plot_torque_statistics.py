@@ -1,6 +1,6 @@
 """
-Statistics of the torque
-========================
+Ripple grows with wear, but assemblies differ as much
+=====================================================
 
 Paper A's table 4 states mean, standard deviation and range of the measured torque, one recording per disc.
 :class:`~cyclofeat.features.TorqueStatistics` gives these and seven more. Here they are of **surrogate**

@@ -1,6 +1,6 @@
 """
-Missing effects in measured loops
-=================================
+Friction and torsional compliance explain measured loops
+========================================================
 
 Torque against deflection, measured on three printed cycloidal drives with their output held (28 loops,
 digitised from the source's figures; torque from the motor's current). The model is the simulator's gearbox

@@ -6,6 +6,7 @@ A simulator of your own is a frozen dataclass with one method, which may call an
 `MuJoCo <https://mujoco.org>`_ simulates motor, shaft and brake. The gap workflow then treats it as it treats
 the drive of :ref:`sphx_glr_gallery_gap_own_simulator.py`: with effects on sensor and load, and with effects
 that change the model, such as a shaft that is softer than stated. It needs ``pip install "mujoco<4"``.
+The torque is **surrogate**: simulated, not measured.
 """
 
 import functools

@@ -1,6 +1,6 @@
 """
-Missing effects behind published statistics
-===========================================
+What eight published records say about a missing effect
+=======================================================
 
 Paper A publishes minimum, maximum, mean and standard deviation of the torque measured with eight discs, one
 record each (table 4), and no torque. These numbers show where the simulator disagrees, which effects of the

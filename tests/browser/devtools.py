@@ -25,6 +25,12 @@ def find_chromium() -> str | None:
 class Browser:
     """One page of one browser, without network.
 
+    Parameters
+    ----------
+    profile : pathlib.Path
+    offline : bool
+        Reach nothing at all; otherwise only addresses of this machine.
+
     Attributes
     ----------
     said : list of str
@@ -33,15 +39,16 @@ class Browser:
         Addresses that were asked for.
     """
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, *, offline: bool = True) -> None:
         program = find_chromium()
         assert program is not None, "no Chromium; look with find_chromium() before"
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
+        reached = "" if offline else ", EXCLUDE 127.0.0.1"
         command = [
             program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
             "--no-first-run", "--disable-background-networking", "--disable-component-update",
-            "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={profile}",
+            f"--host-resolver-rules=MAP * ~NOTFOUND{reached}", f"--user-data-dir={profile}",
             "--remote-debugging-pipe", "about:blank",
         ]  # fmt: skip
         # Chromium reads commands from file 3 and writes answers to file 4.
@@ -65,10 +72,10 @@ class Browser:
             self.call(f"{domain}.enable")
         self.call(
             "Network.emulateNetworkConditions",
-            offline=True,
+            offline=offline,
             latency=0,
-            downloadThroughput=0,
-            uploadThroughput=0,
+            downloadThroughput=0 if offline else -1,
+            uploadThroughput=0 if offline else -1,
         )
 
     def __enter__(self) -> Browser:
@@ -122,10 +129,10 @@ class Browser:
             self.asked.append(what["request"]["url"])
         self._events.append(event)
 
-    def open(self, path: Path) -> None:
-        """Load a file and wait until all of it is there."""
+    def open(self, place: Path | str) -> None:
+        """Load a file or an address and wait until all of it is there."""
         self._events.clear()
-        self.call("Page.navigate", url=path.resolve().as_uri())
+        self.call("Page.navigate", url=place if isinstance(place, str) else place.resolve().as_uri())
         while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
             self._note(self._next())
 
@@ -147,11 +154,18 @@ class Browser:
 
     def press(self, key: str) -> None:
         """A key, as from the keyboard; ``" "`` is the space bar."""
-        code = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}[key]
-        text = {"text": key} if len(key) == 1 else {}
+        codes = {"Tab": 9, "Enter": 13, " ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39}
+        code = codes[key]
+        text = {"text": "\r" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             more = text if kind == "keyDown" else {}
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **more)
+
+    def choose(self, selector: str, *files: Path) -> None:
+        """Choose files in an input, as in the dialog that a browser without a window cannot open."""
+        root = self.call("DOM.getDocument")["root"]["nodeId"]
+        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file) for file in files])
 
     def prefer(self, scheme: str) -> None:
         """Prefer ``"light"`` or ``"dark"`` pages."""

@@ -694,9 +694,25 @@ def test_progress_is_silent_for_two_seconds_then_says_what_is_left(monkeypatch, 
     progress(1, 40)
     assert stream == []
     progress(10, 40)
-    assert "working: 10 of 40, 3 s, about 9 s left" in stream[-1]
+    assert "working: 10 of 40, 3 s, about 7 s left" in stream[-1]
     progress(11, 40)
     assert len(stream) == 1
     progress(39, 40)
     progress(40, 40)
     assert "working: 40 of 40, 40 s\n" in stream[-1]
+
+
+def test_the_time_left_is_neither_that_of_a_slow_first_step_nor_of_finished_work(monkeypatch):
+    # Compilation takes nine seconds, then sixteen come at a time, every second; 100 were there before.
+    times = [9.0, 9.01, *np.arange(10.0, 62.0)]
+    now = iter([0.0, *times])
+    monkeypatch.setattr("cyclofeat._base.progress.time.monotonic", lambda: next(now))
+    stream = Terminal(True)
+    progress = Progress("working", stream)
+    for step, _ in enumerate(times):
+        progress(min(101 + 16 * step, 999), 1000)
+    assert "left" not in "".join(stream[:2])
+    shown = [re.search(r"(\d+) of 1000, .* about (\d+) s left", line) for line in stream[2:-1]]
+    assert len(shown) > 40
+    done, left = np.array([[int(number) for number in match.groups()] for match in shown]).T
+    np.testing.assert_allclose(left, (1000 - done) / 16, rtol=0.4)

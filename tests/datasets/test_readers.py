@@ -518,7 +518,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         read_recording(tmp_path)
     with pytest.raises(
         ValueError,
-        match=r"rig.xls: unknown kind of file '.xls'; .csv, .csv.gz, .npz, .tdms, .mat, .parquet and .wav",
+        match=r"rig.xls: unknown kind of file '.xls'; .csv, .csv.gz, .npz, .tdms, .mat, .parquet, .wav and .xlsx",
     ):
         read_recording(write(tmp_path / "rig.xls", "x"))
     for empty in ("empty.csv", "empty.npz"):
@@ -752,3 +752,25 @@ def test_a_campaign_s_folder_is_no_folder_of_recordings(tmp_path):
     (tmp_path / "parameters.parquet").write_bytes(b"PAR1")
     with pytest.raises(ValueError, match="holds a campaign.*load_campaign reads it"):
         read_folder(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
+    rows = 60_000
+    path = tmp_path / f"long{suffix}"
+    text = "torque [Nm],note,spare\n" + "".join(
+        f"{n % 97}.25,{'0' * 150}1,{'9' * 150}\n" for n in range(rows)
+    )
+    path.write_bytes(gzip.compress(text.encode(), 1) if suffix == ".csv.gz" else text.encode())
+    n_bytes = len(text)
+    del text
+    tracemalloc.start()
+    try:
+        recording = read_recording(path, sampling_rate=1000)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(recording.torque, np.arange(rows) % 97 + 0.25)
+    blocks = 2**22  # of text, whatever its length
+    assert n_bytes > 18e6
+    assert peak <= 3 * recording.torque.nbytes + blocks

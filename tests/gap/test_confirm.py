@@ -209,6 +209,19 @@ def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
     assert len({tuple(sizes) for sizes in one.sizes.tolist()}) == 3
 
 
+def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone(posterior):
+    world = posterior.world
+    template = posterior_session(posterior)
+    tight, usual = (
+        simulate_sessions(world, template, lambda _: (), 2, tolerance=lambda _: factor)  # noqa: B023
+        for factor in (0.0, 1.0)
+    )
+    np.testing.assert_array_equal(tight.tolerances, 0)
+    speed = next(k for k, cell in enumerate(world.described_cells) if "input speed" in cell.name)
+    spread = [made.sessions[0].values[:, speed].std() for made in (tight, usual)]
+    assert spread[0] < 0.2 * spread[1]
+
+
 def posterior_session(posterior):
     return MeasuredRig.of(recordings(n=4), posterior.world.rig, RATE).session()
 

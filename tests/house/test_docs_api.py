@@ -45,6 +45,7 @@ PACKAGES = (
     "cyclofeat.recordings",
     "cyclofeat.report",
     "cyclofeat.scans",
+    "cyclofeat.serve",
     "cyclofeat.signal",
     "cyclofeat.signal.coherence",
     "cyclofeat.signal.density",

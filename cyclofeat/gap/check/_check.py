@@ -38,7 +38,6 @@ _HALF, _MOST = 0.5, 0.9
 _NAMED = 0.5
 _CONFUSED = 0.1  # rise of another effect's probability
 _FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that it is confused with
-_LEAST = 1e-6  # probability
 
 
 @dataclass(frozen=True)
@@ -258,13 +257,7 @@ def _next(
         world, further.session, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=progress
     )
     complete = rigs.of(np.flatnonzero(np.isfinite(rigs.values[:, :, 0]).all(axis=1)))
-
-    def information(sessions: list[Session]) -> Float:
-        p = posterior.predict_proba(sessions)
-        bits = np.log2(np.clip(np.where(complete.present, p, 1 - p), _LEAST, None))
-        return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
-
-    return further.rank(_sessions(complete, template), information, n_errors=_SURE)
+    return further.rank(posterior, _sessions(complete, template), complete.present, n_errors=_SURE)
 
 
 def _template(recordings: tuple[Any, ...], world: World) -> Session:

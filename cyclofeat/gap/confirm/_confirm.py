@@ -28,6 +28,8 @@ Float = NDArray[np.float64]
 _WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
+# A rig may be made better than the world states, or somewhat worse: factor on what differs anyway.
+_TOLERANCES = (0.0, 1.5)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ def confirm(
 ) -> Confirmed:
     """Simulate sessions like a measured one with the named effects, and fit their sizes.
 
-    Twice: with sizes from the posterior, then around those that fit.
+    Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
+    fitted as well, so that a rig that is better made than the world states is not taken for another one.
 
     Parameters
     ----------
@@ -96,30 +99,31 @@ def confirm(
     effects = tuple(effect for effect in world.effects or () if effect.effect_id in named)
     names = tuple(f"{effect.effect_id}.{name}" for effect in effects for name in effect.vector_names())
     columns = [world.size_names.index(name) for name in names]
-    middle, spread = posterior.size_distribution(shown, names)
-    believed = before = Gaussian(middle, np.diag(spread**2))
     observed = posterior.deviations(shown), posterior.standardised_sizes([shown])[0, columns]
     prior = _prior(effects)
-    for round_, wider in enumerate(_WIDER):
+    middle, spread = posterior.size_distribution(shown, names)
+    # The last of the sizes is the tolerances' factor.
+    believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
+    before = believed.without_last()
+    rounds = _WIDER if names else _WIDER[:1]
+    for round_, wider in enumerate(rounds):
         if progress is not None:
-            progress(f"simulating the named effects, {round_ + 1} of {len(_WIDER)}")
+            progress(f"simulating the named effects, {round_ + 1} of {len(rounds)}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate_sessions(
-            world, shown, functools.partial(_drawn, effects, drawn), n_sessions,
+            world, shown, functools.partial(_drawn, effects, drawn.without_last()), n_sessions,
+            tolerance=functools.partial(_drawn_tolerance, drawn),
             random_state=random_state + round_, n_jobs=n_jobs,
         )  # fmt: skip
-        sizes, features = simulated.sizes[:, columns], _features(posterior, simulated)
-        if names:
-            estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
-            believed, fitted = size_posterior(
-                sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
-            )
-        else:
-            fitted = sizes
-            break
+        sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
+        features = _features(posterior, simulated)
+        estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
+        believed, fitted = size_posterior(
+            sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
+        )
     remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
     accepted = remainder.p >= _REJECTED
-    final = believed if accepted else before
+    final = believed.without_last() if accepted else before
     reach = stats.norm.ppf(0.95) * final.spread
     ends = (final.mean - reach, final.mean, final.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
@@ -135,16 +139,22 @@ def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generat
     return sized(effects, sizes.draw(random))
 
 
+def _drawn_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
+    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *_TOLERANCES))
+
+
 def _prior(effects: Sequence[Effect]) -> Gaussian:
-    """Mean and covariance of the sizes before any recording."""
+    """Mean and covariance of the sizes, and of the tolerances' factor, before any recording."""
     random = np.random.default_rng(0)
-    draws = [
-        np.concatenate([effect.draw_parameters(random).to_vector() for effect in effects])
-        if effects
-        else np.zeros(0)
-        for _ in range(_PRIOR_DRAWS)
-    ]
-    table = np.array(draws).reshape(_PRIOR_DRAWS, -1)
+    table = np.array(
+        [
+            [
+                *(value for effect in effects for value in effect.draw_parameters(random).to_vector()),
+                random.uniform(*_TOLERANCES),
+            ]
+            for _ in range(_PRIOR_DRAWS)
+        ]
+    )
     return Gaussian(table.mean(axis=0), np.diag(table.var(axis=0) + 1e-12))
 
 

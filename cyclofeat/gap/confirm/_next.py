@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +10,18 @@ from numpy.typing import NDArray
 from cyclofeat.gap._result import NextMeasurement
 from cyclofeat.gap.confirm._sessions import MOST_RECORDINGS, at_most, part_of, simulate_sessions, sized
 from cyclofeat.gap.posterior import EffectPosterior
-from cyclofeat.gap.world import Session, World
+from cyclofeat.gap.world import Session, World, present_effects
 from cyclofeat.simulators import Effect
 
 Float = NDArray[np.float64]
 
 _PER_CANDIDATE = 4  # further recordings
 _DRAWS = 32
+_SURE = 1.0  # standard errors that a gain must exceed
 _OPEN = 0.02  # probability from which, and below whose complement, an effect is open
 _LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
-_SEPARATED = 0.1  # bits that an effect must lose to count as settled
+_SEPARATED = 0.1  # bits that an effect must gain to count as settled
+_LEAST = 1e-6  # probability
 
 
 def next_measurements(
@@ -28,8 +30,9 @@ def next_measurements(
     """Rank further recordings by the information that they are expected to give.
 
     Rigs are drawn from the posterior, sessions like the measured one are simulated for each with further
-    recordings, and the posterior answers with and without these. The gain is the mean fall of the entropy of
-    the effects' presence (Lindley 1956), each effect by itself.
+    recordings, and the posterior answers with and without these. The gain is how much more probability it
+    then gives to what the rigs have and lack, each effect by itself, as the mean of the logarithm
+    (Lindley 1956). A posterior that only grows surer of wrong answers gains nothing.
 
     Parameters
     ----------
@@ -52,8 +55,9 @@ def next_measurements(
     simulated = simulate_sessions(
         world, further.session, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
         random_state=random_state, n_jobs=n_jobs,
-    ).sessions  # fmt: skip
-    return further.rank(simulated, lambda sessions: -_entropy(posterior, sessions))
+    )  # fmt: skip
+    present = present_effects(simulated.sizes, world.size_names, world.names)
+    return further.rank(posterior, simulated.sessions, present, n_errors=_SURE)
 
 
 class FurtherRecordings:
@@ -83,30 +87,39 @@ class FurtherRecordings:
 
     def rank(
         self,
+        posterior: EffectPosterior,
         simulated: Sequence[Session],
-        information: Callable[[list[Session]], Float],
+        present: NDArray[np.bool_],
         *,
-        n_errors: float = 0.0,
+        n_errors: float,
     ) -> tuple[NextMeasurement, ...]:
         """Rank them by the information that they give on simulated rigs.
 
         Parameters
         ----------
+        posterior : EffectPosterior
         simulated : sequence of Session
             Like ``session``.
-        information : callable
-            Returns what the sessions of these rigs tell of each effect in bits, (n_sessions, n_effects).
+        present : ndarray of bool, shape (n_sessions, n_effects)
+            Which effects their rigs have.
         n_errors : float
             Standard errors that a gain must exceed.
         """
         if not simulated:
             return ()
-        n = self._n
-        before = information([part_of(one, np.arange(n)) for one in simulated])
+
+        def information(rows: NDArray[np.intp]) -> Float:
+            """Return the logarithm of the probability of what is true, (n_sessions, n_effects), in bits."""
+            p = posterior.predict_proba([part_of(one, rows) for one in simulated])
+            bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
+            return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
+
+        as_before = np.arange(self._n)
+        before = information(as_before)
         found: list[tuple[float, NextMeasurement]] = []
         for k, what in enumerate(self._what):
-            more = np.r_[:n, n + k * _PER_CANDIDATE : n + (k + 1) * _PER_CANDIDATE]
-            rises = information([part_of(one, more) for one in simulated]) - before
+            added = self._n + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
+            rises = information(np.r_[as_before, added]) - before
             gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
             settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)
             gain = float(gains.sum())
@@ -142,9 +155,3 @@ def _drawn(
     effects = [effect for effect in world.effects or () if there[effect.effect_id]]
     middle, spread = (values[drawn] for values in sizes)
     return sized(effects, random.normal(middle, spread))
-
-
-def _entropy(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
-    """Entropy of each effect's presence in bits, shape (n_sessions, n_effects); 0 for one not learned."""
-    p = np.clip(np.nan_to_num(posterior.predict_proba(sessions)), 1e-9, 1 - 1e-9)
-    return np.asarray(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)))

@@ -32,10 +32,13 @@ class SimulatedSessions:
     sessions : list of Session
     sizes : ndarray, shape (n_sessions, n_sizes)
         Parameters of the effects, in the world's order and on the scale of their fit.
+    tolerances : ndarray, shape (n_sessions,)
+        What differs between recordings anyway, over what the world states.
     """
 
     sessions: list[Session] = field(repr=False)
     sizes: Float = field(repr=False)
+    tolerances: Float = field(repr=False)
 
 
 def simulate_sessions(
@@ -44,6 +47,7 @@ def simulate_sessions(
     draw: Callable[[np.random.Generator], Sequence[Effect]],
     n_sessions: int,
     *,
+    tolerance: Callable[[np.random.Generator], float] | None = None,
     random_state: int = 0,
     n_jobs: int = 1,
 ) -> SimulatedSessions:
@@ -58,17 +62,26 @@ def simulate_sessions(
         Returns effects with random sizes; of those that share a machine, the first's effects on the gearbox
         are used.
     n_sessions : int
+    tolerance : callable, optional
+        Returns a random factor on all that differs between recordings anyway. Default: always 1.
     random_state, n_jobs : int
     """
+    factors = []
 
     def rigs(random: np.random.Generator) -> tuple[tuple[Effect, ...], Chains]:
         drawn = [draw(random) for _ in range(_RIGS_PER_MACHINE)]
         in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
+        factors.append(1.0 if tolerance is None else tolerance(random))
         return in_machine, [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
 
-    machines = _machines(world, template, rigs, n_sessions, random_state)
-    sessions, sizes = [], []
-    for columns in _simulated(world, machines, n_jobs):
+    machines = [
+        dataclasses.replace(machine, may_differ=tuple(_in_proportion(e, factor) for e in world.may_differ))
+        for machine, factor in zip(
+            _machines(world, template, rigs, n_sessions, random_state), factors, strict=True
+        )
+    ]
+    sessions, sizes, tolerances = [], [], []
+    for columns, factor in zip(_simulated(world, machines, n_jobs), factors, strict=True):
         for values, counts, speeds, drawn in zip(
             columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
         ):
@@ -80,9 +93,23 @@ def simulate_sessions(
                 )  # fmt: skip
                 sessions.append(session)
                 sizes.append(drawn)
+                tolerances.append(factor)
     return SimulatedSessions(
-        sessions[:n_sessions], np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names))
+        sessions[:n_sessions],
+        np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)),
+        np.array(tolerances[:n_sessions]),
     )
+
+
+def _in_proportion(effect: Effect, factor: float) -> Effect:
+    """Return an effect with its parameters' distances from neutral changed by a factor, but distributions."""
+    changed = {}
+    for name, parameter in effect.parameters.items():
+        value, neutral = getattr(effect, name), parameter.neutral
+        if neutral is not None and isinstance(value, int | float | tuple):
+            ends = neutral + factor * (np.array(value) - neutral)
+            changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
+    return effect.with_parameters(**changed)
 
 
 def simulate_prior(

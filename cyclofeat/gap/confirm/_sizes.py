@@ -35,6 +35,10 @@ class Gaussian:
         """Standard deviation of each size."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
+    def without_last(self) -> Gaussian:
+        """Return the distribution of all sizes but the last."""
+        return Gaussian(self.mean[:-1], self.covariance[:-1, :-1])
+
     def draw(self, random: np.random.Generator) -> Float:
         """Draw sizes."""
         return np.asarray(

@@ -8,7 +8,7 @@ from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._machine import FEWEST, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world._prepare import load_rigs, prepare_world
 from cyclofeat.gap.world._prior import FLOOR, DrawnSession, EffectPrior
-from cyclofeat.gap.world._rigs import Rigs, Session
+from cyclofeat.gap.world._rigs import Rigs, Session, present_effects
 from cyclofeat.gap.world._world import World
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "World",
     "load_rigs",
     "prepare_world",
+    "present_effects",
     "recording_cells",
     "simulate_drawn",
     "turn_samples",

@@ -39,12 +39,15 @@ class DrawnMachine:
         Conditions of the recordings.
     seeds : list of numpy.random.SeedSequence
         Of the recordings.
+    may_differ : tuple of Effect, or None
+        What differs between recordings anyway; None stands for what the world states.
     """
 
     effects: tuple[Effect, ...]
     chains: list[tuple[Effect, ...]]
     session: DrawnSession
     seeds: list[np.random.SeedSequence]
+    may_differ: tuple[Effect, ...] | None = None
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
@@ -99,7 +102,8 @@ def _draw(world: World, number: int) -> DrawnMachine:
 def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]:
     """Plan the recordings of a machine, without simulating them."""
     session = machine.session
-    rig = with_floor(world.rig, world.may_differ).with_added(*machine.effects)
+    may_differ = world.may_differ if machine.may_differ is None else machine.may_differ
+    rig = with_floor(world.rig, may_differ).with_added(*machine.effects)
     plans: list[PlannedRun | ValueError] = []
     for i, seed in enumerate(machine.seeds):
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])

@@ -145,9 +145,7 @@ class Rigs:
     @property
     def present(self) -> NDArray[np.bool_]:
         """Presence of each effect, shape (n_rigs, n_effects)."""
-        owners = np.array([name.partition(".")[0] for name in self.size_names])
-        of_effect = [np.isfinite(self.sizes[:, owners == name]).any(axis=1) for name in self.names]
-        return np.column_stack(of_effect)
+        return present_effects(self.sizes, self.size_names, self.names)
 
     def of(self, rows: Index | NDArray[np.bool_]) -> Rigs:
         """Return some of the rigs."""
@@ -178,3 +176,19 @@ class Rigs:
             self.counts[rig, shown] if counts else None,
             self.speeds[rig, shown] if tachometer else None,
         )
+
+
+def present_effects(sizes: Float, size_names: Sequence[str], names: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which effects rigs have, shape (n_rigs, n_effects).
+
+    Parameters
+    ----------
+    sizes : ndarray, shape (n_rigs, n_sizes)
+        NaN where an effect is absent.
+    size_names : sequence of str
+        Of the sizes, as ``"noise.rms_nm"``.
+    names : sequence of str
+        Of the effects.
+    """
+    owners = np.array([name.partition(".")[0] for name in size_names])
+    return np.column_stack([np.isfinite(sizes[:, owners == name]).any(axis=1) for name in names])

@@ -1,0 +1,43 @@
+"""``cyclofeat serve``: the commands as a page in the browser, on this machine only."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Iterator
+
+from cyclofeat.cli._models import add_model_file, read_model
+from cyclofeat.cli._printing import note
+from cyclofeat.cli._table import Printed
+
+__all__ = ["add_arguments", "printed", "run"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_model_file(parser, required=False)
+    parser.add_argument("--port", type=int, default=8765, help="port of this machine (default 8765; 0: any)")
+    parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+
+
+def run(arguments: argparse.Namespace) -> Iterator[str]:
+    """Yield the address of the page, then serve it until Ctrl-C."""
+    try:
+        from cyclofeat.serve import Address, make_app, serve
+    except ImportError as error:
+        raise ImportError(
+            f"serve needs starlette, uvicorn, jinja2 and platformdirs (extra serve): {error}"
+        ) from error
+    model = []
+    if arguments.model is not None:
+        read_model(arguments)  # its errors now, not at the first count
+        model = ["--model", os.path.abspath(arguments.model)]
+        model += ["--trust"] * arguments.trust + [f"--allow={name}" for name in arguments.allow]
+    address = Address.of_port(arguments.port)
+    yield address.url
+    note("cyclofeat: serving on this machine only, stop with Ctrl-C")
+    serve(make_app(address.key, model=model), address, browser=not arguments.no_browser)
+    note("cyclofeat: stopped")
+
+
+def printed(arguments: argparse.Namespace, url: str) -> Printed:
+    return Printed(url, {"url": url})

@@ -1,0 +1,78 @@
+"""What one server holds: model, recordings, jobs."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+
+from cyclofeat import __version__
+from cyclofeat.models import card_path
+from cyclofeat.serve._commands import Order, order
+from cyclofeat.serve._jobs import Job, Jobs
+from cyclofeat.serve._store import Store
+
+
+def default_model() -> Path:
+    """Return where the default model lies once it has been trained here: in the user's cache."""
+    return platformdirs.user_cache_path("cyclofeat", appauthor=False) / f"model-{__version__}.skops"
+
+
+@dataclass
+class Session:
+    """State of one server.
+
+    Parameters
+    ----------
+    store : Store
+    jobs : Jobs
+    given : sequence of str
+        Options that name the model, from the command line: ``--model FILE`` and what goes with it.
+    cached : pathlib.Path
+        Where a model trained here is written, and looked for at the next start.
+    """
+
+    store: Store
+    jobs: Jobs
+    given: Sequence[str]
+    cached: Path
+    uploaded: Path | None = None
+
+    @property
+    def model(self) -> Path | None:
+        """The model file to count with: the uploaded one, else the one given, else the one trained here."""
+        if self.uploaded is not None:
+            return self.uploaded
+        if self.given:
+            return Path(self.given[1])
+        return self.cached if card_path(self.cached).is_file() else None
+
+    def model_options(self) -> list[str]:
+        """Return the options that name the model; empty where there is none."""
+        if self.uploaded is None and self.given:
+            return list(self.given)
+        return [] if self.model is None else ["--model", str(self.model)]
+
+    async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
+        """Store an uploaded model file, or the card that belongs to the one before."""
+        self.uploaded = await self.store.add_model(name, content, self.uploaded)
+
+    def start(self, asked: Mapping[str, Any]) -> Job:
+        """Start the command that the page asks for."""
+        self.cached.parent.mkdir(parents=True, exist_ok=True)
+
+        def make(folder: Path) -> Order:
+            return order(asked, self.store, self.model_options(), self.cached, folder)
+
+        return self.jobs.start(make)
+
+    def facts(self) -> dict[str, dict[str, Any]]:
+        """Return what was last found in each file, by its path within the folder of recordings."""
+        rows: dict[str, dict[str, Any]] = {}
+        for job in self.jobs.jobs.values():
+            if job.order.command == "inspect":
+                rows |= {str(row["file"]): row for row in job.result if "file" in row}
+        return rows

@@ -1,0 +1,193 @@
+"""Private folder of uploads, and its bounds."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import AsyncIterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cyclofeat.models import card_path
+
+_LONGEST_NAME = 150  # bytes; file systems take 255
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
+_ENDINGS = re.compile(r"((?:\.[A-Za-z]\w{0,9}){0,2})$")
+
+
+class Refused(Exception):
+    """A request that is not done; ``status`` is that of HTTP."""
+
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds of what one server takes.
+
+    Parameters
+    ----------
+    total_bytes : int
+        Of all uploads together.
+    files : int
+        Number of files, those in folders included.
+    jobs : int
+        Number of commands that run at a time.
+    model_bytes : int
+        Of an uploaded model.
+    """
+
+    total_bytes: int = 4 * 2**30
+    files: int = 1000
+    jobs: int = 4
+    model_bytes: int = 2**29
+
+
+@dataclass
+class Store:
+    """Uploaded recordings and models.
+
+    Parameters
+    ----------
+    root : pathlib.Path
+        Folder that nobody else can read.
+    limits : Limits
+
+    Attributes
+    ----------
+    items : dict of str to bool
+        Names of recordings in the folder ``recordings``, and whether each is a folder of its own.
+    """
+
+    root: Path
+    limits: Limits
+    items: dict[str, bool] = field(default_factory=dict)
+    _bytes: int = 0
+    _files: int = 0
+    _models: int = 0
+
+    def __post_init__(self) -> None:
+        self.recordings = self.root / "recordings"
+        self.recordings.mkdir()
+
+    def add_folder(self, name: str) -> str:
+        """Make an empty folder, and return its name, which differs from ``name`` where that is taken."""
+        unused = self._unused(plain_name(name))
+        (self.recordings / unused).mkdir()
+        self.items[unused] = True
+        return unused
+
+    async def add_file(self, name: str, content: AsyncIterable[bytes], folder: str | None = None) -> str:
+        """Store a recording, in a folder or by itself, and return its name."""
+        if folder is None:
+            stored = self._unused(plain_name(name))
+            await self._write(self.recordings / stored, content)
+            self.items[stored] = False
+            return stored
+        if not self.items.get(folder):
+            raise Refused(404, f"no such folder: {folder!r}")
+        # A manifest names its files: none may get another name than its own.
+        stored = plain_name(name)
+        if (self.recordings / folder / stored).exists():
+            raise Refused(409, f"two files of the folder would be called {stored!r}: rename one")
+        await self._write(self.recordings / folder / stored, content)
+        return stored
+
+    def claim(self, name: str) -> str:
+        """Return a name for a recording that a command will write."""
+        unused = self._unused(name)
+        self.items[unused] = False
+        return unused
+
+    def present(self) -> list[str]:
+        """Return the names of the recordings that are there: a command may still be writing others."""
+        return [name for name in self.items if (self.recordings / name).exists()]
+
+    def remove(self, name: str) -> None:
+        """Delete a recording or a folder of them."""
+        if name not in self.items:
+            raise Refused(404, f"no such recording: {name!r}")
+        path = self.recordings / name
+        files = [file for file in path.iterdir() if file.is_file()] if self.items[name] else [path]
+        for file in files:
+            if file.exists():
+                self._bytes -= file.stat().st_size
+                self._files -= 1
+        del self.items[name]
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+    async def add_model(self, name: str, content: AsyncIterable[bytes], previous: Path | None) -> Path:
+        """Store a ``.skops`` file or a card, the latter beside the file before it, and return the path."""
+        if name.endswith(".json"):
+            if previous is None or card_path(previous).exists():
+                raise Refused(409, "a card follows its model file: choose both files together")
+            await self._write(card_path(previous), content, most=2**24)
+            return previous
+        if not name.endswith(".skops"):
+            raise Refused(
+                415,
+                "only .skops models can be uploaded: a .joblib file can run any code when loaded; if you "
+                "trust it, start cyclofeat serve --model FILE --trust",
+            )
+        self._models += 1
+        folder = self.root / f"model-{self._models}"
+        folder.mkdir()
+        path = folder / "model.skops"
+        await self._write(path, content, most=self.limits.model_bytes)
+        return path
+
+    async def _write(self, path: Path, content: AsyncIterable[bytes], most: int | None = None) -> None:
+        """Write a new file within the bounds; nothing stays of one that exceeds them or breaks off."""
+        if self._files >= self.limits.files:
+            raise Refused(413, f"at most {self.limits.files} files can be uploaded: remove some")
+        self._files += 1
+        written = 0
+        try:
+            with path.open("xb") as file:
+                async for part in content:
+                    written += len(part)
+                    self._bytes += len(part)
+                    if self._bytes > self.limits.total_bytes or (most is not None and written > most):
+                        bound = self.limits.total_bytes if most is None else most
+                        raise Refused(
+                            413,
+                            f"{path.name} is too large: uploads may take {bound / 2**20:,.0f} MB together; "
+                            "remove some, or use the command line, which reads files where they are",
+                        )
+                    file.write(part)
+        except BaseException as error:
+            self._files -= 1
+            self._bytes -= written
+            path.unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                raise Refused(507, f"{path.name} cannot be stored: {error.strerror or error}") from error
+            raise
+
+    def _unused(self, name: str) -> str:
+        stem, ending, _ = _ENDINGS.split(name, maxsplit=1)
+        number, unused = 1, name
+        while unused in self.items or (self.recordings / unused).exists():
+            number += 1
+            unused = f"{stem} ({number}){ending}"
+        return unused
+
+
+def plain_name(name: str) -> str:
+    """Return the last part of a file's name, of letters, digits and a few signs: safe as a file's name here.
+
+    Examples
+    --------
+    >>> plain_name("../../etc/Prüfstand 7.tdms"), plain_name("<b>.csv"), plain_name("-"), plain_name("NUL")
+    ('Prüfstand 7.tdms', '_b_.csv', 'recording', '_NUL')
+    """
+    last = re.split(r"[/\\]", name)[-1]
+    plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .").lstrip("-")
+    stem, ending, _ = _ENDINGS.split(plain, maxsplit=1)
+    room = _LONGEST_NAME - len(ending.encode())
+    plain = stem.encode()[:room].decode(errors="ignore").rstrip(" .") + ending
+    return f"_{plain}" if _RESERVED.match(plain) else plain or "recording"

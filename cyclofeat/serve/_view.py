@@ -1,0 +1,193 @@
+"""Words and tables for what the commands printed."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from cyclofeat import __version__
+from cyclofeat._base.words import lobes_text, number
+from cyclofeat.counting import score_text
+from cyclofeat.models import ModelFileError, read_card
+from cyclofeat.plotting.gap_words import VERDICTS, effect_name
+from cyclofeat.serve._jobs import Job
+from cyclofeat.serve._session import Session
+
+# The look is that of the reports.
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.ChoiceLoader(
+        [jinja2.PackageLoader("cyclofeat.serve"), jinja2.PackageLoader("cyclofeat.report")]
+    ),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def page() -> str:
+    """Return the page, whose parts its script fetches."""
+    return _TEMPLATES.get_template("serve.html").render(title="cyclofeat", version=__version__)
+
+
+def parts(session: Session) -> dict[str, Any]:
+    """Return what changes on the page: HTML by the id of its element, and what the script needs to know."""
+    facts, present = session.facts(), session.store.present()
+    recordings = [_recording(name, session.store.items[name], facts) for name in present]
+    jobs = [_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"]
+    channels = {name: unit for row in facts.values() for name, unit in (row.get("channels") or {}).items()}
+    html = {
+        "model": {"model": _model(session), "training": bool(_running(session, "train"))},
+        "channel": {"channels": channels},
+        "simulated": {"names": present},
+        "recordings": {"recordings": recordings},
+        "jobs": {"jobs": jobs},
+    }
+    return {
+        "html": {
+            name: _TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()
+        },
+        "status": _status(session, present),
+        "busy": bool(session.jobs.running),
+        "uninspected": [row["name"] for row in recordings if not row["files"]],
+    }
+
+
+def _running(session: Session, command: str) -> list[Job]:
+    return [job for job in session.jobs.running if job.order.command == command]
+
+
+def _model(session: Session) -> dict[str, str] | None:
+    """Describe the model by its card; None where there is none."""
+    path = session.model
+    if path is None:
+        return None
+    name = "default model" if path == session.cached else path.name
+    if path == session.uploaded:
+        name = "the model that you chose"
+    try:
+        card = read_card(path)
+    except (ModelFileError, OSError) as error:
+        return {"name": name, "text": "", "error": str(error)}
+    scores, speed = card["scores"], card["input_speed_hz"]
+    text = f"counts {min(card['classes'])} to {max(card['classes'])} worn lobes in recordings at "
+    text += f"{card['sampling_rate']:g} Hz" + (f" and {60 * speed:g} RPM" if speed else "")
+    text += f"; {score_text(scores)}, on assemblies held out" if scores else ""
+    return {"name": name, "text": text, "error": ""}
+
+
+def _recording(name: str, is_folder: bool, facts: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    """Describe an uploaded recording, or the recordings of a folder, by what was found in them."""
+    files = [_file(row) for file, row in facts.items() if Path(file).parts[0] == name]
+    return {"name": name, "folder": is_folder, "files": files}
+
+
+def _file(row: Mapping[str, Any]) -> dict[str, Any]:
+    if "error" in row:
+        return {"name": row["file"], "error": row["error"], "cells": [], "warnings": []}
+    turns = row["whole_output_turns"]
+    cells = [
+        f"{row['channel']} ({row['unit']})",
+        f"{row['sampling_rate']:g} Hz",
+        f"{row['duration_s']:.4g} s" + ("" if turns is None else f", {number(turns, 'whole output turn')}"),
+        _rpm(row["speed_rpm"]),
+        _rpm(row["speed_measured_rpm"]),
+    ]
+    return {"name": row["file"], "error": "", "cells": cells, "warnings": row["warnings"]}
+
+
+def _rpm(speed: float | None) -> str:
+    return "not known" if speed is None else f"{speed:.5g} RPM"
+
+
+def _job(job: Job) -> dict[str, Any]:
+    """Describe a job and what came out of it."""
+    words = {
+        "running": "running", "done": "done", "failed": "failed", "cancelled": "cancelled",
+        "died": "ended unexpectedly",
+    }  # fmt: skip
+    command_line = shlex.join(["cyclofeat", job.order.command, *job.order.arguments])
+    described: dict[str, Any] = {
+        "number": job.number,
+        "title": job.order.title,
+        "state": job.state,
+        "state_text": words[job.state],
+        "message": job.messages[-1] if job.messages else "starting",
+        "messages": [text.replace(f"{job.folder}{os.sep}", "") for text in (command_line, *job.messages)],
+        "error": job.error,
+        "outputs": job.outputs,
+        "counts": [],
+        "gap": [],
+    }
+    if job.order.command == "count":
+        described["counts"] = [_count(row) for row in job.result if "file" in row]
+    elif job.order.command == "gap" and job.state == "done":
+        described["gap"] = list(_gap(job.result[0]))
+    return described
+
+
+def _count(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Describe one answer of ``count``."""
+    if "error" in row:
+        return {"name": row["file"], "error": row["error"]}
+    count = row["defect_count"]
+    probability = row["probability"][str(count)]
+    positions = lobes_text(row["lobes"])
+    if positions and not row["lobes_absolute"]:
+        positions += " (relative)"
+    return {
+        "name": row["file"],
+        "error": "",
+        "count": number(count, "worn lobe") if count else "no worn lobe",
+        "probability": f"{probability:.2f}",
+        "positions": positions,
+        "refused": row["reason"] if row["refused"] else "",
+        "warnings": row["warnings"],
+    }
+
+
+def _gap(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the answer of ``gap`` in sentences; the page that it writes says all of it."""
+    yield VERDICTS[result["verdict"]]
+    named = set(result["named"])
+    for effect in result["effects"]:
+        if effect["id"] in named or effect["answer"] == "present":
+            sure = "missing" if effect["answer"] == "present" else "probably missing"
+            yield f"{sure}: {effect_name(effect['id'])} ({effect['probability']:.0%})"
+    if result["unknown"]:
+        yield "something is missing that no effect considered explains"
+
+
+def _status(session: Session, present: list[str]) -> str:
+    """Say what happens or has happened, and what to do next."""
+    running = session.jobs.running
+    if running:
+        job = running[-1]
+        return f"{job.order.title}: {job.messages[-1] if job.messages else 'starting'}."
+    jobs = list(session.jobs.jobs.values())
+    said = f"{_outcome(jobs[-1])}. " if jobs else ""
+    counted = any(job.order.command == "count" and job.state == "done" for job in jobs)
+    if session.model is None:
+        following = "train the default model (one or two minutes), or choose a model file."
+    elif not present:
+        following = "choose recordings, or simulate an example."
+    elif not counted:
+        following = "check what was found in the recordings, then press Count."
+    else:
+        following = "open the page of a result, or choose other recordings."
+    return f"{said}Next: {following}"
+
+
+def _outcome(job: Job) -> str:
+    if job.state != "done":
+        return f"{job.order.title}: {job.error or job.state}".rstrip(".")
+    rows = [_count(row) for row in job.result] if job.order.command == "count" else []
+    answers = [f"{row['name']}: {row['count']}" for row in rows if not row["error"]]
+    if len(rows) > 1:
+        return f"{len(answers)} of {number(len(rows), 'recording')} counted"
+    return answers[0] if answers else f"{job.order.title}: done"

@@ -1,0 +1,131 @@
+"""The local page in a real browser: from a TDMS file to a count, by keyboard, narrow and dark."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from devtools import Browser, find_chromium
+from live_server import Live
+from nptdms import ChannelObject, TdmsWriter
+from small_model import RATE, recording, small_model
+
+from cyclofeat.datasets import write_recording
+from cyclofeat.models import save_model
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find_chromium() is None, reason="no Chromium: install Debian's package chromium"),
+]
+
+COMMANDS = (sys.executable, "-m", "cyclofeat")  # the real ones
+STATUS = "document.getElementById('status').textContent"
+
+
+def text_of(part):
+    return f"document.getElementById('{part}').innerText"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A TDMS file with two channels, a CSV file with a hostile name, and a model."""
+    folder = tmp_path_factory.mktemp("files")
+    worn = recording((4, 5, 6), seed=100)
+    wave = {"wf_increment": 1 / RATE, "wf_samples": worn.n_samples, "wf_start_offset": 0.0}
+    with TdmsWriter(folder / "Prüfstand 7.tdms") as writer:
+        writer.write_segment(
+            [
+                ChannelObject("rig", "left", worn.torque, wave | {"unit_string": "Nm"}),
+                ChannelObject("rig", "right", np.ones(worn.n_samples), wave | {"unit_string": "Nm"}),
+            ]
+        )
+    write_recording(folder / "healthy.csv", recording((), seed=101))
+    (folder / "healthy.csv").rename(folder / "<img src=x onerror=alert(1)>.csv")
+    save_model(folder / "model.skops", small_model())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile"), offline=False) as browser:
+        yield browser
+
+
+@pytest.fixture
+def live(tmp_path):
+    with Live(program=COMMANDS, cached=tmp_path / "model.skops") as live:
+        yield live
+
+
+def tab_to(browser, name):
+    """Reach an element as somebody without a mouse does."""
+    for _ in range(60):
+        browser.press("Tab")
+        if browser.run("document.activeElement.id") == name:
+            return
+    raise AssertionError(f"{name} is not reached by the tab key")
+
+
+def test_from_a_tdms_file_to_a_count_by_keyboard(browser, live, files):
+    browser.said.clear()
+    browser.resize(1200)
+    browser.open(live.address.url)
+    browser.wait_for(STATUS, lambda text: "train the default model" in text)
+    for name in ("train", "model-files", "files", "folder", "example"):
+        tab_to(browser, name)
+    browser.choose("#model-files", files / "model.skops", files / "model.skops.card.json")
+    browser.wait_for(text_of("model"), lambda text: "counts 0 to 3 worn lobes" in text)
+    browser.choose("#files", files / "Prüfstand 7.tdms")
+    # two channels: the page says so in the words of the command, and offers both
+    browser.wait_for(text_of("recordings"), lambda text: "to say which channel is the torque" in text, 60)
+    browser.run("document.getElementById('channel').value = 'rig/left'")
+    browser.run("document.getElementById('channel').dispatchEvent(new Event('change', {bubbles: true}))")
+    browser.wait_for(text_of("recordings"), lambda text: "rig/left (Nm)" in text, 60)
+    tab_to(browser, "count")
+    browser.press("Enter")
+    browser.wait_for(STATUS, lambda text: "Prüfstand 7.tdms: 3 worn lobes" in text, 60)
+    assert browser.run("document.activeElement.id") == "count"  # the reader is not thrown elsewhere
+    assert "3 worn lobes" in browser.run(text_of("jobs"))
+    assert browser.run("document.getElementById('status').getAttribute('aria-live')") == "polite"
+    page = browser.run("document.querySelector('#jobs a').href")
+    browser.open(page)
+    assert "3 worn lobes" in browser.run("document.body.innerText")
+    assert browser.run("self.origin") == "null"  # a report is not the page's own
+    assert browser.said == []
+
+
+def test_recordings_are_compared_on_a_narrow_dark_screen(browser, live, files, tmp_path):
+    browser.said.clear()
+    browser.resize(400, 800)
+    browser.prefer("dark")
+    live.session.given = ["--model", str(files / "model.skops")]
+    browser.open(live.address.url)
+    browser.wait_for(STATUS, lambda text: "choose recordings" in text)
+    hostile = files / "<img src=x onerror=alert(1)>.csv"
+    browser.choose("#files", files / "Prüfstand 7.tdms", hostile)
+    browser.wait_for(text_of("recordings"), lambda text: "500 RPM" in text, 60)
+    browser.run("document.getElementById('count').click()")
+    # one has no channel of a usual name: the other is counted all the same
+    browser.wait_for(STATUS, lambda text: "1 of 2 recordings counted" in text, 60)
+    assert browser.run("document.querySelectorAll('img').length") == 0
+    assert browser.run("document.documentElement.scrollWidth") <= 400
+    shade = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+    assert max(browser.run(shade)) < 60
+    assert browser.screenshot(tmp_path / "narrow.png").stat().st_size > 10_000
+    browser.prefer("light")
+    assert browser.said == []
+
+
+def test_a_job_is_cancelled_and_a_lost_server_is_said(browser, tmp_path):
+    with Live(cached=tmp_path / "model.skops") as live:  # commands that stand in for the real ones
+        browser.resize(1200)
+        browser.open(live.address.url)
+        browser.wait_for(STATUS, lambda text: "train the default model" in text)
+        live.add("a.csv")
+        number = live.start("gap", "a.csv", channel="wait")[1]["number"]
+        browser.wait_for(text_of("jobs"), lambda text: "running" in text)
+        browser.run(f"document.getElementById('cancel-{number}').click()")
+        browser.wait_for(text_of("jobs"), lambda text: "cancelled" in text)
+    browser.wait_for(STATUS, lambda text: "lost its server" in text)
+    browser.said.clear()
