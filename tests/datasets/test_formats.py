@@ -496,7 +496,10 @@ def test_a_recording_that_went_through_excel_keeps_its_labels(tmp_path):
         ({"S": [*EXCEL, [1.5, "=1+2"]]}, "row 6, column 'Drehmoment' holds nothing"),
         ({"S": [*EXCEL, [1.5, "#DIV/0!"]]}, "row 6, column 'Drehmoment' holds '#DIV/0!', which is not"),
         ({"A": EXCEL, "B": [*EXCEL, ["x"]]}, "time_channel must be given, .* fit: 'A/Zeit', 'B/Zeit'"),
-        ({"I": [["note"]], "B": [*EXCEL, [1.5, "x"]]}, "row 6 of sheet 'B', column 'Drehmoment' holds 'x'"),
+        (
+            {"I": [["note"], ["more"]], "B": [*EXCEL, [1.5, "x"]]},
+            "row 6 of sheet 'B', column 'Drehmoment' holds 'x'",
+        ),
         ({"S": []}, "wrong.xlsx holds no sheet with data"),
     ],
 )
