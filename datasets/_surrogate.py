@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat._base import checks
+from cyclofeat._base.words import from_1
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
@@ -161,8 +162,8 @@ def make_rig_recording(
     -------
     Recording
         As :func:`make_rig_recordings` returns. With removed lobes ``worn_lobes`` is None, ``defect_count``
-        counts both, and ``meta`` holds ``worn_lobes`` and ``removed_lobes``. Assembly and drift are those of
-        the first recording that :func:`make_rig_recordings` makes with this seed.
+        counts both, and ``meta`` holds ``worn_lobes_from_1`` and ``removed_lobes_from_1``. Assembly and
+        drift are those of the first recording that :func:`make_rig_recordings` makes with this seed.
 
     Raises
     ------
@@ -272,13 +273,16 @@ def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) ->
     meta = {
         "rig": rig.name,
         **done.machine.true_values(),
-        "wheels": list(defects.wheels) if defects.defect_count else [],
+        "wheels_from_1": from_1(defects.wheels) if defects.defect_count else [],
         "start_angle_rad": float(record.input_angle[0] % output_turn),
         "settling_s": done.n_settling / run.sampling_rate,
         "effects": [effect.to_dict() for effect in done.machine.effects],
     }
     if removed:
-        meta |= {"worn_lobes": list(defects.worn_lobes), "removed_lobes": list(removed)}
+        meta |= {
+            "worn_lobes_from_1": from_1(defects.worn_lobes),
+            "removed_lobes_from_1": from_1(removed),
+        }
     return Recording(
         record.torque_out,
         run.sampling_rate,
@@ -297,11 +301,11 @@ def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) ->
 
 def _words(assembly: str, machine: Machine, defects: LobeDefects) -> str:
     """Describe an assembly for an error."""
-    removed = f", removed {defects.removed_lobes}" if defects.removed_lobes else ""
+    removed = f", removed {from_1(defects.removed_lobes)}" if defects.removed_lobes else ""
     values = ", ".join(f"{name} {value:.5g}" for name, value in machine.true_values().items())
     return (
-        f"assembly {assembly} (worn lobes {defects.worn_lobes}{removed} on wheels {defects.wheels}, counted "
-        f"from 0; {values})"
+        f"assembly {assembly} (worn lobes {from_1(defects.worn_lobes)}{removed} on wheels "
+        f"{from_1(defects.wheels)}, counted from 1; {values})"
     )
 
 

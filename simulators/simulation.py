@@ -543,6 +543,6 @@ def _largest_contact(external: Float, internal: Float) -> tuple[str, float]:
         values = np.where(np.isfinite(forces), forces, np.inf)
         wheel, sleeve = np.unravel_index(int(np.argmax(values)), values.shape)
         if values[wheel, sleeve] > force:
-            name = f"the contact of wheel {wheel} with {kind} sleeve {sleeve} (counted from 0)"
+            name = f"the contact of wheel {wheel + 1} with {kind} sleeve {sleeve + 1} (counted from 1)"
             force = float(values[wheel, sleeve])
     return name, force

@@ -72,7 +72,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
         )
     missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
     if missing:
-        raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install 'cyclofeat[prepare]'")
+        raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
     from cyclofeat.gap.posterior import EffectPosterior
     from cyclofeat.gap.world import prepare_world
     from cyclofeat.simulators import Rig

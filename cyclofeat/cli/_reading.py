@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 T = TypeVar("T")
-FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav), or folders of them"
+FILES = "recordings (.csv, .csv.gz, .txt, .npz, .tdms, .mat, .parquet, .wav, .xlsx), or folders of them"
 UNREADABLE = (ValueError, TypeError, OSError, ImportError)
-_DELIMITERS = {",": ",", ";": ";", "tab": "\t"}
+_DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 
 # Argument of read_recording: its option, and how the option is parsed.
 _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {

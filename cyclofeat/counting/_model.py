@@ -15,7 +15,7 @@ from cyclofeat._base import plots, svg
 from cyclofeat._base.card import card
 from cyclofeat._base.frames import frame
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
-from cyclofeat._base.words import lobes_text, number
+from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import combine_proba
@@ -114,11 +114,11 @@ class LobeCount:
     windows: tuple[WindowCount, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer of the whole recording in plain types, for JSON."""
+        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1."""
         return {
             "defect_count": self.defect_count,
             "probability": {str(count): value for count, value in self.probability.items()},
-            "lobes": list(self.lobes),
+            "worn_lobes_from_1": from_1(self.lobes),
             "lobe_probability": list(self.lobe_probability),
             "lobes_absolute": self.absolute,
             "n_windows": self.n_windows,

@@ -96,8 +96,8 @@ def defects(worn_lobes: Any, defect_count: Any, n_lobes: int) -> tuple[tuple[int
         raise ValueError(f"worn_lobes must be distinct, got {lobes}")
     if lobes and lobes[-1] >= n_lobes:
         raise ValueError(
-            f"worn_lobes must lie between 0 and {n_lobes - 1} (n_lobes = {n_lobes}, counted from 0), "
-            f"got {lobes}"
+            f"worn_lobes must lie between 0 and {n_lobes - 1} (n_lobes = {n_lobes}, counted from 0; "
+            f"files count from 1), got {lobes}"
         )
     if count is not None and count != len(lobes):
         raise ValueError(

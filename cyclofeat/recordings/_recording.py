@@ -13,7 +13,7 @@ import numpy as np
 from cyclofeat._base import plots, svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
-from cyclofeat._base.words import lobes_text
+from cyclofeat._base.words import from_1, lobes_text
 from cyclofeat.recordings import _checks as check
 from cyclofeat.recordings._checks import Label
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
@@ -191,7 +191,7 @@ class Recording:
         Recording
             With ``source="simulated"`` where no other is given. Where lobes are removed, ``defect_count``
             counts them too; ``worn_lobes`` is then None, since removed lobes are not worn ones, and ``meta``
-            holds both as ``"worn_lobes"`` and ``"removed_lobes"``.
+            holds both as ``"worn_lobes_from_1"`` and ``"removed_lobes_from_1"``, as files do.
 
         Examples
         --------
@@ -217,7 +217,10 @@ class Recording:
         if not removed:
             found["worn_lobes"] = run.defects.worn_lobes
         elif not {"defect_count", "worn_lobes"} & labels.keys():
-            positions = {"worn_lobes": list(run.defects.worn_lobes), "removed_lobes": list(removed)}
+            positions = {
+                "worn_lobes_from_1": from_1(run.defects.worn_lobes),
+                "removed_lobes_from_1": from_1(removed),
+            }
             labels["meta"] = positions | dict(labels.get("meta") or {})
         if with_angle:
             found |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}

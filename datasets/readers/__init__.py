@@ -5,7 +5,7 @@
 | `_read` | one record from a file of any kind, and back to a file |
 | `_columns` | names, units and numbers that all kinds of files share |
 | `_times` | sampling rate from a column of times, with its jitter and gaps |
-| `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav` | one kind of file each |
+| `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav`, `_xlsx` | one kind of file each |
 | `_text` | text in any encoding, packed or not |
 | `_labels` | labels as files hold them |
 | `_folder` | a folder with its manifest |

@@ -301,6 +301,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
         if isinstance(error, ValueError) and path.name in str(error):
             raise
         text = " ".join(str(error).split())
+        text = text if len(text) <= 200 else f"{text[:200]}..."  # some quote what they found, at any length
         raise ValueError(
             f"{path.name} is damaged, it cannot be read as {kind} ({type(error).__name__}: {text})"
         ) from None

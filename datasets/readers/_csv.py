@@ -16,22 +16,27 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
-from cyclofeat.datasets.readers._labels import FORMAT, LABELS, VERSION, check_version
+from cyclofeat.datasets.readers._labels import FILE_LABELS, FORMAT, LABELS, VERSION, labels_of_file
 from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
 _MOST_COLUMNS = 4096
+_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?(?<!,)"
 
 
 class CsvSource(Source):
-    """Columns of a CSV file; default delimiter: the first of tab, semicolon, comma in the first row."""
+    """Columns of a CSV file, or of lines that can be read several times.
+
+    Default delimiter: the first of tab, semicolon, comma in the first row; spaces where there are none and
+    the first samples are several numbers.
+    """
 
     noun, plural = "column", "columns"
 
-    def __init__(self, path: Path, delimiter: str | None) -> None:
+    def __init__(self, path: Path, delimiter: str | None, lines: Iterable[str] | None = None) -> None:
         self.file = path.name
-        self.lines = TextLines(path)
+        self.lines = TextLines(path) if lines is None else lines
         comments, start = list[str](), list[str]()
         for line in self.lines:
             if not start and (line.startswith("#") or not line.strip()):
@@ -43,6 +48,11 @@ class CsvSource(Source):
         if not start:
             raise ValueError(f"{self.file} holds no row of data")
         self.labels = labels_from_comments(self.file, comments)
+        spaced = _spaced(start) if delimiter is None else start[-1] if delimiter == " " else ""
+        if spaced:
+            self.lines = _WithTabs(self.lines, len(comments), len(spaced.split()))
+            start = list(islice(self.lines, len(comments), len(comments) + len(start)))
+            delimiter = "\t"
         # Comma last: with the others it is a decimal comma.
         self.delimiter = delimiter or next((d for d in "\t;," if d in start[0]), ",")
         self.decimal_comma = self.delimiter != "," and any(
@@ -124,7 +134,7 @@ class CsvSource(Source):
         try:
             return self.column(index)
         except ValueError:
-            if self._number(self._cells(next(self._rows()))[index]) is not None:
+            if self.begins_with_number(index):
                 raise
             cells = [self._cells(row)[index].strip() for row in self._rows()]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
@@ -133,6 +143,10 @@ class CsvSource(Source):
             with suppress(ValueError):
                 return np.array(bare, dtype="datetime64[ns]")
             raise
+
+    def begins_with_number(self, index: int) -> bool:
+        """Return True if the first cell of a column below its name is a number."""
+        return self._number(self._cells(next(self._rows()))[index]) is not None
 
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
         """Return the error that names the first cell of a column that is no number."""
@@ -146,6 +160,36 @@ class CsvSource(Source):
                 )
                 return ValueError(f"{self.file}: {self.where(row)}, {column} holds {came}")
         return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
+
+
+def _spaced(rows: list[str]) -> str:
+    """Return the first row of several numbers between spaces; nothing where other marks separate columns."""
+
+    def numbers(line: str) -> bool:
+        cells = line.split()
+        return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
+
+    if not numbers(rows[0]) and any(mark in rows[0] for mark in "\t;,"):
+        return ""
+    return next(filter(numbers, rows), "")
+
+
+class _WithTabs:
+    """Lines with tabs between columns that spaces separate; a name keeps its unit in brackets."""
+
+    def __init__(self, lines: Iterable[str], n_comments: int, width: int) -> None:
+        self.lines, self.n_comments, self.width = lines, n_comments, width
+
+    def __iter__(self) -> Iterator[str]:
+        for index, line in enumerate(self.lines, -self.n_comments):
+            yield line if index < 0 else "\t".join(self._cells(line, is_head=index < 2))
+
+    def _cells(self, line: str, *, is_head: bool) -> list[str]:
+        cells = line.split()
+        if not is_head or len(cells) == self.width:
+            return cells
+        wide = re.split(r"\s{2,}", line.strip())
+        return wide if len(wide) == self.width else re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", line)
 
 
 def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
@@ -171,11 +215,11 @@ def labels_from_comments(file: str, comments: Iterable[str]) -> dict[str, Any] |
             labels[key] = json.loads(value)
         except ValueError:
             raise ValueError(f"{file}: label {key!r} in its header is not JSON, got {value!r}") from None
-    check_version(file, labels.pop(FORMAT))
+    labels = labels_of_file(file, labels, labels.pop(FORMAT))
     unknown = labels.keys() - {*LABELS, "sampling_rate"}
     if unknown:
         raise ValueError(
-            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(LABELS)}"
+            f"{file}: unknown label {min(unknown)!r} in its header; known are {', '.join(FILE_LABELS)}"
         )
     check_rate(labels.get("sampling_rate"), f"{file}: sampling_rate in its header")
     return labels

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.words import lobes_text, number
+from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat.datasets.readers._labels import WORN
 from cyclofeat.datasets.readers._quality import clipped, dropped, speed_by_lines
 from cyclofeat.recordings import Recording
 
@@ -166,7 +167,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         ``unit_assumed`` (bool), ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``
         (bool), ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (None, or
         shaft and kind of zero), ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
-        ``worn_lobes`` (list, from 0) and ``source``. Unknown values are None; JSON can hold all.
+        ``worn_lobes_from_1`` (list) and ``source``. Unknown values are None; JSON can hold all.
 
     Examples
     --------
@@ -200,7 +201,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         "assembly": recording.assembly,
         "run": recording.run,
         "defect_count": recording.defect_count,
-        "worn_lobes": None if recording.worn_lobes is None else list(recording.worn_lobes),
+        WORN: None if recording.worn_lobes is None else from_1(recording.worn_lobes),
         "source": recording.source,
     }
 
@@ -238,7 +239,7 @@ def one_line(recording: Recording) -> str:
         parts.append(f"load {facts['load_nm']:g} Nm")
     parts.append("no angle" if facts["angle"] is None else f"angle of the {facts['angle']}")
     if facts["defect_count"] is not None:
-        lobes = lobes_text(facts["worn_lobes"])
+        lobes = lobes_text(recording.worn_lobes)
         count = facts["defect_count"]
         parts.append(number(count, "worn lobe") + (f" ({lobes})" if lobes else ""))
     if facts["source"]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
 from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
@@ -20,7 +21,7 @@ MANIFEST = "recordings.csv"
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
 _ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
 _LABELS = {
-    "defect_count": "defect_count", "worn_lobes": "worn_lobes", "n_lobes": "n_lobes", "run": "run",
+    "defect_count": "defect_count", WORN: "worn_lobes", "n_lobes": "n_lobes", "run": "run",
     "speed": "speed_rpm", "load": "load_nm", "source": "source", "assembly": "assembly",
     "angle_of": "angle_of", "angle_is_absolute": "angle_is_absolute",
 }  # fmt: skip
@@ -33,7 +34,7 @@ _RIGHT = {
     "load": "a number",
     "defect_count": "a whole number from 0",
     "n_lobes": "a whole number from 2",
-    "worn_lobes": "lobes counted from 0 and separated by spaces, like 0 4",
+    WORN: "lobes counted from 1 and separated by spaces, like 1 5",
     "angle_is_absolute": "true or false",
 }
 _FITS: dict[str, Callable[[Any], bool]] = {
@@ -42,7 +43,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     "load": math.isfinite,
     "defect_count": lambda value: value >= 0,
     "n_lobes": lambda value: value >= 2,
-    "worn_lobes": lambda lobes: all(lobe >= 0 for lobe in lobes),
+    WORN: lambda lobes: all(lobe >= 0 for lobe in lobes),
 }
 _MOST_ERRORS = 10
 
@@ -79,7 +80,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
         recording and the columns ``file`` (within the folder) and any of ``channel``, ``sampling_rate`` (Hz),
         ``time_channel``, ``angle_channel``, ``angle_unit``, ``scale`` (Nm per unit), ``defect_count``,
-        ``worn_lobes`` (counted from 0, separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
+        ``worn_lobes_from_1`` (separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
         ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``, ``angle_of``,
         ``angle_is_absolute`` (true or false). An empty cell states nothing. Without a manifest all files that
         :func:`read_recording` knows are read, by name, but for ``.txt``.
@@ -111,7 +112,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     ...     folder = pathlib.Path(folder)
     ...     _ = (folder / "a.csv").write_text("torque [Nm]\\n21.9\\n22.1\\n")
     ...     _ = (folder / "recordings.csv").write_text(
-    ...         "file,sampling_rate,worn_lobes,assembly,speed\\na.csv,25600,0 4,A1,500\\n"
+    ...         "file,sampling_rate,worn_lobes_from_1,assembly,speed\\na.csv,25600,1 5,A1,500\\n"
     ...     )
     ...     (recording,) = read_folder(folder)
     >>> recording.assembly, recording.worn_lobes, recording.speed_rpm
@@ -171,6 +172,7 @@ def _manifest(folder: Path) -> list[Entry]:
     delimiter = next((d for d in "\t;," if d in lines[first]), ",")
     names = [name.strip().lower() for name in _cells(lines[first], delimiter)]
     head = f"{MANIFEST}: line {first + 1}:"
+    check_no_bare_lobes(head.removesuffix(":"), names)
     for name in names:
         if name not in _COLUMNS:
             raise ValueError(f"{head} unknown column {name!r}; known are {', '.join(_COLUMNS)}")
@@ -225,9 +227,7 @@ def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entr
             arguments[_LABELS.get(column, column)] = _value(column, cell, delimiter)
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
-        raise ValueError(
-            f"defect_count must be the number of worn_lobes, got {count} and {row['worn_lobes']!r}"
-        )
+        raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
     return Entry(path, arguments, line)
 
 
@@ -247,8 +247,8 @@ def _value(column: str, cell: str, delimiter: str) -> Any:
 def _converted(column: str, cell: str, delimiter: str) -> Any:
     if column in _FITS and "_" in cell:
         raise ValueError("Python takes 1_000 for a number, other programs do not")
-    if column == "worn_lobes":
-        return tuple(int(lobe) for lobe in cell.replace(",", " ").replace(";", " ").split())
+    if column == WORN:
+        return tuple(int(lobe) - 1 for lobe in cell.replace(",", " ").replace(";", " ").split())
     if column == "angle_is_absolute":
         return _BOOLEANS[cell.lower()]
     if column in ("defect_count", "n_lobes"):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from cyclofeat._base.checks import is_whole, short
+from cyclofeat._base.words import from_1
 from cyclofeat.recordings import Recording
 
 FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"
-VERSION = 1
+VERSION = 2  # 1 counted lobes from 0
 # Parameters of Recording that a caller may give, and that written files hold.
 LABELS = (
     "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "n_lobes", "speed_rpm",
@@ -16,10 +19,48 @@ LABELS = (
 )  # fmt: skip
 
 
-def check_version(file: str, version: Any) -> None:
-    """Raise ``ValueError`` for an unknown version of the format."""
-    if version != VERSION:
-        raise ValueError(f"{file} is of format {version!r}, but {VERSION} can be read; update cyclofeat")
+# The label of worn lobes in files, which says how they are counted.
+WORN = "worn_lobes_from_1"
+FILE_LABELS = tuple(WORN if name == "worn_lobes" else name for name in LABELS)
+
+
+def labels_of_file(file: str, stated: Mapping[str, Any], version: Any = None) -> dict[str, Any]:
+    """Return the labels that a file states, with lobes counted from 0.
+
+    ``version`` is that of the format, None in files that other programs wrote.
+
+    Raises
+    ------
+    ValueError
+        If the version is unknown, or the file's worn lobes are not counted from 1.
+    """
+    if version not in (None, 1, VERSION):
+        raise ValueError(
+            f"{file} is of format {version!r}, but 1 and {VERSION} can be read; update cyclofeat"
+        )
+    labels = dict(stated)
+    if version == 1:
+        return labels
+    check_no_bare_lobes(file, labels)
+    if WORN in labels:
+        labels["worn_lobes"] = lobes_from_1(f"{file}: {WORN}", labels.pop(WORN))
+    return labels
+
+
+def check_no_bare_lobes(file: str, names: Iterable[str]) -> None:
+    """Raise ``ValueError`` for a name that does not say from where the lobes are counted."""
+    if "worn_lobes" in names:
+        raise ValueError(
+            f"{file}: worn_lobes does not say whether lobes count from 0 or from 1: name it {WORN} and "
+            "count from 1"
+        )
+
+
+def lobes_from_1(called: str, numbers: Any) -> tuple[int, ...]:
+    """Return lobes counted from 0; raise ``ValueError`` unless ``numbers`` count them from 1."""
+    if not isinstance(numbers, (list, tuple)) or not all(is_whole(one) and one > 0 for one in numbers):
+        raise ValueError(f"{called} must be lobes counted from 1, like [1, 5], got {short(numbers)}")
+    return tuple(one - 1 for one in numbers)
 
 
 def labels_to_write(recording: Recording) -> dict[str, Any]:
@@ -33,7 +74,9 @@ def labels_to_write(recording: Recording) -> dict[str, Any]:
             or (key == "n_lobes" and value == 15)  # the default of files
         )
         if value is not None and not skipped:
-            labels[key] = list(value) if key == "worn_lobes" else value
+            labels[key] = value
+    if "worn_lobes" in labels:
+        labels[WORN] = from_1(labels.pop("worn_lobes"))
     meta = labels.get("meta", {})
     try:
         same = json.loads(json.dumps(meta, allow_nan=False)) == meta

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, largest_unpacked, reading
-from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, check_version
+from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, WORN, labels_of_file
 from cyclofeat.recordings import Recording
 
 
@@ -33,13 +33,14 @@ class NpzSource(Source):
         with _archive(path) as archive:
             _check_sizes(path, archive)
             members = [name.removesuffix(".npy") for name in archive.namelist()]
-            reserved = {*LABELS, FORMAT_KEY, "sampling_rate", "angle_unit"}
+            reserved = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}
             super().__init__(path, [name for name in members if name not in reserved])
             small = {name: _array(path, archive, name) for name in members if name in reserved}
         self.rate = small.get("sampling_rate")
-        labels = {key: _plain(path, key, small[key]) for key in LABELS if key in small}
-        if FORMAT_KEY in small:
-            check_version(path.name, small[FORMAT_KEY].tolist())
+        stated_labels = {key: _plain(path, key, small[key]) for key in (*LABELS, WORN) if key in small}
+        version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
+        labels = labels_of_file(path.name, stated_labels, version)
+        if version is not None:
             stated = self.stated_rate(0)
             if stated is None:
                 raise ValueError(f"{path.name}: no sampling rate: add an array 'sampling_rate'")
@@ -178,7 +179,7 @@ def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> 
     for key, value in labels.items():
         if key == "meta":
             value = json.dumps(value)
-        elif key == "worn_lobes":
+        elif key == WORN:
             value = np.asarray(value, dtype=np.int64)  # an empty list would become float
         arrays[key] = np.asarray(value)
     arrays[FORMAT_KEY] = np.asarray(VERSION)

@@ -33,17 +33,19 @@ from cyclofeat.datasets.readers._parquet import ParquetSource
 from cyclofeat.datasets.readers._tdms import TdmsSource
 from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.datasets.readers._wav import WavSource
+from cyclofeat.datasets.readers._xlsx import XlsxSource
 from cyclofeat.recordings import Recording
 
 SOURCES: dict[str, Callable[..., Source]] = {
     ".csv": CsvSource, ".csv.gz": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource,
-    ".parquet": ParquetSource, ".wav": WavSource,
+    ".parquet": ParquetSource, ".wav": WavSource, ".xlsx": XlsxSource,
 }  # fmt: skip
 # Read as these where they are named; a folder's other text files are notes.
 _TEXT_FILES = {".txt": ".csv", ".txt.gz": ".csv.gz"}
 # How files of each kind begin.
 _BEGINNINGS = (
-    (b"PK\x03\x04", ".npz"), (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
+    (b"PK\x03\x04", ".npz", ".xlsx"), (b"\xd0\xcf\x11\xe0", ".xls"),
+    (b"TDSm", ".tdms"), (b"TDSh", ".tdms_index"), (b"MATLAB ", ".mat"),
     (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
     (b"RF64", ".wav"), (b"\x1f\x8b", ".csv.gz"), (b"%PDF", ".pdf"),
 )  # fmt: skip
@@ -74,8 +76,9 @@ class ReadingOptions:
         Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad.
     scale : float, optional
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm.
-    delimiter : {",", ";", "\\t"}, optional
-        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row.
+    delimiter : {",", ";", "\\t", " "}, optional
+        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
+        of spaces where there are none and the first samples are several numbers.
 
     Raises
     ------
@@ -98,7 +101,7 @@ class ReadingOptions:
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
             ("angle_unit", self.angle_unit in (None, "rad", "deg"), "'rad' or 'deg'"),
-            ("delimiter", self.delimiter in (None, ",", ";", "\t"), "',', ';' or a tab"),
+            ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
         ):
             if not fits:
                 raise ArgumentError(
@@ -111,7 +114,7 @@ _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
 
 
 def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
-    """Read one torque record from a CSV, NPZ, TDMS, MATLAB, Parquet or WAV file.
+    """Read one torque record from a CSV, NPZ, TDMS, MATLAB, Parquet, Excel or WAV file.
 
     The recording's ``meta`` and :func:`describe` state what was assumed (unit, decimal comma, sampling rate
     from a time column). One channel is read at a time: TDMS, MATLAB v7.3, Parquet and WAV files may be larger
@@ -124,9 +127,9 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         (``torque [Nm]``, ``torque (Nm)``, ``torque / Nm``, ``torque_nm``) where the file has no place of its
         own for them.
 
-        ``.csv``, ``.txt``, or either with ``.gz``: one row per sample, separated by comma, semicolon or tab,
-        with or without a row of column names and a row of units below it, in UTF-8, Latin-1, or UTF-16 with a
-        byte-order mark. With semicolon or tab, a comma in a number is a decimal comma.
+        ``.csv``, ``.txt``, or either with ``.gz``: one row per sample, separated by comma, semicolon, tab or
+        spaces, with or without a row of column names and a row of units below it, in UTF-8, Latin-1, or
+        UTF-16 with a byte-order mark. Without commas between columns, a comma in a number is a decimal comma.
 
         ``.npz``: arrays ``torque`` (n,) in Nm, ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad,
         and the labels that :func:`write_recording` writes. Pickled objects are never loaded, nor files that
@@ -142,6 +145,9 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
 
         ``.parquet``: columns; unit and ``sampling_rate`` may stand in the metadata. Needs pyarrow (extra
         ``io``).
+
+        ``.xlsx``: columns of a sheet as in a CSV file, named ``sheet/column`` where several sheets hold data.
+        Needs openpyxl (extra ``io``).
 
         ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
     **options
@@ -308,11 +314,12 @@ def _open(path: Path, delimiter: str | None) -> Source:
         raise ValueError(f"{path.name} is empty")
     with path.open("rb") as file:
         start = file.read(16)
-    looks = next((kind for begin, kind in _BEGINNINGS if start.startswith(begin)), suffix)
-    if looks != suffix:
+    looks = next((kinds for begin, *kinds in _BEGINNINGS if start.startswith(begin)), [suffix])
+    if suffix not in looks:
+        kinds = " or ".join(looks)
         raise ValueError(
-            f"{path.name} is no {suffix} file: it begins like a {looks} file"
-            + (f"; rename it to end in {looks}" if looks in SOURCES else "")
+            f"{path.name} is no {suffix} file: it begins like a {kinds} file"
+            + (f"; rename it to end in {kinds}" if looks[0] in SOURCES else "")
         )
     if SOURCES[suffix] is CsvSource:
         return CsvSource(path, delimiter)

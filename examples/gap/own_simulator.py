@@ -6,7 +6,7 @@ The gap workflow needs a simulator, not the toolkit's. Here it is a drive of two
 brake. An effect of its own, a shaft softer than stated, joins those of the sensor. The hidden rig, whose
 recordings are **surrogates**, has a soft shaft and hum. The posterior learns from simulated drives of the
 model, and :func:`cyclofeat.gap.find_gap` names and sizes both, in about a minute on two cores. It needs
-``pip install cyclofeat[prepare]``.
+``pip install jax optax``.
 """
 
 import dataclasses

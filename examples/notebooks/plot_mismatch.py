@@ -9,7 +9,7 @@ recordings that it has not seen, and train a counter on it.
 The rig here is itself simulated (**surrogate** recordings), so that we know what it hides: the rotor of a
 brake behind a shaft, mains hum and noise. The page takes few recordings and few simulations, to build in a
 minute: expect wide intervals, and use the defaults of ``cyclofeat gap`` for work that matters. You need
-``pip install "cyclofeat[plot]"``.
+``pip install -e ".[plot]"``.
 """
 
 import matplotlib.pyplot as plt

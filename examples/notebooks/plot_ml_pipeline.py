@@ -6,7 +6,7 @@ You know scikit-learn and want to know whether a pipeline of yours counts worn l
 windows, see why shuffled folds mislead here, compare four pipelines on the same folds, calibrate the best
 one, and store it in a file that runs no code when it is loaded.
 
-You need ``pip install "cyclofeat[export,plot]"``. The torque is **surrogate**: simulated on the assumed
+You need ``pip install -e ".[export,plot]"``. The torque is **surrogate**: simulated on the assumed
 rig R1.
 """
 

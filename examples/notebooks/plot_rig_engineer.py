@@ -8,7 +8,7 @@ refuses.
 
 The commands are those of the terminal. In Jupyter you would write ``!cyclofeat inspect ...``; here a small
 function runs them, so that the page can show what they print. You need
-``pip install "cyclofeat[export,report]"``. The torque is **surrogate**: simulated on the assumed rig R1.
+``pip install -e ".[export,report]"``. The torque is **surrogate**: simulated on the assumed rig R1.
 """
 
 import contextlib

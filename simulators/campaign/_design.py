@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from cyclofeat._base.checks import check_type, is_number, number, one_of, positive, short, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
+from cyclofeat.simulators.effects._numbers import settings_of_file, settings_to_file
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import Solver
 
 Float = NDArray[np.float64]
 
-FORMAT = "cyclofeat campaign 2"
+FORMAT, _FROM_0 = "cyclofeat campaign 3", "cyclofeat campaign 2"  # the older one counted wheels from 0
 _NOTE = (
     "SI units, as in the rig. rig: R0, R1, R2, or an object as in a rig's own file; its parameters that are "
     "ranges or distributions are explored. Missing keys have their default."
@@ -266,7 +267,7 @@ class Campaign:
             value = getattr(self, item.name)
             content[item.name] = value.to_dict() if isinstance(value, Rig) else value
         # Tuples become lists, as in a file.
-        plain: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
+        plain: dict[str, Any] = json.loads(json.dumps(settings_to_file(content), allow_nan=False))
         return plain
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
@@ -327,8 +328,10 @@ class Campaign:
         if "made_with" in given:  # the folder of a campaign: before there were batches, it named no kernel
             given.setdefault("kernel", "exact")
         form = given.get("format", FORMAT)
-        if form != FORMAT:
+        if form not in (FORMAT, _FROM_0):
             raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")
+        if form == FORMAT:
+            given = settings_of_file(given)
         reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS])
         for name in _REMARKS:
             given.pop(name, None)

@@ -135,9 +135,9 @@ class CampaignData:
     ok : ndarray of bool, shape (n_runs,)
         Runs that reached their end: ``X[ok], y[ok], groups[ok]`` hold no NaN.
     parameters : dict from str to ndarray, shape (n_runs,)
-        One value per run: labels (``worn_lobes``, ``wheels``, ``depth``), ``status`` and ``reason``, true
-        values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's effects
-        (``effects.<effect>.<parameter>``).
+        One value per run: labels (``worn_lobes_from_1``, ``wheels_from_1``, ``depth``), ``status``,
+        ``reason``, true values of the assembly (``true_speed_rpm``, ...) and the parameters of the rig's
+        effects (``effects.<effect>.<parameter>``).
     sampling_rate : float
         In Hz.
     campaign : Campaign

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.versions import code_sha256, package_versions
+from cyclofeat._base.words import from_1
 from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
@@ -27,8 +28,8 @@ _COLUMNS = {
     "run": INTEGER,
     "assembly": TEXT,
     "defect_count": INTEGER,
-    "worn_lobes": INTEGERS,
-    "wheels": INTEGERS,
+    "worn_lobes_from_1": INTEGERS,
+    "wheels_from_1": INTEGERS,
     DEPTH: NUMBER,
     "status": TEXT,
     "reason": TEXT,
@@ -147,8 +148,8 @@ def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRu
         "run": plan.run,
         "assembly": campaign.assembly_of(plan.run),
         "defect_count": plan.defect_count,
-        "worn_lobes": list(defects.worn_lobes),
-        "wheels": list(defects.wheels) if defects.worn_lobes else [],
+        "worn_lobes_from_1": from_1(defects.worn_lobes),
+        "wheels_from_1": from_1(defects.wheels) if defects.worn_lobes else [],
         DEPTH: defects.depth if defects.worn_lobes else 0.0,
     }
     seed = campaign.seed_of(plan.run)

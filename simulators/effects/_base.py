@@ -17,7 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import is_number
 from cyclofeat._base.sklearn_private import DocumentedEstimator
-from cyclofeat.simulators.effects._numbers import EffectParameter, is_distribution, is_range, shown, to_plain
+from cyclofeat.simulators.effects._numbers import (
+    EffectParameter,
+    is_distribution,
+    is_range,
+    settings_to_file,
+    shown,
+    to_plain,
+)
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
@@ -371,7 +378,7 @@ class Effect(DocumentedEstimator):
         kind: Any = type(self)  # mypy takes the instances' hash for that of the class
         names = _arguments(kind)
         values = {name: to_plain(getattr(self, name), is_parameter=name in self.parameters) for name in names}
-        return {"effect": self.effect_id, **values}
+        return {"effect": self.effect_id, **settings_to_file(values)}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Effect) and type(self) is type(other) and self.to_dict() == other.to_dict()

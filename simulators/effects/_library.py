@@ -14,7 +14,7 @@ import numpy as np
 from cyclofeat._base.checks import short
 from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter, _warm_up
 from cyclofeat.simulators.effects._base import Effect, Place
-from cyclofeat.simulators.effects._numbers import EffectParameter, from_plain, meant
+from cyclofeat.simulators.effects._numbers import EffectParameter, from_plain, meant, settings_of_file
 
 Kind = TypeVar("Kind", bound=type[Effect])
 
@@ -308,7 +308,7 @@ def _effect_from(content: Any) -> Effect:
         raise ValueError(f"unknown effect {short(name)}: {meant(name, _KNOWN)}")
     settings = list(inspect.signature(kind).parameters)
     values = {}
-    for key, value in content.items():
+    for key, value in settings_of_file(content).items():
         if key == "effect":
             continue
         if key not in settings:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy import stats
 
 from cyclofeat._base.checks import is_number, short
+from cyclofeat._base.words import from_1
 
 # Distributions that rigs and files may contain, by their names in scipy.
 DISTRIBUTIONS: Mapping[str, Any] = {
@@ -210,3 +211,31 @@ def _arguments(distribution: Any) -> dict[str, float]:
     given = dict(zip(names, distribution.args, strict=False)) | distribution.kwds
     defaults = {"loc": 0.0, "scale": 1.0}
     return {name: float(given.get(name, defaults.get(name, math.nan))) for name in names}
+
+
+_WHEELS = "wheels_from_1"
+
+
+def settings_to_file(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings as files hold them: there wheels count from 1, and their key says so."""
+    return {
+        _WHEELS if name == "wheels" else name: from_1(value)
+        if name == "wheels" and not isinstance(value, str)
+        else value
+        for name, value in settings.items()
+    }
+
+
+def settings_of_file(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings that a file holds as Python takes them; raise ValueError for wheels not from 1."""
+    given = dict(settings)
+    if "wheels" in given:
+        raise ValueError(f"unknown key 'wheels': name it {_WHEELS!r} and count wheels from 1")
+    if _WHEELS in given:
+        value = given.pop(_WHEELS)
+        if not isinstance(value, str):
+            if value not in ([1], [2], [1, 2]):
+                raise ValueError(f"{_WHEELS} must be [1], [2] or [1, 2], got {short(value)}")
+            value = tuple(wheel - 1 for wheel in value)
+        given["wheels"] = value
+    return given

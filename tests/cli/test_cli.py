@@ -254,7 +254,7 @@ def test_train_and_count(capsys, folder, tmp_path):
     assert isinstance(result["defect_count"], int)
     assert set(result["probability"]) == {"0", "1", "3", "5"}
     assert len(result["lobe_probability"]) == 15
-    assert all(isinstance(lobe, int) for lobe in result["lobes"])
+    assert all(isinstance(lobe, int) for lobe in result["worn_lobes_from_1"])
     assert result["warnings"] == []
 
 

@@ -32,8 +32,8 @@ def manifest(folder, text, encoding="utf-8"):
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
     rows = [
-        "file,channel,sampling_rate,defect_count,worn_lobes,run,speed,load,source,assembly,n_lobes",
-        "b.csv,torque,25600,,0 4,r1,500,22.5,measured,Getriebe ä,11",
+        "file,channel,sampling_rate,defect_count,worn_lobes_from_1,run,speed,load,source,assembly,n_lobes",
+        "b.csv,torque,25600,,1 5,r1,500,22.5,measured,Getriebe ä,11",
         "",
         "a.csv,0,12800.5,3,,r2,,,,7,",
         "c.csv,,1000,,,,,,,,",
@@ -53,12 +53,12 @@ def test_every_label_of_a_manifest_arrives(folder, separator, encoding):
 
 def test_wrong_and_missing_entries_are_all_named_by_line(folder):
     text = (
-        "file,defect_count,worn_lobes,sampling_rate\n"
+        "file,defect_count,worn_lobes_from_1,sampling_rate\n"
         "a.csv,two,,1\n"
         "missing.csv,1,,1\n"
         ",1,,1\n"
-        "b.csv,1,0;x,1\n"
-        "b.csv,3,0 4,1\n"
+        "b.csv,1,1;x,1\n"
+        "b.csv,3,1 5,1\n"
         "c.csv,1,,fast\n"
         "c.csv,1\n"
     )
@@ -69,8 +69,8 @@ def test_wrong_and_missing_entries_are_all_named_by_line(folder):
         "line 2: defect_count must be a whole number from 0, got 'two'",
         "line 3: no such file: missing.csv",
         "line 4: file is missing",
-        "line 5: worn_lobes must be lobes counted from 0 and separated by spaces, like 0 4, got '0;x'",
-        "line 6: defect_count must be the number of worn_lobes, got 3 and '0 4'",
+        "line 5: worn_lobes_from_1 must be lobes counted from 1 and separated by spaces, like 1 5, got '1;x'",
+        "line 6: defect_count must be the number of worn_lobes_from_1, got 3 and '1 5'",
         "line 7: sampling_rate must be a positive number, got 'fast'",
         "line 8: 4 columns are right, got 2",
     ):
@@ -88,7 +88,11 @@ def test_wrong_and_missing_entries_are_all_named_by_line(folder):
         ("load", ["nan", "-1e999", "22_5"], "a number"),
         ("defect_count", ["-1", "2.0", "1_0"], "a whole number from 0"),
         ("n_lobes", ["1", "15.5"], "a whole number from 2"),
-        ("worn_lobes", ["-1", "0 1_0", "nan"], "lobes counted from 0 and separated by spaces, like 0 4"),
+        (
+            "worn_lobes_from_1",
+            ["-1", "0 4", "1 1_0", "nan"],
+            "lobes counted from 1 and separated by spaces, like 1 5",
+        ),
     ],
 )
 def test_a_bad_number_is_blamed_on_its_line_and_column(folder, column, cells, right):
@@ -97,6 +101,12 @@ def test_a_bad_number_is_blamed_on_its_line_and_column(folder, column, cells, ri
         folder_entries(manifest(folder, text))
     lines = [f"line {3 + index}: {column} must be {right}, got {cell!r}" for index, cell in enumerate(cells)]
     assert str(caught.value) == "recordings.csv: " + "; ".join(lines)
+
+
+def test_a_manifest_that_does_not_say_from_where_lobes_count_is_refused(folder):
+    message = "recordings.csv: line 1: worn_lobes does not say .* name it worn_lobes_from_1 and count from 1"
+    with pytest.raises(ValueError, match=message):
+        folder_entries(manifest(folder, "file,worn_lobes\na.csv,0 4\n"))
 
 
 def test_recordings_that_cannot_be_read_are_named_by_line_too(folder):
@@ -152,7 +162,7 @@ def test_without_a_manifest_all_files_are_read_by_name(tmp_path):
         read_folder(tmp_path / "missing")
     (tmp_path / "empty").mkdir()
     with pytest.raises(
-        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet or .wav recordings"
+        ValueError, match=r"holds no .csv, .csv.gz, .npz, .tdms, .mat, .parquet, .wav or .xlsx recordings"
     ):
         read_folder(tmp_path / "empty")
     with pytest.raises(ValueError, match="is no folder; use read_recording"):

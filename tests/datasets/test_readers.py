@@ -101,12 +101,22 @@ def test_labels_that_are_given_precede_those_of_the_file(tmp_path, suffix):
     assert not bare.angle_is_absolute
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_files_of_the_first_format_keep_their_lobes(tmp_path, suffix):
+    path = tmp_path / f"record{suffix}"
+    if suffix == ".csv":
+        path.write_text("# cyclofeat recording: 1\n# sampling_rate: 9\n# worn_lobes: [0, 4]\ntorque\n1\n2\n")
+    else:
+        np.savez(path, torque=[1.0, 2.0], sampling_rate=9, worn_lobes=[0, 4], cyclofeat_recording=1)
+    assert read_recording(path).worn_lobes == (0, 4)
+
+
 def test_written_csv_is_legible(tmp_path):
     path = tmp_path / "record.csv"
     write_recording(path, Recording([21.5, 22], RATE, angle=[0, 0.5], assembly="A1", worn_lobes=(0, 4)))
     lines = path.read_text(encoding="utf-8").splitlines()
     assert '# assembly: "A1"' in lines
-    assert "# worn_lobes: [0, 4]" in lines
+    assert "# worn_lobes_from_1: [1, 5]" in lines
     assert lines[-3:] == ["torque [Nm],angle [rad]", "21.5,0", "22,0.5"]
 
 
@@ -117,7 +127,7 @@ def test_written_npz_is_plain_arrays(tmp_path):
         assert archive["torque"].tolist() == [21.5, 22]
         assert archive["sampling_rate"] == RATE
         assert archive["assembly"] == "A1"
-        assert archive["worn_lobes"].dtype == np.int64
+        assert archive["worn_lobes_from_1"].dtype == np.int64
         assert "angle" not in archive.files
 
 
@@ -385,8 +395,18 @@ BAD_CSV = {
         {},
         ["sampling_rate", "header", "None"],
     ),
-    "a later format": ("# cyclofeat recording: 2\ntorque\n1\n2\n", {}, ["format 2", "update"]),
+    "a later format": ("# cyclofeat recording: 3\ntorque\n1\n2\n", {}, ["format 3", "update"]),
     "a huge number": ("torque\n1\n-1e300\n", {}, ["torque must lie within +-1e+100", "-1e+300 at sample 1"]),
+    "lobes from nowhere": (
+        "# cyclofeat recording: 2\n# sampling_rate: 9\n# worn_lobes: [0, 4]\ntorque\n1\n2\n",
+        {},
+        ["worn_lobes does not say whether lobes count from 0 or from 1", "worn_lobes_from_1"],
+    ),
+    "lobes from 0": (
+        "# cyclofeat recording: 2\n# sampling_rate: 9\n# worn_lobes_from_1: [0, 4]\ntorque\n1\n2\n",
+        {},
+        ["worn_lobes_from_1 must be lobes counted from 1, like [1, 5], got [0, 4]"],
+    ),
     "a strange label": ("# cyclofeat recording: 1\n# hue: 1\ntorque\n1\n2\n", {}, ["unknown label 'hue'"]),
     "a bad label": ("torque\n1\n2\n", {"speed_rpm": -1}, ["speed_rpm must be positive"]),
 }
@@ -422,6 +442,40 @@ def test_files_that_are_no_text(tmp_path):
             path.write_bytes(packed)
             with pytest.raises(ValueError, match=rf"{path.name} {words}"):
                 read_recording(path, sampling_rate=1)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "",
+        "time [ms]  torque [Nm]\n",
+        "time [ms] torque [Nm]\n",
+        "time in ms   torque in Nm\n",
+        "time torque\nms Nm\n",
+    ],
+)
+@pytest.mark.parametrize("comma", [False, True])
+def test_spaces_separate_columns(tmp_path, head, comma):
+    text = head + "  0.0e+00   2.19e+01\n  5.0e-01   2.21e+01\n\n"
+    (tmp_path / "run.txt").write_text(text.replace(".", ",") if comma else text)
+    bare = {"channel": 1, "time_channel": 0, "scale": 1}
+    recording = read_recording(tmp_path / "run.txt", **({} if head else bare))
+    assert recording.torque.tolist() == [21.9, 22.1]
+    assert recording.sampling_rate == (2000 if head else 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time torque\n0 1\n1 x\n2 3\n", "line 3, column 'torque' holds 'x', which is not a number"),
+        ("time torque\n0 1\n1\n2 3\n", "line 3 must have 2 columns as the first row has, got 1 column"),
+        ("a run of today\n0 1\n1 2\n", "line 2 must have 4 columns as the first row has, got 2 columns"),
+    ],
+)
+def test_wrong_rows_between_spaces_are_named(tmp_path, text, message):
+    (tmp_path / "run.txt").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_recording(tmp_path / "run.txt")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32", "latin-1", "cp1252"])
@@ -464,7 +518,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         read_recording(tmp_path)
     with pytest.raises(
         ValueError,
-        match=r"rig.xls: unknown kind of file '.xls'; .csv, .csv.gz, .npz, .tdms, .mat, .parquet and .wav",
+        match=r"rig.xls: unknown kind of file '.xls'; .csv, .csv.gz, .npz, .tdms, .* .wav and .xlsx can be",
     ):
         read_recording(write(tmp_path / "rig.xls", "x"))
     for empty in ("empty.csv", "empty.npz"):
@@ -482,7 +536,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         ({"scale": 0}, ValueError, "scale must be a finite number other than 0"),
         ({"scale": np.nan}, ValueError, "scale must be a finite number other than 0"),
         ({"angle_unit": "turns"}, ValueError, "angle_unit must be 'rad' or 'deg', got 'turns'"),
-        ({"delimiter": "|"}, ValueError, "delimiter must be ',', ';' or a tab"),
+        ({"delimiter": "|"}, ValueError, "delimiter must be ',', ';', a tab or a space"),
         ({"channel": True}, TypeError, "channel must be a column's name or index"),
         ({"channel": 1.0}, TypeError, "channel must be a column's name or index"),
         ({"angle_channel": True}, TypeError, "angle_channel must be a column's name or index"),
@@ -538,7 +592,12 @@ BAD_NPZ = {
     "short angle": ({"torque": [1, 2], "sampling_rate": 3, "angle": [1]}, {}, ["angle", "at least 2"]),
     "bad meta": ({"torque": [1, 2], "sampling_rate": 3, "meta": "[1]"}, {}, ["'meta'", "JSON object", "[1]"]),
     "a CSV's argument": ({"torque": [1, 2], "sampling_rate": 3}, {"delimiter": ";"}, ["delimiter", "CSV"]),
-    "a later format": ({"torque": [1, 2], "sampling_rate": 3, "cyclofeat_recording": 2}, {}, ["format 2"]),
+    "lobes from nowhere": (
+        {"torque": [1, 2], "sampling_rate": 3, "worn_lobes": [0, 4]},
+        {},
+        ["from 0 or from 1"],
+    ),
+    "a later format": ({"torque": [1, 2], "sampling_rate": 3, "cyclofeat_recording": 3}, {}, ["format 3"]),
 }
 
 
@@ -661,7 +720,7 @@ def test_a_description_is_fit_for_json():
     )
     found = json.loads(json.dumps(describe_recording(recording)))
     assert found["angle"] == "disc, absolute"
-    assert found["worn_lobes"] == [0, 4]
+    assert found["worn_lobes_from_1"] == [1, 5]
     assert found["duration_s"] == 2 / RATE
     assert found["mean"] == 22
     assert not found["constant"]

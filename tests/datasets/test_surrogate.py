@@ -69,7 +69,7 @@ def test_recordings_are_labelled_as_surrogates_with_nominal_speed_and_load(label
         assert recording.meta["true_speed_rpm"] != 500
         assert recording.meta["true_speed_rpm"] == pytest.approx(500, rel=0.01)
         assert recording.meta["true_load_nm"] == pytest.approx(22, rel=0.03)
-        assert recording.meta["wheels"] in ([[]] if recording.defect_count == 0 else [[0], [0, 1]])
+        assert recording.meta["wheels_from_1"] in ([[]] if recording.defect_count == 0 else [[1], [1, 2]])
         assert 0.005 <= recording.meta["brake_inertia_kg_m2"] <= 0.05
 
 
@@ -101,10 +101,10 @@ def test_lobes_and_wheels_are_random_and_follow_their_pattern():
         first = [k for k in range(15) if sorted((k + np.arange(3)) % 15) == list(recording.worn_lobes)]
         assert len(first) == 1
     assert len({recording.worn_lobes for recording in made}) >= 10
-    both = sum(recording.meta["wheels"] == [0, 1] for recording in made)
+    both = sum(recording.meta["wheels_from_1"] == [1, 2] for recording in made)
     assert 4 <= both <= 26  # 15 +- 2.7
     scattered = make_rig_recordings(4, [3], lobes="random", wheels=(1,), **SHORT)
-    assert all(recording.meta["wheels"] == [1] for recording in scattered)
+    assert all(recording.meta["wheels_from_1"] == [2] for recording in scattered)
     assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
 
 
@@ -349,7 +349,7 @@ def test_presets_by_name():
 
 def test_one_recording_of_given_defects_is_the_first_of_many():
     first = make_rig_recordings(1, [2], rig="R0", duration=0.05, random_state=6, with_angle=True)[0]
-    defects = LobeDefects.worn(first.worn_lobes, wheels=first.meta["wheels"])
+    defects = LobeDefects.worn(first.worn_lobes, wheels=[wheel - 1 for wheel in first.meta["wheels_from_1"]])
     one = make_rig_recording("R0", defects, duration=0.05, random_state=6, with_angle=True)
     assert one == first
 
@@ -357,9 +357,13 @@ def test_one_recording_of_given_defects_is_the_first_of_many():
 def test_removed_lobes_are_counted_and_named():
     one = make_rig_recording("R0", LobeDefects.removed((3,), wheels=(0,)), duration=0.05)
     assert (one.defect_count, one.worn_lobes, one.source) == (1, None, "surrogate")
-    assert (one.meta["worn_lobes"], one.meta["removed_lobes"], one.meta["wheels"]) == ([], [3], [0])
+    assert [one.meta[f"{name}_from_1"] for name in ("worn_lobes", "removed_lobes", "wheels")] == [
+        [],
+        [4],
+        [1],
+    ]
     healthy = make_rig_recording("R0", duration=0.05)
-    assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels"]) == (0, (), [])
+    assert (healthy.defect_count, healthy.worn_lobes, healthy.meta["wheels_from_1"]) == (0, (), [])
 
 
 @pytest.mark.parametrize(

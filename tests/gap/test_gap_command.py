@@ -264,7 +264,7 @@ def test_what_a_preparation_needs(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "jax" else name)
     code, _, err = run(capsys, "--prepare", target, "--cache", tmp_path)
     assert code == 2
-    assert err.endswith("--prepare needs jax: pip install 'cyclofeat[prepare]'\n")
+    assert err.endswith("--prepare needs jax: pip install jax\n")
     target.write_bytes(b"old")
     assert "exists: give --prepare another name" in run(capsys, "--prepare", target)[2]
 

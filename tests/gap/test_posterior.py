@@ -188,7 +188,7 @@ def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
 
 def test_without_jax_training_says_what_to_install(rigs, monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
-    with pytest.raises(ImportError, match=r"needs JAX and Optax: pip install cyclofeat\[prepare\]"):
+    with pytest.raises(ImportError, match=r"needs JAX and Optax: pip install jax optax"):
         EffectPosterior(1, epochs=1).fit(rigs.of(rigs.machines < 120))
 
 

@@ -66,7 +66,7 @@ def recordings() -> list[dict[str, Any]]:
                 "angle_is_absolute": True,
                 "assembly": name,
                 "defect_count": int(data["worn"][i].sum()),
-                "worn_lobes": np.flatnonzero(data["worn"][i]),
+                "worn_lobes_from_1": np.flatnonzero(data["worn"][i]) + 1,
                 "speed_rpm": 500.0,
                 "source": "surrogate",
             }

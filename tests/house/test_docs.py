@@ -144,7 +144,7 @@ def rig_files(tmp_path_factory, surrogates):
     folder = tmp_path_factory.mktemp("rig")
     made = [recording for recording in surrogates if recording.defect_count != 5][:15]
     (folder / "measured").mkdir()
-    rows = ["file,sampling_rate,defect_count,worn_lobes,assembly,speed,source"]
+    rows = ["file,sampling_rate,defect_count,worn_lobes_from_1,assembly,speed,source"]
     for k, recording in enumerate(made):
         # float32 is what converters write; the labels come from the manifest, as with anybody's files.
         np.savez(
@@ -154,7 +154,7 @@ def rig_files(tmp_path_factory, surrogates):
             angle=recording.angle,
             angle_is_absolute=True,
         )
-        worn = " ".join(map(str, recording.worn_lobes))
+        worn = " ".join(str(lobe + 1) for lobe in recording.worn_lobes)
         rows.append(f"r{k:02d}.npz,25600,{recording.defect_count},{worn},A{k},500,surrogate")
     (folder / "measured" / "recordings.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     one = made[2]

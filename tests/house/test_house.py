@@ -54,6 +54,7 @@ def test_every_folder_with_code_is_in_the_wheel():
         (r"(?<![\w.$}/-])/(?:work|root|home|Users|tmp)/", "a path of somebody's machine"),
         (r"^(?:<{7}|>{7}) ", "a merge conflict"),
         (r"index[-_]url", "a package registry"),
+        (r"pip install ['\"]?cyclofeat\b", "advice to install what is on no index"),
     ],
 )
 def test_no_file_holds(pattern, meaning):

@@ -218,7 +218,7 @@ def test_removed_lobes_count_but_are_not_called_worn():
     recording = Recording.from_run(run_of((1,), removed=(5, 6)), meta={"rig": "R0"})
     assert recording.defect_count == 3
     assert recording.worn_lobes is None
-    assert recording.meta == {"rig": "R0", "worn_lobes": [1], "removed_lobes": [5, 6]}
+    assert recording.meta == {"rig": "R0", "worn_lobes_from_1": [2], "removed_lobes_from_1": [6, 7]}
 
 
 # -- angles

@@ -167,7 +167,9 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
         Hum(values["hum_2.amplitude_nm"]),
     )  # fmt: skip
     seed = np.random.SeedSequence([7, ord("c")], spawn_key=(1,))
-    defects = LobeDefects.worn(row["worn_lobes"], wheels=(1,), depth=values["depth"])
+    defects = LobeDefects.worn(
+        [lobe - 1 for lobe in row["worn_lobes_from_1"]], wheels=(1,), depth=values["depth"]
+    )
     run = Rig(gearbox, numbers).simulate(defects, duration=0.02, random_state=seed)
     assert torque is not None
     assert torque.dtype == np.float32
@@ -178,8 +180,8 @@ def test_a_run_is_what_the_simulator_gives_for_its_values() -> None:
     assert row["clearance_m"] == values["clearance.clearance"]
     assert row["start_angle_rad"] == pytest.approx(run.input_angle[0] % (30 * math.pi))
     assert row["depth"] == values["depth"]
-    assert row["wheels"] == [1]
-    assert len(set(row["worn_lobes"])) == 3
+    assert row["wheels_from_1"] == [2]
+    assert len(set(row["worn_lobes_from_1"])) == 3
     for name in set(values) - {"depth"}:
         assert row[f"effects.{name}"] == values[name], name
     assert 0.1 <= values["hum.amplitude_nm"] <= 0.2
@@ -250,7 +252,7 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ("[1]", "must hold a JSON object"),
         ('{"repeat": 3}', "unknown key 'repeat' with value 3: did you mean 'repeats'?"),
         ('{"repeats": 3, "repeats": 4}', "key 'repeats' must stand only once"),
-        ('{"format": "cyclofeat campaign 9"}', "format must be 'cyclofeat campaign 2', got"),
+        ('{"format": "cyclofeat campaign 9"}', "format must be 'cyclofeat campaign 3', got"),
         ('{"rig": {"effect": 1}}', "rig: unknown key 'effect' with value 1: did you mean 'effects'?"),
         ('{"rig": "R9"}', r"rig must be one of \('R0', 'R1', 'R2'\) or a Rig .*rig_preset.*, got 'R9'"),
         ('{"repeats": 0}', "repeats must be at least 1, got 0"),
@@ -264,7 +266,9 @@ def test_json_gives_the_design_back(tmp_path: Path) -> None:
         ('{"kernel": "fast"}', "kernel must be one of 'exact', 'batch', 'auto', got 'fast'"),
         ('{"integrator": "euler"}', "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
         ('{"design": "grid"}', "design must be 'sobol' or 'random', got 'grid'"),
-        ('{"wheels": [2]}', "wheels must be 'random'"),
+        ('{"wheels": [1]}', "unknown key 'wheels': name it 'wheels_from_1' and count wheels from 1"),
+        ('{"wheels_from_1": [0]}', r"wheels_from_1 must be \[1\], \[2\] or \[1, 2\], got \[0\]"),
+        ('{"wheels_from_1": "both"}', "wheels must be 'random'"),
         ('{"depth": 0}', "depth must lie above 0 and up to 1"),
         ('{"depth": [0.5, 0.2]}', "depth must lie above 0 and up to 1"),
         ('{"depth": NaN}', "depth must be finite, got nan"),
@@ -280,6 +284,11 @@ def test_a_wrong_description_is_named(content: str, message: str, tmp_path: Path
     path.write_text(content, encoding="utf-8")
     with pytest.raises(ValueError, match=f"design.json: .*{message}"):
         Campaign.from_json(path)
+
+
+def test_wheels_count_from_1_in_files_since_format_3() -> None:
+    assert Campaign(wheels=(1,)).to_dict()["wheels_from_1"] == [2]
+    assert Campaign.from_dict({"format": "cyclofeat campaign 2", "wheels": [1]}).wheels == (1,)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
@@ -463,7 +472,7 @@ def test_load_gives_windows_labels_groups_and_parameters(whole: Path) -> None:
     assert data.campaign == SMALL
     frame = data.to_frame()
     assert frame["defect_count"].tolist() == data.y.tolist()
-    assert [len(lobes) for lobes in frame["worn_lobes"]] == data.y.tolist()
+    assert [len(lobes) for lobes in frame["worn_lobes_from_1"]] == data.y.tolist()
     assert (frame["depth"][data.y == 0] == 0).all()
     assert frame["depth"][data.y > 0].between(0.3, 1.0).all()
     # The load is that explored, within the assembly's 3 %, and the torque's mean is near it.
@@ -586,7 +595,9 @@ def quick_results(plans):  # type: ignore[no-untyped-def]
     for plan in plans:
         torque = np.random.default_rng(plan.run).normal(size=SMALL.n_samples).astype(np.float32)
         row = {"run": plan.run, "assembly": SMALL.assembly_of(plan.run), "defect_count": plan.defect_count}
-        yield _run.RunResult(torque, {**row, "status": "ok", "reason": "", "worn_lobes": [], "wheels": []})
+        yield _run.RunResult(
+            torque, {**row, "status": "ok", "reason": "", "worn_lobes_from_1": [], "wheels_from_1": []}
+        )
 
 
 class Crash(BaseException):

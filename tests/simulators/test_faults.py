@@ -153,7 +153,7 @@ def test_divergence_says_when_where_and_what_helps() -> None:
     assert 0 <= error.time < 0.01
     # At the start lobe 0 of either wheel is pressed against a sleeve, equally.
     assert re.fullmatch(
-        r"the contact of wheel [01] with external sleeve [08] \(counted from 0\)", error.contact
+        r"the contact of wheel [12] with external sleeve [19] \(counted from 1\)", error.contact
     )
     for part in (
         f"t = {error.time:.6f} s",

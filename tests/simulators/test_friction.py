@@ -476,8 +476,8 @@ def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: flo
         simulate_with(rubbing, LobeDefects.removed(7), duration=0.35, dt=dt, start_angle=-np.pi)
     assert caught.value.time == pytest.approx(0.178, abs=0.005)
     assert caught.value.contact in (
-        "the contact of wheel 0 with external sleeve 7 (counted from 0)",
-        "the contact of wheel 1 with external sleeve 15 (counted from 0)",
+        "the contact of wheel 1 with external sleeve 8 (counted from 1)",
+        "the contact of wheel 2 with external sleeve 16 (counted from 1)",
     )
     assert caught.value.force > 7000
 

@@ -74,7 +74,7 @@ class EffectPosterior(DocumentedEstimator):
 
     Notes
     -----
-    Training needs JAX and Optax (``pip install cyclofeat[prepare]``); answers need numpy alone.
+    Training needs JAX and Optax (the extra ``prepare``); answers need numpy alone.
 
     Probabilities and intervals hold on average over rigs of the world that it was fitted to, and for sessions
     like those. Whether a rig is one of that world is not asked.

@@ -1,4 +1,4 @@
-"""Training of the network, with JAX and Optax (``pip install cyclofeat[prepare]``)."""
+"""Training of the network, with JAX and Optax (the extra ``prepare``)."""
 
 from __future__ import annotations
 
@@ -132,7 +132,5 @@ def _libraries() -> tuple[Any, Any, Any]:
         import jax.numpy as jnp
         import optax
     except ImportError as error:
-        raise ImportError(
-            "training a posterior needs JAX and Optax: pip install cyclofeat[prepare]"
-        ) from error
+        raise ImportError("training a posterior needs JAX and Optax: pip install jax optax") from error
     return jax, jnp, optax

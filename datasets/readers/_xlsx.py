@@ -1,0 +1,131 @@
+"""Reader of Excel workbooks."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+import re
+import warnings
+import zipfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from cyclofeat.datasets.readers._columns import Float, Source, largest_unpacked, missing_library, reading
+from cyclofeat.datasets.readers._csv import CsvSource
+
+
+class XlsxSource(Source):
+    """Columns of a workbook, named ``sheet/column`` where several sheets hold something.
+
+    A sheet is read as a CSV file is: names, units below them, one row per sample. Formulas have the values
+    that were stored with them.
+    """
+
+    noun, plural = "column", "columns"
+
+    def __init__(self, path: Path) -> None:
+        sheets = list(_sheets(path))
+        if not sheets:
+            raise ValueError(f"{path.name} holds no sheet with data")
+        several = len(sheets) > 1
+        tables = [_Sheet(path, title if several else "", lines) for title, lines in sheets]
+        self.columns = [(table, index) for table in tables for index in range(len(table.names))]
+        plain = [table.names[index] for table, index in self.columns]
+        names = [f"{table.title}/{table.names[index]}" for table, index in self.columns] if several else plain
+        super().__init__(path, names, [table.units[index] for table, index in self.columns], plain)
+        self.named = several or tables[0].named
+        self.labels = None if several else tables[0].labels
+
+    def usable(self, index: int) -> bool:
+        table, column = self.columns[index]
+        return table.begins_with_number(column)
+
+    def column(self, index: int) -> Float:
+        table, column = self.columns[index]
+        return table.column(column)
+
+    def times(self, index: int) -> NDArray[Any]:
+        table, column = self.columns[index]
+        return table.times(column)
+
+    def where(self, sample: int) -> str:
+        table, _ = self.columns[0]
+        return super().where(sample) if table.title else table.where(sample)
+
+
+class _Sheet(CsvSource):
+    """One sheet, whose rows are lines with tabs."""
+
+    def __init__(self, path: Path, title: str, lines: list[str]) -> None:
+        self.title = title
+        super().__init__(path, "\t", lines)
+
+    def where(self, sample: int) -> str:
+        row = f"row {self.first_line + sample}"
+        return f"{row} of sheet {self.title!r}" if self.title else row
+
+    def _check_width(self) -> None:
+        """Do nothing: rows are of one width, and empty cells are an error of their column."""
+
+
+def _sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield the title of each sheet of several rows, and these as lines with tabs."""
+    try:
+        from openpyxl import load_workbook
+    except ImportError:
+        raise missing_library(".xlsx", "openpyxl") from None
+    with reading(path, "an Excel workbook"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
+        _check_size(path)
+        book = load_workbook(path, read_only=True, data_only=True)
+        try:
+            for sheet in book.worksheets:
+                sheet.reset_dimensions()  # some programs state wrong ones
+                rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
+                while rows and not rows[-1]:
+                    rows.pop()
+                width = max(map(len, rows), default=0)
+                if len(rows) > 1:  # names or notes, and something below them
+                    yield str(sheet.title), [_line(row, width) for row in rows]
+        finally:
+            book.close()
+
+
+def _check_size(path: Path) -> None:
+    """Raise ``ValueError`` for a workbook that unpacks to more than memories hold."""
+    limit = largest_unpacked(path)
+    with zipfile.ZipFile(path) as archive:
+        total = sum(info.file_size for info in archive.infolist())
+    if total > limit:
+        raise ValueError(
+            f"{path.name} takes {total / 1e9:.3g} GB when unpacked, at most {limit / 1e9:.3g} GB are read: "
+            "save it as .csv"
+        )
+
+
+def _trimmed(row: Iterable[Any]) -> list[str]:
+    """Return the cells of a row as text, without empty ones at its end."""
+    cells = [_text(cell) for cell in row]
+    while cells and not cells[-1].strip():
+        cells.pop()
+    return cells
+
+
+def _text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, (datetime.datetime, datetime.date)):
+        return cell.isoformat()
+    return re.sub(r"\s", " ", str(cell))  # a line end or a tab would be a border of cells
+
+
+def _line(cells: list[str], width: int) -> str:
+    if cells and cells[0].startswith("#"):  # a label, which may hold commas that became borders of cells
+        return ",".join(cells)
+    line = io.StringIO()
+    csv.writer(line, delimiter="\t", lineterminator="").writerow([*cells, *[""] * (width - len(cells))])
+    return line.getvalue()
