@@ -25,8 +25,7 @@ from cyclofeat.simulators import Effect
 
 Float = NDArray[np.float64]
 
-_WIDER = 1.5  # spread of the simulated sizes from the second round on, over that of the last fit
-_LEAST_ROUNDS, _MOST_ROUNDS = 2, 5
+_WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
 # A rig may be made better than the world states, or somewhat worse: factor on what differs anyway.
@@ -79,10 +78,8 @@ def confirm(
 ) -> Confirmed:
     """Simulate sessions like a measured one with the named effects, and fit their sizes.
 
-    First with sizes from the posterior, then around those that fit: once, and as long as something is left
-    unexplained up to three times more, since the posterior may have placed large effects far off. How much
-    recordings differ anyway is fitted as well, so that a rig that is better made than the world states is not
-    taken for another one.
+    Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
+    fitted as well, so that a rig that is better made than the world states is not taken for another one.
 
     Parameters
     ----------
@@ -108,10 +105,11 @@ def confirm(
     # The last of the sizes is the tolerances' factor.
     believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
     before = believed.without_last()
-    for round_ in range(_MOST_ROUNDS):
+    rounds = _WIDER if names else _WIDER[:1]
+    for round_, wider in enumerate(rounds):
         if progress is not None:
-            progress(f"simulating the named effects, round {round_ + 1}")
-        drawn = Gaussian(believed.mean, believed.covariance * (_WIDER**2 if round_ else 1.0))
+            progress(f"simulating the named effects, {round_ + 1} of {len(rounds)}")
+        drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate_sessions(
             world, shown, functools.partial(_drawn, effects, drawn.without_last()), n_sessions,
             tolerance=functools.partial(_drawn_tolerance, drawn),
@@ -123,10 +121,8 @@ def confirm(
         believed, fitted = size_posterior(
             sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
         )
-        remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
-        accepted = remainder.p >= _REJECTED
-        if not names or (accepted and round_ + 1 >= _LEAST_ROUNDS):
-            break
+    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
+    accepted = remainder.p >= _REJECTED
     final = believed.without_last() if accepted else before
     reach = stats.norm.ppf(0.95) * final.spread
     ends = (final.mean - reach, final.mean, final.mean + reach)
