@@ -38,7 +38,7 @@ fitted, held_out = hold_out(recordings, 0.4)
 # %%
 # Compare, name, add, judge
 # -------------------------
-# One call does all four. The defaults simulate several times as much as these settings.
+# One call does all four. The defaults simulate more for the comparison and the proof than these settings.
 
 settings = GapSettings(
     baselines=("nothing",),
