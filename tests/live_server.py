@@ -43,8 +43,8 @@ elif manner == "fail":
     print(json.dumps([{"file": "a.csv", "error": "a.csv is empty"}]))
     sys.exit(2)
 else:
-    unknown = {"verdict": "unresolved", "effects": [], "named": [], "unknown": False}  # of a gap
-    print(json.dumps([{"file": "a.csv", "error": "stands in", "words": words} | unknown]))
+    gap = {"verdict": "unresolved", "effects": [], "named": [], "remainder": None}  # of a gap
+    print(json.dumps([{"file": "a.csv", "error": "stands in", "words": words} | gap]))
 """
 PROGRAM = (sys.executable, "-c", _COMMAND)
 

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from cyclofeat import __version__
-from cyclofeat._base.words import lobes_text, number
+from cyclofeat._base.words import number
 from cyclofeat.counting import score_text
 from cyclofeat.models import ModelFileError, read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name
@@ -137,7 +137,7 @@ def _count(row: Mapping[str, Any]) -> dict[str, Any]:
         return {"name": row["file"], "error": row["error"]}
     count = row["defect_count"]
     probability = row["probability"][str(count)]
-    positions = lobes_text(row["lobes"])
+    positions = ", ".join(map(str, row["worn_lobes_from_1"]))
     if positions and not row["lobes_absolute"]:
         positions += " (relative)"
     return {
@@ -159,7 +159,7 @@ def _gap(result: Mapping[str, Any]) -> Iterator[str]:
         if effect["id"] in named or effect["answer"] == "present":
             sure = "missing" if effect["answer"] == "present" else "probably missing"
             yield f"{sure}: {effect_name(effect['id'])} ({effect['probability']:.0%})"
-    if result["unknown"]:
+    if result["remainder"] and result["remainder"]["unexplained"]:
         yield "something is missing that no effect considered explains"
 
 

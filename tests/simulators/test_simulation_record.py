@@ -221,7 +221,7 @@ def test_a_solver_is_more_than_its_integrators_name() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"gearbox": Rig.r1()}, "gearbox must be of type CycloidalGearbox, got Rig"),
+        ({"gearbox": Rig.r1()}, "gearbox must be of type CycloidalGearbox, got <Rig"),
         ({"defects": 3}, "defects must be of type LobeDefects, got 3"),
         ({"duration": "1"}, "duration must be a number, got '1'"),
         ({"dt": None}, "dt must be a number, got None"),
