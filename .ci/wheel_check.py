@@ -39,9 +39,11 @@ def check_contents() -> None:
     assert any(file.name == "py.typed" for file in files)
 
     metadata = importlib.metadata.metadata("cyclofeat")
-    assert metadata["License-Expression"] == "BSD-3-Clause AND CC-BY-SA-4.0", metadata["License-Expression"]
+    licences = metadata["License-Expression"]
+    assert licences == "BSD-3-Clause AND CC-BY-SA-4.0 AND MIT", licences
     texts = {file.parts[-2:] for file in files if "licenses" in file.parts}
-    assert texts == {("licenses", "LICENSE"), ("jelmerv_cycloidal", "LICENSE.md")}, texts
+    others = {("jelmerv_cycloidal", "LICENSE.md"), ("uplot", "LICENSE")}
+    assert texts == {("licenses", "LICENSE"), *others}, texts
 
 
 def check_data() -> None:
