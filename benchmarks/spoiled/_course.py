@@ -36,21 +36,21 @@ def speed_beside(base: Base, strength: float, random: np.random.Generator) -> Re
 def speed_creeps(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The speed rises or falls evenly by this share over the record."""
     course = np.linspace(-0.5, 0.5, base.recording.n_samples) * random.choice([-1, 1])
-    return with_speed(base.recording, 1 + strength * course)
+    return with_speed(base, 1 + strength * course, random)
 
 
 @kind(0.01, 0.03, 0.06, has_angle=False)
 def speed_wanders(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The speed swings by this share to either side, 2 to 4 times over the record."""
     turns = random.uniform(2, 4) * np.linspace(0, 1, base.recording.n_samples) + random.random()
-    return with_speed(base.recording, 1 + strength * np.sin(2 * np.pi * turns))
+    return with_speed(base, 1 + strength * np.sin(2 * np.pi * turns), random)
 
 
 @kind(0.15, 0.4, 0.7, has_angle=False)
 def run_up(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The input runs up from rest over this share of the record."""
     n = base.recording.n_samples
-    return with_speed(base.recording, np.minimum(1.0, np.arange(n) / (strength * n)))
+    return with_speed(base, np.minimum(1.0, np.arange(n) / (strength * n)), random)
 
 
 @kind(0.1, 0.3, 0.5, has_angle=False)
@@ -60,15 +60,13 @@ def stop(base: Base, strength: float, random: np.random.Generator) -> Recording:
     start = int(random.uniform(0.1, 0.9 - strength) * n)
     ratio = np.ones(n)
     ratio[start : start + int(strength * n)] = 0
-    made = with_speed(base.recording, ratio)
-    # Sensor noise goes on while the shaft stands.
-    return made.replace(torque=made.torque + random.normal(0, 0.2, made.n_samples) * (ratio == 0))
+    return with_speed(base, ratio, random)
 
 
 @kind(1.03, 1.25, 2, has_angle=False)
 def wrong_sampling_rate(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The sampling rate is strength times the true one."""
-    return at_moments(base.recording, np.arange(0, base.recording.n_samples, strength))
+    return at_moments(base, np.arange(0, base.recording.n_samples, strength), random)
 
 
 @kind(14, 11, 21)
@@ -85,7 +83,7 @@ def irregular_time(base: Base, strength: float, random: np.random.Generator) -> 
     n = recording.n_samples
     knots = np.linspace(0, n - 1, round(20 * recording.duration * recording.input_speed_hz))
     moments = np.interp(np.arange(n), knots, knots + strength * random.normal(size=knots.size))
-    return at_moments(recording, np.clip(np.maximum.accumulate(moments), 0, n - 1))
+    return at_moments(base, np.clip(np.maximum.accumulate(moments), 0, n - 1), random)
 
 
 @kind(1, 2, 4, has_angle=True)

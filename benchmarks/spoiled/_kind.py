@@ -11,6 +11,8 @@ import numpy as np
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.windows import Float
 
+NOISE_NM = 0.2
+
 
 @dataclass(frozen=True)
 class Base:
@@ -18,17 +20,20 @@ class Base:
 
     Attributes
     ----------
+    silent : Recording
+        Output torque without the sensor's noise, with the absolute angle of the input, labelled.
     recording : Recording
-        Output torque with the absolute angle of the input, labelled.
+        The same with the noise.
     other : Recording
-        The same of another machine at the same speed, whose disc has another number of worn lobes.
-    input_torque : ndarray, shape (n_samples,)
-        Torque of the input shaft at the moments of ``recording``, in Nm.
+        As ``recording``, of another machine at the same speed, whose disc has another number of worn lobes.
+    input_torque : Recording
+        As ``recording``, of the input shaft's torque.
     """
 
+    silent: Recording
     recording: Recording
     other: Recording
-    input_torque: Float
+    input_torque: Recording
 
 
 Spoil = Callable[[Base, float, np.random.Generator], Recording]
@@ -85,13 +90,18 @@ def blocks(n_samples: int, share: float, length: int, random: np.random.Generato
         yield slice(start, start + length)
 
 
-def at_moments(recording: Recording, moments: Float) -> Recording:
-    """Return the torque at fractional samples, without an angle."""
-    moments = moments[moments <= recording.n_samples - 1]
-    torque = np.interp(moments, np.arange(recording.n_samples), recording.torque)
-    return recording.replace(torque=torque, angle=None, angle_is_absolute=False)
+def noisy(recording: Recording, random: np.random.Generator) -> Recording:
+    """Return the recording with the sensor's noise."""
+    return recording.replace(torque=recording.torque + random.normal(0, NOISE_NM, recording.n_samples))
 
 
-def with_speed(recording: Recording, ratio: Float) -> Recording:
+def at_moments(base: Base, moments: Float, random: np.random.Generator) -> Recording:
+    """Return the torque at fractional samples, with noise and without an angle."""
+    moments = moments[moments <= base.silent.n_samples - 1]
+    torque = np.interp(moments, np.arange(base.silent.n_samples), base.silent.torque)
+    return noisy(base.silent.replace(torque=torque, angle=None, angle_is_absolute=False), random)
+
+
+def with_speed(base: Base, ratio: Float, random: np.random.Generator) -> Recording:
     """Return the torque of a shaft at a course of speed, as a ratio to the recorded one, without an angle."""
-    return at_moments(recording, np.concatenate([[0.0], np.cumsum(ratio[:-1])]))
+    return at_moments(base, np.concatenate([[0.0], np.cumsum(ratio[:-1])]), random)

@@ -10,7 +10,7 @@ from pathlib import Path
 import joblib
 import numpy as np
 
-from benchmarks.spoiled._kind import KINDS, Base, Kind
+from benchmarks.spoiled._kind import KINDS, Base, Kind, noisy
 from cyclofeat.cli import main as cyclofeat
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
@@ -32,20 +32,27 @@ def bases(folder: Path, n_jobs: int) -> list[Base]:
     if not path.exists():
         joblib.dump([_simulated(speed, n_jobs) for speed in SPEEDS_RPM], path)
     made = []
-    for output in joblib.load(path):
+    for output, input_ in joblib.load(path):
+        random = np.random.default_rng(_SEED)
+        heard = [noisy(one, random) for one in output]
         # The machine with the next count but two is the other one.
-        others = output[3:] + output[:3]
-        made += [Base(one, other, one.torque / 15) for one, other in zip(output, others, strict=True)]
+        made += [
+            Base(*four) for four in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)
+        ]
     return made
 
 
-def _simulated(speed_rpm: float, n_jobs: int) -> list[Recording]:
-    rig = rig_preset("R2")
-    turning = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed_rpm * 2 * np.pi / 60))
-    return make_rig_recordings(
-        2, rig=turning, duration=_TURNS * 15 * 60 / speed_rpm, random_state=_SEED, n_jobs=n_jobs,
-        with_angle=True, kernel="auto", solver=Solver(integrator="adams_bashforth"),
+def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Recording]]:
+    """Return output and input torque of the same machines, without noise."""
+    output, input_ = (
+        make_rig_recordings(
+            2, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
+            random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
+            solver=Solver(integrator="adams_bashforth"), **quantity,
+        )
+        for quantity in ({},{})
     )  # fmt: skip
+    return output, input_
 
 
 def model(folder: Path, path: Path | None = None) -> LobeModel:

@@ -89,7 +89,7 @@ def load_steps(base: Base, strength: float, random: np.random.Generator) -> Reco
     return base.recording.replace(torque=base.recording.torque * np.where(middle, 1 - strength, 1.0))
 
 
-@kind(0.15, 0.3, 0.5, countable=False)
+@kind(0.15, 0.3, 0.5)
 def load_reversed(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The load changes its sign for this share of the record, where other lobe flanks carry it."""
     n = base.recording.n_samples
@@ -119,4 +119,4 @@ def two_assemblies_mixed(base: Base, strength: float, random: np.random.Generato
 @kind(1, 5, 15, countable=False)
 def input_torque(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The channel is the torque of the input shaft, multiplied by this factor."""
-    return base.recording.replace(torque=strength * base.input_torque)
+    return base.recording.replace(torque=strength * base.input_torque.torque)

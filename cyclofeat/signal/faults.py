@@ -1,7 +1,6 @@
-"""Faults of a torque record: samples that are clipped, lost or off, filtered torque, an unsteady speed.
+"""Faults of a torque record: samples that are clipped, lost or off, filtered torque, noise that changes.
 
-All thresholds hold for clean recordings of any rig: what is measured is compared with the record's own noise,
-or with other parts of the record.
+What is measured is compared with the record itself, so that it holds for any rig.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from cyclofeat.signal.lobes import LobeComb, lobe_frequency, lobe_lines
+from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.windows import Float, ratio
 
 __all__ = [
@@ -18,8 +17,8 @@ __all__ = [
     "dropped",
     "fresh_rate",
     "jumps",
-    "local_speeds",
     "noise_change",
+    "noise_level",
     "smoothness",
     "weakest_part",
 ]
@@ -32,7 +31,6 @@ _STRAIGHT = 1e-6
 # The standard deviation of normal noise, in median absolute deviations.
 _OF_MEDIAN = 1.4826
 _LOW_LINES, _HIGH_LINES = (3, 9), (44, 88)
-_PARTS, _SEARCHED_LINES, _SEARCHED_SPEEDS, _STRONGEST = 4, (3, 30), 0.1, 6.0
 
 
 def clipped(torque: Float) -> float:
@@ -105,6 +103,11 @@ def jumps(torque: Float) -> NDArray[np.float64]:
     return np.asarray(np.pad(ratio(off, _OF_MEDIAN * np.median(off)), 1))
 
 
+def noise_level(torque: Float) -> float:
+    """Return the standard deviation of the noise by adjacent samples, in the torque's unit."""
+    return float(_OF_MEDIAN * np.median(np.abs(np.diff(torque, 2))) / np.sqrt(6))
+
+
 def noise_change(torque: Float, n_parts: int) -> float:
     """Return the largest ratio of the noise in parts of a record, measured between adjacent samples."""
     off = np.abs(np.diff(torque, 2))
@@ -143,33 +146,3 @@ def weakest_part(
     parts = np.array_split(np.fft.irfft(spectrum, torque.size) ** 2, n_parts)
     power = np.array([part.mean() for part in parts])
     return float(10 * np.log10(power.min() / np.median(power))) if power.min() > 0 else -np.inf
-
-
-def local_speeds(
-    X: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
-) -> tuple[Float, Float]:
-    """Return the input speed in each quarter of windows, and how well it is known.
-
-    Parameters
-    ----------
-    X : ndarray, shape (n_windows, n_samples)
-        Torque.
-    sampling_rate, input_speed_hz, n_lobes
-        As for :func:`cyclofeat.signal.lobes.lobe_lines`; speeds up to 10 % beside are found.
-
-    Returns
-    -------
-    speeds : ndarray, shape (n_windows, 4)
-        As multiples of ``input_speed_hz``.
-    evidence : ndarray, shape (n_windows, 4)
-        Mean power of lobe lines 3 to 30 over the spectrum around them, less 1: above 0.5 the speed is known
-        within 0.6 %.
-    """
-    length = X.shape[1] // _PARTS
-    quarters = X[:, : _PARTS * length].reshape(-1, length)
-    first, last = _SEARCHED_LINES
-    comb = LobeComb(n_lobes, last, speed_tolerance=_SEARCHED_SPEEDS, searched=range(first, last + 1))
-    lines = lobe_lines(quarters, sampling_rate, input_speed_hz, comb)
-    power = np.minimum(ratio(np.abs(lines.lines) ** 2, lines.floor), _STRONGEST)[:, first - 1 :]
-    speeds = lines.input_speed_hz / input_speed_hz
-    return speeds.reshape(len(X), -1), power.mean(axis=1).reshape(len(X), -1) - 1
