@@ -137,9 +137,9 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
 )
 def test_pieces_are_the_course_to_the_last_bit(courses: Courses) -> None:
     gearbox = STEEL.replace(ramp_time=0.011)
-    for n, step in ((3001, 5e-6), (40, 1e-4)):
+    for n, step in ((301, 5e-5), (40, 1e-4)):
         whole = drive_and_load(gearbox, n, step, 25_600.0, 0.3, courses)
-        for size in (1, 7, 1000, n):
+        for size in (1, 7, 100, n):
             pieces = DriveAndLoad(gearbox, n, step, 25_600.0, 0.3, courses)
             for first in range(0, n - 1, size):
                 last = min(first + size, n - 1)
@@ -193,10 +193,10 @@ def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> 
             (SPEED + a * np.sin(w * time)) / ramp + share * a * w * np.cos(w * time),
             a * w * np.cos(w * time),
         )
-    assert phi == pytest.approx(expected, abs=1e-9)
-    assert omega == pytest.approx(speed, abs=1e-9)
+    np.testing.assert_allclose(phi, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(omega, speed, rtol=0, atol=1e-9)
     smooth = (time > 1e-4) & (np.abs(time - ramp) > 1e-4) & (time < 0.2999)
-    assert alpha[smooth] == pytest.approx(acceleration[smooth], abs=1e-4)
+    np.testing.assert_allclose(alpha[smooth], acceleration[smooth], rtol=0, atol=1e-4)
 
 
 def test_fluctuating_speed_reaches_the_machine() -> None:
