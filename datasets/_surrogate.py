@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat._base.words import from_1
+from cyclofeat.datasets._conditions import Conditions, Length
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
@@ -36,7 +37,10 @@ def make_rig_recordings(
     rig: str | Rig = "R1",
     lobes: str = "consecutive",
     wheels: str | Sequence[int] = "random",
-    duration: float = 1.8,
+    speed_rpm: float | tuple[float, float] | None = None,
+    load_nm: float | tuple[float, float] | None = None,
+    duration: float | None = None,
+    output_turns: float | None = None,
     sampling_rate: float = 25_600.0,
     random_state: int = 0,
     n_jobs: int = 1,
@@ -63,9 +67,15 @@ def make_rig_recordings(
     wheels : "random" or sequence of int
         Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(1,)``,
         ``(0, 1)``.
-    duration : float, default 1.8
-        Length of each recording in s. It begins when the assembly has settled
+    speed_rpm, load_nm : float or (low, high), optional
+        Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
+        draws its own (log-uniform). Default: those of the rig's gearbox. The load drift
+        (:class:`cyclofeat.simulators.LoadDrift`) is scaled in proportion to the load.
+    duration : float, optional
+        Length of each recording in s, default 1.8. It begins when the assembly has settled
         (:func:`cyclofeat.simulators.settling_time`).
+    output_turns : float, optional
+        Length in turns of the output at the nominal speed, instead of ``duration``.
     sampling_rate : float, default 25600
         In Hz.
     random_state : int, default 0
@@ -121,7 +131,9 @@ def make_rig_recordings(
     >>> [effect["effect"] for effect in one.meta["effects"][-3:]]
     ['noise', 'hum', 'quantisation']
     """
-    run = _Run(_rig(rig), duration, sampling_rate, random_state, with_angle, solver)
+    length = Length.checked(duration, output_turns)
+    conditions = Conditions.checked(speed_rpm, load_nm)
+    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions)
     counts = _counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
     checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
@@ -181,7 +193,7 @@ def make_rig_recording(
 
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
-    run = _Run(_rig(rig), duration, sampling_rate, random_state, with_angle)
+    run = _Run(_rig(rig), Length.checked(duration, None), sampling_rate, random_state, with_angle)
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
     if isinstance(recording, Exception):
         raise recording
@@ -193,20 +205,26 @@ class _Run:
     """Rig and conditions of all recordings of one call."""
 
     rig: Rig
-    duration: float
+    length: Length
     sampling_rate: float
     random_state: int
     with_angle: bool
     solver: Solver | None = None
+    conditions: Conditions = field(default_factory=Conditions)
 
     def __post_init__(self) -> None:
         checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
-        duration = checks.positive("duration", self.duration, "a number of s")
+        checks.whole("random_state", self.random_state, 0)
+        duration = self.length.seconds(self.rig.gearbox)
         if round(duration * self.sampling_rate) < 2:
             raise ValueError(
                 f"duration must hold at least 2 samples at {self.sampling_rate:g} Hz, got {duration!r}"
             )
-        checks.whole("random_state", self.random_state, 0)
+
+    def rig_at(self, index: int) -> Rig:
+        """Return the rig at the speed and load of a recording."""
+        # The third child of the recording's seed: the defects have the second, the rig the others.
+        return self.conditions.drawn(self.rig, self.rig.seed_of(self.random_state, index).spawn(3)[2])
 
     def assembly(self, index: int) -> str:
         """Return the name of an assembly."""
@@ -252,8 +270,9 @@ def _recordings(
 def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
     """Draw the machine of a recording."""
     try:
-        return run.rig.plan_run(
-            defects, duration=run.duration, sampling_rate=run.sampling_rate,
+        rig = run.rig_at(index)
+        return rig.plan_run(
+            defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
             random_state=run.rig.seed_of(run.random_state, index), solver=run.solver, torque_in=False,
             motion=False,
         )  # fmt: skip
@@ -263,7 +282,7 @@ def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
 
 def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) -> Recording:
     """Return the recording of a machine's run."""
-    rig, assembly = run.rig, run.assembly(index)
+    rig, assembly = run.rig_at(index), run.assembly(index)
     try:
         record = done.record()
     except ValueError as error:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from joblib import parallel_config
-from scipy.stats import skew
+from scipy.stats import skew, uniform
 
 from cyclofeat.datasets import (
     load_published_tables,
@@ -21,6 +21,7 @@ from cyclofeat.simulators import (
     BrakeRotor,
     CycloidalGearbox,
     Hum,
+    LoadDrift,
     LobeDefects,
     Noise,
     Offset,
@@ -461,3 +462,48 @@ def test_bad_arguments_are_named(arguments, message):
     given = {"n_assemblies": 1, "duration": 0.05} | arguments
     with pytest.raises((TypeError, ValueError), match=message):
         make_rig_recordings(**given)
+
+
+def test_speeds_and_loads_are_drawn_per_assembly():
+    made = make_rig_recordings(
+        3, [0, 2], rig="R0", speed_rpm=(300, 1500), load_nm=(3, 40), output_turns=0.1, sampling_rate=5000
+    )
+    speeds, loads = ([getattr(one, name) for one in made] for name in ("speed_rpm", "load_nm"))
+    assert len(set(speeds)) == len(set(loads)) == 6
+    assert 300 <= min(speeds) < max(speeds) <= 1500
+    assert 3 <= min(loads) < max(loads) <= 40
+    for one in made:
+        assert one.n_samples == round(0.1 * 15 / (one.speed_rpm / 60) * 5000)
+        assert one.meta["true_speed_rpm"] == pytest.approx(one.speed_rpm, rel=0.0101)
+        assert one.torque.mean() == pytest.approx(one.load_nm, rel=0.5)
+    again = make_rig_recordings(
+        1, [0], rig="R0", speed_rpm=(300, 1500), load_nm=(3, 40), output_turns=0.1, sampling_rate=5000
+    )
+    assert again[0] == made[0]
+
+
+def test_load_drift_scales_with_the_load():
+    drifts = []
+    for load in (11.0, 22.0):
+        (one,) = make_rig_recordings(1, [0], rig="R0", load_nm=load, duration=0.05)
+        (drift,) = (e for e in one.meta["effects"] if e["effect"] == "load_drift")
+        drifts.append(drift["rms_nm"])
+    assert drifts == [1.5, 3.0]
+    rig = rig_preset("R0").with_effects(LoadDrift(uniform(1.0, 2.0)))
+    with pytest.raises(ValueError, match="load_nm scales the load drift"):
+        make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"speed_rpm": (500, 100)}, "speed_rpm must be a range"),
+        ({"load_nm": (3, 4, 5)}, "load_nm must be a number of Nm or a range"),
+        ({"speed_rpm": -1}, "speed_rpm must be positive"),
+        ({"duration": 1.0, "output_turns": 1}, "duration and output_turns exclude each other"),
+        ({"output_turns": 0}, "output_turns must be positive"),
+    ],
+)
+def test_wrong_conditions_and_lengths(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        make_rig_recordings(1, [0], **wrong)

@@ -85,6 +85,8 @@ def test_torque_has_units_and_its_own_times(recording):
     assert_allclose(display.torque, recording.torque[12_800:19_200])
     assert display.ax_.get_xlabel() == "time (s)"
     assert display.ax_.get_ylabel() == "output torque (Nm)"
+    current = TorqueDisplay.from_recording(recording.replace(quantity="motor_current")).plot()
+    assert current.ax_.get_ylabel() == "motor current (A)"
 
 
 def test_thinning_keeps_every_peak():

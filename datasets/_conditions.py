@@ -1,0 +1,107 @@
+"""Length of surrogate recordings, and the speeds and loads at which they are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cyclofeat._base import checks
+
+if TYPE_CHECKING:
+    from cyclofeat.simulators import CycloidalGearbox, Rig
+
+DEFAULT_S = 1.8  # one output turn at 500 RPM
+
+
+@dataclass(frozen=True)
+class Length:
+    """Length of recordings in s, or in turns of the output."""
+
+    duration: float | None
+    output_turns: float | None
+
+    @classmethod
+    def checked(cls, duration: float | None, output_turns: float | None) -> Length:
+        if output_turns is None:
+            given = DEFAULT_S if duration is None else duration
+            return cls(checks.positive("duration", given, "a number of s"), None)
+        if duration is not None:
+            raise ValueError(
+                f"duration and output_turns exclude each other, got {duration!r} s and {output_turns!r} turns"
+            )
+        return cls(None, checks.positive("output_turns", output_turns, "a number of turns of the output"))
+
+    def seconds(self, gearbox: CycloidalGearbox) -> float:
+        """Return the length at the gearbox's nominal speed."""
+        if self.duration is not None:
+            return self.duration
+        assert self.output_turns is not None
+        return self.output_turns * gearbox.n_lobes / gearbox.input_speed_hz
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Ranges of nominal speed (RPM) and load (Nm) over the assemblies; None for those of the gearbox."""
+
+    speed_rpm: tuple[float, float] | None = None
+    load_nm: tuple[float, float] | None = None
+
+    @classmethod
+    def checked(cls, speed_rpm: Any, load_nm: Any) -> Conditions:
+        return cls(_positive_range("speed_rpm", speed_rpm, "RPM"), _positive_range("load_nm", load_nm, "Nm"))
+
+    def drawn(self, rig: Rig, seed: np.random.SeedSequence) -> Rig:
+        """Return the rig at the conditions of one assembly."""
+        from cyclofeat.simulators import LoadDrift
+
+        random = np.random.default_rng(seed)
+        shares = random.random(2)
+        changes = {}
+        if self.speed_rpm is not None:
+            changes["input_speed"] = _log_uniform(self.speed_rpm, shares[0]) * 2 * np.pi / 60
+        if self.load_nm is not None:
+            changes["load_torque"] = _log_uniform(self.load_nm, shares[1])
+        if not changes:
+            return rig
+        factor = changes.get("load_torque", rig.gearbox.load_torque) / rig.gearbox.load_torque
+        effects = [
+            one.with_parameters(rms_nm=_scaled(one.rms_nm, factor)) if isinstance(one, LoadDrift) else one
+            for one in rig.effects
+        ]
+        return rig.replace(gearbox=rig.gearbox.replace(**changes), effects=effects)
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Return a parameter's number or range times a factor."""
+    if factor == 1:
+        return value
+    ends = checks.members(value)
+    if ends is not None:
+        return tuple(factor * end for end in ends)
+    if not checks.is_number(value):
+        raise ValueError(
+            f"load_nm scales the load drift, whose rms_nm must then be a number or a range, got {value!r}"
+        )
+    return factor * value
+
+
+def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:
+    """Return the ends of a range; a number is a range of its own."""
+    if given is None:
+        return None
+    ends = checks.members(given)
+    low, high = (given, given) if ends is None else (ends[0], ends[-1])
+    if ends is not None and len(ends) != 2:
+        raise ValueError(f"{name} must be a number of {unit} or a range (low, high), got {given!r}")
+    checks.positive(name, low, f"a number of {unit}")
+    checks.positive(name, high, f"a number of {unit}")
+    if low > high:
+        raise ValueError(f"{name} must be a range (low, high) with low <= high, got {given!r}")
+    return float(low), float(high)
+
+
+def _log_uniform(ends: tuple[float, float], share: float) -> float:
+    low, high = ends
+    return float(low * (high / low) ** share)
