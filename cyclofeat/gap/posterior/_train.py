@@ -47,7 +47,7 @@ def train(
     progress: Callable[[int, int], object] | None = None,
 ) -> Weights:
     """Train one network on simulated rigs, each shown in every epoch as another random session."""
-    jax, jnp, optax = _libraries()
+    jax, jnp, _ = _libraries()
     random = np.random.default_rng(random_state)
     weights = _first_weights(made, targets, reference, random)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in _network.FIXED}
