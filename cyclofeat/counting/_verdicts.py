@@ -25,17 +25,20 @@ _MOST_DROPPED, _MOST_CLIPPED = 0.02, 0.02
 # Lobe lines up to the 44th enter a count. Torque must change this often in their shortest period, and samples
 # be this much denser, before its noise can be read off adjacent samples.
 _LINES, _FRESH, _DENSE = 44, 4.0, 20.0
+# Step of the converter in standard deviations; share of equal samples from which it hides the noise.
+_COARSEST, _MOST_EQUAL = 0.5, 0.2
 # Standard deviations of the usual noise that a sample lies off its neighbours; spikes in a window.
 _JUMP, _MOST_SPIKES = 8.0, 5
 # Ratio of the noise in two input turns; share of the mean torque that hides worn lobes.
 _NOISE_CHANGE, _MOST_NOISE = 1.5, 0.1
 # Power of the weakest input turn over the median; fall and slope of a spectrum above the lobe lines (dB).
 _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -10.0, -68.0, -8.0
-# Evidence from which a speed is known, and its largest relative change.
-_KNOWN, _UNSTEADY = 0.6, 0.02
+# Evidence from which a speed is known; its largest relative change; two measurements of one speed.
+_KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Advance of the angle in an eighth of a turn, as a multiple of the median.
 _ANGLE_STEPS = (0.5, 1.5)
-_LONGEST = 4  # windows in which other speeds are searched
+_MOST_WINDOWS = 4  # in which other speeds are searched
+_JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
 _AGREEMENT = 0.5
 
@@ -86,10 +89,13 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
     fresh = faults.fresh_rate(torque, sampling_rate)
     if fresh < min(_FRESH * highest, 0.5 * sampling_rate):
         return f"the torque changes only {fresh:.0f} times a second, too coarse for lobe lines up to {highest:.0f} Hz"
+    if (step := faults.step_size(torque)) > _COARSEST * torque.std():
+        return f"steps of {step:.2g} are too coarse for a torque that deviates by {torque.std():.2g}"
     fall, slope = faults.smoothness(torque, sampling_rate, input_speed_hz, n_lobes)
     if fall < _FALL_DB and slope < _SLOPE_DB:
         return f"a low-pass filter has removed what lobe lines up to {highest:.0f} Hz need"
-    if sampling_rate > _DENSE * highest and (reason := _of_noise(torque, sampling_rate, n_lobes)):
+    resolved = np.mean(np.diff(torque) == 0) < _MOST_EQUAL
+    if resolved and sampling_rate > _DENSE * highest and (reason := _of_noise(torque, sampling_rate, n_lobes)):
         return reason
     if faults.weakest_part(torque, sampling_rate, input_speed_hz, n_lobes, n_lobes) < _WEAKEST_DB:
         return "the lobes pause within the window: the shaft stood still, or the sensor was dead"
@@ -104,7 +110,7 @@ def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
     middle = off[1:-1]
     spikes = int(np.sum((middle > _JUMP) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
     if beyond.size > 3 * spikes:
-        return f"the torque jumps, first {beyond[0] / sampling_rate:.3g} s after the window's start"
+        return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
     if spikes > _MOST_SPIKES:
         return f"the torque has {number(spikes, 'spike')}"
     if (change := faults.noise_change(torque, n_parts)) > _NOISE_CHANGE:
@@ -130,7 +136,7 @@ def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobe
     reasons = []
     for row, known in zip(speeds, evidence > _KNOWN, strict=True):
         # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
-        of_shaft = np.abs(row * (n_lobes + 1) / n_lobes - row[known].max(initial=0.0)) < _UNSTEADY / 2
+        of_shaft = np.abs(row * (n_lobes + 1) / n_lobes - row[known].max(initial=0.0)) < _SAME_SPEED
         steady = row[known & ~of_shaft]
         change = float(np.ptp(steady)) if steady.size > 1 else 0.0
         reasons.append(f"the speed changes by {change:.1%} within the window" if change > _UNSTEADY else "")
@@ -139,8 +145,7 @@ def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobe
 
 def other_multiple(windows: WindowSet, input_speed_hz: float, n_lobes: int) -> str:
     """Return why the lobes pass at a multiple or fraction of the nominal speed; empty without evidence."""
-    torque = windows.X[:_LONGEST].ravel()
-    factor = multiple_of_nominal(torque, windows.sampling_rate, input_speed_hz, n_lobes)
+    factor = multiple_of_nominal(windows.X[:_MOST_WINDOWS], windows.sampling_rate, input_speed_hz, n_lobes)
     if factor == 1:
         return ""
     return (
@@ -149,20 +154,23 @@ def other_multiple(windows: WindowSet, input_speed_hz: float, n_lobes: int) -> s
     )
 
 
-def disagreement(proba: Float) -> str:
-    """Return why the windows of a recording do not belong together, by their probabilities of each count.
+def disagreement(proba: Float, reasons: Sequence[str]) -> str:
+    """Return why the windows of a recording do not belong together; empty where they do.
 
     Parameters
     ----------
     proba : ndarray, shape (n_windows, n_classes)
-        In the order of time.
+        Probabilities of each count, in the order of time.
+    reasons : sequence of str
+        Faults of the windows. Only windows without a fault, or with a jump, which may part two discs, are
+        compared.
     """
-    root = np.sqrt(proba)
-    if (root @ root.T).min() >= _AGREEMENT:
+    compared = [not reason or reason.startswith(_JUMPS) for reason in reasons]
+    root = np.sqrt(proba[compared])
+    if not len(root) or (root @ root.T).min() >= _AGREEMENT:
         return ""
-    changes = [k for k, (before, after) in enumerate(pairwise(root), 1) if before @ after < _AGREEMENT]
-    if len(changes) == 1:
-        return f"its windows have other counts from number {changes[0] + 1} on: two discs in one recording?"
+    if sum(before @ after < _AGREEMENT for before, after in pairwise(root)) == 1:
+        return "its windows have another count from some time on: two discs in one recording?"
     return "its windows disagree about the count"
 
 

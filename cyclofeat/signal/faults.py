@@ -20,6 +20,7 @@ __all__ = [
     "noise_change",
     "noise_level",
     "smoothness",
+    "step_size",
     "weakest_part",
 ]
 
@@ -27,7 +28,7 @@ _SHORTEST_CLIP, _PILE = 3, 4.0
 # Ten samples, and five times as long as nearly all others: slow or coarse records repeat values too.
 _SHORTEST_HOLD, _HOLD_RATIO, _JUMP = 10, 5.0, 10.0
 # Second differences below this share of the standard deviation belong to a straight line.
-_STRAIGHT = 1e-6
+_STRAIGHT = 1e-9
 # The standard deviation of normal noise, in median absolute deviations.
 _OF_MEDIAN = 1.4826
 _LOW_LINES, _HIGH_LINES = (3, 9), (44, 88)
@@ -73,13 +74,11 @@ def dropped(torque: Float) -> NDArray[np.bool_]:
 
 def _bridged(torque: Float) -> NDArray[np.bool_]:
     """Mark samples on long straight lines that rise or fall."""
-    bridged = np.zeros(torque.size, dtype=bool)
     bend = np.abs(np.diff(torque, 2))
     straight = np.r_[False, (bend <= _STRAIGHT * torque.std()) & (np.diff(torque)[1:] != 0), False]
-    starts, lengths = _runs(straight)
-    long = straight[starts] & _unusually_long(lengths)
-    bridged[np.repeat(long, lengths)] = True
-    return bridged
+    # Each sample that is on no line is a run of its own.
+    starts, lengths = _runs(np.where(straight, 0, np.arange(1, torque.size + 1)))
+    return np.repeat(straight[starts] & _unusually_long(lengths), lengths)
 
 
 def _runs(values: NDArray[np.generic]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -95,6 +94,12 @@ def _unusually_long(lengths: NDArray[np.int64]) -> NDArray[np.bool_]:
 def fresh_rate(torque: Float, sampling_rate: float) -> float:
     """Return how often per second the torque leaves a straight line: the rate that its samples carry."""
     return float(np.mean(np.abs(np.diff(torque, 2)) > _STRAIGHT * torque.std()) * sampling_rate)
+
+
+def step_size(torque: Float) -> float:
+    """Return the smallest change from one sample to the next: the step of a converter; 0 for a constant."""
+    changes = np.abs(np.diff(torque))
+    return float(changes[changes > 0].min(initial=np.inf)) if changes.any() else 0.0
 
 
 def jumps(torque: Float) -> NDArray[np.float64]:
