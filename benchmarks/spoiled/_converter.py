@@ -60,7 +60,9 @@ def blocks_bridged(base: Base, strength: float, random: np.random.Generator) -> 
     torque = base.recording.torque.copy()
     length = int(_BLOCK_S * base.recording.sampling_rate)
     for lost in blocks(torque.size, strength, length, random):
-        torque[lost] = np.linspace(torque[max(lost.start - 1, 0)], torque[min(lost.stop, torque.size - 1)], length)
+        torque[lost] = np.linspace(
+            torque[max(lost.start - 1, 0)], torque[min(lost.stop, torque.size - 1)], length
+        )
     return _changed(base.recording, torque)
 
 
@@ -75,7 +77,9 @@ def samples_repeated(base: Base, strength: float, random: np.random.Generator) -
     """Single samples at random places, this share of all, repeat the one before."""
     fresh = random.random(base.recording.n_samples) >= strength
     fresh[0] = True
-    return _changed(base.recording, base.recording.torque[np.maximum.accumulate(np.arange(fresh.size) * fresh)])
+    return _changed(
+        base.recording, base.recording.torque[np.maximum.accumulate(np.arange(fresh.size) * fresh)]
+    )
 
 
 @kind(0.1, 0.3, 0.6)
@@ -156,7 +160,9 @@ def gain_by_polarity(base: Base, strength: float, random: np.random.Generator) -
 def sign_flipped(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The sign of the torque is wrong for this share of the record, at its end."""
     n = base.recording.n_samples
-    return _changed(base.recording, base.recording.torque * np.where(np.arange(n) < (1 - strength) * n, 1, -1))
+    return _changed(
+        base.recording, base.recording.torque * np.where(np.arange(n) < (1 - strength) * n, 1, -1)
+    )
 
 
 @kind(1, 4, 16)
@@ -170,13 +176,17 @@ def offset_jumps(base: Base, strength: float, random: np.random.Generator) -> Re
 @kind(3, 12, 50)
 def drift(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The zero drifts evenly by so many Nm over the record."""
-    return _changed(base.recording, base.recording.torque + np.linspace(0, strength, base.recording.n_samples))
+    return _changed(
+        base.recording, base.recording.torque + np.linspace(0, strength, base.recording.n_samples)
+    )
 
 
 @kind(0.8, 0.5, 0.2)
 def gain_drifts(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The gain drifts from 1 to this factor over the record."""
-    return _changed(base.recording, base.recording.torque * np.linspace(1, strength, base.recording.n_samples))
+    return _changed(
+        base.recording, base.recording.torque * np.linspace(1, strength, base.recording.n_samples)
+    )
 
 
 @kind(5, 20, 100)

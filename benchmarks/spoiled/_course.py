@@ -98,7 +98,7 @@ def tachometer_slips(base: Base, strength: float, random: np.random.Generator) -
 
 @kind(2, 8, 30, has_angle=True)
 def tachometer_jitters(base: Base, strength: float, random: np.random.Generator) -> Recording:
-    """The pulses of the tachometer, one a turn, come at wrong angles, by so many degrees (standard deviation)."""
+    """The tachometer's pulses, one a turn, come at wrong angles, by so many degrees (standard deviation)."""
     assert base.recording.angle is not None
     turns = base.recording.angle / (2 * np.pi)
     pulses = np.arange(np.floor(turns[0]) - 1, np.ceil(turns[-1]) + 2)

@@ -36,9 +36,7 @@ def bases(folder: Path, n_jobs: int) -> list[Base]:
         random = np.random.default_rng(_SEED)
         heard = [noisy(one, random) for one in output]
         # The machine with the next count but two is the other one.
-        made += [
-            Base(*four) for four in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)
-        ]
+        made += [Base(*four) for four in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)]
     return made
 
 
@@ -104,7 +102,9 @@ def unspoiled(model: LobeModel, bases: Sequence[Base]) -> Counter[str]:
     return outcomes(model, as_is, 0.0, bases)
 
 
-def all_outcomes(model: LobeModel, bases: Sequence[Base], n_jobs: int) -> dict[tuple[str, float], Counter[str]]:
+def all_outcomes(
+    model: LobeModel, bases: Sequence[Base], n_jobs: int
+) -> dict[tuple[str, float], Counter[str]]:
     """Return the outcomes of all kinds in all strengths."""
     cells = [(kind, strength) for kind in KINDS.values() for strength in kind.strengths]
     work = joblib.Parallel(n_jobs=n_jobs, batch_size=4)(

@@ -40,7 +40,9 @@ def mains_beat(base: Base, strength: float, random: np.random.Generator) -> Reco
     """A line of 50 Hz and one of a motor with slip, each of this amplitude in Nm, beat."""
     time, phase = _time(base), random.uniform(0, 2 * np.pi)
     slipping = 50 * (1 - random.uniform(0.01, 0.05))
-    return _added(base, strength * (np.sin(2 * np.pi * 50 * time) + np.sin(2 * np.pi * slipping * time + phase)))
+    return _added(
+        base, strength * (np.sin(2 * np.pi * 50 * time) + np.sin(2 * np.pi * slipping * time + phase))
+    )
 
 
 @kind(1, 4, 16)

@@ -1,7 +1,7 @@
 """Verdicts: what in the signal of a recording would spoil a count, window by window and as a whole.
 
-The thresholds lie beyond what clean windows reach. Of 480 simulated ones (rigs R0, R1 and R2, noise of 0.05 to
-0.5 Nm, 100 to 1,500 RPM) 0.6 % have a fault.
+The thresholds lie beyond what clean windows reach. Of 480 simulated ones (rigs R0, R1 and R2, noise of 0.05
+to 0.5 Nm, 100 to 1,500 RPM) 0.6 % have a fault.
 """
 
 from __future__ import annotations
@@ -88,14 +88,21 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
     highest = _LINES * lobe_frequency(input_speed_hz, n_lobes)
     fresh = faults.fresh_rate(torque, sampling_rate)
     if fresh < min(_FRESH * highest, 0.5 * sampling_rate):
-        return f"the torque changes only {fresh:.0f} times a second, too coarse for lobe lines up to {highest:.0f} Hz"
+        return (
+            f"the torque changes only {fresh:.0f} times a second, too coarse for lobe lines up to "
+            f"{highest:.0f} Hz"
+        )
     if (step := faults.step_size(torque)) > _COARSEST * torque.std():
         return f"steps of {step:.2g} are too coarse for a torque that deviates by {torque.std():.2g}"
     fall, slope = faults.smoothness(torque, sampling_rate, input_speed_hz, n_lobes)
     if fall < _FALL_DB and slope < _SLOPE_DB:
         return f"a low-pass filter has removed what lobe lines up to {highest:.0f} Hz need"
     resolved = np.mean(np.diff(torque) == 0) < _MOST_EQUAL
-    if resolved and sampling_rate > _DENSE * highest and (reason := _of_noise(torque, sampling_rate, n_lobes)):
+    if (
+        resolved
+        and sampling_rate > _DENSE * highest
+        and (reason := _of_noise(torque, sampling_rate, n_lobes))
+    ):
         return reason
     if faults.weakest_part(torque, sampling_rate, input_speed_hz, n_lobes, n_lobes) < _WEAKEST_DB:
         return "the lobes pause within the window: the shaft stood still, or the sensor was dead"
@@ -149,23 +156,22 @@ def other_multiple(windows: WindowSet, input_speed_hz: float, n_lobes: int) -> s
     if factor == 1:
         return ""
     return (
-        f"its torque repeats as lobes at another speed would, such as {60 * factor * input_speed_hz:.0f} RPM, "
-        f"rather than at {60 * input_speed_hz:.0f} RPM"
+        "its torque repeats as lobes at another speed would, such as "
+        f"{60 * factor * input_speed_hz:.0f} RPM, rather than at {60 * input_speed_hz:.0f} RPM"
     )
 
 
-def disagreement(proba: Float, reasons: Sequence[str]) -> str:
+def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
     """Return why the windows of a recording do not belong together; empty where they do.
 
     Parameters
     ----------
     proba : ndarray, shape (n_windows, n_classes)
         Probabilities of each count, in the order of time.
-    reasons : sequence of str
-        Faults of the windows. Only windows without a fault, or with a jump, which may part two discs, are
-        compared.
+    faults_of_windows : sequence of str
+        Only windows without a fault, or with a jump, which may part two discs, are compared.
     """
-    compared = [not reason or reason.startswith(_JUMPS) for reason in reasons]
+    compared = [not fault or fault.startswith(_JUMPS) for fault in faults_of_windows]
     root = np.sqrt(proba[compared])
     if not len(root) or (root @ root.T).min() >= _AGREEMENT:
         return ""

@@ -187,7 +187,9 @@ def _outcome(job: Job) -> str:
     if job.state != "done":
         return f"{job.order.title}: {job.error or job.state}".rstrip(".")
     rows = [_count(row) for row in job.result] if job.order.command == "count" else []
-    answers = [f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]]
+    answers = [
+        f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]
+    ]
     if len(rows) > 1:
         return f"{len(answers)} of {number(len(rows), 'recording')} counted"
     return answers[0] if answers else f"{job.order.title}: done"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
+from scipy.signal.windows import hann
 
 from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.windows import Float, ratio
@@ -40,7 +40,8 @@ def clipped(torque: Float) -> float:
     A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
     quantised wave does not.
     """
-    if torque.size < _SHORTEST_CLIP:
+    at_ends = max(np.sum(torque == torque.min()), np.sum(torque == torque.max())) if torque.size else 0
+    if at_ends < _SHORTEST_CLIP:
         return 0.0
     starts, lengths = _runs(torque)
     share = 0.0
@@ -54,7 +55,7 @@ def clipped(torque: Float) -> float:
 
 
 def dropped(torque: Float) -> NDArray[np.bool_]:
-    """Mark samples that repeat one value or follow one straight line for long, or are 0 far from the others."""
+    """Mark samples that repeat one value or follow a straight line for long, or are 0 far from others."""
     starts, lengths = _runs(torque)
     # At the ends of the range a held value is a clipped one.
     inner = (torque[starts] > torque.min()) & (torque[starts] < torque.max())
@@ -103,7 +104,7 @@ def step_size(torque: Float) -> float:
 
 
 def jumps(torque: Float) -> NDArray[np.float64]:
-    """Return what each sample is off the mean of its neighbours, in standard deviations of the usual noise."""
+    """Return what each sample is off the mean of its neighbours, in multiples of the usual noise."""
     off = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
     return np.asarray(np.pad(ratio(off, _OF_MEDIAN * np.median(off)), 1))
 
@@ -120,7 +121,9 @@ def noise_change(torque: Float, n_parts: int) -> float:
     return max(levels) / min(levels) if min(levels) > 0 else np.inf
 
 
-def smoothness(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int = 15) -> tuple[float, float]:
+def smoothness(
+    torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int = 15
+) -> tuple[float, float]:
     """Return how far the spectrum falls above the lobe lines of a count, in dB.
 
     First from lobe lines 3 to 9 to lines 44 to 88, then from the lines just below the latter. White noise of
@@ -128,7 +131,8 @@ def smoothness(torque: Float, sampling_rate: float, input_speed_hz: float, n_lob
     where the sampling rate does not reach that far.
     """
     lobe = lobe_frequency(input_speed_hz, n_lobes)
-    frequencies, power = welch(torque, sampling_rate, nperseg=min(torque.size, int(2 * sampling_rate / lobe)))
+    power = np.abs(np.fft.rfft((torque - torque.mean()) * hann(torque.size, sym=False))) ** 2
+    frequencies = np.fft.rfftfreq(torque.size, 1 / sampling_rate)
 
     def level(lowest: float, highest: float) -> float:
         band = (frequencies >= lowest * lobe) & (frequencies < highest * lobe)

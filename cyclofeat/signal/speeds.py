@@ -15,8 +15,8 @@ _FIRST_LINE, _LAST_LINE = 3, 30
 # The power of a line over its surroundings is limited, so that a few strong ones do not look like a comb.
 _STRONGEST = 6.0
 _TOLERANCE, _STEPS = 0.02, 41
-# Lines between those of the nominal speed must stand out by this in a single window, less in the mean of several,
-# and by this share of what those of the nominal speed do.
+# Lines between those of the nominal speed must stand out by this in a single window, less in the mean of
+# several, and by this share of what those of the nominal speed do.
 _BETWEEN = {4: (0.65, 0.5), 3: (0.8, 0.4), 2: (1.0, 0.7)}
 _SHAFT_WIDTH = 0.1
 # The same of the median of lines at a multiple of the speed, and the most of the others, as a share of it.
@@ -55,12 +55,12 @@ def local_speeds(
 
 
 def multiple_of_nominal(X: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int = 15) -> float:
-    """Return the speed of all windows as a multiple of the nominal one: 1/4, 1/3, 1/2, 2, 3; 1 without evidence.
+    """Return the speed as a multiple of the nominal one: 1/4, 1/3, 1/2, 2 or 3, and 1 without evidence.
 
     Arguments are those of :func:`local_speeds`.
 
-    At a half of the nominal speed, lobe lines lie midway between those that the nominal speed has; at twice the
-    speed, every second one is missing. Other speeds may look like these: 1.5 times like a half.
+    At a half of the nominal speed, lobe lines lie midway between those that the nominal speed has; at twice
+    the speed, every second one is missing. Other speeds may look like these: 1.5 times like a half.
     """
     scatter = 1 / np.sqrt(len(X))
     shaft = n_lobes / (n_lobes + 1)  # lobe lines from one line of the input shaft to the next
@@ -71,7 +71,7 @@ def multiple_of_nominal(X: Float, sampling_rate: float, input_speed_hz: float, n
         of_shaft = np.abs((numbers / multiple / shaft + 0.5) % 1 - 0.5) * shaft < _SHAFT_WIDTH
         between, nominal = (above[:, which].mean(axis=1) for which in (~of_nominal & ~of_shaft, of_nominal))
         best = int(np.argmax(between + nominal))
-        if between[best] > max(least * scatter, share * nominal[best]):
+        if min(between[best], nominal[best]) > least * scatter and between[best] > share * nominal[best]:
             return 1 / multiple
     numbers = np.arange(_FIRST_LINE, _LAST_LINE + 7)
     above = _standing_out(X, sampling_rate, input_speed_hz, n_lobes, numbers)

@@ -15,7 +15,7 @@ RATE, SPEED, TURN = 25_600.0, 500 / 60, 46_080
 
 
 def geared(seed=0, noise=0.1, turns=1, ratio=None):
-    """A pulse of its own height for each of 15 lobes, drift and noise; ``ratio`` is the course of the speed."""
+    """A pulse of its own height for each of 15 lobes, drift, noise; ``ratio`` is the course of the speed."""
     random = np.random.default_rng(seed)
     speed = np.ones(turns * TURN) if ratio is None else ratio
     lobes = 15 * (16 / 15 * SPEED * np.cumsum(speed) / RATE + random.random())
@@ -134,7 +134,9 @@ def test_the_angle_says_how_the_speed_changes_unless_it_jumps():
     angle = 2 * np.pi * SPEED * np.cumsum(ratio) / RATE
     assert faults(geared(2, 0.05, ratio=ratio), angle) == ("",)
     angle[20_000:] += 2 * np.pi
-    assert faults(geared(2, 0.05, ratio=ratio), angle) == ("the angle jumps or stands still within the window",)
+    assert faults(geared(2, 0.05, ratio=ratio), angle) == (
+        "the angle jumps or stands still within the window",
+    )
 
 
 @pytest.mark.parametrize("factor", [1 / 4, 1 / 3, 1 / 2, 1, 2, 3])
@@ -142,7 +144,9 @@ def test_another_multiple_of_the_speed(factor):
     torque = geared(3, 0.05, turns=3, ratio=np.full(3 * TURN, factor))
     windows = Windower(input_speed_hz=SPEED, reduction=15).windows(Recording(torque, RATE))
     reason = other_multiple(windows, SPEED, 15)
-    assert reason == "" if factor == 1 else f"such as {500 * factor:.0f} RPM, rather than at 500 RPM" in reason
+    assert (
+        reason == "" if factor == 1 else f"such as {500 * factor:.0f} RPM, rather than at 500 RPM" in reason
+    )
 
 
 SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
