@@ -315,6 +315,49 @@ def _tilted(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, hal
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _worn(b, flank, at_foot, foot, places, lane, tables, half):
+    """Normal, gaps and radii of flanks with radial wear, to second order in its slope.
+
+    ``flank`` holds those of the healthy flanks.
+    """
+    (nx, ny), gaps, radii = flank
+    g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
+    (index_0, index_1), n_places, over = _places_of_weights(places, b, lane, tables, half)
+    over = over + foot * g[at + rows.PER_PITCH]
+    step = whole_below(over)
+    shift = np.uintp(rows.RADIAL) * n_places
+    depth = _weight_at(tables.weights, (index_0 + shift, index_1 + shift), step, half)
+    by_width = g[at + rows.WEAR_BY_WIDTH]
+    share = (over - step - g[at + rows.WEAR_MIDDLE]) * by_width
+    depth = choose(magnitude(share) < 0.5, depth * 0.5, 0.0)
+    if bits_of(depth > 0.0) == 0:
+        return flank
+    sine, fall = sine_and_fall(share * (np.pi / 4))
+    cosine = 1.0 - fall
+    for _ in range(3):
+        sine, cosine = 2.0 * sine * cosine, cosine * cosine - sine * sine
+    _, _, rx, ry, _, _, hx, hy = at_foot
+    square = 1.0 / (hx * hx + hy * hy)
+    inverse = root(square)
+    near = 1.0 - gaps[2] * (gaps[0] - g[at + rows.CLEARANCE])
+    # By the pin's way along the tangent: the cosine's angle, and the logarithm of the path's speed.
+    rate = (2 * np.pi * by_width * g[at + rows.PER_PITCH] * g[at + rows.INVERSE_EZ]) * inverse * near
+    s1, v1 = small_sine_and_fall(foot)
+    growth = -(g[at + rows.STEEPNESS] * (hy - v1 * hy - s1 * hx) * square * inverse * near)
+    slope = -(depth * rate * sine)
+    bend = -(depth * rate * rate * cosine) - slope * growth
+    gap = gaps[0] + depth * (1.0 + cosine) + slope * ((ry * hx - rx * hy) * inverse)
+    way = -(gap * slope)
+    tilt = slope + way * bend - slope * slope * slope * 0.5
+    along = 1.0 - tilt * tilt * 0.5
+    return (
+        (along * nx - tilt * ny, along * ny + tilt * nx),
+        (gap - gap * slope * slope * 0.5, gaps[1], gaps[2] + bend, gaps[3]),
+        (radii[0] + (radii[1] + radii[2] * way) * way, radii[1] + 2.0 * radii[2] * way, radii[2]),
+    )
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
     """Weights and lines of the flanks, and all edges, of the pins in block ``b``.
 
@@ -412,6 +455,11 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     foot, at_foot = _near_foot(displaced, lobe, close, g, at)
     nx, ny, gaps, radii = _profile(at_foot, g, at)
     normal, gaps = _tilted(tables.pitched, errors, (nx, ny), gaps, at_foot, pin, wheels, tables, at, half)
+    healthy_gap = gaps[0]
+    if g[at + rows.WEAR_BY_WIDTH] > 0.0:
+        normal, gaps, radii = _worn(
+            b, (normal, gaps, radii), at_foot, foot, (first.place, second.place), lane, tables, half
+        )
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
         constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
@@ -420,13 +468,13 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
     weight = _both((1.0, 1.0), frames, half)
-    used = gaps[0] < reach
+    used = healthy_gap < reach
     lined = used & ~used
     if faulty:
         run, arm = _from_profile(pin, wheels, frames, half)
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
         weight, used, lined = _defects(
-            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, pin, normal,
+            b, healthy_gap, foot, (first.place, second.place), arm, beyond_tip, pin, normal,
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
     store(frames, rows.F_WEIGHT * n_blocks + b, weight)

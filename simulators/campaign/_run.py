@@ -16,8 +16,8 @@ from cyclofeat._base.words import from_1
 from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects._library import labelled, stream
-from cyclofeat.simulators.gearbox import LobeDefects
 from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver
