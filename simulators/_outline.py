@@ -260,28 +260,30 @@ def _worn_foot(wheel, depth, part, dx, dy, qx, qy, step):
     inverse_ez = 1.0 / (wheel.eccentricity * (z + 1.0))
     pitch = 2.0 * np.pi / z
     rate = 2.0 * np.pi / (wheel.wear_width * pitch)
+    begin = (part - wheel.wear_first) * pitch * rate
     way = 0.0
     sink = 0.0
     slope = 0.0
     bend = 0.0
     for _ in range(NEWTON_STEPS + 1):
-        share = (part + way / pitch - wheel.wear_first) / wheel.wear_width
-        if not 0.0 < share < 1.0:
-            return way, 0.0, 0.0, 0.0
+        angle = min(max(begin + way * rate, 0.0), 2.0 * np.pi)
         rx, ry, hx, hy, s1, c1 = _at_foot(wheel, dx, dy, qx, qy, step + way)
         ig = 1.0 / np.sqrt(hx * hx + hy * hy)
         kappa = inverse_ez * (1.0 + 0.5 * z + 0.5 * z * (1.0 - inverse_m * inverse_m) * ig * ig) * ig
         above = (rx * hx + ry * hy) * ig
         beside = (ry * hx - rx * hy) * ig
         by_length = inverse_ez * ig
-        sine = 0.5 * depth * rate * np.sin(2.0 * np.pi * share) * by_length
         growth = -z * inverse_m * (c1 * hy - s1 * hx) * ig * ig
-        bend = 0.5 * depth * rate * rate * np.cos(2.0 * np.pi * share) * by_length * by_length
-        bend -= sine * growth * by_length
-        sink = 0.5 * depth * (1.0 - np.cos(2.0 * np.pi * share))
-        slope = sine / (1.0 - kappa * (sink + wheel.clearance))
+        sine = np.sin(angle)
+        cosine = np.cos(angle)
+        raised = 0.5 * (1.0 - cosine)
+        sink = depth * raised * raised
+        change = depth * raised * sine * rate
+        bend = depth * (0.5 * sine * sine + raised * cosine) * rate * rate
+        bend = (bend - change * growth) * by_length * by_length
+        slope = change * by_length / (1.0 - kappa * (sink + wheel.clearance))
         height = above + wheel.clearance + sink
-        way += (beside - height * slope) / (1.0 + kappa * above + height * bend + sine * sine) * by_length
+        way += (beside - height * slope) / (1.0 + kappa * above + height * bend + slope * slope) * by_length
     return way, sink, slope, bend
 
 
@@ -538,9 +540,6 @@ def describe(
             part = place - whole
             lobe = int(whole) % n_lobes
         worn = wear[RADIAL + own + np.uintp(lobe)]
-        sink = 0.0
-        worn_slope = 0.0
-        worn_bend = 0.0
         if worn > 0.0:
             way, sink, worn_slope, worn_bend = _worn_foot(wheel, worn, part, dx, dy, qx, qy, step)
             step += way
@@ -644,7 +643,7 @@ def describe(
             radius_slope = 0.0
             radius_bend = 0.0
             foot_u = 0.0
-        if sink > 0.0:
+        if worn > 0.0:
             gap += sink
             cosine = 1.0 / np.sqrt(1.0 + worn_slope * worn_slope)
             sine = worn_slope * cosine

@@ -9,7 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from cyclofeat._base.checks import check_type, is_number, is_whole, members, number, positive, short, whole
+from cyclofeat._base.checks import (
+    check_number,
+    check_type,
+    is_number,
+    is_whole,
+    members,
+    number,
+    positive,
+    short,
+    whole,
+)
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 __all__ = ["LobeDefects", "machine"]
@@ -55,10 +65,10 @@ class LobeDefects:
     Paper B wears both wheels. Equal lobes of the two wheels act at the same moment, so that the output torque
     does not show which wheel is worn; ``defect_count`` counts distinct lobe indices.
 
-    Radial wear has the shape (wear_um / 2) (1 - cos(2 pi x)), where x runs from 0 to 1 over the worn part:
-    depth and slope are continuous at both ends. The path of a pin's centre lies deeper by it, along its
-    normal; the worn outline is what a pin on that path leaves. Contacts keep the stiffness of the healthy
-    flank, since the curvature jumps where the wear ends.
+    Radial wear has the shape of a raised cosine squared, wear_um ((1 - cos(2 pi x)) / 2)^2, where x runs from
+    0 to 1 over the worn part: depth, slope and curvature are continuous at both ends. The path of a pin's
+    centre lies deeper by it, along its normal; the worn outline is what a pin on that path leaves. Contacts
+    keep the stiffness of the healthy flank.
     """
 
     worn_lobes: tuple[int, ...] = ()
@@ -78,7 +88,7 @@ class LobeDefects:
                 raise ValueError(f"{name} must be distinct whole numbers from 0, got {given!r}")
             object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
         object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
-        number("depth", self.depth)
+        check_number("depth", self.depth)
         if not 0 <= self.depth <= 1:
             raise ValueError(
                 f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
@@ -269,9 +279,11 @@ def machine(
     check_type("gearbox", gearbox, CycloidalGearbox)
     check_type("defects", defects, LobeDefects)
     defects.check_against(gearbox.n_lobes)
-    deepest = max(np.atleast_1d(defects.wear_um or 0.0))
+    if defects.wear_um is None or not defects.worn_lobes:
+        return gearbox, defects
+    deepest = np.max(defects.wear_um)
     most = 1e6 * gearbox.outline_profile.deepest_wear(defects.wear_share, defects.wear_centre)
-    if deepest > most and defects.worn_lobes:
+    if deepest > most:
         raise ValueError(
             f"wear_um must be at most {most:.3g} with wear_share={defects.wear_share:.3g} and wear_centre="
             f"{defects.wear_centre:.3g}: a pin reaches no deeper into wear so short, got {deepest:g}"

@@ -7,7 +7,6 @@ whose centre is the origin; the tip of lobe 0 lies on the real axis. SI units an
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,7 +114,6 @@ class CycloidalProfile:
         t = np.linspace(first, last, 1001) * np.pi / self.n_lobes
         return float(np.trapezoid(self._speed(t) * (1 - self.curvature(t) * self.pin_radius), t))
 
-    @functools.cache  # noqa: B019 -- few profiles, which are small and frozen
     def deepest_wear(self, share: float, centre: float) -> float:
         """Return the largest radial wear that a pin can follow, in m.
 
@@ -134,7 +132,9 @@ class CycloidalProfile:
         speed = self._speed(t)
         growth = np.gradient(np.log(speed), t)
         # Curvature that wear of 1 m adds: w'' along the path.
-        added = 0.5 * rate * (rate * np.cos(2 * np.pi * x) - growth * np.sin(2 * np.pi * x)) / speed**2
+        sine, cosine = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x)
+        raised = (1 - cosine) / 2
+        added = rate * (rate * (sine**2 / 2 + raised * cosine) - growth * raised * sine) / speed**2
         left = 1 / self.pin_radius - self.curvature(t)
         return float(np.min(left[added > 0] / added[added > 0]))
 

@@ -92,8 +92,8 @@ class ReferenceGearbox:
     depth : float
         Share of the lobe's width that is worn, from 0 to 1 (paper B): weight of the worn outline's force.
     radial_wear : array-like of shape (2, n_lobes), optional
-        Depth in m of the radial wear of each lobe of each wheel: a raised cosine over part of the angle from
-        tip to pit, by which the path of the sleeves' centres lies deeper.
+        Depth in m of the radial wear of each lobe of each wheel: the square of a raised cosine over part of
+        the angle from tip to pit, by which the path of the sleeves' centres lies deeper.
     radial_span : tuple of two float
         Begin and end of that part, from 0 (tip) to 1 (pit).
     pin_errors : array-like of shape (n_pins, 2), optional
@@ -239,8 +239,9 @@ class ReferenceGearbox:
         begin, end = np.array(self.radial_span) * flank
         depth = np.where((past_tip > begin) & (past_tip < end), depth, 0.0)
         frequency = 2 * np.pi / (end - begin)
-        angle = frequency * (past_tip - begin)
-        return depth * (1 - np.cos(angle)) / 2, depth * frequency * np.sin(angle) / 2
+        half_angle = frequency * (past_tip - begin) / 2
+        sine, cosine = np.sin(half_angle), np.cos(half_angle)
+        return depth * sine**4, 2 * depth * frequency * sine**3 * cosine
 
     # Contact ------------------------------------------------------------------------------------------------
 
@@ -260,7 +261,7 @@ class ReferenceGearbox:
     def _profile_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Force (N) and normal on healthy and radially worn flanks, for sleeves at ``p`` moving at ``rate``.
 
-        Radial wear leaves the stiffness as it was: its curvature jumps at its ends, a force must not.
+        Radial wear leaves the stiffness as it was.
         """
         t, path, normal = self.worn_foot(p)
         radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
