@@ -54,7 +54,7 @@ def machines() -> Machines:
         (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4, wear_um=60, wear_share=0.3)),
         (
             BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5), pin_clearance=1e-5),
-            LobeDefects.worn(5, wear_um=150, wear_share=0.9),
+            LobeDefects.worn(5, wear_um=100),
         ),
     ]
 

@@ -88,11 +88,11 @@ def test_defects_cannot_change() -> None:
         ),
         (
             lambda: LobeDefects.pitted(1, wear_um=9, length_mm=8, wear_centre=0.9),
-            "length_mm must be at most 2.2",
+            "length_mm must be at most 5.41 about wear_centre, got 8",
         ),
         (
             lambda: machine(STEEL, LobeDefects.pitted(1, wear_um=20, length_mm=1)),
-            "wear_um must be at most 12.9 with wear_share=0.112 .* a pin reaches no deeper .* got 20",
+            "wear_um must be at most 12.6 with wear_share=0.112 .* a pin reaches no deeper .* got 20",
         ),
         (
             lambda: LobeDefects(worn_lobes=(1, 2), removed_lobes=(2,)),
