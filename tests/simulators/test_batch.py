@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -50,8 +51,11 @@ def machines() -> Machines:
         *drawn,
         (STEEL.replace(contact_law="hunt_crossley", contact_damping=0.5), LobeDefects.worn(2)),
         (STEEL.replace(contact_law="conservative"), LobeDefects.worn((3, 9), depth=0.4)),
-        (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4)),
-        (BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5)), LobeDefects.worn(5)),
+        (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4, wear_um=60, wear_share=0.3)),
+        (
+            BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5), pin_clearance=1e-5),
+            LobeDefects.worn(5, wear_um=100),
+        ),
     ]
 
 
@@ -62,7 +66,8 @@ def lacking(each: Machines) -> Machines:
         removed = ((k % 15,), (2, 9), (3, 4, 11), (5 * k % 15,))[k % 4]
         left = () if k % 3 == 0 else tuple(lobe for lobe in worn.worn_lobes if lobe not in removed)
         wheels = ((0,), (1,), (0,), (0, 1))[k % 4]
-        changed.append((gearbox, LobeDefects(left, removed, wheels=wheels, depth=worn.depth)))
+        lobes = {"worn_lobes": left, "removed_lobes": removed, "wheels": wheels}
+        changed.append((gearbox, dataclasses.replace(worn, **lobes)))
     return changed
 
 
