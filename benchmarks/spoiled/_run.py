@@ -18,7 +18,7 @@ from cyclofeat.models import load_model
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Solver
 
-# What becomes of a recording. A count that is wrong with more than 0.9 is both of the last two.
+# What becomes of a recording. One that is wrong with more than 0.9 counts as both of the last two.
 RIGHT, REFUSED, WRONG, SURE = "right", "refused", "wrong, not refused", "wrong with > 0.9"
 OUTCOMES = (RIGHT, REFUSED, WRONG, SURE)
 SPEEDS_RPM = (500.0,)
@@ -61,17 +61,17 @@ def model(folder: Path, path: Path | None = None) -> LobeModel:
     return load_model(stored)
 
 
-def outcome(model: LobeModel, recording: Recording, truth: int | None) -> str:
+def outcome(model: LobeModel, recording: Recording, truth: int | None) -> list[str]:
     """Return what becomes of a recording; without a truth every count is wrong."""
     try:
         count = model.count(recording)
     except ValueError:
-        return REFUSED
+        return [REFUSED]
     if count.refused:
-        return REFUSED
+        return [REFUSED]
     if count.defect_count == truth:
-        return RIGHT
-    return SURE if count.probability[count.defect_count] > 0.9 else WRONG
+        return [RIGHT]
+    return [WRONG, SURE] if count.probability[count.defect_count] > 0.9 else [WRONG]
 
 
 def spoiled(kind: Kind, base: Base, number: int, strength: float) -> Recording:
@@ -92,7 +92,7 @@ def outcomes(model: LobeModel, kind: Kind, strength: float, bases: Sequence[Base
         except ValueError:  # no recording at all
             found[REFUSED] += 1
             continue
-        found[outcome(model, recording, base.recording.defect_count if kind.countable else None)] += 1
+        found.update(outcome(model, recording, base.recording.defect_count if kind.countable else None))
     return found
 
 

@@ -17,7 +17,6 @@ from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import faults
 from cyclofeat.signal.lobes import lobe_frequency
-from cyclofeat.signal.speeds import local_speeds, multiple_of_nominal
 from cyclofeat.signal.windows import Float
 
 # Shares of a window's samples.
@@ -37,24 +36,21 @@ _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -10.0, -68.0, -8.0
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Advance of the angle in an eighth of a turn, as a multiple of the median.
 _ANGLE_STEPS = (0.5, 1.5)
-_MOST_WINDOWS = 4  # in which other speeds are searched
 _JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
 _AGREEMENT = 0.5
 
 
-def window_faults(
-    recording: Recording, windows: WindowSet, input_speed_hz: float, n_lobes: int
-) -> tuple[str, ...]:
+def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
     """Return what would spoil the count of each window of a recording, empty where nothing would.
 
     Parameters
     ----------
     recording : Recording
     windows : WindowSet
-        Windows of one output turn of this recording.
-    input_speed_hz : float
-        Nominal input speed in turns per second.
+        Windows of one output turn of this recording, over time or over the angle of the input.
+    stop_s : ndarray, shape (n_windows,)
+        Ends of the windows in s from the recording's first sample.
     n_lobes : int
 
     Returns
@@ -62,18 +58,19 @@ def window_faults(
     tuple of str
         One reason per window.
     """
-    angle = recording.input_angle(n_lobes)
-    rate = recording.sampling_rate
-    length = round(n_lobes / input_speed_hz * rate)
+    angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
+    over_time = windows.sampling_rate == rate
     unsteady = [""] * len(windows)
-    if angle is None:
-        unsteady = _speed_changes(windows.X, windows.sampling_rate, input_speed_hz, n_lobes)
+    if angle is None or not over_time:
+        turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
+        unsteady = _speed_changes(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
     reasons = []
-    for start, speed_changes in zip(windows.start_s.tolist(), unsteady, strict=True):
-        rows = slice(round(start * rate), round(start * rate) + length)
+    for start, stop, speed_changes in zip(windows.start_s, stop_s, unsteady, strict=True):
+        rows = slice(round(float(start) * rate), round(float(stop) * rate))
+        speed = n_lobes / float(stop - start)
         reasons.append(
-            _of_samples(recording.torque[rows], rate, input_speed_hz, n_lobes)
-            or ("" if angle is None else _of_angle(angle[rows], rate, input_speed_hz))
+            _of_samples(recording.torque[rows], rate, speed, n_lobes)
+            or ("" if angle is None else _of_angle(angle[rows], rate, speed))
             or speed_changes
         )
     return tuple(reasons)
@@ -139,7 +136,7 @@ def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
 
 def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> list[str]:
     """Return for each window by how much its speed changes, empty where it is steady or not known."""
-    speeds, evidence = local_speeds(X, sampling_rate, input_speed_hz, n_lobes)
+    speeds, evidence = faults.local_speeds(X, sampling_rate, input_speed_hz, n_lobes)
     reasons = []
     for row, known in zip(speeds, evidence > _KNOWN, strict=True):
         # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
@@ -148,17 +145,6 @@ def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobe
         change = float(np.ptp(steady)) if steady.size > 1 else 0.0
         reasons.append(f"the speed changes by {change:.1%} within the window" if change > _UNSTEADY else "")
     return reasons
-
-
-def other_multiple(windows: WindowSet, input_speed_hz: float, n_lobes: int) -> str:
-    """Return why the lobes pass at a multiple or fraction of the nominal speed; empty without evidence."""
-    factor = multiple_of_nominal(windows.X[:_MOST_WINDOWS], windows.sampling_rate, input_speed_hz, n_lobes)
-    if factor == 1:
-        return ""
-    return (
-        "its torque repeats as lobes at another speed would, such as "
-        f"{60 * factor * input_speed_hz:.0f} RPM, rather than at {60 * input_speed_hz:.0f} RPM"
-    )
 
 
 def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:

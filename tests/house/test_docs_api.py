@@ -53,7 +53,6 @@ PACKAGES = (
     "cyclofeat.signal.high_pass",
     "cyclofeat.signal.lobes",
     "cyclofeat.signal.orders",
-    "cyclofeat.signal.speeds",
     "cyclofeat.signal.statistics",
     "cyclofeat.signal.wavelet_filters",
     "cyclofeat.signal.wavelets",
