@@ -1,6 +1,5 @@
 """Displays: what they compute, what they draw, what they refuse."""
 
-import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -74,14 +73,6 @@ def test_missing_matplotlib_is_named_with_its_remedy(name, recording, monkeypatc
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ImportError, match="pip install matplotlib"):
         display.plot()
-
-
-def test_importing_loads_neither_matplotlib_nor_jinja_nor_simulators(tmp_path):
-    code = "import sys, cyclofeat.plotting, cyclofeat.report; print(*sys.modules)"
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert not {"matplotlib", "jinja2", "numba", "cyclofeat.simulators"} & set(run.stdout.split())
 
 
 # -- torque
