@@ -156,12 +156,13 @@ def motor_effects(gearbox: CycloidalGearbox | None = None) -> tuple[Effect, ...]
     """Return a motor with its errors, which differ between assemblies, of the size that a gearbox needs.
 
     All values are *assumptions*, wide enough for servo motors of 50 to 750 W. By the mean input torque T
-    (load over number of lobes): rotor of 2e-5 to 6e-5 kg m2 per Nm of T, within 1e-6 to 1e-4 kg m2; cogging
-    of 0.5 to 2 % of T at the least common multiple of slots and poles, 0.1 to 0.5 % at slots and at poles;
-    Coulomb friction of 0.5 to 3 % of T, and as much viscous friction at nominal speed; offset within 1 %,
-    noise of 0.3 to 1 % and steps of 0.15 % of T. For every gearbox: speed control of 20 to 100 Hz, current
-    control of 200 to 1000 Hz, torque constant of 0.05 to 0.5 Nm/A with 1 to 3 % ripple, 3 to 8 pairs of
-    poles, 9 to 24 slots.
+    (load over number of lobes, at least 0.01 Nm): rotor of 4e-5 to 7e-5 kg m2 per Nm of T; cogging of 0.5 to
+    2 % of T at the least common multiple of slots and poles, 0.1 to 0.5 % at slots and at poles; Coulomb
+    friction of 0.5 to 3 % of T, and as much viscous friction at nominal speed; offset within 1 %, noise of
+    0.3 to 1 % and steps of 0.15 % of T. Speed control of 20 to 100 Hz, and at least 250 Hz divided by the
+    input's turns per second (30 Hz at 500 RPM), below which lobes worn to the papers' chord stall the motor;
+    current control of 200 to 1000 Hz; torque constant of 0.05 to 0.5 Nm/A with 1 to 3 % ripple; 3 to 8 pairs
+    of poles, 9 to 24 slots.
 
     Parameters
     ----------
@@ -180,21 +181,21 @@ def motor_effects(gearbox: CycloidalGearbox | None = None) -> tuple[Effect, ...]
     (400,)
     """
     gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-    torque = abs(gearbox.load_torque) / gearbox.n_lobes
+    torque = max(abs(gearbox.load_torque) / gearbox.n_lobes, 0.01)
+    slowest = max(20.0, 250.0 / gearbox.input_speed_hz)
 
     def part(low: float, high: float) -> tuple[float, float]:
         return low * torque, high * torque
 
+    friction = part(0.005, 0.03)
     return (
         ServoMotor(
-            inertia=tuple(min(max(end, 1e-6), 1e-4) for end in part(2e-5, 6e-5)), bandwidth_hz=(20, 100),
+            inertia=part(4e-5, 7e-5), bandwidth_hz=(slowest, max(100.0, 2 * slowest)),
             current_bandwidth_hz=(200, 1000), torque_constant=(0.05, 0.5), pole_pairs=uniform(2.5, 6),
             slots=uniform(7.5, 18),
         ),
         TorqueConstantRipple((0.01, 0.03)),
         Cogging(part(0.005, 0.02), part(0.001, 0.005), part(0.001, 0.005)),
-        MotorFriction(
-            part(0.005, 0.03), tuple(end / gearbox.input_speed for end in part(0.005, 0.03))
-        ),
+        MotorFriction(friction, tuple(end / gearbox.input_speed for end in friction)),
         CurrentSensor(part(-0.01, 0.01), part(0.003, 0.01), 0.0015 * torque),
     )  # fmt: skip
