@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ def make_rig_recordings(
     rig: str | Rig = "R1",
     lobes: str = "consecutive",
     wheels: str | Sequence[int] = "random",
+    wear_um: float | tuple[float, float] | None = None,
     speed_rpm: float | tuple[float, float] | None = None,
     load_nm: float | tuple[float, float] | None = None,
     duration: float | None = None,
@@ -67,6 +68,9 @@ def make_rig_recordings(
     wheels : "random" or sequence of int
         Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(1,)``,
         ``(0, 1)``.
+    wear_um : float or (low, high), optional
+        Radial wear of the worn lobes in um, 0 to 200, or a range from which each assembly draws its own
+        (:class:`cyclofeat.simulators.LobeDefects`). Default: the papers' chord.
     speed_rpm, load_nm : float or (low, high), optional
         Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
         draws its own (log-uniform). Default: those of the rig's gearbox. The load drift
@@ -109,7 +113,8 @@ def make_rig_recordings(
         ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``, ``meter_damping_nms_per_rad``,
         ``stiffness_scale``, ``contact_damping``, ``clearance_m``, ``start_angle_rad`` (absolute angle of the
         input at the first sample, within one turn of the output), ``settling_s`` (time before it), ``rig``,
-        and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly.
+        and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly. With
+        radial wear it holds ``wear_um``, 0 for a healthy assembly.
 
     Raises
     ------
@@ -144,7 +149,8 @@ def make_rig_recordings(
 
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels) for index in range(total)]
+    wear = _wear_range(wear_um)
+    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels, wear) for index in range(total)]
     recordings: dict[int, Recording] = {}
     for index, recording in _recordings(run, defects, kernel, n_jobs):
         if isinstance(recording, Exception):
@@ -244,17 +250,23 @@ class _Run:
 
 
 def _drawn_defects(
-    run: _Run, index: int, counts: Sequence[int], lobes: str, wheels: tuple[int, ...] | None
+    run: _Run,
+    index: int,
+    counts: Sequence[int],
+    lobes: str,
+    wheels: tuple[int, ...] | None,
+    wear_um: tuple[float, float] | None,
 ) -> LobeDefects:
-    """Draw the worn lobes of a recording."""
+    """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
     from cyclofeat.simulators import LobeDefects
 
     # The second child of the recording's seed; the others are the rig's.
     random = np.random.default_rng(run.rig.seed_of(run.random_state, index).spawn(2)[1])
     consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
-    return LobeDefects.drawn(
+    drawn = LobeDefects.drawn(
         counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
     )
+    return drawn if wear_um is None else replace(drawn, depth=0.0, wear_um=random.uniform(*wear_um))
 
 
 def _recordings(
@@ -310,6 +322,8 @@ def _recording(
         "settling_s": plan.n_settling / run.sampling_rate,
         "effects": [effect.to_dict() for effect in plan.machine.effects],
     }
+    if defects.wear_um is not None:
+        meta["wear_um"] = np.asarray(defects.wear_um if defects.worn_lobes else 0.0).tolist()
     return Recording.from_run(
         record,
         quantity=run.quantity,
@@ -385,6 +399,21 @@ def _counts(defect_counts: Any, n_lobes: int) -> list[int]:
     if not counts or len(set(counts)) < len(counts) or max(counts) > n_lobes:
         raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {counts}")
     return counts
+
+
+def _wear_range(wear_um: Any) -> tuple[float, float] | None:
+    """Return the ends of the range of radial wear; a number is a range of its own."""
+    from cyclofeat.simulators.defects import MOST_WEAR_UM
+
+    if wear_um is None:
+        return None
+    low, high = checks.pair("wear_um", (wear_um, wear_um) if checks.is_number(wear_um) else wear_um)
+    if not 0 <= low <= high <= MOST_WEAR_UM:
+        raise ValueError(
+            f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
+            f"got {wear_um!r}"
+        )
+    return low, high
 
 
 def _worn_wheels(wheels: Any) -> tuple[int, ...] | None:

@@ -4,7 +4,8 @@
 module           responsibility
 ===============  ================================================================================
 ``geometry``     closed-form geometry of profile, lobes and chords
-``gearbox``      parameters of gearbox, rig and faults: frozen dataclasses in SI units
+``gearbox``      parameters of gearbox and rig: a frozen dataclass in SI units
+``defects``      worn and removed lobes
 ``contact``      contact parameters by material and geometry
 ``effects``      properties of real rigs: parameters, bounds, priors, place in the chain
 ``motor``        the motor on the input shaft, with control of its speed
@@ -39,8 +40,9 @@ from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
 from cyclofeat.simulators.many import run_planned, simulate_many

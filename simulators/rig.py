@@ -28,6 +28,7 @@ from cyclofeat.simulators._machine import (
 )
 from cyclofeat.simulators._settling import settling_samples
 from cyclofeat.simulators._simulator import Simulator
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import (
     BrakeRotor,
     Clearance,
@@ -46,7 +47,7 @@ from cyclofeat.simulators.effects import (
 from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._numbers import is_distribution, meant, shown
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun
 

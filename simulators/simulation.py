@@ -19,7 +19,8 @@ from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 
 __all__ = [

@@ -556,6 +556,12 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--worn-lobes", "0,3", "--out", "x.npz"], "counted from 1, like 1,5, got '0,3'"),
         (["simulate", "--worn-count", "16", "--out", "x.npz"], "lobe 15"),
         (["simulate", "--worn-count", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
+        (["simulate", "--worn-count", "1", "--wear-um", "300", "--out", "x.npz"], "between 0 and 200 um"),
+        (
+            ["simulate", "--worn-count", "1", "--wear-um", "30", "--depth", "0.5", "--out", "x.npz"],
+            "--depth has no effect with --wear-um",
+        ),
+        (["simulate", "--wear-um", "30", "--out", "x.npz"], "--wear-um has no effect without --worn-count"),
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),

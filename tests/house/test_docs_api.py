@@ -64,6 +64,7 @@ PACKAGES = (
     "cyclofeat.simulators.contact",
     "cyclofeat.simulators.courses",
     "cyclofeat.simulators.effects",
+    "cyclofeat.simulators.defects",
     "cyclofeat.simulators.gearbox",
     "cyclofeat.simulators.geometry",
     "cyclofeat.simulators.held_output",

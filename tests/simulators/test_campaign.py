@@ -817,6 +817,7 @@ def kill_a_worker() -> None:
     max(workers, key=lambda child: child.pid).kill()
 
 
+@pytest.mark.slow
 def test_a_killed_worker_process_is_an_error_and_nothing_finished_is_lost(
     whole: Path, tmp_path: Path
 ) -> None:

@@ -187,7 +187,8 @@ def run_both(
     return fast, path
 
 
-@pytest.mark.parametrize("with_pins", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("with_pins", [False, True])
 def test_same_trajectory_through_an_impact(with_pins: bool) -> None:
     """14 ms in which the worn lobes of both wheels pass the load."""
     gearbox = displaced(STEEL, np.random.default_rng(3)) if with_pins else STEEL
