@@ -70,6 +70,7 @@ PACKAGES = (
     "cyclofeat.simulators.geometry",
     "cyclofeat.simulators.held_output",
     "cyclofeat.simulators.many",
+    "cyclofeat.simulators.motor",
     "cyclofeat.simulators.reference",
     "cyclofeat.simulators.rig",
     "cyclofeat.simulators.simulation",
