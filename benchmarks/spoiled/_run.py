@@ -46,7 +46,7 @@ def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Rec
         make_rig_recordings(
             2, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
             random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
-            solver=Solver(integrator="adams_bashforth"), **quantity,
+            solver=Solver(integrator="adams_bashforth"), quantity=quantity,
         )
         for quantity in ({},{})
     )  # fmt: skip

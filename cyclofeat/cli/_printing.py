@@ -14,18 +14,17 @@ from cyclofeat.cli._table import Command, Printed
 from cyclofeat.cli._targets import check_targets
 
 
-def run_and_print(command: Command, arguments: Namespace) -> int:
-    """Run a command, print each result as soon as it is known, and return the exit code.
+def run_and_print(command: Command, arguments: Namespace) -> bool:
+    """Run a command, print each result as soon as it is known, and return True if one failed.
 
     Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
     traceback.
     """
-    failed = refused = False
+    failed = False
     documents = []
     try:
         for printed in _results(command, arguments):
             failed = failed or printed.failed
-            refused = refused or printed.refused
             if printed.error:
                 warn(printed.error)
             if not arguments.json:
@@ -39,7 +38,7 @@ def run_and_print(command: Command, arguments: Namespace) -> int:
         # What is finished is printed although the work was interrupted.
         if documents:
             print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
-    return 2 if failed else 3 * refused
+    return failed
 
 
 def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:

@@ -142,16 +142,14 @@ class FileResult(Generic[T]):
     value: T | None = None
     error: str = ""
 
-    def printed(
-        self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None, *, refused: bool = False
-    ) -> Printed:
+    def printed(self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None) -> Printed:
         """Return the title, the lines and the facts, or the error, with the file's path."""
         file = {"file": str(self.path)}  # first, and not the name that a recording states
         text = "\n".join([self.title, *(f"  {line}" for line in lines)])
         if self.error:
             failure = file | {"error": self.error} | (facts or {})
             return Printed(text, failure, placed(self.path, self.error), failed=True)
-        return Printed(text, file | (facts or {}) | file, refused=refused)
+        return Printed(text, file | (facts or {}) | file)
 
 
 def each_recording(

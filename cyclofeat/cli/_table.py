@@ -12,14 +12,13 @@ from typing import Any, Literal, Protocol, cast
 class Printed:
     """What is printed of a result: text for people, plain values for JSON, and an error.
 
-    ``failed`` makes the exit code 2, ``refused`` makes it 3 if nothing failed.
+    ``failed`` makes the exit code 2.
     """
 
     text: str
     json: Any
     error: str = ""
     failed: bool = False
-    refused: bool = False
 
 
 class CommandModule(Protocol):
