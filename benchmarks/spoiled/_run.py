@@ -48,7 +48,7 @@ def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Rec
             random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
             solver=Solver(integrator="adams_bashforth"), quantity=quantity,
         )
-        for quantity in ({},{})
+        for quantity in ("output_torque", "input_torque")
     )  # fmt: skip
     return output, input_
 
