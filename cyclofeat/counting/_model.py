@@ -28,6 +28,7 @@ from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
+from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import Recording, Windower, WindowSet, common_n_lobes, common_speed
 from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
@@ -89,9 +90,9 @@ class LobeCount:
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows lie outside what the model was trained on, no count fits most of them
-        (where the counter is a :class:`ConformalCounter`), or the lobe lines fit another speed: the count
-        is then not reliable.
+        Whether most of the windows have a faulty signal, lie outside what the model was trained on, or have
+        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, or the
+        lobe lines fit another speed: the count is then not reliable.
     reason : str
         Why refused, else empty.
     distance : float
@@ -114,9 +115,13 @@ class LobeCount:
     windows: tuple[WindowCount, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1."""
+        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1.
+
+        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be.
+        """
         return {
-            "defect_count": self.defect_count,
+            "defect_count": None if self.refused else self.defect_count,
+            "refused_defect_count": self.defect_count if self.refused else None,
             "probability": {str(count): value for count, value in self.probability.items()},
             "worn_lobes_from_1": from_1(self.lobes),
             "lobe_probability": list(self.lobe_probability),
@@ -193,7 +198,8 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
     Returns
     -------
     pandas.DataFrame
-        One row per recording, its name as the index: ``defect_count``, ``probability`` (of that count),
+        One row per recording, its name as the index: ``defect_count`` and ``refused_defect_count`` (one of
+        them missing, see :meth:`LobeCount.to_dict`), ``probability`` (of that count),
         ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
         ``warnings``, and ``probability_<count>`` of each count.
 
@@ -218,6 +224,8 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
         row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
         rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
     made = frame(rows)
+    if rows:
+        made = made.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
     made.index = frame({"recording": names}).set_index("recording").index
     return made
 
@@ -421,9 +429,10 @@ class LobeModel:
         """Count and locate the worn lobes of one recording.
 
         The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
-        without a learned dependence is taken to be no surer of many windows than of one. The recording is
-        refused where more than half of its windows lie outside the training domain, or where, without a
-        tachometer, its lobe lines are those of another speed; it still has a count.
+        without a learned dependence is taken to be no surer of many windows than of one. Windows whose signal
+        has a fault, or that lie outside the training domain, are left out. The recording is refused where
+        more than half of its windows are, where the windows disagree, or where, without a tachometer, its
+        lobe lines are those of another speed; it still has a count.
 
         Raises
         ------
@@ -432,9 +441,8 @@ class LobeModel:
         """
         self.check(recording)
         windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
-        proba, probability, features, lines = self._window_answers(windows.X)
+        proba, dependence, features, lines = self._window_answers(windows.X)
         classes = np.asarray(self.counter.classes_)
-        count = int(classes[probability.argmax()])
         notes = []
         if recording.input_speed_hz is None:
             notes.append(
@@ -442,7 +450,15 @@ class LobeModel:
             )
         distances = self._distances(windows.X, features)
         distance, n_outside = float(np.median(distances)), int(np.sum(distances > 1))
-        reason, reasons = self._refusals(windows.X, distances > 1, has_angle=recording.angle is not None)
+        stops = windows.start_s + windows.X.shape[1] / windows.sampling_rate
+        faults = window_faults(recording, windows, stops, self.n_lobes)
+        has_angle = recording.angle is not None
+        reason, reasons = self._refusals(windows.X, distances > 1, faults, has_angle=has_angle)
+        reason = reason or disagreement(proba, faults)
+        used = np.array([not one for one in reasons])
+        used |= not used.any()
+        probability = combine_proba(proba[used], np.zeros(used.sum(), dtype=int), dependence)[0]
+        count = int(classes[probability.argmax()])
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -452,7 +468,7 @@ class LobeModel:
         share: Float = np.zeros(0)
         absolute = self.locator is not None and bool(windows.absolute.all())
         if self.locator is not None:
-            share = self._lobe_probability(windows, lines, absolute)
+            share = self._lobe_probability(windows, lines, absolute, used)
             lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
             if not absolute and lobes:
                 notes.append(
@@ -469,15 +485,16 @@ class LobeModel:
             lobes=tuple(lobes),
             lobe_probability=tuple(share.tolist()),
             absolute=absolute,
-            n_windows=len(windows),
+            n_windows=int(used.sum()),
             warnings=tuple(notes),
             refused=bool(reason),
             reason=reason,
             distance=distance,
             windows=tuple(
-                WindowCount(start, start + windows.X.shape[1] / windows.sampling_rate, *answer)
-                for start, *answer in zip(
+                WindowCount(*answer)
+                for answer in zip(
                     windows.start_s.tolist(),
+                    stops.tolist(),
                     classes[proba.argmax(axis=1)].tolist(),
                     proba.max(axis=1).tolist(),
                     distances.tolist(),
@@ -487,8 +504,8 @@ class LobeModel:
             ),
         )
 
-    def _window_answers(self, X: Float) -> tuple[Float, Float, Float | None, LobeLines | None]:
-        """Return the probabilities of each count: of each window, and of the recording from all of them.
+    def _window_answers(self, X: Float) -> tuple[Float, float, Float | None, LobeLines | None]:
+        """Return the probabilities of each count for each window, and how much windows err together.
 
         Also return the features in which the domain measures distances, and the lobe lines: they take most of
         the time, so that locator and domain reuse those of the counter. None where the counter has none.
@@ -510,10 +527,11 @@ class LobeModel:
             features = features_seen(self.counter, X)
         learned = getattr(deciding, "dependence_", None)
         proba = np.asarray(deciding.predict_proba(seen))
-        combined = combine_proba(proba, np.zeros(len(X), dtype=int), 1.0 if learned is None else learned)
-        return proba, combined[0], features, lines
+        return proba, 1.0 if learned is None else learned, features, lines
 
-    def _refusals(self, X: Float, outside: NDArray[np.bool_], *, has_angle: bool) -> tuple[str, list[str]]:
+    def _refusals(
+        self, X: Float, outside: NDArray[np.bool_], faults: Sequence[str], *, has_angle: bool
+    ) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
         # First the speed: a wrong one explains windows outside the domain.
         if not has_angle and (reason := self._another_speed(X)):
@@ -521,10 +539,9 @@ class LobeModel:
         empty = np.zeros(len(X), dtype=bool)
         if hasattr(self.counter, "predict_set"):
             empty = ~self.counter.predict_set(X).any(axis=1)
-        reasons = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
-        if outside.sum() > len(X) / 2:
-            return OUTSIDE, reasons
-        return NO_CLASS if empty.sum() > len(X) / 2 else "", reasons
+        unknown = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
+        reasons = [fault or one for fault, one in zip(faults, unknown, strict=True)]
+        return most_frequent(reasons) if sum(map(bool, reasons)) > len(X) / 2 else "", reasons
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
@@ -546,20 +563,22 @@ class LobeModel:
         largest = max(self.domain.threshold_, np.finfo(float).tiny)
         return np.asarray(self.domain.distance(features) / largest)
 
-    def _lobe_probability(self, windows: WindowSet, lines: LobeLines | None, absolute: bool) -> Float:
+    def _lobe_probability(
+        self, windows: WindowSet, lines: LobeLines | None, absolute: bool, used: NDArray[np.bool_]
+    ) -> Float:
         """Return the mean probability of each lobe, numbered as on the disc or from the first sample."""
         assert self.locator is not None
         if lines is None:
             lines = self.locator.lobe_map_.lines(windows.X)
         if absolute:
             passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
-            return np.asarray(self.locator._from_lines(lines, passage).mean(axis=0))
+            return np.asarray(self.locator._from_lines(lines, passage)[used].mean(axis=0))
         # Windows are aligned by the turns between them. Where between two lobes the recording begins is
         # unknown: take the place with the most decided answer.
         again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, lines.input_speed_hz)
         begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
         shares = self.locator._from_lines(lines.repeated(_BEGINNINGS), begins.ravel())
-        answers = shares.reshape(_BEGINNINGS, len(windows), -1).mean(axis=1)
+        answers = shares.reshape(_BEGINNINGS, len(windows), -1)[:, used].mean(axis=1)
         return np.asarray(answers[np.abs(answers - 0.5).sum(axis=1).argmax()])
 
 

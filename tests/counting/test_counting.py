@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.signal import butter, sosfilt
 from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
 from sklearn.ensemble import ExtraTreesClassifier
@@ -292,6 +293,59 @@ def test_a_disc_at_another_speed_is_refused_and_not_called_healthy(model, surrog
         r"lobes at another speed would, such as 4\d\d RPM, rather than at the model's 500 RPM", found.reason
     )
     assert not model.count(worn.replace(angle=None, angle_is_absolute=False)).refused
+
+
+def filtered(torque):
+    return sosfilt(butter(4, 50, fs=25_600, output="sos"), torque - torque[0]) + torque[0]
+
+
+def lost_in_blocks(torque):
+    return np.where(np.arange(torque.size) % 5000 < 1000, 0.0, torque)
+
+
+def clipped(torque):
+    return np.minimum(torque, np.quantile(torque, 0.56))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (filtered, "a low-pass filter has removed"),
+        (lost_in_blocks, "22% of the samples are lost"),
+        (clipped, "44% of the samples are clipped"),
+    ],
+)
+def test_spoiled_recordings_are_refused_with_the_reason(model, surrogates, spoil, reason):
+    for one in surrogates[::8]:
+        count = model.count(one.replace(torque=spoil(one.torque)))
+        assert count.refused
+        assert count.reason.startswith(reason)
+        assert [window.reason for window in count.windows] == [count.reason]
+        facts = count.to_dict()
+        assert (facts["defect_count"], facts["refused_defect_count"]) == (None, count.defect_count)
+
+
+def joined(recordings):
+    """One recording after the other, without a tachometer."""
+    torque = np.concatenate([one.torque for one in recordings])
+    return recordings[0].replace(torque=torque, angle=None, angle_is_absolute=False)
+
+
+def test_two_discs_in_one_recording_are_refused(model, surrogates):
+    healthy = [one for one in surrogates if one.defect_count == 0]
+    worn = [one for one in surrogates if one.defect_count == 5]
+    count = model.count(joined([healthy[0], healthy[1], worn[0], worn[1]]))
+    assert count.refused
+    assert "two discs" in count.reason
+    assert not model.count(joined([worn[0], worn[1]])).refused
+
+
+def test_a_spoiled_window_is_left_out(model, surrogates):
+    worn = next(one for one in surrogates if one.defect_count == 5)
+    spoiled = worn.replace(torque=lost_in_blocks(worn.torque))
+    count = model.count(joined([worn, spoiled, worn]))
+    assert [bool(window.reason) for window in count.windows] == [False, True, False]
+    assert (count.refused, count.n_windows, count.defect_count) == (False, 2, 5)
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
