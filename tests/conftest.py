@@ -1,5 +1,6 @@
 """What the processes of one run of the tests share: the compiled simulator, simulated recordings."""
 
+import gc
 import os
 import time
 from collections.abc import Callable
@@ -19,6 +20,12 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     used = os.times()
     seconds = used.user + used.system + used.children_user + used.children_system
     terminalreporter.write_sep("=", f"{seconds:.0f} s of processor time")
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector thousands of collected tests, which all live until the end."""
+    gc.collect()
+    gc.freeze()
 
 
 class MadeOnce:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from sklearn.pipeline import Pipeline
 
@@ -41,6 +43,7 @@ def unlike_training(seed=0):
     return Recording(torque, RATE, speed_rpm=500, source="measured")
 
 
+@functools.cache
 def small_model(counts=(0, 1, 3), per_count=12):
     """Few windows, few trees, but all parts: counter, locator, training domain."""
     random = np.random.default_rng(5)

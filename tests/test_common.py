@@ -132,28 +132,17 @@ FOR_TRANSFORMERS = (
 
 
 FOR_VARIANTS = {
-    "check_classifiers_classes",
-    "check_classifiers_one_label",
     "check_classifiers_train",
-    "check_dict_unchanged",
-    "check_dont_overwrite_attributes",
-    "check_dont_overwrite_parameters",
-    "check_estimator_cloneable",
     "check_estimators_dtypes",
-    "check_estimators_fit_returns_self",
     "check_estimators_nan_inf",
-    "check_estimators_overwrite_params",
     "check_estimators_pickle",
-    "check_f_contiguous_array_estimator",
     "check_fit2d_1feature",
     "check_fit2d_1sample",
     "check_fit_idempotent",
-    "check_methods_sample_order_invariance",
     "check_methods_subset_invariance",
     "check_set_output_transform",
     "check_transformer_general",
     "check_transformer_get_feature_names_out",
-    "check_transformer_preserve_dtypes",
 }
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
@@ -22,7 +23,11 @@ _DELIMITERS = {",": ",", ";": ";", "tab": "\t", "space": " "}
 
 # Argument of read_recording: its option, and how the option is parsed.
 _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
-    "channel": ("--channel", {"help": "name of the torque's channel, or its index from 0"}),
+    "channel": ("--channel", {"help": "name of the channel to read, or its index from 0"}),
+    "quantity": (
+        "--quantity",
+        {"choices": QUANTITIES, "help": "quantity that the channel holds (default output_torque)"},
+    ),
     "sampling_rate": ("--sampling-rate", {"type": float, "metavar": "HZ", "help": "sampling rate in Hz"}),
     "time_channel": ("--time-channel", {"help": "channel of times, from which the sampling rate follows"}),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
@@ -33,7 +38,7 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "speed_rpm": ("--speed", {"type": float, "metavar": "RPM", "help": "nominal input speed, RPM"}),
     "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
-    "scale": ("--scale", {"type": float, "help": "Nm per unit of the channel"}),
+    "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
     "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
 }
 

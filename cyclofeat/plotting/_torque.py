@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cyclofeat._base.quantities import in_words
 from cyclofeat.plotting.drawing import axes_for, line_column, thinned
 from cyclofeat.recordings import Recording
 
@@ -17,14 +18,18 @@ if TYPE_CHECKING:
 
 
 class TorqueDisplay:
-    """Torque over time.
+    """Torque, or motor current, over time.
 
     Parameters
     ----------
     time : array-like, shape (n,)
         Time in s, increasing.
     torque : array-like, shape (n,)
-        Torque in Nm.
+        Samples of the quantity, in its unit.
+    quantity : str, default="output torque"
+        Name of the quantity, for the axis.
+    unit : str, default="Nm"
+        Unit of the quantity.
 
     Attributes
     ----------
@@ -53,9 +58,13 @@ class TorqueDisplay:
     ax_: Axes
     figure_: Figure | SubFigure
 
-    def __init__(self, *, time: ArrayLike, torque: ArrayLike) -> None:
+    def __init__(
+        self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm"
+    ) -> None:
         self.time = line_column(time, "time", "s")
-        self.torque = line_column(torque, "torque", "Nm")
+        self.torque = line_column(torque, "torque", unit)
+        self.quantity = quantity
+        self.unit = unit
         if self.time.size != self.torque.size:
             raise ValueError(
                 f"torque must have time's length, got {self.torque.size} for {self.time.size} moments"
@@ -86,7 +95,10 @@ class TorqueDisplay:
         """
         torque = recording.part(start_s, stop_s).torque
         first = round(start_s * recording.sampling_rate)
-        return cls(time=(first + np.arange(torque.size)) / recording.sampling_rate, torque=torque)
+        return cls(
+            time=(first + np.arange(torque.size)) / recording.sampling_rate, torque=torque,
+            quantity=in_words(recording.quantity), unit=recording.unit,
+        )  # fmt: skip
 
     def plot(self, ax: Axes | None = None, *, max_points: int = 6000, **line_kw: Any) -> Self:
         """Draw.
@@ -109,6 +121,7 @@ class TorqueDisplay:
         (self.line_,) = self.ax_.plot(*thinned(self.time, self.torque, max_points), **line_kw)
         if "linewidth" not in line_kw and "lw" not in line_kw:
             self.line_.set_linewidth(0.7)
-        self.ax_.set(xlabel="time (s)", ylabel="output torque (Nm)", xlim=(self.time[0], self.time[-1]))
+        label = f"{self.quantity} ({self.unit})"
+        self.ax_.set(xlabel="time (s)", ylabel=label, xlim=(self.time[0], self.time[-1]))
         self.ax_.grid(alpha=0.3, linewidth=0.6)
         return self

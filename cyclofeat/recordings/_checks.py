@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_number, flag, is_whole, whole
+from cyclofeat._base.checks import check_number, flag, is_whole, one_of, whole
 from cyclofeat.signal.windows import LARGEST, Float
 
-__all__ = ["defects", "flag", "label", "meta", "number", "positive", "samples", "text", "whole"]
+__all__ = ["defects", "flag", "label", "meta", "number", "one_of", "positive", "samples", "text", "whole"]
 
 Label = str | int
 

@@ -13,6 +13,7 @@ import numpy as np
 from cyclofeat._base import plots, svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
+from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS, in_words
 from cyclofeat._base.words import from_1, lobes_text
 from cyclofeat.recordings import _checks as check
 from cyclofeat.recordings._checks import Label
@@ -23,17 +24,24 @@ from cyclofeat.signal.windows import Float
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Attribute of a simulated run that holds each quantity.
+_OF_A_RUN = {"output_torque": "torque_out", "input_torque": "torque_in", "motor_current": "motor_current"}
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One record of output torque, with what is known about it.
+    """One record of output torque, input torque or motor current, with what is known about it.
 
     Parameters
     ----------
     torque : array_like of shape (n,)
-        Output torque in Nm; real, finite, within +-1e100, at least two samples. Copied, then read-only.
+        Samples of the quantity, in Nm; a motor current in A, or in Nm where a torque constant scaled it
+        (``meta["unit"]`` is then "Nm"). Real, finite, within +-1e100, at least two samples. Copied, then
+        read-only.
     sampling_rate : float
         Samples per second, in Hz.
+    quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
+        Quantity that was recorded.
     angle : array_like of shape (n,), optional
         Shaft angle in rad at the same moments, strictly increasing (unwrapped). A disc's angle may also fall;
         see Notes.
@@ -86,6 +94,7 @@ class Recording:
     torque: Float = field(repr=False)
     sampling_rate: float
     _: KW_ONLY
+    quantity: str = "output_torque"
     angle: Float | None = field(default=None, repr=False)
     angle_of: Literal["input", "disc"] = "input"
     angle_is_absolute: bool = False
@@ -103,6 +112,7 @@ class Recording:
         checked: dict[str, Any] = {
             "torque": check.samples("torque", self.torque),
             "sampling_rate": check.positive("sampling_rate", self.sampling_rate, "Hz"),
+            "quantity": check.one_of("quantity", self.quantity, QUANTITIES),
             "angle_is_absolute": check.flag("angle_is_absolute", self.angle_is_absolute),
             "assembly": check.label("assembly", self.assembly),
             "run": check.label("run", self.run),
@@ -172,15 +182,19 @@ class Recording:
                 state[name].flags.writeable = False
 
     @classmethod
-    def from_run(cls, run: Any, /, *, with_angle: bool = True, **labels: Any) -> Recording:
+    def from_run(
+        cls, run: Any, /, *, quantity: str = "output_torque", with_angle: bool = True, **labels: Any
+    ) -> Recording:
         """Make a recording of a simulated run.
 
         Parameters
         ----------
         run : object
-            Result of a simulation with the attributes ``torque_out`` (Nm) and ``input_angle`` (rad) of shape
-            (n,), ``sampling_rate`` (Hz), ``defects`` (``defect_count``, ``worn_lobes``) and ``gearbox``
+            Result of a simulation with the quantity and ``input_angle`` (rad) of shape (n,),
+            ``sampling_rate`` (Hz), ``defects`` (``defect_count``, ``worn_lobes``) and ``gearbox``
             (``input_speed`` in rad/s, ``load_torque`` in Nm).
+        quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
+            Quantity to record: the run's ``torque_out`` (Nm), ``torque_in`` (Nm) or ``motor_current`` (A).
         with_angle : bool, default True
             Whether to keep the input angle, which is absolute. False: a recording without a tachometer.
         **labels
@@ -192,6 +206,11 @@ class Recording:
             With ``source="simulated"`` where no other is given. Where lobes are removed, ``defect_count``
             counts them too; ``worn_lobes`` is then None, since removed lobes are not worn ones, and ``meta``
             holds both as ``"worn_lobes_from_1"`` and ``"removed_lobes_from_1"``, as files do.
+
+        Raises
+        ------
+        ValueError
+            If the quantity is unknown, or the run does not hold it.
 
         Examples
         --------
@@ -205,7 +224,15 @@ class Recording:
         >>> recording.worn_lobes, recording.source, recording.angle_is_absolute
         ((3,), 'simulated', True)
         """
+        attribute = _OF_A_RUN[check.one_of("quantity", quantity, QUANTITIES)]
+        samples = getattr(run, attribute, None)
+        if samples is None:
+            raise ArgumentError(
+                "{argument} must be one that the run holds, got {quantity!r}, but {attribute} is None",
+                argument="quantity", quantity=quantity, attribute=attribute,
+            )  # fmt: skip
         found: dict[str, Any] = {
+            "quantity": quantity,
             "defect_count": run.defects.defect_count,
             # rad/s and back leaves a residue in the last digits
             "speed_rpm": round(run.gearbox.input_speed * 60 / (2 * math.pi), 6),
@@ -228,7 +255,12 @@ class Recording:
             del found["defect_count"]  # follows from the lobes, unless it is given too
         elif "defect_count" in labels:
             found.pop("worn_lobes", None)
-        return cls(run.torque_out, run.sampling_rate, **(found | labels))
+        return cls(samples, run.sampling_rate, **(found | labels))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the samples: ``meta["unit"]`` where stated, else Nm, and A for a motor current."""
+        return str((self.meta or {}).get("unit", QUANTITY_UNITS[self.quantity]))
 
     @property
     def n_samples(self) -> int:
@@ -323,15 +355,15 @@ class Recording:
         return plots.draw(self, kind, ax, **options)
 
     def _repr_html_(self) -> str:
-        known = "not known"
+        known, name = "not known", in_words(self.quantity)
         angle = "none" if self.angle is None else f"of the {self.angle_of} shaft"
         worn = known if self.defect_count is None else str(self.defect_count)
         if self.worn_lobes:
             worn += f": {lobes_text(self.worn_lobes)}, counted from 1"
         rows = {
             "length": f"{self.duration:.4g} s: {self.n_samples} samples at {self.sampling_rate:g} Hz",
-            "torque": f"{self.torque.min():.4g} to {self.torque.max():.4g} Nm, "
-            f"mean {self.torque.mean():.4g} Nm",
+            name.split()[-1]: f"{self.torque.min():.4g} to {self.torque.max():.4g} {self.unit}, "
+            f"mean {self.torque.mean():.4g} {self.unit}",
             "input speed": known if self.speed_rpm is None else f"{self.speed_rpm:g} RPM",
             "load": known if self.load_nm is None else f"{self.load_nm:g} Nm",
             "angle": f"{angle}, absolute" if self.angle_is_absolute else angle,
@@ -340,8 +372,8 @@ class Recording:
             "run": self.run,
             "source": self.source,
         }
-        drawn = svg.curves([svg.Curve(self.torque)], f"Torque over {self.duration:.4g} s")
-        return card("Recording of output torque", rows, pictures=[drawn], code='recording.plot("spectrum")')
+        drawn = svg.curves([svg.Curve(self.torque)], f"{name.capitalize()} over {self.duration:.4g} s")
+        return card(f"Recording of {name}", rows, pictures=[drawn], code='recording.plot("spectrum")')
 
 
 def common_n_lobes(recordings: Sequence[Recording]) -> int:
@@ -354,6 +386,17 @@ def common_n_lobes(recordings: Sequence[Recording]) -> int:
             argument="n_lobes", got=", ".join(map(str, found)),
         )  # fmt: skip
     return found[0] if found else 15
+
+
+def common_quantity(recordings: Sequence[Recording]) -> str:
+    """Return the quantity that all recordings share; ``ValueError`` if they differ."""
+    found = sorted({recording.quantity for recording in recordings})
+    if len(found) > 1:
+        raise ArgumentError(
+            "{argument} must be the same for all recordings, got {got}: take those of one quantity at a time",
+            argument="quantity", got=", ".join(found),
+        )  # fmt: skip
+    return found[0] if found else QUANTITIES[0]
 
 
 def _alike(mine: Any, theirs: Any) -> bool:

@@ -131,7 +131,8 @@ def recording_pictures(
 
     drawn = {
         "torque": picture(
-            draw_torque, (6.0, 2.8), "Output torque in Nm over time in s, with the answer of each window",
+            draw_torque, (6.0, 2.8),
+            f"{torque.quantity.capitalize()} in {torque.unit} over time in s, with the answer of each window",
             plot=torque_plot(torque, windows, most_samples),
         ),
         "spectrum": picture(

@@ -44,8 +44,8 @@ def torque_plot(display: TorqueDisplay, spans: Sequence[Span], most_samples: int
         length = round(2 * display.time.size / time.size)
         note = f"Of every {length} samples the page holds the smallest and the largest: peaks are true, and "
         note += "what lies between them is left out."
-    axes = Axis("time", "s"), Axis("output torque", "Nm")
-    return Plot(time, [Line("output torque", torque)], axes, spans=spans, note=note)
+    axes = Axis("time", "s"), Axis(display.quantity, display.unit)
+    return Plot(time, [Line(display.quantity, torque)], axes, spans=spans, note=note)
 
 
 def spectrum_plot(display: SpectrumDisplay) -> Plot:

@@ -13,7 +13,8 @@ from cyclofeat.datasets.readers import MANIFEST, folder_entries
 from cyclofeat.serve._store import Refused, Store
 
 _READING = {
-    "channel": "--channel", "speed": "--speed", "sampling_rate": "--sampling-rate", "scale": "--scale",
+    "channel": "--channel", "quantity": "--quantity", "speed": "--speed", "scale": "--scale",
+    "sampling_rate": "--sampling-rate",
     "time_channel": "--time-channel", "angle_channel": "--angle-channel", "angle_unit": "--angle-unit",
     "n_lobes": "--n-lobes", "delimiter": "--delimiter",
 }  # fmt: skip

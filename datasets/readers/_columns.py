@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 
 from cyclofeat._base import checks
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.quantities import in_words
+from cyclofeat.datasets.readers._quantities import (
+    CURRENT_UNITS,
+    TORQUE_UNITS,
+    UNITS_OF,
+    is_usual,
+    named_quantity,
+)
 
 Float = NDArray[np.float64]
 Channel = str | int
 
-TORQUE_NAMES = {
-    "torque", "torque_out", "output_torque", "output torque", "drehmoment", "abtriebsmoment",
-    "abtriebsdrehmoment", "ausgangsdrehmoment", "moment",
-}  # fmt: skip
 TIME_NAMES = {"time", "t", "zeit", "timestamp", "time stamp", "time_stamp", "zeitstempel", "datetime"}
 DISC_ANGLE_NAMES = {"disc_angle", "disc angle", "scheibenwinkel"}
 ANGLE_NAMES = DISC_ANGLE_NAMES | {
@@ -29,17 +33,17 @@ ANGLE_NAMES = DISC_ANGLE_NAMES | {
     "eingangswinkel",
 }  # fmt: skip
 
-TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi}
-UNITS = TORQUE_UNITS | TIME_UNITS | ANGLE_UNITS
+UNITS = TORQUE_UNITS | CURRENT_UNITS | TIME_UNITS | ANGLE_UNITS
 _OTHER_SPELLINGS = {
     "µs": "us", "μs": "us", "sec": "s", "second": "s", "seconds": "s", "sekunden": "s", "msec": "ms",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
+    "ampere": "A", "amp": "A", "amps": "A",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.
-_UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS}
+_UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit != "A"}  # phase_a is the first of three
 
 # What to do about an angle of unknown unit: the end of an ArgumentError's template.
 ANGLE_REMEDY = "give {angle_unit:='rad' or 'deg'}, or {angle_channel:=False} to leave it out"
@@ -142,13 +146,7 @@ class Source:
     def find(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
         """Index of the wanted channel, else of the one with a usual name, else None."""
         if wanted is None:
-            matches = [i for i, base in enumerate(self.bases) if base in usual]
-            if len(matches) > 1:
-                fitting = ", ".join(repr(self.names[i]) for i in matches)
-                raise self._wrong(
-                    "{argument} must be given, since several {plural} fit: {names}", argument, names=fitting
-                )
-            return matches[0] if matches else None
+            return self._only(argument, [i for i, base in enumerate(self.bases) if base in usual])
         if not isinstance(wanted, str) and not (self.by_index and checks.is_whole(wanted)):
             index = " or index from 0" if self.by_index else ""
             raise TypeError(
@@ -174,33 +172,83 @@ class Source:
             )  # fmt: skip
         return matches[0]
 
-    def torque(self, wanted: Channel | None, others: set[int | None]) -> int:
-        """Index of the torque's channel."""
+    def torque(self, wanted: Channel | None, others: set[int | None], quantity: str | None = None) -> int:
+        """Index of the channel that holds the quantity, by default the output torque.
+
+        Its name decides, then its unit, then that it is the only one. A channel that names another quantity
+        is taken only if both the channel and the quantity were stated.
+        """
         if not self.names:
             raise ValueError(f"{self.file} holds no {self.noun}")
-        index = self.find("channel", wanted, TORQUE_NAMES)
+        sought = quantity or "output_torque"
+        if wanted is not None:
+            index = self.find("channel", wanted, set())
+            assert index is not None
+            return index if quantity else self._checked(index, sought)
+        free = [i for i in range(len(self.names)) if i not in others]
+        suitable = [i for i in free if named_quantity(self.bases[i]) in (None, sought)]
+        index = self._only("channel", [i for i in free if is_usual(self.bases[i], sought)])
+        if index is None:
+            by_unit = [i for i in suitable if self.units[i] in UNITS_OF[sought] and self.usable(i)]
+            index = self._only("channel", by_unit)
         if index is not None:
             return index
-        usable = [i for i in range(len(self.names)) if i not in others and self.usable(i)]
-        if len(usable) != 1:
-            raise self._wrong(
-                "{argument} must be given, to say which {noun} is the torque: {listed}", "channel"
-            )
-        return usable[0]
+        usable = [i for i in free if self.usable(i)]
+        telling = [
+            i
+            for i in usable
+            if self.units[i] in TORQUE_UNITS | CURRENT_UNITS
+            or any(is_usual(self.bases[i], one) for one in UNITS_OF)
+        ]
+        for only in (usable, telling):
+            if len(only) == 1:
+                return self._checked(only[0], sought)
+        raise self._wrong(
+            "{argument} must be given, to say which {noun} is the {sought}: {listed}",
+            "channel", sought=in_words(quantity) if quantity else "torque",
+        )  # fmt: skip
 
-    def torque_factor(self, index: int, scale: float | None) -> tuple[float, bool]:
-        """Nm per unit of a channel, and whether that is assumed."""
+    def _only(self, argument: str, matches: list[int]) -> int | None:
+        """Return the only match, or None without one; raise ``ValueError`` for several."""
+        if len(matches) > 1:
+            fitting = ", ".join(repr(self.names[i]) for i in matches)
+            raise self._wrong(
+                "{argument} must be given, since several {plural} fit: {names}", argument, names=fitting
+            )
+        return matches[0] if matches else None
+
+    def _checked(self, index: int, sought: str) -> int:
+        """Return the channel; raise ``ValueError`` if its name or unit tells of another quantity."""
+        told = named_quantity(self.bases[index])
+        if told is None and self.units[index] in CURRENT_UNITS:
+            told = "motor_current"
+        if told in (None, sought):
+            return index
+        raise self._wrong(
+            "{noun} {name!r} tells of {told_words}, not of {sought_words}: give {quantity:={told!r}}, or "
+            "{channel:=} and {quantity:={sought!r}} if the name is wrong",
+            "quantity", name=self.names[index], told=told, told_words=in_words(told),  # type: ignore[arg-type]
+            sought=sought, sought_words=in_words(sought),
+        )  # fmt: skip
+
+    def factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
+        """Nm or A per unit of a channel, and which of them; None where Nm, or A of a current, is assumed.
+
+        A scale of a current in A or mA is its torque constant, after which the samples are in Nm.
+        """
+        unit, usual = self.units[index], next(iter(UNITS_OF[quantity]))
+        known = UNITS_OF[quantity] | (TORQUE_UNITS if quantity == "motor_current" else {})
         if scale is not None:
-            return float(scale), False
-        unit = self.units[index]
+            return float(scale), "Nm" if unit in CURRENT_UNITS else usual
         if unit is None:
-            return 1.0, True
-        if unit not in TORQUE_UNITS:
+            return 1.0, None
+        if unit not in known:
             raise ArgumentError(
-                "{file}: channel {name!r} is in {unit!r}, known are {known}; give {scale:=} (Nm per unit)",
-                file=self.file, name=self.names[index], unit=unit, known=", ".join(TORQUE_UNITS),
+                "{file}: channel {name!r} is in {unit!r}, known are {known}; give {scale:=} ({usual} per "
+                "unit)" + (", or {quantity:='motor_current'}" if unit in CURRENT_UNITS else ""),
+                file=self.file, name=self.names[index], unit=unit, known=", ".join(known), usual=usual,
             )  # fmt: skip
-        return TORQUE_UNITS[unit], False
+        return known[unit], "Nm" if unit in TORQUE_UNITS else "A"
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
         """Radians per unit of the angle's channel, and whether that is assumed."""
@@ -235,7 +283,9 @@ class Source:
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """Lower-case base name and unit of a channel: ``Torque [Nm]`` gives ("torque", "Nm")."""
-    match = re.fullmatch(r"(.+?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|/\s*(\S+)|\bin\s+(\S+))\s*", name.strip())
+    match = re.fullmatch(
+        r"(.+?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|/\s*(\S+)|\bin\s+([^\s[(]\S*))\s*", name.strip()
+    )
     if match:
         unit = next(group for group in match.groups()[1:] if group is not None)
         return match[1].strip().lower(), clean_unit(unit)

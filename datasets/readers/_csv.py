@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.datasets.readers._columns import UNITS, Source, check_rate, clean_unit
-from cyclofeat.datasets.readers._labels import FILE_LABELS, FORMAT, LABELS, VERSION, labels_of_file
+from cyclofeat.datasets.readers._labels import (
+    FILE_LABELS,
+    FORMAT,
+    LABELS,
+    VERSION,
+    labels_of_file,
+    samples_name,
+)
 from cyclofeat.datasets.readers._text import TextLines
 from cyclofeat.recordings import Recording
 
@@ -196,7 +203,7 @@ def write_csv(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> 
     """Write a recording as columns, with labels as comments at the head."""
     head = [f"# {FORMAT}: {VERSION}"]
     head += [f"# {key}: {json.dumps(value)}" for key, value in labels.items()]
-    columns, names = [recording.torque], ["torque [Nm]"]
+    columns, names = [recording.torque], [f"{samples_name(recording)} [{recording.unit}]"]
     if recording.angle is not None:
         columns.append(recording.angle)
         names.append("angle [rad]")

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import from_1, lobes_text, number
-from cyclofeat.datasets.readers._labels import WORN
+from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.datasets.readers._quality import clipped, dropped, speed_by_lines
 from cyclofeat.recordings import Recording
 
@@ -143,7 +144,7 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
                 f"need more than {needed:.0f} Hz"
             )
     if facts["unit_assumed"]:
-        notes.append("the file states no unit of the torque: Nm assumed")
+        notes.append(f"the file states no unit of {in_words(recording.quantity)}: {facts['unit']} assumed")
     if facts["angle_unit_assumed"]:
         notes.append("the file states no unit of the angle: rad assumed")
     if facts["time_jitter"]:
@@ -163,7 +164,7 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``file``, ``channel``, ``unit`` (Nm, unless ``meta`` states another),
+        ``file``, ``channel``, ``quantity``, ``unit`` (that of the quantity, unless ``meta`` states another),
         ``unit_assumed`` (bool), ``minimum``, ``maximum``, ``mean``, ``std`` (in that unit), ``constant``
         (bool), ``sampling_rate`` (Hz), ``rate_from``, ``n_samples``, ``duration_s``, ``angle`` (None, or
         shaft and kind of zero), ``speed_rpm``, ``load_nm``, ``assembly``, ``run``, ``defect_count``,
@@ -183,8 +184,9 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
         angle = f"{recording.angle_of}, {'absolute' if recording.angle_is_absolute else 'relative'}"
     return {
         "file": meta.get("file"),
-        "channel": meta.get("channel", "torque"),
-        "unit": meta.get("unit", "Nm"),
+        "channel": meta.get("channel", samples_name(recording)),
+        "quantity": recording.quantity,
+        "unit": recording.unit,
         "unit_assumed": bool(meta.get("unit_assumed", False)),
         "minimum": low,
         "maximum": high,
@@ -227,7 +229,10 @@ def one_line(recording: Recording) -> str:
     name = ", ".join(([facts["file"]] if facts["file"] else []) + names)
     unit = facts["unit"] + (" (unit assumed)" if facts["unit_assumed"] else "")
     values = f"{facts['minimum']:.4g} to {facts['maximum']:.4g} {unit} (mean {facts['mean']:.4g})"
-    parts = [f"{facts['channel']} {values}"]
+    channel, quantity = facts["channel"], in_words(recording.quantity)
+    if recording.quantity != "output_torque":
+        channel = quantity if channel == recording.quantity else f"{quantity} ({channel})"
+    parts = [f"{channel} {values}"]
     if facts["constant"]:
         parts.append("CONSTANT")
     rate_from = f" from {facts['rate_from']}" if facts["rate_from"] else ""

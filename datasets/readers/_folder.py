@@ -11,15 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cyclofeat._base.checks import one_of
 from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
 from cyclofeat.datasets.readers._text import TextLines
-from cyclofeat.recordings import Recording
+from cyclofeat.recordings import QUANTITIES, Recording
 
 #: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
-_ARGUMENTS = ("channel", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
+_ARGUMENTS = ("channel", "quantity", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
 _LABELS = {
     "defect_count": "defect_count", WORN: "worn_lobes", "n_lobes": "n_lobes", "run": "run",
     "speed": "speed_rpm", "load": "load_nm", "source": "source", "assembly": "assembly",
@@ -36,6 +37,7 @@ _RIGHT = {
     "n_lobes": "a whole number from 2",
     WORN: "lobes counted from 1 and separated by spaces, like 1 5",
     "angle_is_absolute": "true or false",
+    "quantity": f"one of {', '.join(QUANTITIES)}",
 }
 _FITS: dict[str, Callable[[Any], bool]] = {
     **dict.fromkeys(("sampling_rate", "speed"), lambda value: 0 < value < math.inf),
@@ -78,7 +80,8 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     ----------
     path : path
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
-        recording and the columns ``file`` (within the folder) and any of ``channel``, ``sampling_rate`` (Hz),
+        recording and the columns ``file`` (within the folder) and any of ``channel``, ``quantity``,
+        ``sampling_rate`` (Hz),
         ``time_channel``, ``angle_channel``, ``angle_unit``, ``scale`` (Nm per unit), ``defect_count``,
         ``worn_lobes_from_1`` (separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
         ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``, ``angle_of``,
@@ -195,7 +198,7 @@ def _manifest(folder: Path) -> list[Entry]:
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
             continue
-        key = (entry.path, entry.arguments.get("channel"))
+        key = (entry.path, *map(entry.arguments.get, ("channel", "quantity")))
         if key in lines_of:
             wrong.append(f"line {number}: {entry.path.name} is there already, in line {lines_of[key]}")
         lines_of.setdefault(key, number)
@@ -251,6 +254,8 @@ def _converted(column: str, cell: str, delimiter: str) -> Any:
         return tuple(int(lobe) - 1 for lobe in cell.replace(",", " ").replace(";", " ").split())
     if column == "angle_is_absolute":
         return _BOOLEANS[cell.lower()]
+    if column == "quantity":
+        return one_of(column, cell, QUANTITIES)
     if column in ("defect_count", "n_lobes"):
         return int(cell)
     if column in _FITS:

@@ -6,7 +6,8 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from cyclofeat._base.checks import is_whole, short
+from cyclofeat._base.checks import is_whole, one_of, short
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat._base.words import from_1
 from cyclofeat.recordings import Recording
 
@@ -14,8 +15,8 @@ FORMAT, FORMAT_KEY = "cyclofeat recording", "cyclofeat_recording"
 VERSION = 2  # 1 counted lobes from 0
 # Parameters of Recording that a caller may give, and that written files hold.
 LABELS = (
-    "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "n_lobes", "speed_rpm",
-    "load_nm", "source", "meta",
+    "quantity", "angle_of", "angle_is_absolute", "assembly", "run", "defect_count", "worn_lobes", "n_lobes",
+    "speed_rpm", "load_nm", "source", "meta",
 )  # fmt: skip
 
 
@@ -32,13 +33,15 @@ def labels_of_file(file: str, stated: Mapping[str, Any], version: Any = None) ->
     Raises
     ------
     ValueError
-        If the version is unknown, or the file's worn lobes are not counted from 1.
+        If version or quantity are unknown, or the file's worn lobes are not counted from 1.
     """
     if version not in (None, 1, VERSION):
         raise ValueError(
             f"{file} is of format {version!r}, but 1 and {VERSION} can be read; update cyclofeat"
         )
     labels = dict(stated)
+    if "quantity" in labels:
+        one_of(f"{file}: quantity", labels["quantity"], QUANTITIES)
     if version == 1:
         return labels
     check_no_bare_lobes(file, labels)
@@ -63,6 +66,11 @@ def lobes_from_1(called: str, numbers: Any) -> tuple[int, ...]:
     return tuple(one - 1 for one in numbers)
 
 
+def samples_name(recording: Recording) -> str:
+    """Return the name of the samples in files: ``torque`` is the output's."""
+    return "torque" if recording.quantity == "output_torque" else recording.quantity
+
+
 def labels_to_write(recording: Recording) -> dict[str, Any]:
     """Labels of a recording, as JSON can hold them."""
     labels: dict[str, Any] = {"sampling_rate": recording.sampling_rate}
@@ -71,7 +79,7 @@ def labels_to_write(recording: Recording) -> dict[str, Any]:
         skipped = (
             (key == "meta" and not value)
             or (recording.angle is None and key.startswith("angle"))
-            or (key == "n_lobes" and value == 15)  # the default of files
+            or (key, value) in (("n_lobes", 15), ("quantity", "output_torque"))  # the defaults of files
         )
         if value is not None and not skipped:
             labels[key] = value

@@ -13,16 +13,18 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.quantities import QUANTITY_UNITS
 from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, largest_unpacked, reading
-from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, WORN, labels_of_file
+from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, WORN, labels_of_file, samples_name
 from cyclofeat.recordings import Recording
 
 
 class NpzSource(Source):
     """Arrays of an NPZ file, read from disk when they are asked for.
 
-    By the layout, an array ``torque`` is in Nm, ``angle`` in rad and ``sampling_rate`` in Hz; a name may
-    state another unit (``angle_deg``), and so may a text array ``angle_unit``.
+    By the layout, an array ``torque`` or ``input_torque`` is in Nm, ``motor_current`` in A, ``angle`` in rad
+    and ``sampling_rate`` in Hz; a name may state another unit (``angle_deg``), and so may a text array
+    ``angle_unit``.
     """
 
     noun, plural = "array", "arrays"
@@ -57,6 +59,8 @@ class NpzSource(Source):
         for index, name in enumerate(self.names):
             if name == "torque":
                 self.units[index] = "Nm"
+            elif name in QUANTITY_UNITS and self.units[index] is None:
+                self.units[index] = labels.get("meta", {}).get("unit", QUANTITY_UNITS[name])
 
     def raw(self, index: int) -> NDArray[Any]:
         with _archive(self.path) as archive:
@@ -173,7 +177,7 @@ def _plain(path: Path, key: str, array: NDArray[Any]) -> Any:
 
 def write_npz(file: IO[bytes], recording: Recording, labels: dict[str, Any]) -> None:
     """Write a recording and its labels as plain arrays."""
-    arrays: dict[str, NDArray[Any]] = {"torque": recording.torque}
+    arrays: dict[str, NDArray[Any]] = {samples_name(recording): recording.torque}
     if recording.angle is not None:
         arrays["angle"] = recording.angle
     for key, value in labels.items():

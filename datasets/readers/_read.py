@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_type
+from cyclofeat._base.checks import check_type, one_of
 from cyclofeat._base.files import write_whole
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
@@ -34,7 +34,7 @@ from cyclofeat.datasets.readers._tdms import TdmsSource
 from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.datasets.readers._wav import WavSource
 from cyclofeat.datasets.readers._xlsx import XlsxSource
-from cyclofeat.recordings import Recording
+from cyclofeat.recordings import QUANTITIES, QUANTITY_UNITS, Recording
 
 SOURCES: dict[str, Callable[..., Source]] = {
     ".csv": CsvSource, ".csv.gz": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource,
@@ -60,8 +60,13 @@ class ReadingOptions:
     Parameters
     ----------
     channel : str or int, optional
-        Channel (name, or index from 0 where the file has an order) that holds the torque. Default: the one
-        called "torque", "output_torque", "Drehmoment" and the like, else the only one besides time and angle.
+        Channel (name, or index from 0 where the file has an order) that holds the quantity. Default: the one
+        called "torque", "output_torque", "Drehmoment" and the like ("torque_in", "Motordrehmoment",
+        "motor_current", "Motorstrom" for other quantities), else the one in the quantity's unit, else the
+        only one besides time and angle.
+    quantity : {"output_torque", "input_torque", "motor_current"}, optional
+        Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
+        tells of another quantity is then an error.
     sampling_rate : float, optional
         Samples per second, in Hz. Needed where the file does not state it; an error where the file
         contradicts it.
@@ -75,7 +80,9 @@ class ReadingOptions:
     angle_unit : {"rad", "deg"}, optional
         Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad.
     scale : float, optional
-        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm.
+        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
+        current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
+        per unit.
     delimiter : {",", ";", "\\t", " "}, optional
         Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
         of spaces where there are none and the first samples are several numbers.
@@ -87,6 +94,7 @@ class ReadingOptions:
     """
 
     channel: Channel | None = None
+    quantity: str | None = None
     sampling_rate: float | None = None
     time_channel: Channel | None = None
     angle_channel: Channel | Literal[False] | None = None
@@ -97,6 +105,8 @@ class ReadingOptions:
     def __post_init__(self) -> None:
         if self.sampling_rate is not None:
             check_rate(self.sampling_rate)
+        if self.quantity is not None:
+            one_of("quantity", self.quantity, QUANTITIES)
         scale_fits = self.scale is None or (is_number(self.scale) and self.scale != 0)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
@@ -114,7 +124,7 @@ _OPTIONS = frozenset(field.name for field in fields(ReadingOptions))
 
 
 def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
-    """Read one torque record from a CSV, NPZ, TDMS, MATLAB, Parquet, Excel or WAV file.
+    """Read one record of torque or motor current from a CSV, NPZ, TDMS, MATLAB, Parquet, Excel or WAV file.
 
     The recording's ``meta`` and :func:`describe` state what was assumed (unit, decimal comma, sampling rate
     from a time column). One channel is read at a time: TDMS, MATLAB v7.3, Parquet and WAV files may be larger
@@ -131,7 +141,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         spaces, with or without a row of column names and a row of units below it, in UTF-8, Latin-1, or
         UTF-16 with a byte-order mark. Without commas between columns, a comma in a number is a decimal comma.
 
-        ``.npz``: arrays ``torque`` (n,) in Nm, ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad,
+        ``.npz``: arrays ``torque`` (n,) in Nm (or ``input_torque`` in Nm, ``motor_current`` in A),
+        ``sampling_rate`` () in Hz, optionally ``angle`` (n,) in rad,
         and the labels that :func:`write_recording` writes. Pickled objects are never loaded, nor files that
         unpack to more than 2 GB and 30 times their size.
 
@@ -151,7 +162,7 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
 
         ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
     **options
-        Parameters of :class:`ReadingOptions`: ``channel``, ``sampling_rate``, ``time_channel``,
+        Parameters of :class:`ReadingOptions`: ``channel``, ``quantity``, ``sampling_rate``, ``time_channel``,
         ``angle_channel``, ``angle_unit``, ``scale``, ``delimiter``. And labels: parameters of
         :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence over labels in
         the file, and ``meta`` is merged.
@@ -186,7 +197,7 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
     unknown = labels.keys() - set(LABELS)
     if unknown:
         raise TypeError(
-            f"unknown option or label {min(unknown)!r}; known are {', '.join([*sorted(_OPTIONS), *LABELS])}"
+            f"unknown option or label {min(unknown)!r}; known are {', '.join(sorted({*_OPTIONS, *LABELS}))}"
         )
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
     source = _open(path, reading.delimiter)
@@ -343,9 +354,18 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
     angle = None
     if reading.angle_channel is not False:
         angle = source.find("angle_channel", reading.angle_channel, ANGLE_NAMES)
-    torque = source.torque(reading.channel, {time, angle})
+    labels = source.other_labels if source.labels is None else source.labels
+    stated = labels.get("quantity")
+    if stated is not None and reading.quantity not in (None, stated):
+        raise ArgumentError(
+            "{file}: {quantity: = {given!r}} contradicts the file, which says {stated!r}",
+            file=source.file, given=reading.quantity, stated=stated,
+        )  # fmt: skip
+    sought = reading.quantity or stated
+    quantity = sought or QUANTITIES[0]
+    torque = source.torque(reading.channel, {time, angle}, sought)
     source.check_torque(torque, reading.scale)
-    factor, unit_assumed = source.torque_factor(torque, reading.scale)
+    factor, unit = source.factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
     if source.labels is None:
         rate, rate_meta = rate_of(
@@ -355,20 +375,22 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
         rate, rate_meta = source.labels["sampling_rate"], {}
         where = "its header" if isinstance(source, CsvSource) else "its array 'sampling_rate'"
         check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
-    parameters: dict[str, Any] = {"torque": source.column(torque) * factor}
+    parameters: dict[str, Any] = {"torque": source.column(torque) * factor, "quantity": quantity}
     angle_assumed = False
     if angle is not None:
         angle_factor, angle_assumed = source.angle_factor(angle, reading.angle_unit)
         parameters["angle"] = source.column(angle) * angle_factor
         parameters["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
+    scaled = {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
     if source.labels is not None:
-        return parameters | source.labels
-    meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit_assumed}
+        meta = labels.get("meta", {}) | scaled
+        return parameters | labels | ({"meta": meta} if meta else {})
+    meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit is None} | scaled
     meta |= {"angle_unit_assumed": True} if angle_assumed else {}
     meta |= rate_meta | source.meta(torque)
     meta |= {"scale": factor} if factor != 1 else {}
-    meta |= source.other_labels.get("meta", {})
-    return parameters | {"sampling_rate": rate} | source.other_labels | {"meta": meta}
+    meta |= labels.get("meta", {})
+    return parameters | {"sampling_rate": rate} | labels | {"meta": meta}
 
 
 def _check_assumed_angle(path: Path, recording: Recording) -> None:

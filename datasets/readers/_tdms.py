@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.datasets.readers._columns import TORQUE_UNITS, Source, missing_library, reading, whole_rate
+from cyclofeat.datasets.readers._columns import Source, missing_library, reading, whole_rate
+from cyclofeat.datasets.readers._quantities import CURRENT_UNITS, TORQUE_UNITS
 
 _LEAD_IN = 28
 _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
@@ -76,7 +77,8 @@ class TdmsSource(Source):
     def check_torque(self, torque: int, scale: float | None) -> None:
         self._check_scales(torque)
         kind = self.kinds[torque]
-        counts = kind is not None and kind.kind in "iu" and self.units[torque] not in TORQUE_UNITS
+        scaled = self.units[torque] in TORQUE_UNITS | CURRENT_UNITS
+        counts = kind is not None and kind.kind in "iu" and not scaled
         properties = self.properties[torque]
         unscaled = properties.get("NI_Scaling_Status") == "unscaled" and not _n_scales(properties)
         if (counts or unscaled) and scale is None:

@@ -1,6 +1,7 @@
 """The command line: the way from nothing to a count, and every mistake on it."""
 
 import argparse
+import io
 import json
 import os
 import re
@@ -241,7 +242,9 @@ def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     assert "cutoff_hz of torque_meter_low_pass must lie below the Nyquist frequency 12800 Hz" in err
 
 
-def test_train_and_count(capsys, folder, tmp_path):
+def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
+    fewer = partial(LobeModel.train, n_trees=30, n_splits=2)
+    monkeypatch.setattr(LobeModel, "train", fewer)
     model = tmp_path / "small.joblib"
     code, out, _ = run(capsys, "train", folder, "--out", model)
     assert code == 0
@@ -439,11 +442,12 @@ def small(tmp_path):
 
 
 @pytest.mark.parametrize("option", [[], ["--json"]])
-def test_a_terminal_that_knows_ascii_only_is_no_reason_to_fail(small, option):
-    command = [sys.executable, "-m", "cyclofeat", "inspect", str(small), *option]
-    done = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0, done.stderr
-    assert rb"Pr\xfcfung.csv" in done.stdout or rb"Pr\u00fcfung.csv" in done.stdout
+@pytest.mark.filterwarnings("default")
+def test_a_terminal_that_knows_ascii_only_is_no_reason_to_fail(monkeypatch, small, option):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    assert main(["inspect", str(small), *option]) == 0
+    assert rb"Pr\xfcfung.csv" in written.getvalue() or rb"Pr\u00fcfung.csv" in written.getvalue()
 
 
 @pytest.mark.filterwarnings("default")
@@ -454,14 +458,13 @@ def test_a_warning_is_one_line_without_code(capsys, small):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
 @pytest.mark.parametrize("option", [[], ["--json"]])
-def test_a_full_disk_below_standard_output_is_an_error(small, option):
-    with open("/dev/full", "wb") as full:
-        command = [sys.executable, "-m", "cyclofeat", "inspect", str(small / "Prüfung.csv"),
-                   "--sampling-rate", "1000", *option]  # fmt: skip
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2
+def test_a_full_disk_below_standard_output_is_an_error(capsys, monkeypatch, small, option):
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        code = main(["inspect", str(small / "Prüfung.csv"), "--sampling-rate", "1000", *option])
+    assert code == 2
     assert re.fullmatch(
-        r"cyclofeat: error: standard output cannot be written: .*No space left.*\n", done.stderr
+        r"cyclofeat: error: standard output cannot be written: .*No space left.*\n", capsys.readouterr().err
     )
 
 

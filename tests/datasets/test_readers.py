@@ -69,7 +69,7 @@ def rows(values, *, head="", separator="\n"):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
-@STEADY
+@settings(STEADY, max_examples=30)
 @given(recording=recordings())
 def test_reading_gives_back_what_was_written(tmp_path_factory, suffix, recording):
     path = tmp_path_factory.mktemp("round") / f"record{suffix}"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -46,11 +44,6 @@ def quiet():
 @pytest.fixture(scope="module")
 def labelled():
     return make_rig_recordings(2, [0, 1, 3], rig="R2", duration=0.06, with_angle=True, random_state=9)
-
-
-def test_importing_datasets_does_not_load_the_simulator(tmp_path):
-    code = "import sys, cyclofeat.datasets; sys.exit('numba' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
 
 
 # Labels

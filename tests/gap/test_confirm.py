@@ -25,7 +25,7 @@ from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, LoadDrift, LoadScale, Noise, Offset, Rig, SensorDrift
 from cyclofeat.simulators.effects import InputShaftLine
 
-RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 900.0, 2, 12
+RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 1350.0, 2, 12
 PRIOR = Gaussian(np.zeros(N_SIZES), np.eye(N_SIZES))
 
 
@@ -62,7 +62,7 @@ def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
     _, observed, _ = linear_world(200, 8)
     both = features[:, :2]
     p, p_of_strange = [], []
-    for one in observed[:60]:
+    for one in observed[:30]:
         found, fitted = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
         p.append(unexplained(features, sizes, fitted, one, found.mean).p)
         strange = one + 2.0 * (np.arange(N_FEATURES) == 5)
@@ -145,7 +145,7 @@ def posterior(tmp_path_factory):
         effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
         speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
     )  # fmt: skip
-    return EffectPosterior(1, epochs=60).fit(prepare_world(world, tmp_path_factory.mktemp("world"), 40))
+    return EffectPosterior(1, epochs=40).fit(prepare_world(world, tmp_path_factory.mktemp("world"), 40))
 
 
 def recordings(*effects, loads=(22.0,), n=6, seed=0):
@@ -155,13 +155,13 @@ def recordings(*effects, loads=(22.0,), n=6, seed=0):
     for i in range(n):
         load = loads[i % len(loads)]
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=SPEED * np.pi / 30, load_torque=load))
-        run = at.simulate(duration=1.06, sampling_rate=RATE, random_state=100 * seed + i)
+        run = at.simulate(duration=954 / SPEED, sampling_rate=RATE, random_state=100 * seed + i)
         made.append(Recording.from_run(run, with_angle=False, assembly=i, speed_rpm=SPEED, load_nm=load))
     return made
 
 
 SETTINGS = GapSettings(
-    n_bank=16, n_after=12, n_report=12, n_sessions=32, n_permutations=499, baselines=("nothing",)
+    n_bank=12, n_after=12, n_report=12, n_sessions=32, n_permutations=499, baselines=("nothing",)
 )
 
 

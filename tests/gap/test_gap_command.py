@@ -17,6 +17,7 @@ import cyclofeat.gap
 import cyclofeat.gap.posterior
 import cyclofeat.gap.world
 from cyclofeat.cli import main
+from cyclofeat.gap import compare_recordings
 from cyclofeat.gap.posterior import EffectPosterior
 from cyclofeat.gap.world import World
 from cyclofeat.simulators import Hum, Noise, Rig
@@ -151,11 +152,20 @@ def test_a_posterior_belongs_to_its_model(given: Any, tmp_path: Path, capsys: An
 # Two folders
 
 
-def test_two_folders_of_recordings_need_no_model(tmp_path: Path, capsys: Any) -> None:
+def test_two_folders_of_recordings_need_no_model(
+    tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     measured = write_folder(tmp_path / "measured", NOISE[:8, :12_000], [0, 3] * 4)
     time = np.arange(12_000) / RATE
     with_line = NOISE[8:68, :12_000] + np.sin(2 * np.pi * 50 * time)
     runs = write_folder(tmp_path / "runs", with_line, [0, 3] * 30)
+    results: list[Any] = []
+
+    def compared(*given: Any, **settings: Any) -> Any:
+        results.append(compare_recordings(*given, **settings))
+        return results[0]
+
+    monkeypatch.setattr(cyclofeat.gap, "compare_recordings", compared)
     code, out, err = run(capsys, measured, "--simulated", runs, "--out", tmp_path / "page.html", "--json")
     assert (code, err) == (0, "")
     found = json.loads(out)
@@ -163,6 +173,7 @@ def test_two_folders_of_recordings_need_no_model(tmp_path: Path, capsys: Any) ->
     assert found["verdict"] == "disagree"
     assert found["effects"] == found["named"] == []
     assert "<html" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    monkeypatch.setattr(cyclofeat.gap, "compare_recordings", lambda *_, **__: results[0])
     code, out, _ = run(capsys, measured, "--simulated", runs)
     assert code == 0
     assert out.startswith("model and measurement disagree (p = ")

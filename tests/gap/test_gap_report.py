@@ -311,6 +311,7 @@ def test_gaussian_process_extrapolates_over_the_count() -> None:
     assert changed.mean() - x.mean() == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.slow
 def test_retuned_finds_the_contacts_of_the_rig(cache: Path) -> None:
     """Contacts of half the stiffness and three times the damping, and nothing else is added."""
     truth = [ContactStiffnessScale(0.5), ContactDampingScale(3.0)]

@@ -61,7 +61,7 @@ def rigs():
 
 @pytest.fixture(scope="module")
 def posterior(rigs):
-    return EffectPosterior(1, epochs=50).fit(rigs.of(rigs.machines < 1600))
+    return EffectPosterior(1, epochs=22).fit(rigs.of(rigs.machines < 1600))
 
 
 @pytest.fixture(scope="module")

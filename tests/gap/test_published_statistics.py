@@ -178,9 +178,15 @@ def test_a_table_saves_the_simulations(drift, simulated):
         gap_of(made, rig=CycloidalGearbox.steel().replace(load_torque=21.0), **simulated)
 
 
-def test_records_are_kept_and_the_same_again(tmp_path):
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    """Folder of simulated records."""
+    return tmp_path_factory.mktemp("records")
+
+
+def test_records_are_kept_and_the_same_again(records):
     made = table_of([Offset(2.0)], seed=7)
-    first, second = (gap_of(made, library=["offset"], cache=tmp_path) for _ in range(2))
+    first, second = (gap_of(made, library=["offset"], cache=records) for _ in range(2))
     assert first.n_simulated > 0
     assert second.n_simulated == 0
     assert [row.score for row in first.ranking] == [row.score for row in second.ranking]
@@ -247,9 +253,9 @@ def test_no_rig_is_counted_twice(key, n_draws):
         (6, True, None),
     ],
 )
-def test_too_few_discs_are_warned_of(n, named, warning):
+def test_too_few_discs_are_warned_of(n, named, warning, records):
     made = {name: column[:n] for name, column in table_of([Offset(8.0)], seed=8).items()}
-    gap = gap_of(made, library=["offset"], max_effects=1)
+    gap = gap_of(made, library=["offset"], max_effects=1, cache=records)
     assert bool(gap.steps) == named
     assert any(row.effects for row in gap.held_out) == (warning is None)
     if warning is None:

@@ -170,7 +170,10 @@ def rig_files(tmp_path_factory, surrogates):
             file[name].attrs["MATLAB_class"] = np.bytes_("double")
     with (folder / "rig73.mat").open("r+b") as file:  # the text before the HDF5 part
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    frame = pd.DataFrame({"Zeit [s]": np.arange(one.n_samples) / rate, "Drehmoment [Nm]": one.torque})
+    seconds = np.arange(one.n_samples) / rate
+    frame = pd.DataFrame(
+        {"Zeit [s]": seconds, "Drehmoment [Nm]": one.torque, "Motorstrom [A]": one.torque / 15}
+    )
     frame.to_parquet(folder / "rig.parquet")
     frame.assign(Winkel=degrees).to_csv(folder / "rig.csv", index=False, sep=";", decimal=",")
     settled = time.time() - 60  # watch leaves files alone that are still being written

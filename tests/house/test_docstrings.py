@@ -26,11 +26,14 @@ MAPPED = {
 }
 
 
-# Their examples simulate or fit for half a minute and more.
+# Their examples simulate or fit for a second and more.
 LONG = {
     "cyclofeat.counting._lobes",
     "cyclofeat.gap.proof._downstream",
+    "cyclofeat.gap.loops._loops",
     "cyclofeat.gap.proof._prove",
+    "cyclofeat.gap.published._gap",
+    "cyclofeat.gap.where._locate",
     "cyclofeat.report._gap",
 }
 

@@ -108,16 +108,20 @@ def test_import_loads_nothing_heavy(tmp_path, record_property):
     # Which modules are loaded is asserted, not how long it takes: a busy machine would fail for no reason.
     code = (
         "import sys, time; before = time.perf_counter(); import cyclofeat;"
-        "print(time.perf_counter() - before, *sys.modules)"
+        "print(time.perf_counter() - before, *sys.modules);"
+        "import cyclofeat.plotting, cyclofeat.report; print(*sys.modules);"
+        "import cyclofeat.datasets; print(*sys.modules)"
     )
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
     )
-    seconds, *modules = run.stdout.split()
+    (seconds, *modules), with_pages, with_datasets = (line.split() for line in run.stdout.splitlines())
     record_property("cold_import_s", float(seconds))
     print(f"cold import: {float(seconds):.3f} s")
     heavy = {"numba", "sklearn", "matplotlib", "scipy.signal", "pandas", "pywt", "cyclofeat.simulators"}
     assert not heavy & set(modules)
+    assert not {"matplotlib", "jinja2", "numba", "cyclofeat.simulators"} & set(with_pages)
+    assert "numba" not in with_datasets
 
 
 def test_the_conda_recipe_states_what_pyproject_states():

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
-from cyclofeat.recordings import Recording, Windower
+from cyclofeat.recordings import Recording, Windower, common_quantity
 from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
 
 RATE = 25_600.0
@@ -115,6 +115,11 @@ def test_defect_count_follows_from_the_lobes():
         ({"worn_lobes": (0, 1), "defect_count": 3}, ValueError, ["defect_count", "got 3 and 2 lobes (0, 1)"]),
         ({"speed_rpm": -500}, ValueError, ["speed_rpm", "positive", "-500"]),
         ({"load_nm": np.nan}, ValueError, ["load_nm", "finite", "nan"]),
+        (
+            {"quantity": "torque"},
+            ValueError,
+            ["quantity must be one of 'output_torque', 'input_torque', 'motor_current', got 'torque'"],
+        ),
         ({"meta": [1]}, TypeError, ["meta", "mapping", "[1]"]),
         ({"meta": {1: 2}}, TypeError, ["meta", "text as keys", "1"]),
     ],
@@ -156,6 +161,7 @@ def test_equality_compares_samples_and_labels():
         {"run": "r"},
         {"meta": {"rig": 2}},
         {"assembly": 3},
+        {"quantity": "input_torque"},
     ):
         assert recording != recording.replace(**change)
     assert recording != "recording"
@@ -219,6 +225,36 @@ def test_removed_lobes_count_but_are_not_called_worn():
     assert recording.defect_count == 3
     assert recording.worn_lobes is None
     assert recording.meta == {"rig": "R0", "worn_lobes_from_1": [2], "removed_lobes_from_1": [6, 7]}
+
+
+def test_each_quantity_of_a_run_is_recorded_with_its_unit():
+    run = run_of((1,))
+    run.torque_in, run.motor_current = run.torque_out / 15, run.torque_out / 2
+    for quantity, factor, unit in (
+        ("output_torque", 1, "Nm"), ("input_torque", 1 / 15, "Nm"), ("motor_current", 1 / 2, "A"),
+    ):  # fmt: skip
+        recording = Recording.from_run(run, quantity=quantity)
+        assert (recording.quantity, recording.unit) == (quantity, unit)
+        np.testing.assert_allclose(recording.torque, run.torque_out * factor)
+        assert recording.part(0.05).quantity == quantity
+        page = recording._repr_html_()
+        assert f"Recording of {quantity.replace('_', ' ')}" in page
+        assert f"mean {recording.torque.mean():.4g} {unit}" in page
+    assert recording.replace(meta={"unit": "Nm"}).unit == "Nm"  # scaled by a torque constant
+
+
+def test_a_quantity_that_the_run_does_not_hold_is_an_error():
+    with pytest.raises(ValueError, match="one that the run holds, got 'input_torque', but torque_in is None"):
+        Recording.from_run(run_of(), quantity="input_torque")
+    with pytest.raises(ValueError, match="quantity must be one of 'output_torque', .* got 'speed'"):
+        Recording.from_run(run_of(), quantity="speed")
+
+
+def test_recordings_of_two_quantities_do_not_mix():
+    assert common_quantity([record(quantity="motor_current")] * 2) == "motor_current"
+    assert common_quantity([]) == "output_torque"
+    with pytest.raises(ValueError, match=r"quantity must be the same .* got input_torque, output_torque"):
+        common_quantity([record(), record(quantity="input_torque")])
 
 
 # -- angles

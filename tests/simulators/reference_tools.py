@@ -23,6 +23,12 @@ from cyclofeat.simulators.tables import kernel_input, rest_state
 
 SPEED = 500 * RPM
 PIT = math.pi / 15
+# Push on the wheels (rad), radial error of the pin (m), depth of the wear: every two of their values meet.
+PUSHED = [
+    (push, error, 1.0 if (i + j) % 2 else 0.5)
+    for i, push in enumerate((0.0, 2e-3, -2e-3))
+    for j, error in enumerate((0.0, 3e-5, -3e-5))
+]
 
 
 class State(NamedTuple):

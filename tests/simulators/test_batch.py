@@ -184,7 +184,7 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
 @pytest.mark.parametrize("kind", list(KINDS)[:-1])
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
 def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: str) -> None:
-    each, n = KINDS[kind](), 4000
+    each, n = KINDS[kind](), 2000
     solver = Solver(integrator=integrator)
     courses = courses_of(each, n)
     exact = exactly(each, courses, solver, n)

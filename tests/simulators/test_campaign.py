@@ -817,6 +817,7 @@ def kill_a_worker() -> None:
     max(workers, key=lambda child: child.pid).kill()
 
 
+@pytest.mark.slow
 def test_a_killed_worker_process_is_an_error_and_nothing_finished_is_lost(
     whole: Path, tmp_path: Path
 ) -> None:
@@ -827,7 +828,7 @@ def test_a_killed_worker_process_is_an_error_and_nothing_finished_is_lost(
             kill_a_worker()
 
     # Long enough that the others are not done before the loss is noticed.
-    campaign = SMALL.replace(repeats=1000)
+    campaign = SMALL.replace(repeats=300)
     with pytest.raises(WorkerLost, match="a worker process died .* all finished shards are kept"):
         run_campaign(campaign, folder, n_jobs=2, progress=kill_one)
     kept = contents(folder)

@@ -74,7 +74,7 @@ def test_arrays_are_functions_joined_by_straight_lines() -> None:
     given = raw(speed=ramp_of_speed, load=ramp_of_load, sampling_rate=rate)
     arrays = raw(speed=ramp_of_speed(time), load=ramp_of_load(time), sampling_rate=rate)
     assert arrays.input_angle == pytest.approx(given.input_angle, abs=1e-12)
-    assert arrays.torque_out == pytest.approx(given.torque_out, abs=1e-9)
+    np.testing.assert_allclose(arrays.torque_out, given.torque_out, rtol=0, atol=1e-9)
 
     def sine(t: np.ndarray) -> np.ndarray:
         return 2.0 * np.sin(2 * np.pi * 10 * t)
@@ -137,9 +137,9 @@ def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
 )
 def test_pieces_are_the_course_to_the_last_bit(courses: Courses) -> None:
     gearbox = STEEL.replace(ramp_time=0.011)
-    for n, step in ((3001, 5e-6), (40, 1e-4)):
+    for n, step in ((301, 5e-5), (40, 1e-4)):
         whole = drive_and_load(gearbox, n, step, 25_600.0, 0.3, courses)
-        for size in (1, 7, 1000, n):
+        for size in (1, 7, 100, n):
             pieces = DriveAndLoad(gearbox, n, step, 25_600.0, 0.3, courses)
             for first in range(0, n - 1, size):
                 last = min(first + size, n - 1)
@@ -193,10 +193,10 @@ def test_sine_fluctuation_of_the_speed_gives_the_analytic_angle(ramp: float) -> 
             (SPEED + a * np.sin(w * time)) / ramp + share * a * w * np.cos(w * time),
             a * w * np.cos(w * time),
         )
-    assert phi == pytest.approx(expected, abs=1e-9)
-    assert omega == pytest.approx(speed, abs=1e-9)
+    np.testing.assert_allclose(phi, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(omega, speed, rtol=0, atol=1e-9)
     smooth = (time > 1e-4) & (np.abs(time - ramp) > 1e-4) & (time < 0.2999)
-    assert alpha[smooth] == pytest.approx(acceleration[smooth], abs=1e-4)
+    np.testing.assert_allclose(alpha[smooth], acceleration[smooth], rtol=0, atol=1e-4)
 
 
 def test_fluctuating_speed_reaches_the_machine() -> None:
@@ -373,7 +373,7 @@ def test_relaxed_start_of_a_run_rings_less(worn: int, gearbox: CycloidalGearbox)
 
 def test_relaxed_start_of_an_ideal_gearbox_changes_nothing() -> None:
     """Nothing is pressed in and no load acts yet."""
-    assert raw(start="relaxed").torque_out == pytest.approx(raw().torque_out, abs=1e-6)
+    np.testing.assert_allclose(raw(start="relaxed").torque_out, raw().torque_out, rtol=0, atol=1e-6)
 
 
 def test_both_starts_end_alike() -> None:

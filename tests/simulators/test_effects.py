@@ -442,7 +442,7 @@ drifts = pytest.mark.parametrize("kind", [LoadDrift, SensorDrift])
 @drifts
 @pytest.mark.parametrize("order", [1, 3])
 def test_rms_of_a_drift_is_that_of_theory(kind, order):
-    cutoff, duration = 2.0, 1500.0
+    cutoff, duration = 2.0, 750.0
     values = drift_values(kind(1.7, cutoff, order), duration, 997.0)
     # Mean square of Gaussian noise: relative std sqrt(2 * integral of rho^2 / T), below 1/cutoff here.
     assert np.mean(values**2) == pytest.approx(1.7**2, rel=4 * math.sqrt(2 / (cutoff * duration)))
@@ -452,7 +452,7 @@ def test_rms_of_a_drift_is_that_of_theory(kind, order):
 @drifts
 def test_spectrum_of_a_drift_is_that_of_its_low_pass(kind):
     cutoff, rate, order = 3.0, 256.0, 2
-    values = drift_values(kind(1.7, cutoff, order), 400 * 16.0, rate)
+    values = drift_values(kind(1.7, cutoff, order), 100 * 16.0, rate)
     f, psd = signal.welch(values, rate, nperseg=4096, detrend=False)
     noise_bandwidth = cutoff * (np.pi / (2 * order)) / math.sin(np.pi / (2 * order))
     theory = 1.7**2 / noise_bandwidth / (1 + (f / cutoff) ** (2 * order))

@@ -137,8 +137,7 @@ def test_kernel_agrees_with_the_papers_system(
     assert loaded > 20
 
 
-@pytest.mark.parametrize("depth", [1.0, 0.5])
-@pytest.mark.parametrize("push", [0.0, 1e-4, -1e-4])
+@pytest.mark.parametrize(("push", "depth"), [(0.0, 1.0), (1e-4, 0.5), (-1e-4, 1.0)])
 def test_kernel_agrees_all_along_a_worn_lobe(push: float, depth: float) -> None:
     """Vertex, chord, chord with the flank's end, chord with the flank: in steps of 0.1 degrees."""
     defects = LobeDefects.worn((3,), wheels=(1,), depth=depth)
@@ -188,7 +187,8 @@ def run_both(
     return fast, path
 
 
-@pytest.mark.parametrize("with_pins", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("with_pins", [False, True])
 def test_same_trajectory_through_an_impact(with_pins: bool) -> None:
     """14 ms in which the worn lobes of both wheels pass the load."""
     gearbox = displaced(STEEL, np.random.default_rng(3)) if with_pins else STEEL

@@ -38,16 +38,16 @@ def shaken(size: float, period: float) -> Callable[[int], np.ndarray]:
     return state
 
 
-@pytest.mark.parametrize("gearbox", [STEEL, UNEQUAL, PRINTED], ids=["nominal", "unequal", "14 pins"])
 @pytest.mark.parametrize(
-    "defects",
+    ("gearbox", "defects"),
     [
-        LobeDefects.healthy(),
-        LobeDefects.worn((0, 1, 5), depth=0.6),
-        LobeDefects.worn(7),
-        LobeDefects(worn_lobes=(2, 9), removed_lobes=(3, 4, 10)),
+        (STEEL, LobeDefects.healthy()),
+        (UNEQUAL, LobeDefects.worn((0, 1, 5), depth=0.6)),
+        (PRINTED, LobeDefects.worn(7)),
+        (UNEQUAL, LobeDefects(worn_lobes=(2, 9), removed_lobes=(3, 4, 10))),
+        (STEEL, LobeDefects.worn(7)),
     ],
-    ids=["healthy", "some worn", "7 worn", "removed"],
+    ids=["nominal, healthy", "unequal, some worn", "14 pins, 7 worn", "unequal, removed", "nominal, 7 worn"],
 )
 @pytest.mark.parametrize("size", [1e-4, 1e-3, 1e-2], ids=["quiet", "ringing", "slipping"])
 def test_an_old_description_is_as_good_as_a_new_one(

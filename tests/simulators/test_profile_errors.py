@@ -155,9 +155,9 @@ def test_running_with_equal_pitch_errors_moves_the_output_only() -> None:
     assert plain.output_angle is not None
     assert turned.output_angle is not None
     behind = (turned.output_angle - plain.output_angle)[settled]
-    assert behind == pytest.approx(-size / R, rel=1e-3)
-    assert turned.torque_out[settled] == pytest.approx(plain.torque_out[settled], abs=1e-3)
-    assert turned.torque_in[settled] == pytest.approx(plain.torque_in[settled], abs=1e-4)
+    np.testing.assert_allclose(behind, -size / R, rtol=1e-3)
+    np.testing.assert_allclose(turned.torque_out[settled], plain.torque_out[settled], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(turned.torque_in[settled], plain.torque_in[settled], rtol=0, atol=1e-4)
 
 
 def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, degrees: np.ndarray, push: float) -> np.ndarray:
@@ -349,13 +349,13 @@ def test_fine_polylines_converge_to_the_profile() -> None:
     assert away[1] / away[2] == pytest.approx(4, rel=0.15)
 
 
-@pytest.mark.parametrize("n", [1600, 3200])
-def test_coarse_polyline_sounds_at_the_rate_of_passing_corners(n: int) -> None:
+def test_coarse_polyline_sounds_at_the_rate_of_passing_corners() -> None:
     """Every pin passes n/15 corners in a turn, one pin after the other: sixteen by sixteen sidebands.
 
     Corners and mesh together can only sound at h n/15 + 16 k times the input's speed, whole h and k. What the
     smooth profile has elsewhere are the eight internal sleeves, at 8 * 16/15.
     """
+    n = 1600
     smooth, coarse = (
         raw(STEEL.replace(profile_points=points), duration=0.6).torque_out[-3 * TURN :] for points in (0, n)
     )

@@ -114,7 +114,7 @@ def test_sleeves_do_not_spin() -> None:
 def test_foot_point_against_brute_force() -> None:
     rng = np.random.default_rng(3)
     gearbox = ReferenceGearbox()
-    t = rng.uniform(0, 2 * np.pi, 200)
+    t = rng.uniform(0, 2 * np.pi, 60)
     p = gearbox.trochoid(t) + rng.uniform(-1.3e-3, 4e-4, t.size) * gearbox.normal(t)
     foot = gearbox.foot_point(p)
     fine = np.linspace(0, 2 * np.pi, 1_000_000)

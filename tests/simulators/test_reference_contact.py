@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from reference_tools import PIT, pose_with_sleeve_0_at
+from reference_tools import PIT, PUSHED, pose_with_sleeve_0_at
 
 from cyclofeat.simulators.reference import ReferenceGearbox
 
@@ -39,9 +39,7 @@ def forces_on_sleeve_0(
     return np.array(magnitudes), np.array(vectors)
 
 
-@pytest.mark.parametrize("depth", [1.0, 0.5])
-@pytest.mark.parametrize("radial_error", [0.0, 3e-5, -3e-5])
-@pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
+@pytest.mark.parametrize(("push", "radial_error", "depth"), PUSHED)
 def test_force_on_a_worn_lobe_is_continuous(push: float, radial_error: float, depth: float) -> None:
     """A jump would not shrink with the steps."""
     errors = np.outer(np.arange(16) == 0, [radial_error, 0.0])

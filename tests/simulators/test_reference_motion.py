@@ -90,7 +90,7 @@ def test_integration_is_of_second_order() -> None:
     gearbox = ReferenceGearbox()
     state = np.append(static_equilibrium(gearbox, 0.3, 22.0), [-SPEED / 15] * 3)
     ends = []
-    for steps in (10, 20, 40, 320):
+    for steps in (10, 20, 40, 160):
         run = gearbox.integrate(0.0, 2e-4, 2e-4 / steps, state, steady(0.3), lambda t: 22.0)
         ends.append(np.append(run.angles[-1], 1e-4 * run.rates[-1]))
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
@@ -102,10 +102,10 @@ def test_healthy_gearbox_under_load() -> None:
     """Means and healthy forces of an independent implementation (2 %), over one mesh period."""
     gearbox = ReferenceGearbox()
     state = np.append(static_equilibrium(gearbox, 0.3, 22.0), [-SPEED / 15] * 3)
-    run = gearbox.integrate(0.0, 0.0075, 1e-5, state, steady(0.3), lambda t: 22.0)
-    assert run.time.shape == (751,)
-    assert run.external_force.shape == (751, 2, 16)
-    assert run.internal_force.shape == (751, 2, 8)
+    run = gearbox.integrate(0.0, 0.0075, 2.5e-5, state, steady(0.3), lambda t: 22.0)
+    assert run.time.shape == (301,)
+    assert run.external_force.shape == (301, 2, 16)
+    assert run.internal_force.shape == (301, 2, 8)
     assert run.phi[-1] == pytest.approx(0.3 + SPEED * 0.0075)
     assert run.angles[-1] - run.angles[0] == pytest.approx([-SPEED * 0.0005] * 3, rel=0.02)
     assert run.output_torque.mean() == pytest.approx(22.0, rel=0.02)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,13 +47,33 @@ def train(
     progress: Callable[[int, int], object] | None = None,
 ) -> Weights:
     """Train one network on simulated rigs, each shown in every epoch as another random session."""
-    jax, jnp, optax = _libraries()
+    jax, jnp, _ = _libraries()
     random = np.random.default_rng(random_state)
     weights = _first_weights(made, targets, reference, random)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in _network.FIXED}
     n, n_effects = targets.present.shape
     present = targets.present.astype(np.float32)
     sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
+    per_epoch = max(n // _BATCH, 1)
+    first_state, step = _steps(n_effects, epochs * per_epoch)
+    state, key = first_state(weights), jax.random.PRNGKey(random_state)
+    for epoch in range(epochs):
+        for rows in np.array_split(random.permutation(n), per_epoch):
+            rows = rows[: n // per_epoch]  # batches of one size are compiled once
+            key, dropping = jax.random.split(key)
+            inputs = random_inputs(made.of(rows), reference, random)
+            batch = (vars(inputs), present[rows], sizes[rows], there[rows])
+            weights, state = step(weights, state, fixed, batch, dropping)
+        if progress is not None:
+            progress(epoch + 1, epochs)
+    return {name: np.asarray(values, dtype=np.float32) for name, values in (weights | fixed).items()}
+
+
+# Compiled once for all networks of a posterior.
+@lru_cache(maxsize=1)
+def _steps(n_effects: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the optimiser's first state and one step of training, as functions."""
+    jax, jnp, optax = _libraries()
 
     def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
         inputs, present, sizes, there = batch
@@ -65,36 +86,27 @@ def train(
             kept = jax.random.bernoulli(next(keys), 1 - _DROPPED, layer.shape)
             return layer * kept / (1 - _DROPPED)
 
-        outputs = _network.answers(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
+        outputs = _network.answers(jnp, weights, **inputs, blurred=blurred, thinned=thinned)
         logits, mean, spread = _network.split(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
         return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
 
-    per_epoch = max(n // _BATCH, 1)
-    rate = optax.cosine_onecycle_schedule(epochs * per_epoch, _RATE)
-    decaying = {name: not name.endswith("_bias") for name in weights}
+    def decaying(weights: Any) -> dict[str, bool]:
+        return {name: not name.endswith("_bias") for name in weights}
+
+    rate = optax.cosine_onecycle_schedule(n_steps, _RATE)
     optimiser = optax.chain(
         optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=_DECAY, mask=decaying)
     )
 
     @jax.jit
-    def step(weights: Any, state: Any, batch: tuple[Any, ...], key: Any) -> Any:
-        slopes = jax.grad(loss)(weights, batch, key)
+    def step(weights: Any, state: Any, fixed: Any, batch: tuple[Any, ...], key: Any) -> Any:
+        slopes = jax.grad(lambda trained: loss(trained | fixed, batch, key))(weights)
         change, state = optimiser.update(slopes, state, weights)
         return optax.apply_updates(weights, change), state
 
-    state, key = optimiser.init(weights), jax.random.PRNGKey(random_state)
-    for epoch in range(epochs):
-        for rows in np.array_split(random.permutation(n), per_epoch):
-            rows = rows[: n // per_epoch]  # batches of one size are compiled once
-            key, dropping = jax.random.split(key)
-            inputs = random_inputs(made.of(rows), reference, random)
-            batch = (vars(inputs), present[rows], sizes[rows], there[rows])
-            weights, state = step(weights, state, batch, dropping)
-        if progress is not None:
-            progress(epoch + 1, epochs)
-    return {name: np.asarray(values, dtype=np.float32) for name, values in (weights | fixed).items()}
+    return optimiser.init, step
 
 
 def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
