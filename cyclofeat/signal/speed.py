@@ -182,7 +182,7 @@ def _course(
     torque: Float, rate: float, speed: float, one: _Pass, n_lobes: int
 ) -> tuple[tuple[Float, Float], float]:
     """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
-    length = round(one.turns / speed * rate)
+    length = min(round(one.turns / speed * rate), torque.size)
     hop = one.hop / speed * rate
     n_blocks = max(1, math.floor((torque.size - length) / hop) + 1)
     starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)

@@ -50,7 +50,7 @@ def folder(tmp_path_factory, surrogates):
     folder = tmp_path_factory.mktemp("cli")
     save_model(
         folder / "model.joblib",
-        LobeModel.train(surrogates[12:], input_speed_hz=500 / 60, n_splits=0, n_trees=60),
+        LobeModel.train(surrogates[12:], n_splits=0, n_trees=60),
     )
     for recording in surrogates[:8]:
         write_recording(folder / f"{recording.assembly}.npz", recording)

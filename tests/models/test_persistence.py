@@ -16,7 +16,7 @@ from cyclofeat.models import ModelFileError, card_path, load_model, save_model
 
 @pytest.fixture(scope="module")
 def model(surrogates):
-    return LobeModel.train(surrogates[::2], input_speed_hz=500 / 60, n_splits=0, n_trees=20)
+    return LobeModel.train(surrogates[::2], n_splits=0, n_trees=20)
 
 
 @pytest.fixture
