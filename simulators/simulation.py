@@ -122,6 +122,8 @@ class SimulationRun:
     external_points, internal_points : complex ndarray of the forces' shapes, or None
         Point x + iy in m, in the fixed frame, where each sleeve touches each wheel; NaN without contact. A
         sleeve that touches twice (at a worn lobe's pit) has one point, in the direction of the resultant.
+    motor_current : ndarray, shape (n,), or None
+        Current of the motor in A, for rigs that have one (:class:`cyclofeat.simulators.ServoMotor`).
     dt : float
         Integration step in s.
     kernel : str
@@ -141,6 +143,7 @@ class SimulationRun:
     internal_forces: Float | None = field(repr=False, default=None)
     external_points: Complex | None = field(repr=False, default=None)
     internal_points: Complex | None = field(repr=False, default=None)
+    motor_current: Float | None = field(repr=False, default=None)
     dt: float = 1e-5
     kernel: str = "exact"
 

@@ -112,6 +112,10 @@ def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
 def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
     if arguments.simulator is None and arguments.rig is None:
+        if getattr(arguments, "quantity", "") == "motor_current":  # the motor is drawn, as parts of rigs are
+            from cyclofeat.simulators import Rig
+
+            return Rig(gearbox_of(arguments), name="nominal")
         refuse_idle(arguments, ("seed", "effects_from"), "without --rig or --simulator")
         return None
     refuse_idle(arguments, ("material",), "with --rig and --simulator, which state their own gearbox")

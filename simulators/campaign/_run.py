@@ -123,8 +123,9 @@ def check_middle(campaign: Campaign) -> None:
     _check_kernel(campaign)
     duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        planned = _rig_of(campaign, campaign.medians()).plan_run(
-            duration=duration, sampling_rate=campaign.sampling_rate, settled=False, torque_in=False,
+        rig = _rig_of(campaign, campaign.medians())
+        planned = rig.plan_run(
+            duration=duration, sampling_rate=campaign.sampling_rate, settled=rig.has_motor, torque_in=False,
             motion=False,
         )  # fmt: skip
         (made,) = run_planned([planned], kernel=campaign.kernel)

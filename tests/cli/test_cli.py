@@ -110,6 +110,16 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
     assert recording.angle_is_absolute
 
 
+@pytest.mark.parametrize("quantity", ["input_torque", "motor_current"])
+def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
+    machine = ["--worn-count", 2, "--duration", 0.1, "--sampling-rate", 4_000, "--quantity", quantity]
+    assert run(capsys, "simulate", *machine, "--out", tmp_path / "bare.csv")[0] == 0
+    assert run(capsys, "simulate", *machine, "--rig", "r1", "--out", tmp_path / "r1.npz")[0] == 0
+    for name in ("bare.csv", "r1.npz"):
+        recording = read_recording(tmp_path / name)
+        assert (recording.quantity, recording.n_samples, recording.defect_count) == (quantity, 400, 2)
+
+
 def test_animate_writes_a_page(capsys, tmp_path):
     page = tmp_path / "gearbox.html"
     options = ["--worn-lobes", "1,5", "--duration", 0.05, "--frames", 20, "--out", page]

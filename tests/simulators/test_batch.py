@@ -147,7 +147,7 @@ def in_lanes(
     courses: list[np.ndarray],
     solver: Solver,
     n: int,
-    lanes: int = 8,
+    lanes: int = batch.n_lanes(),
     dtype: type = np.float32,
 ) -> np.ndarray:
     """The same of batches."""
@@ -177,7 +177,7 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
     each, n, solver = KINDS[kind](), 4000, Solver(integrator=integrator)
     courses = courses_of(each, n)
     exact = exactly(each, courses, solver, n)
-    error = in_lanes(each, courses, solver, n, dtype=np.float64) - exact
+    error = in_lanes(each, courses, solver, n, lanes=8, dtype=np.float64) - exact
     assert np.abs(exact[:, 0]).max() > 20
     # What the frames' expansions leave: both wheels are described when either has moved.
     assert rms(error[:, 0]).max() < 2e-5
@@ -203,11 +203,11 @@ def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: st
 def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
     each, n, solver = KINDS[kind]()[:11], 1500, Solver()
     courses = courses_of(each, n)
-    together = in_lanes(each, courses, solver, n, lanes=8)
+    together = in_lanes(each, courses, solver, n)
     order = np.random.default_rng(0).permutation(len(each))
-    shuffled = in_lanes([each[k] for k in order], [courses[k] for k in order], solver, n, lanes=8)
+    shuffled = in_lanes([each[k] for k in order], [courses[k] for k in order], solver, n)
     assert np.array_equal(shuffled, together[:, :, order])
-    alone = in_lanes(each[6:7], courses[6:7], solver, n, lanes=8)
+    alone = in_lanes(each[6:7], courses[6:7], solver, n)
     assert np.array_equal(alone[:, :, 0], together[:, :, 6])
 
 
@@ -259,7 +259,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
     results, reached = batch.integrated(
-        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=8
+        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
@@ -303,7 +303,7 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     courses = courses_of(each, 3000)
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
     results, reached = batch.integrated(
-        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=8
+        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [False, False, True]
     for lane in range(2):
