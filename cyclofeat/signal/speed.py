@@ -112,8 +112,8 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     turns = torque.size / sampling_rate * nominal_hz
     if turns < _COARSE.turns:
         raise ValueError(
-            f"torque must hold {_COARSE.turns:g} turns of the input at the stated speed to follow it, got "
-            f"{turns:.3g}"
+            f"torque is too short to follow the speed: it holds {turns:.3g} turns of the input at the stated "
+            f"speed, {_COARSE.turns:g} are needed"
         )
     highest = (1 + _COARSE.tolerance) * lobe_frequency(nominal_hz, n_lobes) * _LAST_LOBE_LINE
     if highest > sampling_rate / 2:

@@ -276,7 +276,7 @@ def test_recordings_of_several_rates_and_speeds_train_a_model(surrogates):
     for one in surrogates[:8]:
         faster = one.replace(sampling_rate=rate, speed_rpm=520.0)
         assert model.count(faster).probability == pytest.approx(model.count(one).probability, abs=1e-6)
-    with pytest.raises(ValueError, match=r"sampling_rate must be at least 10\d\d\.?\d* Hz at 50\d"):
+    with pytest.raises(ValueError, match=r"sampling_rate must be at least 10\d\d\.?\d* Hz at 49\d"):
         model.count(
             one.replace(torque=one.torque[::32], angle=one.angle[::32], sampling_rate=one.sampling_rate / 32)
         )
@@ -309,6 +309,8 @@ def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     with pytest.raises(ValueError, match="quantity of the recording is input_torque"):
         model.count(recording.replace(quantity="input_torque"))
     faster = recording.replace(sampling_rate=1.2 * recording.sampling_rate)
-    assert "turns at 60" in model.count(faster).reason
+    assert re.match(
+        r"it turns at (59|60)\d\.?\d* RPM, but the model was trained at", model.count(faster).reason
+    )
     with pytest.raises(ValueError, match="short"):
         model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))
