@@ -121,7 +121,7 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.counting
 
 COMMITS ?= HEAD^!
-bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.1.0..HEAD); writes build/asv/html
+bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.2.0..HEAD); writes build/asv/html
 	$(BIN)/python -m pip install -q --disable-pip-version-check 'asv[virtualenv]>=0.6'
 	cd benchmarks/asv && $(CURDIR)/$(BIN)/asv machine --yes && \
 		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish
