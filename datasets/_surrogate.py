@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +13,12 @@ import numpy as np
 from cyclofeat._base import checks
 from cyclofeat._base.words import from_1
 from cyclofeat.datasets._conditions import Conditions, Length
-from cyclofeat.recordings import Recording
+from cyclofeat.recordings import QUANTITIES, Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
     from cyclofeat.simulators import (
         LobeDefects,
         Machine,
-        MachineRun,
         PlannedRun,
         Rig,
         SimulationFailed,
@@ -37,6 +36,7 @@ def make_rig_recordings(
     rig: str | Rig = "R1",
     lobes: str = "consecutive",
     wheels: str | Sequence[int] = "random",
+    wear_um: float | tuple[float, float] | None = None,
     speed_rpm: float | tuple[float, float] | None = None,
     load_nm: float | tuple[float, float] | None = None,
     duration: float | None = None,
@@ -48,6 +48,7 @@ def make_rig_recordings(
     progress: Callable[[int, int], object] | None = None,
     kernel: str = "exact",
     solver: Solver | None = None,
+    quantity: str = "output_torque",
 ) -> list[Recording]:
     """Make surrogate recordings: simulated assemblies on an assumed rig, with drift and noise.
 
@@ -67,6 +68,9 @@ def make_rig_recordings(
     wheels : "random" or sequence of int
         Wheels that carry the wear: wheel 0 alone or both, with equal chances; or ``(0,)``, ``(1,)``,
         ``(0, 1)``.
+    wear_um : float or (low, high), optional
+        Radial wear of the worn lobes in um, 0 to 200, or a range from which each assembly draws its own
+        (:class:`cyclofeat.simulators.LobeDefects`). Default: the papers' chord.
     speed_rpm, load_nm : float or (low, high), optional
         Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
         draws its own (log-uniform). Default: those of the rig's gearbox. The load drift
@@ -92,6 +96,9 @@ def make_rig_recordings(
     solver : Solver, optional
         Time step and integrator. ``Solver(integrator="adams_bashforth")`` halves the time and errs by some
         millinewtonmetres.
+    quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
+        Quantity to record (:meth:`cyclofeat.simulators.Rig.simulate`). For a motor current, a rig without a
+        motor is given that of :func:`cyclofeat.simulators.motor_effects`, of the size that the gearbox needs.
 
     Returns
     -------
@@ -106,7 +113,8 @@ def make_rig_recordings(
         ``brake_inertia_kg_m2``, ``meter_stiffness_nm_per_rad``, ``meter_damping_nms_per_rad``,
         ``stiffness_scale``, ``contact_damping``, ``clearance_m``, ``start_angle_rad`` (absolute angle of the
         input at the first sample, within one turn of the output), ``settling_s`` (time before it), ``rig``,
-        and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly.
+        and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly. With
+        radial wear it holds ``wear_um``, 0 for a healthy assembly.
 
     Raises
     ------
@@ -133,7 +141,7 @@ def make_rig_recordings(
     """
     length = Length.checked(duration, output_turns)
     conditions = Conditions.checked(speed_rpm, load_nm)
-    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions)
+    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions, quantity)
     counts = _counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
     checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
@@ -141,7 +149,8 @@ def make_rig_recordings(
 
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels) for index in range(total)]
+    wear = _wear_range(wear_um)
+    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels, wear) for index in range(total)]
     recordings: dict[int, Recording] = {}
     for index, recording in _recordings(run, defects, kernel, n_jobs):
         if isinstance(recording, Exception):
@@ -160,12 +169,13 @@ def make_rig_recording(
     sampling_rate: float = 25_600.0,
     random_state: int = 0,
     with_angle: bool = False,
+    quantity: str = "output_torque",
 ) -> Recording:
     """Make one surrogate recording of an assembly with given defects.
 
     Parameters
     ----------
-    rig, duration, sampling_rate, random_state, with_angle
+    rig, duration, sampling_rate, random_state, with_angle, quantity
         As in :func:`make_rig_recordings`.
     defects : LobeDefects, default healthy
         Worn or removed lobes.
@@ -193,7 +203,8 @@ def make_rig_recording(
 
     defects = LobeDefects.healthy() if defects is None else defects
     checks.check_type("defects", defects, LobeDefects)
-    run = _Run(_rig(rig), Length.checked(duration, None), sampling_rate, random_state, with_angle)
+    length = Length.checked(duration, None)
+    run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, quantity=quantity)
     ((_, recording),) = _recordings(run, [defects], "exact", 1)
     if isinstance(recording, Exception):
         raise recording
@@ -211,8 +222,10 @@ class _Run:
     with_angle: bool
     solver: Solver | None = None
     conditions: Conditions = field(default_factory=Conditions)
+    quantity: str = "output_torque"
 
     def __post_init__(self) -> None:
+        checks.one_of("quantity", self.quantity, QUANTITIES)
         checks.positive("sampling_rate", self.sampling_rate, "a number of Hz")
         checks.whole("random_state", self.random_state, 0)
         duration = self.length.seconds(self.rig.gearbox)
@@ -222,9 +235,14 @@ class _Run:
             )
 
     def rig_at(self, index: int) -> Rig:
-        """Return the rig at the speed and load of a recording."""
+        """Return the rig at the speed and load of a recording, with a motor where one is needed."""
+        from cyclofeat.simulators import motor_effects
+
         # The third child of the recording's seed: the defects have the second, the rig the others.
-        return self.conditions.drawn(self.rig, self.rig.seed_of(self.random_state, index).spawn(3)[2])
+        rig = self.conditions.drawn(self.rig, self.rig.seed_of(self.random_state, index).spawn(3)[2])
+        if self.quantity == "motor_current" and rig.simulator is None and not rig.has_motor:
+            rig = rig.with_added(*motor_effects(rig.gearbox))
+        return rig
 
     def assembly(self, index: int) -> str:
         """Return the name of an assembly."""
@@ -232,17 +250,23 @@ class _Run:
 
 
 def _drawn_defects(
-    run: _Run, index: int, counts: Sequence[int], lobes: str, wheels: tuple[int, ...] | None
+    run: _Run,
+    index: int,
+    counts: Sequence[int],
+    lobes: str,
+    wheels: tuple[int, ...] | None,
+    wear_um: tuple[float, float] | None,
 ) -> LobeDefects:
-    """Draw the worn lobes of a recording."""
+    """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
     from cyclofeat.simulators import LobeDefects
 
     # The second child of the recording's seed; the others are the rig's.
     random = np.random.default_rng(run.rig.seed_of(run.random_state, index).spawn(2)[1])
     consecutive = lobes == "consecutive" or (lobes == "mixed" and bool(random.random() < 0.5))
-    return LobeDefects.drawn(
+    drawn = LobeDefects.drawn(
         counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
     )
+    return drawn if wear_um is None else replace(drawn, depth=0.0, wear_um=random.uniform(*wear_um))
 
 
 def _recordings(
@@ -258,7 +282,7 @@ def _recordings(
             words = _words(run.assembly(index), plan.machine, defects[index])
             simulated.args = (f"{words}: {simulated}",)
             return simulated
-        return _recording(run, defects[index], plan.finished(simulated), index)
+        return _recording(run, defects[index], plan, simulated, index)
 
     try:
         plans = {index: _plan(run, index, worn) for index, worn in enumerate(defects)}
@@ -273,44 +297,38 @@ def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
         rig = run.rig_at(index)
         return rig.plan_run(
             defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
-            random_state=run.rig.seed_of(run.random_state, index), solver=run.solver, torque_in=False,
-            motion=False,
+            random_state=run.rig.seed_of(run.random_state, index), quantity=run.quantity, solver=run.solver,
+            torque_in=False, motion=False,
         )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"assembly {run.assembly(index)}: {error}") from None
 
 
-def _recording(run: _Run, defects: LobeDefects, done: MachineRun, index: int) -> Recording:
+def _recording(
+    run: _Run, defects: LobeDefects, plan: PlannedRun, simulated: SimulationRun, index: int
+) -> Recording:
     """Return the recording of a machine's run."""
     rig, assembly = run.rig_at(index), run.assembly(index)
     try:
-        record = done.record()
+        record = plan.finished(simulated).record()
     except ValueError as error:
         raise ValueError(f"assembly {assembly}: {error}") from None
     output_turn = 2 * np.pi * rig.gearbox.n_lobes  # as an angle of the input
-    removed = defects.removed_lobes
     meta = {
         "rig": rig.name,
-        **done.machine.true_values(),
+        **plan.machine.true_values(),
         "wheels_from_1": from_1(defects.wheels) if defects.defect_count else [],
         "start_angle_rad": float(record.input_angle[0] % output_turn),
-        "settling_s": done.n_settling / run.sampling_rate,
-        "effects": [effect.to_dict() for effect in done.machine.effects],
+        "settling_s": plan.n_settling / run.sampling_rate,
+        "effects": [effect.to_dict() for effect in plan.machine.effects],
     }
-    if removed:
-        meta |= {
-            "worn_lobes_from_1": from_1(defects.worn_lobes),
-            "removed_lobes_from_1": from_1(removed),
-        }
-    return Recording(
-        record.torque_out,
-        run.sampling_rate,
-        angle=record.input_angle if run.with_angle else None,
-        angle_is_absolute=run.with_angle,
+    if defects.wear_um is not None:
+        meta["wear_um"] = np.asarray(defects.wear_um if defects.worn_lobes else 0.0).tolist()
+    return Recording.from_run(
+        record,
+        quantity=run.quantity,
+        with_angle=run.with_angle,
         assembly=assembly,
-        defect_count=defects.defect_count,
-        worn_lobes=None if removed else defects.worn_lobes,
-        n_lobes=rig.gearbox.n_lobes,
         speed_rpm=round(60 * rig.gearbox.input_speed_hz, 6),
         load_nm=rig.gearbox.load_torque,
         source="surrogate",
@@ -381,6 +399,21 @@ def _counts(defect_counts: Any, n_lobes: int) -> list[int]:
     if not counts or len(set(counts)) < len(counts) or max(counts) > n_lobes:
         raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {counts}")
     return counts
+
+
+def _wear_range(wear_um: Any) -> tuple[float, float] | None:
+    """Return the ends of the range of radial wear; a number is a range of its own."""
+    from cyclofeat.simulators.defects import MOST_WEAR_UM
+
+    if wear_um is None:
+        return None
+    low, high = checks.pair("wear_um", (wear_um, wear_um) if checks.is_number(wear_um) else wear_um)
+    if not 0 <= low <= high <= MOST_WEAR_UM:
+        raise ValueError(
+            f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
+            f"got {wear_um!r}"
+        )
+    return low, high
 
 
 def _worn_wheels(wheels: Any) -> tuple[int, ...] | None:

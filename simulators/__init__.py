@@ -4,9 +4,11 @@
 module           responsibility
 ===============  ================================================================================
 ``geometry``     closed-form geometry of profile, lobes and chords
-``gearbox``      parameters of gearbox, rig and faults: frozen dataclasses in SI units
+``gearbox``      parameters of gearbox and rig: a frozen dataclass in SI units
+``defects``      worn and removed lobes
 ``contact``      contact parameters by material and geometry
 ``effects``      properties of real rigs: parameters, bounds, priors, place in the chain
+``motor``        the motor on the input shaft, with control of its speed
 ``rig``          a gearbox with effects: draws machines, simulates records, reads and writes files
 ``simulation``   runs of one gearbox
 ``courses``      input speed and load over time
@@ -17,6 +19,7 @@ module           responsibility
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
 ``audit``        energy balance of a run
 ``_chatter``     warning for friction too steep for the time step
+``_driven``      runs at a given speed as a motor would have made them
 ``_held``        the held output's kernel
 ``_jit``         numba, or plain Python where it is switched off
 ``_lines``       straight lines between points, compiled
@@ -37,11 +40,13 @@ from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import *  # noqa: F403
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.geometry import CycloidalProfile
 from cyclofeat.simulators.held_output import TorqueDeflection, torque_deflection
 from cyclofeat.simulators.many import run_planned, simulate_many
+from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import (
     GearboxLocked,
@@ -63,6 +68,7 @@ __all__ = [
     "LobeDefects",
     "Machine",
     "MachineRun",
+    "Motor",
     "PlannedRun",
     "Rig",
     "SimulationDiverged",

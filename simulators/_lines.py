@@ -1,10 +1,18 @@
-"""Straight lines between points, for the courses of speed and load at every half step."""
+"""Straight lines between points."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cyclofeat.simulators._jit import njit
+
+
+def between(values, instants):  # type: ignore[no-untyped-def]
+    """Return rows (n, ...) at instants in rows from 0 to n - 1, by straight lines."""
+    before = np.minimum(np.floor(instants).astype(int), max(len(values) - 2, 0))
+    after = np.minimum(before + 1, len(values) - 1)
+    share = (instants - before).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(values[before] + share * (values[after] - values[before]))
 
 
 @njit(fastmath=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,10 +17,14 @@ from cyclofeat.simulators.effects import Effect, TorqueContext
 from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._base import Fluctuation
 from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun, simulate
 
 Float = NDArray[np.float64]
 RandomState = int | np.random.SeedSequence
+
+# Child of a run's seed for the noise of the current; those of the rig are 1 to 3.
+_CURRENT = 4
 
 
 def seed_sequence(random_state: Any, name: str = "random_state") -> np.random.SeedSequence:
@@ -47,12 +52,15 @@ class Machine:
         Seed of the assembly.
     simulator : Simulator or None
         User's simulator, with all effects of this machine on it.
+    motor : Motor or None
+        Motor on the input shaft, with all effects of this machine on it; None for a given speed.
     """
 
     gearbox: CycloidalGearbox
     effects: tuple[Effect, ...]
     random_state: np.random.SeedSequence = dataclasses.field(repr=False, compare=False)
     simulator: Simulator | None = None
+    motor: Motor | None = None
 
     @classmethod
     def drawn(
@@ -63,7 +71,7 @@ class Machine:
         simulator: Simulator | None = None,
     ) -> Machine:
         """Draw the machine of a seed from a nominal gearbox or simulator and a rig's effects."""
-        effects = _drawn(effects, random_state)
+        effects, motor = _drawn(effects, random_state), None
         for effect, key in zip(effects, library.stream_keys(effects), strict=True):
             if effect.overrides("change_gearbox"):
                 gearbox = effect.change_gearbox(gearbox, library.stream(random_state, *key, library.GEARBOX))
@@ -72,7 +80,11 @@ class Machine:
                     simulator, library.stream(random_state, *key, library.SIMULATOR)
                 )
                 check_type(f"the result of change_simulator of {effect.effect_id}", simulator, Simulator)
-        return cls(gearbox, effects, random_state, simulator)
+            if effect.overrides("change_motor"):
+                motor = effect.change_motor(
+                    motor or Motor(), library.stream(random_state, *key, library.MOTOR)
+                )
+        return cls(gearbox, effects, random_state, simulator, motor)
 
     def true_values(self) -> dict[str, float]:
         """Return the machine's speed, load, brake and contacts, as recordings and campaigns state them.
@@ -129,20 +141,23 @@ class Machine:
         sampling_rate: float,
         random_state: np.random.SeedSequence,
         from_rest: bool,
+        quantity: str = "output_torque",
     ) -> dict[str, Float]:
-        """Return the channels of one run after all effects on the torque."""
+        """Return the channels of one run after all effects on the torque; no meter measures a current."""
+        meter = {"output_torque": "torque_out", "input_torque": "torque_in"}.get(quantity)
+        # A meter on the input has a smaller range, with smaller errors.
+        scale = self.gearbox.n_lobes if quantity == "input_torque" else 1
         for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True):
             if not (effect.overrides("change_torque") or effect.overrides("resample")):
                 continue
-            context = TorqueContext(self.gearbox, channels["input_angle"], from_rest)
-            torque = effect.change_torque(
-                channels["torque_out"],
-                sampling_rate,
-                library.stream(random_state, *key, library.TORQUE),
-                context,
-            )
+            measured = {}
+            if meter is not None:
+                context = TorqueContext(self.gearbox, channels["input_angle"], from_rest)
+                random = library.stream(random_state, *key, library.TORQUE)
+                torque = effect.change_torque(scale * channels[meter], sampling_rate, random, context)
+                measured = {meter: torque / scale}
             channels = {name: effect.resample(values, sampling_rate) for name, values in channels.items()}
-            channels["torque_out"] = torque
+            channels |= measured
         return channels
 
 
@@ -155,6 +170,7 @@ class _RunOfMachine:
     n_samples: int
     n_settling: int
     from_rest: bool
+    quantity: str = "output_torque"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -172,17 +188,28 @@ class PlannedRun(_RunOfMachine):
         Length of a record, and number of samples before it.
     from_rest : bool
         True if the record begins with the start.
+    quantity : str
+        Quantity that is measured.
     """
 
     arguments: dict[str, Any]
 
     def simulate(self) -> MachineRun:
-        """Simulate the run; raise :class:`cyclofeat.simulators.SimulationFailed` if it diverges or locks."""
+        """Simulate the run; raise :class:`cyclofeat.simulators.SimulationFailed` if it diverges or locks.
+
+        Raises ValueError if the motor does not hold the speed.
+        """
         return self.finished(simulate(**self.arguments))
 
     def finished(self, run: SimulationRun) -> MachineRun:
         """Return the machine's run, made of its simulation."""
         own = {one.name: getattr(self, one.name) for one in dataclasses.fields(_RunOfMachine)}
+        motor = self.machine.motor
+        if motor is not None:
+            from cyclofeat.simulators._driven import driven
+
+            start = self.n_settling - math.ceil(motor.warm_up * run.sampling_rate)
+            run = driven(run, motor, start, library.stream(self.random_state, _CURRENT))
         return MachineRun(run=run, **own)
 
 
@@ -203,6 +230,8 @@ class MachineRun(_RunOfMachine):
         Length of a record, and number of samples before it.
     from_rest : bool
         True if the record begins with the start.
+    quantity : str
+        Quantity that is measured.
     """
 
     run: SimulationRun = dataclasses.field(repr=False)
@@ -241,7 +270,7 @@ class MachineRun(_RunOfMachine):
                 f"{(needed - ran) / rate:.3g} s longer"
             )
         channels = {name: values[:needed] for name, values in channels.items()}
-        measured = machine.measured(channels, rate, self.random_state, self.from_rest)
+        measured = machine.measured(channels, rate, self.random_state, self.from_rest, self.quantity)
         changes: dict[str, Any] = {
             name: np.ascontiguousarray(values[: self.n_samples]) for name, values in measured.items()
         }

@@ -46,6 +46,8 @@ WheelConstants = namedtuple(
         "near",  # displacement up to which Newton's steps find the foot of every pin, m
         "has_pitch_errors",
         "profile_points",  # corners of a polyline in place of the smooth profile; 0 for smooth
+        "wear_first",  # radial wear: from how far behind the tip on, in pitches
+        "wear_width",  # and over how much
     ],
 )
 
@@ -65,8 +67,10 @@ PIN_TABLE_SIZE = 5 * COLUMNS
 # Rows of the table of lobes; from PITCH_ERROR on, one for each wheel.
 LOBE_COS, LOBE_SIN, PITCH_ERROR = (np.uintp(row * COLUMNS) for row in range(3))
 LOBE_TABLE_SIZE = 4 * COLUMNS
-# Mounts, wear, descriptions and numbers of contacts have one row for each wheel.
+# Mounts, descriptions and numbers of contacts have one row for each wheel.
 WHEEL_TABLE_SIZE = 2 * COLUMNS
+# Rows of the table of wear, each for both wheels: share of the chord or REMOVED, and radial wear in m.
+RADIAL = np.uintp(WHEEL_TABLE_SIZE)
 # Columns of the mounts, the cam in the input shaft's frame.
 REST_ANGLE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_X, CAM_Y, HAS_FAULTS = (np.uintp(k) for k in range(8))
 
@@ -228,6 +232,59 @@ def _searched_foot(wheel, dx, dy, qx, qy):
         if change < 1e-13:
             break
     return step
+
+
+@njit(fastmath=FASTMATH, inline="always")
+def _at_foot(wheel, dx, dy, qx, qy, step):
+    """Vector from the profile at ``step`` to a displaced pin, the tangent's factor, and sine and cosine."""
+    inverse_m = 1.0 / wheel.shortening
+    s1, c1 = small_sincos(step)
+    s2, c2 = small_sincos(float(wheel.n_lobes + 1) * step)
+    wx = c2 * qx - s2 * qy
+    wy = c2 * qy + s2 * qx
+    rx = dx + wheel.pin_circle_radius * (1.0 - c1) + wheel.eccentricity * (qx - wx)
+    ry = dy - wheel.pin_circle_radius * s1 + wheel.eccentricity * (qy - wy)
+    # exp(i step) g(t), g = 1/m + exp(i z_s t) being the factor of the tangent i e z_k exp(it) g.
+    return rx, ry, c1 * inverse_m + wx, s1 * inverse_m + wy, s1, c1
+
+
+@njit(fastmath=FASTMATH)
+def _worn_foot(wheel, depth, part, dx, dy, qx, qy, step):
+    """Nearest place to a pin on the path of pins over radial wear, which lies beside the healthy foot.
+
+    Returns the way there from the foot, the wear, the slope of the path against the profile's, and by how
+    much the path is more curved (to first order).
+    """
+    z = float(wheel.n_lobes)
+    inverse_m = 1.0 / wheel.shortening
+    inverse_ez = 1.0 / (wheel.eccentricity * (z + 1.0))
+    pitch = 2.0 * np.pi / z
+    rate = 2.0 * np.pi / (wheel.wear_width * pitch)
+    begin = (part - wheel.wear_first) * pitch * rate
+    way = 0.0
+    sink = 0.0
+    slope = 0.0
+    bend = 0.0
+    for _ in range(NEWTON_STEPS + 1):
+        angle = min(max(begin + way * rate, 0.0), 2.0 * np.pi)
+        rx, ry, hx, hy, s1, c1 = _at_foot(wheel, dx, dy, qx, qy, step + way)
+        ig = 1.0 / np.sqrt(hx * hx + hy * hy)
+        kappa = inverse_ez * (1.0 + 0.5 * z + 0.5 * z * (1.0 - inverse_m * inverse_m) * ig * ig) * ig
+        above = (rx * hx + ry * hy) * ig
+        beside = (ry * hx - rx * hy) * ig
+        by_length = inverse_ez * ig
+        growth = -z * inverse_m * (c1 * hy - s1 * hx) * ig * ig
+        sine = np.sin(angle)
+        cosine = np.cos(angle)
+        raised = 0.5 * (1.0 - cosine)
+        sink = depth * raised * raised
+        change = depth * raised * sine * rate
+        bend = depth * (0.5 * sine * sine + raised * cosine) * rate * rate
+        bend = (bend - change * growth) * by_length * by_length
+        slope = change * by_length / (1.0 - kappa * (sink + wheel.clearance))
+        height = above + wheel.clearance + sink
+        way += (beside - height * slope) / (1.0 + kappa * above + height * bend + slope * slope) * by_length
+    return way, sink, slope, bend
 
 
 @njit(fastmath=FASTMATH)
@@ -475,21 +532,6 @@ def describe(
         qx = cb * lobe_cos + sb * lobe_sin
         qy = cb * lobe_sin - sb * lobe_cos
         step = _searched_foot(wheel, dx, dy, qx, qy) if far else feet[STEP + j]
-        s1, c1 = small_sincos(step)
-        s2, c2 = small_sincos(n_pins * step)
-        wx = c2 * qx - s2 * qy
-        wy = c2 * qy + s2 * qx
-        # Vector from the foot to the pin's centre.
-        rx = dx + big_r * (1.0 - c1) + eccentricity * (qx - wx)
-        ry = dy - big_r * s1 + eccentricity * (qy - wy)
-        # exp(i step) g(t), g = 1/m + exp(i z_s t) being the factor of the tangent i e z_k exp(it) g.
-        hx = c1 * inverse_m + wx
-        hy = s1 * inverse_m + wy
-        ig = 1.0 / np.sqrt(hx * hx + hy * hy)
-        nx = hx * ig
-        ny = hy * ig
-        distance = rx * nx + ry * ny
-        gap = distance + wheel.clearance
         place = (pins[PIN_ANGLE + j] - theta + step) / pitch
         lobe = 0
         part = 0.0
@@ -497,6 +539,18 @@ def describe(
             whole = np.floor(place)
             part = place - whole
             lobe = int(whole) % n_lobes
+        worn = wear[RADIAL + own + np.uintp(lobe)]
+        if worn > 0.0:
+            way, sink, worn_slope, worn_bend = _worn_foot(wheel, worn, part, dx, dy, qx, qy, step)
+            step += way
+            place += way / pitch
+            part += way / pitch
+        rx, ry, hx, hy, s1, c1 = _at_foot(wheel, dx, dy, qx, qy, step)
+        ig = 1.0 / np.sqrt(hx * hx + hy * hy)
+        nx = hx * ig
+        ny = hy * ig
+        distance = rx * nx + ry * ny
+        gap = distance + wheel.clearance
         # With cos(z_s t)/m = (|g|^2 - 1 - 1/m^2)/2 the curvature is curve_1/|g| + curve_3/|g|^3; its change
         # along the trochoid follows from d|g|/dt = -z_s sin(z_s t)/(m |g|).
         cubic = curve_3 * ig * ig
@@ -589,6 +643,13 @@ def describe(
             radius_slope = 0.0
             radius_bend = 0.0
             foot_u = 0.0
+        if worn > 0.0:
+            gap += sink
+            cosine = 1.0 / np.sqrt(1.0 + worn_slope * worn_slope)
+            sine = worn_slope * cosine
+            nx, ny = cosine * nx - sine * ny, cosine * ny + sine * nx
+            gap, foot_u = cosine * gap + sine * foot_u, cosine * foot_u - sine * gap
+            bend += worn_bend / (slack * slack)
         across_v = lever_x * nx + lever_y * ny
         across_u = lever_y * nx - lever_x * ny
         flanks[F_NX + n] = cb * nx - sb * ny

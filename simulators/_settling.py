@@ -47,19 +47,25 @@ def settling_time(gearbox: CycloidalGearbox) -> float:
     turn = 1 / gearbox.input_speed_hz
     if gearbox.brake_inertia == 0:
         return gearbox.ramp_time + turn
+    _, damping = torsion(gearbox)
+    if damping == 0:
+        return math.inf
+    decay = 2 * gearbox.brake_inertia / damping
+    return gearbox.ramp_time + max(turn, _SETTLED * decay)
+
+
+def torsion(gearbox: CycloidalGearbox) -> tuple[float, float]:
+    """Return torsional stiffness (Nm/rad) and damping (Nms/rad) of torque meter and gearbox in series."""
     stages = (
         (gearbox.n_pins, gearbox.eccentricity * gearbox.n_lobes, gearbox.pin_radius),
         (gearbox.n_internal_sleeves, gearbox.internal_pitch_radius, joint_effective_radius(gearbox)),
     )
     stiffness, damping = np.array([_contact_stage(gearbox, *stage) for stage in stages]).T
-    gear_share = stiffness.prod() / stiffness.sum() if stiffness.all() else 0.0
+    gear_stiffness = stiffness.prod() / stiffness.sum() if stiffness.all() else 0.0
     gear_damping = damping.prod() / damping.sum() if damping.all() else 0.0
-    meter_part = gear_share / (gear_share + gearbox.meter_stiffness)
-    mode_damping = gearbox.meter_damping * meter_part**2 + gear_damping * (1 - meter_part) ** 2
-    if mode_damping == 0:
-        return math.inf
-    decay = 2 * gearbox.brake_inertia / mode_damping
-    return gearbox.ramp_time + float(max(turn, _SETTLED * decay))
+    meter_part = gear_stiffness / (gear_stiffness + gearbox.meter_stiffness)
+    series = gearbox.meter_damping * meter_part**2 + gear_damping * (1 - meter_part) ** 2
+    return float(meter_part * gearbox.meter_stiffness), float(series)
 
 
 def _contact_stage(

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import is_number, short
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
 

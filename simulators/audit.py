@@ -12,7 +12,8 @@ from cyclofeat._base.checks import not_negative, positive
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import Integrated, Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 

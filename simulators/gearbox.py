@@ -1,11 +1,10 @@
-"""Parameters of the cycloidal gearbox, its rig and its faults: frozen dataclasses in SI units."""
+"""Parameters of the cycloidal gearbox and its rig: a frozen dataclass in SI units."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,18 +12,15 @@ import numpy as np
 
 from cyclofeat._base.checks import (
     check_number,
-    check_type,
-    is_whole,
     members,
     not_negative,
     number,
     one_of,
     short,
-    whole,
 )
 from cyclofeat.simulators.geometry import CycloidalProfile
 
-__all__ = ["CONTACT_LAWS", "RPM", "CycloidalGearbox", "LobeDefects", "machine"]
+__all__ = ["CONTACT_LAWS", "RPM", "CycloidalGearbox"]
 
 RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
@@ -410,161 +406,3 @@ def _errors(name: str, values: Any) -> tuple[Any, ...]:
     if given is None or not all(isinstance(one, kinds) and not isinstance(one, bool) for one in given):
         raise TypeError(f"{name} must be a sequence of {what} (m), or empty, got {short(values)}")
     return tuple(np.asarray(values).tolist()) if isinstance(values, (list, np.ndarray)) else given
-
-
-@dataclass(frozen=True)
-class LobeDefects:
-    """Worn and removed lobes, counted from 0; lobe k spans 24k to 24(k+1) deg, its tip at 24k.
-
-    Build it with :meth:`healthy`, :meth:`worn` or :meth:`removed`.
-
-    Parameters
-    ----------
-    worn_lobes, removed_lobes : tuple of int
-        Sorted, distinct lobe indices.
-    wheels : tuple of int
-        Wheels that carry the defects: ``(0,)``, ``(1,)`` or ``(0, 1)``.
-    depth : float
-        Severity of the wear between 0 (healthy) and 1 (the papers' chord): the share of the lobe's width
-        over which the half from tip to pit is worn down to the chord. The contact forces of both parts add.
-
-    Notes
-    -----
-    Paper B wears both wheels. Equal lobes of the two wheels act at the same moment, so that the output torque
-    does not show which wheel is worn; ``defect_count`` counts distinct lobe indices.
-    """
-
-    worn_lobes: tuple[int, ...] = ()
-    removed_lobes: tuple[int, ...] = ()
-    wheels: tuple[int, ...] = (0, 1)
-    depth: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("worn_lobes", "removed_lobes"):
-            given = getattr(self, name)
-            lobes = members(given)
-            if lobes is None or not all(map(_is_index, lobes)) or len(set(lobes)) != len(lobes):
-                raise ValueError(f"{name} must be distinct whole numbers from 0, got {given!r}")
-            object.__setattr__(self, name, tuple(sorted(int(lobe) for lobe in lobes)))
-        object.__setattr__(self, "wheels", _wheel_indices(self.wheels))
-        check_number("depth", self.depth)
-        if not 0 <= self.depth <= 1:
-            raise ValueError(
-                f"depth must lie between 0 (healthy) and 1 (the papers' chord), got {self.depth!r}"
-            )
-        both = set(self.worn_lobes) & set(self.removed_lobes)
-        if both:
-            raise ValueError(f"worn_lobes and removed_lobes must not overlap, both hold {sorted(both)}")
-
-    @classmethod
-    def healthy(cls) -> LobeDefects:
-        """Return a gearbox without defects."""
-        return cls()
-
-    @classmethod
-    def worn(
-        cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1), depth: float = 1.0
-    ) -> LobeDefects:
-        """Return worn lobes, from their number (consecutive from lobe 0) or their indices.
-
-        Examples
-        --------
-        >>> LobeDefects.worn(3).worn_lobes
-        (0, 1, 2)
-        >>> LobeDefects.worn((0, 4), wheels=(0,)).defect_count
-        2
-        """
-        return cls(worn_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels), depth=depth)
-
-    @classmethod
-    def removed(cls, lobes: int | Iterable[int], *, wheels: Sequence[int] = (0, 1)) -> LobeDefects:
-        """Return removed lobes, from their number (consecutive from lobe 0) or their indices."""
-        return cls(removed_lobes=_lobe_indices(lobes), wheels=_wheel_indices(wheels))
-
-    @classmethod
-    def drawn(
-        cls,
-        count: int,
-        n_lobes: int,
-        random: np.random.Generator,
-        *,
-        consecutive: bool = True,
-        wheels: Sequence[int] | None = None,
-        depth: float = 1.0,
-    ) -> LobeDefects:
-        """Draw worn lobes at random places.
-
-        Parameters
-        ----------
-        count, n_lobes : int
-            Number of worn lobes, and of lobes on a wheel.
-        random : numpy.random.Generator
-        consecutive : bool
-            If True, the lobes follow each other from a random first one.
-        wheels : sequence of int, optional
-            Wheels that carry the wear. Default: wheel 0 alone or both, with equal chances.
-        depth : float
-            Share of the lobe's width that is worn.
-
-        Examples
-        --------
-        >>> LobeDefects.drawn(2, 15, np.random.default_rng(0)).defect_count
-        2
-        """
-        whole("count", count, 0, whole("n_lobes", n_lobes, 1, None))
-        check_type("random", random, np.random.Generator)
-        # Drawn even if wheels are given, so that the lobes are the same.
-        one_wheel = random.random() < 0.5
-        if consecutive:
-            worn = (random.integers(n_lobes) + np.arange(count)) % n_lobes
-        else:
-            worn = random.permutation(n_lobes)[:count]
-        if wheels is None:
-            wheels = (0,) if one_wheel else (0, 1)
-        return cls.worn(worn.tolist(), wheels=wheels, depth=depth)
-
-    @property
-    def defect_count(self) -> int:
-        """Number of distinct defective lobe indices."""
-        return len(self.worn_lobes) + len(self.removed_lobes)
-
-    def check_against(self, n_lobes: int) -> None:
-        """Raise ValueError if a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
-        highest = max(self.worn_lobes + self.removed_lobes, default=-1)
-        if highest >= n_lobes:
-            raise ValueError(f"defects name lobe {highest}, but the wheel has lobes 0 to {n_lobes - 1}")
-
-
-def machine(
-    gearbox: CycloidalGearbox | None, defects: LobeDefects | None
-) -> tuple[CycloidalGearbox, LobeDefects]:
-    """Return the checked gearbox and defects; defaults: steel, healthy."""
-    gearbox = CycloidalGearbox.steel() if gearbox is None else gearbox
-    defects = LobeDefects.healthy() if defects is None else defects
-    check_type("gearbox", gearbox, CycloidalGearbox)
-    check_type("defects", defects, LobeDefects)
-    defects.check_against(gearbox.n_lobes)
-    return gearbox, defects
-
-
-def _lobe_indices(lobes: int | Iterable[int]) -> tuple[int, ...]:
-    if _is_index(lobes):
-        return tuple(range(int(lobes)))  # type: ignore[arg-type]
-    given = members(lobes)
-    if given is None:
-        raise ValueError(f"lobes must be a number of lobes from 0, or their indices, got {lobes!r}")
-    return given
-
-
-def _is_index(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, _REAL):
-        return False
-    return float(value).is_integer() and float(value) >= 0
-
-
-def _wheel_indices(wheels: Iterable[int]) -> tuple[int, ...]:
-    given = members(wheels) or ()
-    indices = tuple(sorted(int(wheel) for wheel in given)) if all(map(is_whole, given)) else ()
-    if indices not in ((0,), (1,), (0, 1)):
-        raise ValueError(f"wheels must be (0,), (1,) or (0, 1), got {wheels!r}")
-    return indices

@@ -98,6 +98,46 @@ class CycloidalProfile:
         kappa, q = self.curvature(t), self.pin_radius
         return np.asarray(q * (1 - kappa * (q + clearance)) / (1 - kappa * clearance))
 
+    def _speed(self, t: ArrayLike) -> Float:
+        """Length |T'| of the trochoid per parameter at t, in m/rad."""
+        return np.asarray(self.eccentricity * self.n_pins * np.abs(self._gradient(t)))
+
+    def flank_length(self, first: float = 0.0, last: float = 1.0) -> float:
+        """Length of the profile between two places of a flank, from 0 (tip) to 1 (pit), in m.
+
+        Examples
+        --------
+        >>> profile = CycloidalProfile(2.8e-3, 16, 0.7, 6e-3)
+        >>> round(profile.flank_length() * 1e3, 2)
+        13.85
+        """
+        t = np.linspace(first, last, 1001) * np.pi / self.n_lobes
+        return float(np.trapezoid(self._speed(t) * (1 - self.curvature(t) * self.pin_radius), t))
+
+    def deepest_wear(self, share: float, centre: float) -> float:
+        """Return the largest radial wear that a pin can follow, in m.
+
+        Where the pins' path over the worn flank would be curved more tightly than a pin, the pin would rest
+        on an edge instead of following it (to first order in the wear).
+
+        Parameters
+        ----------
+        share, centre : float
+            As ``wear_share`` and ``wear_centre`` of :class:`cyclofeat.simulators.LobeDefects`.
+        """
+        x = np.linspace(0, 1, 1001)
+        flank = np.pi / self.n_lobes
+        t = (centre + share * (x - 0.5)) * flank
+        rate = 2 * np.pi / (share * flank)
+        speed = self._speed(t)
+        growth = np.gradient(np.log(speed), t)
+        # Curvature that wear of 1 m adds: w'' along the path.
+        sine, cosine = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x)
+        raised = (1 - cosine) / 2
+        added = rate * (rate * (sine**2 / 2 + raised * cosine) - growth * raised * sine) / speed**2
+        left = 1 / self.pin_radius - self.curvature(t)
+        return float(np.min(left[added > 0] / added[added > 0]))
+
     def chord(self) -> tuple[complex, complex]:
         """End points (tip, pit) of the chord that replaces the worn half of lobe 0, in m."""
         return complex(self.point(0.0)), complex(self.point(np.pi / self.n_lobes))

@@ -12,7 +12,8 @@ from scipy.integrate import trapezoid
 from cyclofeat._base.checks import not_negative, number, positive, whole
 from cyclofeat.simulators import _held
 from cyclofeat.simulators._kernels import new_memory
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
 from cyclofeat.simulators.tables import kernel_input, rest_state
 

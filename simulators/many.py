@@ -14,7 +14,8 @@ from cyclofeat._base.checks import members, number, one_of, short
 from cyclofeat._base.checks import n_jobs as check_n_jobs
 from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.simulators._machine import MachineRun, PlannedRun
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 
 if TYPE_CHECKING:  # compiled only where it is asked for

@@ -16,8 +16,9 @@ from scipy.stats import rayleigh, uniform
 
 from cyclofeat._base import svg
 from cyclofeat._base.card import card
-from cyclofeat._base.checks import check_type, is_number, positive, short
+from cyclofeat._base.checks import check_type, is_number, one_of, positive, short
 from cyclofeat._base.files import write_whole
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.simulators import _rig_file
 from cyclofeat.simulators._machine import (
     Machine,
@@ -27,6 +28,7 @@ from cyclofeat.simulators._machine import (
 )
 from cyclofeat.simulators._settling import settling_samples
 from cyclofeat.simulators._simulator import Simulator
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects import (
     BrakeRotor,
     Clearance,
@@ -38,13 +40,15 @@ from cyclofeat.simulators.effects import (
     LoadScale,
     Noise,
     PinErrors,
+    Place,
     RunOut,
     SpeedScale,
 )
 from cyclofeat.simulators.effects import _library as library
 from cyclofeat.simulators.effects._gearbox import GEARBOX_NUMBERS
 from cyclofeat.simulators.effects._numbers import is_distribution, meant, shown
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.motor import Motor
 from cyclofeat.simulators.simulation import SimulationRun
 
 __all__ = ["DEFECTS", "Rig"]
@@ -54,6 +58,8 @@ DEFECTS, _START, _VARIANT = 1, 2, 3
 _GEARBOX = "gearbox."
 # Samples for which speed and load are known after the end of a run, for the anti-alias filter.
 _SPARE_SAMPLES = 64
+# Time in s by which a motor may run ahead of the given speed.
+_LEAD_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -127,6 +133,16 @@ class Rig:
 
     def _check_together(self, effects: Sequence[Effect], name: str) -> None:
         """Raise ValueError unless effects fit together and to the gearbox."""
+        motors = [effect.effect_id for effect in effects if effect.place is Place.MOTOR]
+        if len(set(motors)) < len(motors):
+            raise ValueError(
+                f"{name} must hold each effect of the motor once at most, got {', '.join(motors)}"
+            )
+        if motors and self.simulator is not None:
+            raise ValueError(
+                f"simulator must be None for a rig with a motor, which turns the toolkit's gearbox, got "
+                f"{self.simulator!r} beside {motors[0]}"
+            )
         brakes = (self.gearbox.brake_inertia > 0) + sum(isinstance(one, BrakeRotor) for one in effects)
         if brakes > 1:
             raise ValueError(
@@ -208,6 +224,11 @@ class Rig:
         """True if a brake's rotor turns behind the torque meter, if only in a variant."""
         every = [effect for effects in self.effect_sets() for effect in effects]
         return self.gearbox.brake_inertia > 0 or any(isinstance(one, BrakeRotor) for one in every)
+
+    @property
+    def has_motor(self) -> bool:
+        """True if a motor with control turns the input shaft, if only in a variant, and not a given speed."""
+        return any(effect.place is Place.MOTOR for effects in self.effect_sets() for effect in effects)
 
     def replace(self, **changes: Any) -> Rig:
         """Return a checked copy with single fields changed."""
@@ -366,6 +387,7 @@ class Rig:
         random_state: RandomState = 0,
         start_angle: float | None = None,
         settled: bool = True,
+        quantity: str = "output_torque",
         **options: Any,
     ) -> SimulationRun:
         """Simulate one record.
@@ -384,27 +406,33 @@ class Rig:
             Angle of the input in rad when it starts from rest. Default: random within one output turn.
         settled : bool, default True
             Begin the record when the assembly has settled (:func:`cyclofeat.simulators.settling_time`), else
-            at rest.
+            at rest, which a rig with a motor cannot.
+        quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
+            Quantity that is measured: ``torque_out``, ``torque_in`` or ``motor_current`` of the result. The
+            torque meter's effects act on the torque measured; on the input they are smaller by the reduction,
+            as is the range of a meter there. They do not act on a current, which needs a motor
+            (:func:`cyclofeat.simulators.motor_effects`) and has a sensor of its own
+            (:class:`cyclofeat.simulators.CurrentSensor`).
         **options
             Other arguments of :func:`cyclofeat.simulators.simulate`, except ``courses``.
 
         Returns
         -------
         SimulationRun
-            ``round(duration * sampling_rate)`` samples; ``torque_out`` and ``gearbox`` with all effects on
+            ``round(duration * sampling_rate)`` samples; the quantity and ``gearbox`` with all effects on
             them, the other channels at the same instants.
 
         Raises
         ------
         TypeError, ValueError
-            If an argument or a combination of effects is wrong, or the assembly does not settle within a
-            minute.
+            If an argument or a combination of effects is wrong, the assembly does not settle within a
+            minute, or the motor does not hold the speed.
         SimulationDiverged
             If the simulation diverges.
         """
         planned = self.plan_run(
             defects, duration=duration, sampling_rate=sampling_rate, random_state=random_state,
-            start_angle=start_angle, settled=settled, **options,
+            start_angle=start_angle, settled=settled, quantity=quantity, **options,
         )  # fmt: skip
         return planned.simulate().record()
 
@@ -418,6 +446,7 @@ class Rig:
         assembly: RandomState | None = None,
         start_angle: float | None = None,
         settled: bool = True,
+        quantity: str = "output_torque",
         spare_s: float = 0.0,
         **options: Any,
     ) -> PlannedRun:
@@ -425,7 +454,7 @@ class Rig:
 
         Parameters
         ----------
-        defects, duration, sampling_rate, random_state, start_angle, settled, **options
+        defects, duration, sampling_rate, random_state, start_angle, settled, quantity, **options
             As in :meth:`simulate`.
         assembly : int or numpy.random.SeedSequence, optional
             Seed of the assembly; equal seeds give the same machine. Default: ``random_state``.
@@ -464,6 +493,11 @@ class Rig:
         gearbox = machine.gearbox
         settles = settled and self.simulator is None  # a user's runs already
         n_settling = settling_samples(gearbox, sampling_rate) if settles else 0
+        motor = machine.motor
+        self._check_quantity(quantity, motor, settled)
+        if motor is not None:
+            n_settling += math.ceil(motor.warm_up * sampling_rate)
+            spare_s += _LEAD_S
         n_run = machine.samples_needed(n_samples) + math.ceil(spare_s * sampling_rate)
         total = (n_settling + n_run) / sampling_rate
         if start_angle is None:
@@ -479,10 +513,27 @@ class Rig:
         }
         if machine.simulator is not None:
             arguments["simulator"] = machine.simulator
+        if motor is not None or quantity == "input_torque":
+            arguments["torque_in"] = True
         return PlannedRun(
             machine=machine, arguments=arguments, random_state=seed, n_samples=n_samples,
-            n_settling=n_settling, from_rest=not settled,
+            n_settling=n_settling, from_rest=not settled, quantity=quantity,
         )  # fmt: skip
+
+    def _check_quantity(self, quantity: str, motor: Motor | None, settled: bool) -> None:
+        """Raise ValueError unless a machine with this motor can be recorded so."""
+        one_of("quantity", quantity, QUANTITIES)
+        if self.simulator is not None and quantity != QUANTITIES[0]:
+            raise ValueError(
+                f"quantity must be {QUANTITIES[0]!r} for a rig with a simulator of its own, got {quantity!r}"
+            )
+        if quantity == "motor_current" and motor is None:
+            raise ValueError(
+                "quantity must be a torque for a rig without a motor, got 'motor_current': add "
+                "motor_effects() to its effects"
+            )
+        if motor is not None and not settled:
+            raise ValueError("settled must be True for a rig with a motor, which begins in steady state")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of a rig's file in types that JSON knows, without format and note."""

@@ -19,7 +19,8 @@ from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 
 __all__ = [
@@ -121,6 +122,8 @@ class SimulationRun:
     external_points, internal_points : complex ndarray of the forces' shapes, or None
         Point x + iy in m, in the fixed frame, where each sleeve touches each wheel; NaN without contact. A
         sleeve that touches twice (at a worn lobe's pit) has one point, in the direction of the resultant.
+    motor_current : ndarray, shape (n,), or None
+        Current of the motor in A, for rigs that have one (:class:`cyclofeat.simulators.ServoMotor`).
     dt : float
         Integration step in s.
     kernel : str
@@ -140,6 +143,7 @@ class SimulationRun:
     internal_forces: Float | None = field(repr=False, default=None)
     external_points: Complex | None = field(repr=False, default=None)
     internal_points: Complex | None = field(repr=False, default=None)
+    motor_current: Float | None = field(repr=False, default=None)
     dt: float = 1e-5
     kernel: str = "exact"
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.simulators import _kernels, _outline
 from cyclofeat.simulators.contact import contact_constants, joint_effective_radius
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects
+from cyclofeat.simulators.defects import LobeDefects
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 __all__ = ["KernelInput", "kernel_input", "rest_state"]
 
@@ -42,16 +43,17 @@ class KernelInput:
 def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput:
     """Translate parameters into the kernel's constants and tables."""
     n_lobes = gearbox.n_lobes
-    wear = np.zeros((2, n_lobes))
+    wear, radial = np.zeros((2, 2, n_lobes))
     for w in defects.wheels:
         wear[w, list(defects.worn_lobes)] = defects.depth
         wear[w, list(defects.removed_lobes)] = _outline.REMOVED
+        radial[w, list(defects.worn_lobes)] = 1e-6 * np.asarray(defects.wear_um or 0.0)
     lobe_angles = 2 * np.pi * np.arange(n_lobes) / n_lobes
     pitch_errors = np.reshape(gearbox.lobe_pitch_errors or np.zeros(2 * n_lobes), (2, n_lobes))
     pin_angles = 2 * np.pi * np.arange(gearbox.n_pins) / gearbox.n_pins
     sleeve_angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
     return KernelInput(
-        wheel=_wheel(gearbox),
+        wheel=_wheel(gearbox, defects),
         joint=_kernels.JointConstants(
             n_sleeves=gearbox.n_internal_sleeves,
             sleeve_radius=float(gearbox.internal_sleeve_radius),
@@ -90,7 +92,7 @@ def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput
                 _outline.PITCH_ERROR + _outline.COLUMNS: pitch_errors[1] / gearbox.pin_circle_radius,
             },
         ),
-        wear=_by_wheel(wear),
+        wear=np.concatenate([_by_wheel(wear), _by_wheel(radial)]),
         sleeves=_table(
             _kernels.SLEEVE_TABLE_SIZE,
             {_kernels.SLEEVE_COS: np.cos(sleeve_angles), _kernels.SLEEVE_SIN: np.sin(sleeve_angles)},
@@ -111,7 +113,7 @@ def _by_wheel(values: Float) -> Float:
     return _table(_outline.WHEEL_TABLE_SIZE, {0: values[0], _outline.COLUMNS: values[1]})
 
 
-def _wheel(gearbox: CycloidalGearbox) -> _outline.WheelConstants:
+def _wheel(gearbox: CycloidalGearbox, defects: LobeDefects) -> _outline.WheelConstants:
     profile = gearbox.outline_profile
     tip, pit = profile.chord()
     pit_angle = math.pi / gearbox.n_lobes
@@ -134,6 +136,9 @@ def _wheel(gearbox: CycloidalGearbox) -> _outline.WheelConstants:
         near=max(0.7 / abs(float(profile.curvature(pit_angle))) - float(pin_errors.max()), 0.0),
         has_pitch_errors=any(gearbox.lobe_pitch_errors),
         profile_points=gearbox.profile_points,
+        # A flank is half a pitch.
+        wear_first=0.5 * (defects.wear_centre - 0.5 * defects.wear_share),
+        wear_width=0.5 * defects.wear_share,
     )
 
 

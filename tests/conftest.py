@@ -79,7 +79,9 @@ def surrogates(made_once):
     """Eight surrogate assemblies of rig R1 for each of four defect counts."""
     return made_once(
         "surrogates",
-        lambda: make_rig_recordings(8, (0, 1, 3, 5), rig=Rig.r1(), random_state=11, with_angle=True),
+        lambda: make_rig_recordings(
+            8, (0, 1, 3, 5), rig=Rig.r1(), random_state=11, with_angle=True, kernel="batch"
+        ),
     )
 
 

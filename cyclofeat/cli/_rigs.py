@@ -25,6 +25,9 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0 to 1 (default 1)")
     parser.add_argument(
+        "--wear-um", type=float, metavar="UM", help="radial wear in um, 0 to 200, in place of --depth"
+    )
+    parser.add_argument(
         "--material", choices=("steel", "abs"), default="steel", help="of the gearbox (default: steel)"
     )
     parser.add_argument("--seed", type=int, default=1000, help="of assembly, drift and noise (default 1000)")
@@ -71,14 +74,20 @@ def defects_of(arguments: argparse.Namespace) -> LobeDefects:
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
     if arguments.removed_lobes is not None:
-        refuse_idle(arguments, ("depth",), "with --removed-lobes")
+        refuse_idle(arguments, ("depth", "wear_um"), "with --removed-lobes")
         return LobeDefects.removed(_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
+    severity = {"depth": arguments.depth}
+    if arguments.wear_um is not None:
+        refuse_idle(arguments, ("depth",), "with --wear-um")
+        severity = {"wear_um": arguments.wear_um}
     if arguments.worn_lobes is not None:
         worn = _lobes("--worn-lobes", arguments.worn_lobes)
-        return LobeDefects.worn(worn, wheels=wheels, depth=arguments.depth)
+        return LobeDefects.worn(worn, wheels=wheels, **severity)
     if arguments.worn_count is not None:
-        return LobeDefects.worn(arguments.worn_count, wheels=wheels, depth=arguments.depth)
-    refuse_idle(arguments, ("depth", "wheels"), "without --worn-count, --worn-lobes or --removed-lobes")
+        return LobeDefects.worn(arguments.worn_count, wheels=wheels, **severity)
+    refuse_idle(
+        arguments, ("depth", "wear_um", "wheels"), "without --worn-count, --worn-lobes or --removed-lobes"
+    )
     return LobeDefects.healthy()
 
 
@@ -103,6 +112,10 @@ def gearbox_of(arguments: argparse.Namespace) -> CycloidalGearbox:
 def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
     """Return the rig named; None for the bare gearbox."""
     if arguments.simulator is None and arguments.rig is None:
+        if getattr(arguments, "quantity", "") == "motor_current":  # the motor is drawn, as parts of rigs are
+            from cyclofeat.simulators import Rig
+
+            return Rig(gearbox_of(arguments), name="nominal")
         refuse_idle(arguments, ("seed", "effects_from"), "without --rig or --simulator")
         return None
     refuse_idle(arguments, ("material",), "with --rig and --simulator, which state their own gearbox")

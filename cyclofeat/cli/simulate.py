@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -20,6 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_machine(parser)
     parser.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
     parser.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
+    parser.add_argument(
+        "--quantity",
+        choices=QUANTITIES,
+        default=QUANTITIES[0],
+        help="quantity to record (default output_torque); a rig without a motor is given one for a current",
+    )
     parser.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
 
 
@@ -33,9 +40,13 @@ def run(arguments: argparse.Namespace) -> Recording:
     length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
     if rig is None:
         simulated = simulate(gearbox_of(arguments), defects, **length)
-        recording = Recording.from_run(simulated, assembly="nominal", run="simulated")
+        recording = Recording.from_run(
+            simulated, quantity=arguments.quantity, assembly="nominal", run="simulated"
+        )
     else:
-        recording = make_rig_recording(rig, defects, **length, random_state=arguments.seed, with_angle=True)
+        recording = make_rig_recording(
+            rig, defects, **length, quantity=arguments.quantity, random_state=arguments.seed, with_angle=True
+        )
     if arguments.no_angle:
         recording = recording.replace(angle=None, angle_is_absolute=False)
     write_recording(arguments.out, recording)

@@ -249,6 +249,9 @@ class Recording:
                 "removed_lobes_from_1": from_1(removed),
             }
             labels["meta"] = positions | dict(labels.get("meta") or {})
+        if (wear_um := getattr(run.defects, "wear_um", None)) is not None:
+            depths = np.asarray(wear_um if run.defects.worn_lobes else 0.0)
+            labels["meta"] = {"wear_um": depths.tolist()} | dict(labels.get("meta") or {})
         if with_angle:
             found |= {"angle": run.input_angle, "angle_of": "input", "angle_is_absolute": True}
         if "worn_lobes" in labels:

@@ -148,7 +148,7 @@ def summarise_animation(
             ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
              f"{gearbox.n_internal_sleeves} internal sleeves"),
             ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
-            ("wear", wear + (f", depth {defects.depth:g}" if defects.worn_lobes else "")),
+            ("wear", wear + (_severity(defects) if defects.worn_lobes else "")),
             ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
             ("load", f"{gearbox.load_torque:.4g} Nm"),
             ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
@@ -156,6 +156,14 @@ def summarise_animation(
             ("made with", versions()),
         ],
     }  # fmt: skip
+
+
+def _severity(defects: LobeDefects) -> str:
+    """Describe how much the worn lobes are worn; radial wear is too small to draw."""
+    if defects.wear_um is None:
+        return f", depth {defects.depth:g}"
+    depths = dict.fromkeys(f"{depth:g}" for depth in np.ravel(defects.wear_um))
+    return f", radial, {' and '.join(depths)} um (not drawn)"
 
 
 def _wear(defects: LobeDefects) -> str:
@@ -178,10 +186,11 @@ def _machine(run: SimulationRun) -> dict[str, Any]:
     for wheel in range(2):
         defects = run.defects if wheel in run.defects.wheels else LobeDefects.healthy()
         worn, removed = defects.worn_lobes, defects.removed_lobes
+        chords = worn if defects.wear_um is None else ()
         wheels.append({
             "rest": round(_rest(z)[wheel], 6),
             "cam": round((-1) ** wheel * 1e3 * gearbox.eccentricity, 4),
-            "outline": _points(_without(profile.outline(worn, _OUTLINE_POINTS_PER_LOBE), removed)),
+            "outline": _points(_without(profile.outline(chords, _OUTLINE_POINTS_PER_LOBE), removed)),
             "worn": list(worn),
             "removed": list(removed),
         })  # fmt: skip

@@ -315,6 +315,88 @@ def _tilted(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, hal
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
+def _wear(b, foot, at_foot, places, lane, tables, half):
+    """Radial wear at the feet of pins, and its slope and curvature along the profile."""
+    g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
+    index, n_places, over = _places_of_weights(places, b, lane, tables, half)
+    over = over + foot * g[at + rows.PER_PITCH]
+    step = whole_below(over)
+    shift = np.uintp(rows.RADIAL) * n_places
+    depth = _weight_at(tables.weights, (index[0] + shift, index[1] + shift), step, half)
+    by_width = g[at + rows.WEAR_BY_WIDTH]
+    # From the middle of the wear on, where the cosine is 1.
+    share = smaller(larger((over - step - g[at + rows.WEAR_MIDDLE]) * by_width, -0.5), 0.5)
+    sine, fall = sine_and_fall(share * (np.pi / 4))
+    cosine = 1.0 - fall
+    for _ in range(3):
+        sine, cosine = 2.0 * sine * cosine, cosine * cosine - sine * sine
+    raised = 0.5 * (1.0 + cosine)
+    s1, v1, _, _, _, _, hx, hy = at_foot
+    square = 1.0 / (hx * hx + hy * hy)
+    inverse = root(square)
+    rate = (2 * np.pi * by_width * g[at + rows.PER_PITCH] * g[at + rows.INVERSE_EZ]) * inverse
+    growth = g[at + rows.STEEPNESS] * (v1 * hy + s1 * hx - hy) * square * inverse
+    slope = -(depth * rate * raised * sine)
+    bend = depth * rate * rate * (0.5 * sine * sine - raised * cosine) - slope * growth
+    return depth * raised * raised, slope, bend
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _beside_path(sink, slope, at_foot, g, at):
+    """Place of the pins in the frame of the profile, and the slope of the path of pins over radial wear.
+
+    The place is the height above that path along the normal, the way along the tangent, the height above
+    the trochoid and its curvature.
+    """
+    _, _, rx, ry, _, _, hx, hy = at_foot
+    square = 1.0 / (hx * hx + hy * hy)
+    inverse = root(square)
+    kappa = (g[at + rows.CURVE_1] + g[at + rows.CURVE_3] * square) * inverse
+    depth = sink + g[at + rows.CLEARANCE]
+    above = (rx * hx + ry * hy) * inverse
+    return (above + depth, (ry * hx - rx * hy) * inverse, above, kappa), slope / (1.0 - kappa * depth)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half):
+    """As :func:`_near_foot`, on the path of pins over radial wear: one more of Newton's steps."""
+    g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
+    sink, slope, bend = _wear(b, foot, at_foot, places, lane, tables, half)
+    (height, beside, above, kappa), tilt = _beside_path(sink, slope, at_foot, g, at)
+    way = (beside - height * tilt) / (1.0 + kappa * above + height * bend + tilt * tilt)
+    hx, hy = at_foot[6], at_foot[7]
+    foot = foot + way * g[at + rows.INVERSE_EZ] / root(hx * hx + hy * hy)
+    return foot, _at_foot(foot, displaced, lobe, g, at)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _worn(b, flank, foot, at_foot, places, lane, tables, half):
+    """Normal, gaps and radii of flanks with radial wear; ``flank`` holds those of the healthy flanks."""
+    (nx, ny), gaps, radii = flank
+    g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
+    sink, slope, bend = _wear(b, foot, at_foot, places, lane, tables, half)
+    (height, beside, above, kappa), tilt = _beside_path(sink, slope, at_foot, g, at)
+    slack = 1.0 / larger(1.0 + kappa * above, 0.3)
+    bend = gaps[2] + bend * slack * slack
+    cosine = 1.0 / root(1.0 + tilt * tilt)
+    sine = tilt * cosine
+    left = cosine * beside - sine * height
+    is_worn = sink > 0.0
+    # The radius is that of the worn foot, which lies beside the pin.
+    back = choose(is_worn, beside, 0.0)
+    return (
+        (cosine * nx - sine * ny, cosine * ny + sine * nx),
+        (
+            choose(is_worn, cosine * height + sine * beside, gaps[0]),
+            choose(is_worn, left * bend, gaps[1]),
+            bend,
+            gaps[3],
+        ),
+        (radii[0] - (radii[1] - radii[2] * back) * back, radii[1] - 2.0 * radii[2] * back, radii[2]),
+    )
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
 def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
     """Weights and lines of the flanks, and all edges, of the pins in block ``b``.
 
@@ -410,8 +492,15 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     displaced = _turned_back(tables.pitched, errors, displaced, cam, g, at)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
     foot, at_foot = _near_foot(displaced, lobe, close, g, at)
+    places, is_worn = (first.place, second.place), g[at + rows.WEAR_BY_WIDTH] > 0.0
+    if is_worn:
+        foot, at_foot = _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half)
     nx, ny, gaps, radii = _profile(at_foot, g, at)
     normal, gaps = _tilted(tables.pitched, errors, (nx, ny), gaps, at_foot, pin, wheels, tables, at, half)
+    healthy_gap = gaps[0]
+    if is_worn:
+        flank = (normal, gaps, radii)
+        normal, gaps, radii = _worn(b, flank, foot, at_foot, places, lane, tables, half)
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
         constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
@@ -420,13 +509,13 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
     weight = _both((1.0, 1.0), frames, half)
-    used = gaps[0] < reach
+    used = healthy_gap < reach
     lined = used & ~used
     if faulty:
         run, arm = _from_profile(pin, wheels, frames, half)
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
         weight, used, lined = _defects(
-            b, gaps[0], foot, (first.place, second.place), arm, beyond_tip, pin, normal,
+            b, healthy_gap, foot, places, arm, beyond_tip, pin, normal,
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
     store(frames, rows.F_WEIGHT * n_blocks + b, weight)

@@ -38,7 +38,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x7B3EC9B5
+SOURCES_CHECKSUM = 0x13AD271D
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

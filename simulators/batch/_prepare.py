@@ -114,13 +114,14 @@ def batch_tables(
 
 def _weights(one: KernelInput) -> NDArray[np.float64]:
     """Return the weights of all lobes: (2, N_WEIGHTS, n_lobes)."""
-    wear = _by_wheel(one.wear)[:, : one.wheel.n_lobes]
+    wear, radial = one.wear.reshape(2, 2, _outline.COLUMNS)[:, :, : one.wheel.n_lobes]
     removed = 1.0 * (wear == _outline.REMOVED)
     worn = wear * (1.0 - removed)
     weights = np.empty((2, rows.N_WEIGHTS, wear.shape[1]))
     lobes = _by_wheel(one.lobes[int(_outline.PITCH_ERROR) :])
     weights[:, rows.PITCH_ERROR] = lobes[:, : one.wheel.n_lobes]
     weights[:, rows.FIRST_HALF], weights[:, rows.SECOND_HALF] = 1.0 - removed - worn, 1.0 - removed
+    weights[:, rows.RADIAL] = radial
     weights[:, rows.CHORD], weights[:, rows.TIP] = worn, removed - np.roll(removed, 1, axis=1)
     return weights
 
@@ -285,6 +286,8 @@ def _geometry(columns: NDArray[np.float64], one: KernelInput) -> None:
         rows.CAM_0Y: mounts[:, _outline.CAM_Y],
         rows.CAM_LESS: mounts[:, _outline.CAM_X] - e * np.array([1, -1]),
         rows.HAS_FAULTS: mounts[:, _outline.HAS_FAULTS],
+        rows.WEAR_MIDDLE: wheel.wear_first + 0.5 * wheel.wear_width,
+        rows.WEAR_BY_WIDTH: 1 / wheel.wear_width if one.wear[_outline.RADIAL :].any() else 0.0,
     }
     for column, value in values.items():
         columns[column : column + np.size(value)] = value

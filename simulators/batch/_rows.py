@@ -101,10 +101,10 @@ N_MASKS = 9
 
 PIN_COS, PIN_SIN, PIN_SHARE = range(3)
 # Weights of the half of a lobe from tip to pit, of the half from pit to the next tip, and of its chord; that
-# of its tip as a vertex is negative where the lobe behind is removed. The lobe's pitch error in rad stands
-# beside them.
-FIRST_HALF, SECOND_HALF, CHORD, TIP, PITCH_ERROR = range(5)
-N_WEIGHTS = 5
+# of its tip as a vertex is negative where the lobe behind is removed. The lobe's pitch error in rad
+# and its radial wear in m stand beside them.
+FIRST_HALF, SECOND_HALF, CHORD, TIP, PITCH_ERROR, RADIAL = range(6)
+N_WEIGHTS = 6
 
 # Columns of the geometry; three for each kind of edges (vertex from the tip, normal), two for each wheel.
 (
@@ -114,7 +114,9 @@ N_WEIGHTS = 5
 ) = range(23)  # fmt: skip
 EDGE_X, EDGE_Y, EDGE_NX, EDGE_NY = range(23, 35, 3)
 REST_PLACE, REST_COS, REST_SIN, RUNOUT_X, RUNOUT_Y, CAM_0X, CAM_0Y, CAM_LESS, HAS_FAULTS = range(35, 53, 2)
-N_COLUMNS = 53
+# Middle of the radial wear behind the tip, in pitches, and one over its width; 0 where no lobe has any.
+WEAR_MIDDLE, WEAR_BY_WIDTH = 53, 54
+N_COLUMNS = 55
 
 # Why a lane ended.
 RUNNING, LEFT_RANGE, LOCKED_UP, FAR_DISPLACED = range(4)

@@ -19,7 +19,8 @@ from cyclofeat.simulators.batch._integrate import Course, Integrating
 from cyclofeat.simulators.batch._prepare import unsuited
 from cyclofeat.simulators.batch._samples import SampledCourse, Samples
 from cyclofeat.simulators.courses import Courses, DriveAndLoad, drive_and_load
-from cyclofeat.simulators.gearbox import CycloidalGearbox, LobeDefects, machine
+from cyclofeat.simulators.defects import LobeDefects, machine
+from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import STAGES, Integration, Sampling, SimulationRun, Solver
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.checks import check_type, is_number, number, one_of, positive, short, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
+from cyclofeat.simulators.defects import MOST_WEAR_UM
 from cyclofeat.simulators.effects._numbers import settings_of_file, settings_to_file
 from cyclofeat.simulators.rig import Rig
 from cyclofeat.simulators.simulation import Solver
@@ -33,7 +34,8 @@ _NOTE = (
 )
 _PRESETS: dict[str, Callable[[], Rig]] = {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}
 _WHEELS = ((0,), (1,), (0, 1))
-DEPTH = "depth"
+DEPTH, WEAR = "depth", "wear_um"
+OF_DEFECTS = (DEPTH, WEAR)  # explored, but no parameters of the rig
 # Keys of a file that do not belong to the design.
 _REMARKS = ("format", "note", "made_with")
 # Larger than any byte of a name, to separate the seeds of the design from those of the runs.
@@ -80,6 +82,8 @@ class Campaign:
         Wheels with the wear: ``(0,)``, ``(1,)``, ``(0, 1)``, or wheel 0 or both with equal chances.
     depth : float or (float, float)
         Depth of the wear, above 0 up to 1 (the papers' chord), or a range to explore.
+    wear_um : float or (float, float), optional
+        Radial wear in um in place of the chord, above 0 up to 200, or a range to explore.
     duration : float
         Length of each record in s. It begins when the assembly has settled.
     sampling_rate : float
@@ -125,6 +129,7 @@ class Campaign:
     lobes: str = "consecutive"
     wheels: str | tuple[int, ...] = "random"
     depth: float | tuple[float, float] = 1.0
+    wear_um: float | tuple[float, float] | None = None
     duration: float = 1.8
     sampling_rate: float = 25_600.0
     design: str = "sobol"
@@ -155,7 +160,11 @@ class Campaign:
             raise ValueError(
                 f"duration must hold at least 2 samples at {self.sampling_rate:g} Hz, got {self.duration!r}"
             )
-        keep(self, DEPTH, _depth(self.depth))
+        keep(self, DEPTH, _severity(DEPTH, self.depth, 1.0, "1 (the papers' chord)"))
+        if self.wear_um is not None:
+            keep(self, WEAR, _severity(WEAR, self.wear_um, MOST_WEAR_UM, f"{MOST_WEAR_UM:g} um"))
+            if self.depth != 1.0:
+                raise ValueError(f"depth has no effect with wear_um: leave it out, got {self.depth!r}")
 
     @property
     def the_rig(self) -> Rig:
@@ -185,7 +194,7 @@ class Campaign:
 
     @property
     def explored(self) -> tuple[str, ...]:
-        """Names of the explored parameters, as in :meth:`Rig.parameters`, and ``"depth"`` for a range."""
+        """Names of the explored parameters, as in :meth:`Rig.parameters`; those of the wear."""
         return tuple(self._quantiles())
 
     def _quantiles(self) -> dict[str, Callable[[float], float]]:
@@ -196,8 +205,9 @@ class Campaign:
                 value = getattr(effect, name)
                 if not is_number(value):
                     quantiles[f"{label}.{name}"] = partial(parameter.draw, value)
-        if isinstance(self.depth, tuple):
-            quantiles[DEPTH] = partial(np.interp, xp=(0.0, 1.0), fp=self.depth)
+        for name in OF_DEFECTS:
+            if isinstance(ends := getattr(self, name), tuple):
+                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=ends)
         return quantiles
 
     def medians(self) -> dict[str, float]:
@@ -378,11 +388,11 @@ def _wheels(wheels: Any) -> str | tuple[int, ...]:
         raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {wheels!r}") from None
 
 
-def _depth(depth: Any) -> float | tuple[float, float]:
-    is_range = isinstance(depth, (tuple, list))
-    ends = [number(DEPTH, end, "a number or a pair (low, high)") for end in (depth if is_range else [depth])]
-    if len(ends) != 1 + is_range or not 0 < ends[0] <= ends[-1] <= 1:
+def _severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
+    is_range = isinstance(value, (tuple, list))
+    ends = [number(name, end, "a number or a pair (low, high)") for end in (value if is_range else [value])]
+    if len(ends) != 1 + is_range or not 0 < ends[0] <= ends[-1] <= most:
         raise ValueError(
-            f"depth must lie above 0 and up to 1 (the papers' chord), or be a pair (low, high), got {depth!r}"
+            f"{name} must lie above 0 and up to {words}, or be a pair (low, high), got {value!r}"
         )
     return (ends[0], ends[1]) if is_range else ends[0]

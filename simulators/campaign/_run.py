@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,9 +16,9 @@ from cyclofeat._base.versions import code_sha256, package_versions
 from cyclofeat._base.words import from_1
 from cyclofeat.simulators._machine import MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
-from cyclofeat.simulators.campaign._design import DEPTH, Campaign, RunPlan
+from cyclofeat.simulators.campaign._design import DEPTH, OF_DEFECTS, WEAR, Campaign, RunPlan
+from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.effects._library import labelled, stream
-from cyclofeat.simulators.gearbox import LobeDefects
 from cyclofeat.simulators.many import attempt_planned, run_planned
 from cyclofeat.simulators.rig import DEFECTS, Rig
 from cyclofeat.simulators.simulation import GearboxLocked, SimulationFailed, Solver
@@ -63,7 +64,8 @@ def columns(campaign: Campaign) -> dict[str, str]:
         for label, effect in labelled(effects).items()
         for name in effect.parameters
     }
-    return {**_COLUMNS, **effects}
+    radial = {} if campaign.wear_um is None else {WEAR: NUMBER}
+    return {**_COLUMNS, **radial, **effects}
 
 
 @functools.lru_cache(maxsize=1)
@@ -121,8 +123,9 @@ def check_middle(campaign: Campaign) -> None:
     _check_kernel(campaign)
     duration = max(2 / campaign.sampling_rate, min(campaign.duration, 0.01))
     try:
-        planned = _rig_of(campaign, campaign.medians()).plan_run(
-            duration=duration, sampling_rate=campaign.sampling_rate, settled=False, torque_in=False,
+        rig = _rig_of(campaign, campaign.medians())
+        planned = rig.plan_run(
+            duration=duration, sampling_rate=campaign.sampling_rate, settled=rig.has_motor, torque_in=False,
             motion=False,
         )  # fmt: skip
         (made,) = run_planned([planned], kernel=campaign.kernel)
@@ -136,14 +139,14 @@ def check_middle(campaign: Campaign) -> None:
 
 def _rig_of(campaign: Campaign, values: Mapping[str, float]) -> Rig:
     """The rig with its explored parameters set."""
-    return campaign.the_rig.with_parameters({name: v for name, v in values.items() if name != DEPTH})
+    return campaign.the_rig.with_parameters({name: v for name, v in values.items() if name not in OF_DEFECTS})
 
 
 def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRun | ValueError]:
     """Return the row of a run, with all that is known before it, and what is to be simulated."""
     defects = _defects(campaign, plan)
     row: dict[str, Any] = {name: math.nan for name, kind in columns(campaign).items() if kind == NUMBER}
-    row |= {f"effects.{name}": value for name, value in plan.values.items() if name != DEPTH}
+    row |= {f"effects.{name}": value for name, value in plan.values.items() if name not in OF_DEFECTS}
     row |= {
         "run": plan.run,
         "assembly": campaign.assembly_of(plan.run),
@@ -152,6 +155,8 @@ def _begun(campaign: Campaign, plan: RunPlan) -> tuple[dict[str, Any], PlannedRu
         "wheels_from_1": from_1(defects.wheels) if defects.worn_lobes else [],
         DEPTH: defects.depth if defects.worn_lobes else 0.0,
     }
+    if campaign.wear_um is not None:
+        row[WEAR] = defects.wear_um if defects.worn_lobes else 0.0
     seed = campaign.seed_of(plan.run)
     planned: PlannedRun | ValueError
     try:
@@ -198,9 +203,8 @@ def _result(row: dict[str, Any], made: MachineRun | SimulationFailed | ValueErro
 
 def _defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:
     """Draw the worn lobes of the run."""
-    depth = plan.values.get(DEPTH, campaign.depth)
-    assert isinstance(depth, float)
-    return LobeDefects.drawn(
+    depth, wear_um = (plan.values.get(name, getattr(campaign, name)) for name in OF_DEFECTS)
+    defects = LobeDefects.drawn(
         plan.defect_count,
         campaign.the_rig.gearbox.n_lobes,
         stream(campaign.seed_of(plan.run), DEFECTS),
@@ -208,3 +212,4 @@ def _defects(campaign: Campaign, plan: RunPlan) -> LobeDefects:
         wheels=None if isinstance(campaign.wheels, str) else campaign.wheels,
         depth=depth,
     )
+    return defects if wear_um is None else dataclasses.replace(defects, depth=0.0, wear_um=wear_um)

@@ -32,13 +32,19 @@ effect                         deviation
 ``Quantisation``               steps and range of the converter
 ``Clipping``                   range of amplifier or converter (*)
 ``LostSamples``                blocks of samples held, zero or cut out (*)
+``ServoMotor``                 motor with control of its speed, in place of a given speed (*)
+``TorqueConstantRipple``       ripple of the motor's torque constant (*)
+``Cogging``                    torque between the motor's magnets and slots (*)
+``MotorFriction``              friction of the motor's bearings (*)
+``CurrentSensor``              offset, noise and steps of the motor's current (*)
 =============================  =======================================================================
 
 (*) Rigs and files can name it; :func:`effect_library` does not propose it, :func:`known_effects` lists it.
 
 The chain has one order, whatever the order in which effects are given: :class:`Place`. Priors and default
 values are *assumptions*. :class:`cyclofeat.simulators.Rig` applies effects to a gearbox.
-:func:`register_effect` and :func:`load_effects` add effects of users.
+:func:`register_effect` and :func:`load_effects` add effects of users. :func:`motor_effects` returns a motor
+for a gearbox.
 """
 
 from cyclofeat.simulators.effects._base import Effect, Place, TorqueContext
@@ -83,6 +89,14 @@ from cyclofeat.simulators.effects._meter import (
     SensorDrift,
     TorqueMeterLowPass,
 )
+from cyclofeat.simulators.effects._motor import (
+    Cogging,
+    CurrentSensor,
+    MotorFriction,
+    ServoMotor,
+    TorqueConstantRipple,
+    motor_effects,
+)
 from cyclofeat.simulators.effects._numbers import EffectParameter
 from cyclofeat.simulators.effects._warm_up import LoadWarmUp, SensorWarmUp
 
@@ -93,9 +107,11 @@ __all__ = [
     "Clearance",
     "Clipping",
     "ClockError",
+    "Cogging",
     "ContactDampingForm",
     "ContactDampingScale",
     "ContactStiffnessScale",
+    "CurrentSensor",
     "Effect",
     "EffectParameter",
     "Gain",
@@ -107,6 +123,7 @@ __all__ = [
     "LoadWarmUp",
     "LobePitchErrors",
     "LostSamples",
+    "MotorFriction",
     "Noise",
     "Offset",
     "OutputShaftLine",
@@ -118,15 +135,18 @@ __all__ = [
     "RunOut",
     "SensorDrift",
     "SensorWarmUp",
+    "ServoMotor",
     "SleeveFriction",
     "SpeedScale",
     "SpeedWander",
     "StickSlip",
+    "TorqueConstantRipple",
     "TorqueContext",
     "TorqueMeterLowPass",
     "effect_library",
     "known_effects",
     "load_effects",
+    "motor_effects",
     "register_effect",
     "unregister_effect",
 ]

@@ -26,6 +26,7 @@ from cyclofeat.simulators.effects._numbers import (
     to_plain,
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox
+from cyclofeat.simulators.motor import Motor
 
 Float = NDArray[np.float64]
 Fluctuation = Callable[[Float], Float]
@@ -36,7 +37,7 @@ class Place(enum.IntEnum):
 
     ``NOMINAL`` changes the nominal gearbox before anything else. ``GEOMETRY`` to ``JOINTS`` act in the
     gearbox, ``SHAFT_AND_METER`` between gearbox and signal, ``SENSOR`` on the signal of the torque meter,
-    ``ADC_CLOCK`` and ``ADC_CODES`` in the converter.
+    ``ADC_CLOCK`` and ``ADC_CODES`` in the converter. ``MOTOR`` is the other end: motor and current.
     """
 
     NOMINAL = 0
@@ -48,6 +49,7 @@ class Place(enum.IntEnum):
     SENSOR = 6
     ADC_CLOCK = 7
     ADC_CODES = 8
+    MOTOR = 9
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ _PLACE_OF_HOOK = {
     "load_fluctuation": Place.LOAD_AND_SPEED,
     "speed_fluctuation": Place.LOAD_AND_SPEED,
     "change_torque": Place.SENSOR,
+    "change_motor": Place.MOTOR,
 }
 
 
@@ -83,7 +86,8 @@ class Effect(DocumentedEstimator):
     """Abstract base of the effects: a deviation of a real rig from the plain simulation.
 
     A subclass states its parameters and overrides at least one hook: :meth:`change_gearbox`,
-    :meth:`change_simulator`, :meth:`load_fluctuation`, :meth:`speed_fluctuation` or :meth:`change_torque`.
+    :meth:`change_simulator`, :meth:`load_fluctuation`, :meth:`speed_fluctuation`, :meth:`change_torque` or
+    :meth:`change_motor`.
     Hooks are pure: the same arguments and the same state of ``random`` give the same result, and arguments
     stay unchanged.
 
@@ -97,8 +101,9 @@ class Effect(DocumentedEstimator):
     effect_id : str
         Name in files and reports. Default: the class's name in snake case.
     place : Place
-        Place in the chain. Default: ``GEOMETRY``, ``LOAD_AND_SPEED`` or ``SENSOR`` for an effect that changes
-        the gearbox, the load or speed, or the torque; an effect that changes several must state it.
+        Place in the chain. Default: ``GEOMETRY``, ``LOAD_AND_SPEED``, ``SENSOR`` or ``MOTOR`` for an effect
+        that changes the gearbox, the load or speed, the torque, or the motor; an effect that changes several
+        must state it.
     parameters : mapping from str to EffectParameter
         Numeric parameters by name; other arguments of the constructor are settings. A class without a
         constructor gets one that takes these parameters.
@@ -204,6 +209,13 @@ class Effect(DocumentedEstimator):
             In Nm; of another length only for an effect that samples at other instants (:meth:`resample`).
         """
         return torque
+
+    def change_motor(self, motor: Motor, random: np.random.Generator) -> Motor:
+        """Return the motor with the effect on it; by default the same.
+
+        The first effect of a rig that changes it is given ``Motor()``.
+        """
+        return motor
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
         """Return another channel, shape (n, ...), at the instants at which this effect samples."""

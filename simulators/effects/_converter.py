@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import one_of, whole
+from cyclofeat.simulators._lines import between
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
 from cyclofeat.simulators.effects._numbers import EffectParameter
 
@@ -86,11 +87,7 @@ class ClockError(Effect):
     def resample(self, values: Float, sampling_rate: float) -> Float:
         if self.relative == 0:
             return values
-        instants = self._instants(len(values))
-        before = np.minimum(np.floor(instants).astype(int), max(len(values) - 2, 0))
-        after = np.minimum(before + 1, len(values) - 1)
-        share = (instants - before).reshape(-1, *[1] * (values.ndim - 1))
-        return np.asarray(values[before] + share * (values[after] - values[before]))
+        return between(values, self._instants(len(values)))
 
 
 @functools.cache

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cyclofeat._base.checks import short
-from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter, _warm_up
+from cyclofeat.simulators.effects import _converter, _drive, _gearbox, _meter, _motor, _warm_up
 from cyclofeat.simulators.effects._base import Effect, Place
 from cyclofeat.simulators.effects._numbers import EffectParameter, from_plain, meant, settings_of_file
 
@@ -33,7 +33,7 @@ def effects_in(module: ModuleType) -> list[type[Effect]]:
 
 _KNOWN: dict[str, type[Effect]] = {
     kind.effect_id: kind
-    for module in (_gearbox, _drive, _warm_up, _meter, _converter)
+    for module in (_gearbox, _drive, _warm_up, _meter, _converter, _motor)
     for kind in effects_in(module)
 }
 _BUILT_IN = frozenset(_KNOWN)
@@ -46,11 +46,11 @@ _NOT_PROPOSED = {
 }  # fmt: skip
 _HOOKS = (
     "change_gearbox", "change_simulator", "load_fluctuation", "speed_fluctuation", "change_torque",
-    "resample",
+    "resample", "change_motor",
 )  # fmt: skip
 
 # Keys of the random streams of the hooks, appended to the key of their effect.
-RANGES, GEARBOX, LOAD, SPEED, TORQUE, SIMULATOR = range(6)
+RANGES, GEARBOX, LOAD, SPEED, TORQUE, SIMULATOR, MOTOR = range(7)
 
 
 def effect_library() -> Mapping[str, type[Effect]]:
@@ -89,7 +89,7 @@ def known_effects() -> Mapping[str, type[Effect]]:
     Examples
     --------
     >>> sorted(set(known_effects()) - set(effect_library()))[:3]
-    ['clipping', 'gearbox_parameter', 'input_shaft_line']
+    ['clipping', 'cogging', 'current_sensor']
     """
     in_order = sorted(_KNOWN.values(), key=lambda kind: kind.place)
     return MappingProxyType({kind.effect_id: kind for kind in in_order})

@@ -91,6 +91,11 @@ class ReferenceGearbox:
         next pit (paper B section 2).
     depth : float
         Share of the lobe's width that is worn, from 0 to 1 (paper B): weight of the worn outline's force.
+    radial_wear : array-like of shape (2, n_lobes), optional
+        Depth in m of the radial wear of each lobe of each wheel: the square of a raised cosine over part of
+        the angle from tip to pit, by which the path of the sleeves' centres lies deeper.
+    radial_span : tuple of two float
+        Begin and end of that part, from 0 (tip) to 1 (pit).
     pin_errors : array-like of shape (n_pins, 2), optional
         Offsets (x, y) of the external sleeves' fixed points in m.
     wheel_runouts : tuple of two complex
@@ -120,6 +125,8 @@ class ReferenceGearbox:
     contact_damping: float = 150.0
     worn_lobes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
     depth: float = 1.0
+    radial_wear: ArrayLike | None = None
+    radial_span: tuple[float, float] = (0.2, 0.8)
     pin_errors: ArrayLike | None = None
     wheel_runouts: tuple[complex, complex] = (0j, 0j)
 
@@ -138,6 +145,8 @@ class ReferenceGearbox:
             )
         if len(self.wheel_runouts) != 2:
             raise ValueError(f"wheel_runouts must be two offsets in m, got {self.wheel_runouts!r}")
+        if self.radial_wear is not None and np.shape(self.radial_wear) != (2, self.n_lobes):
+            raise ValueError(f"radial_wear must be (2, {self.n_lobes}), got {np.shape(self.radial_wear)}")
         if self.pin_errors is not None and np.shape(self.pin_errors) != (self.n_pins, 2):
             raise ValueError(f"pin_errors must be ({self.n_pins}, 2), got {np.shape(self.pin_errors)}")
         if (smallest := 1 / float(self.curvature(self._grid).max())) <= self.pin_radius:
@@ -202,6 +211,38 @@ class ReferenceGearbox:
                 break
         return np.asarray(t)
 
+    def worn_foot(self, p: Plane) -> tuple[Real, Plane, Plane]:
+        """Parameter, point and outward normal of the sleeves' path over radial wear, nearest to ``p`` (2, n).
+
+        Healthy flanks have the trochoid. The nearest point lies within some micrometres of that on the
+        trochoid, from which steps of Gauss and Newton find it.
+        """
+        t = self.foot_point(p)
+        for _ in range(60):
+            wear, slope = self._radial_wear(t)
+            normal, tangent = self.normal(t), self.trochoid(t, 1)
+            path = self.trochoid(t) - wear * normal
+            along = tangent * (1 - wear * self.curvature(t)) - slope * normal
+            ahead = np.where(wear > 0, _dot(p - path, along) / np.abs(along) ** 2, 0.0)
+            if np.abs(ahead).max() < 1e-15:
+                break
+            t = t + ahead
+        return t, path, np.asarray(-1j * along / np.abs(along))
+
+    def _radial_wear(self, t: Real) -> tuple[Real, Real]:
+        """Wear (m) of either wheel at parameters ``t`` (2, n), and its derivative (m/rad)."""
+        if self.radial_wear is None:
+            return np.zeros(t.shape), np.zeros(t.shape)
+        flank = np.pi / self.n_lobes
+        lobe, past_tip = np.divmod(t % (2 * np.pi), 2 * flank)
+        depth = np.take_along_axis(np.asarray(self.radial_wear), lobe.astype(int) % self.n_lobes, axis=1)
+        begin, end = np.array(self.radial_span) * flank
+        depth = np.where((past_tip > begin) & (past_tip < end), depth, 0.0)
+        frequency = 2 * np.pi / (end - begin)
+        half_angle = frequency * (past_tip - begin) / 2
+        sine, cosine = np.sin(half_angle), np.cos(half_angle)
+        return depth * sine**4, 2 * depth * frequency * sine**3 * cosine
+
     # Contact ------------------------------------------------------------------------------------------------
 
     def normal_force(self, gap: Real, gap_rate: Real, effective_radius: ArrayLike) -> Real:
@@ -218,11 +259,13 @@ class ReferenceGearbox:
         return np.asarray(np.maximum(ramp * (stiffness * depth**1.5 - self.contact_damping * gap_rate), 0.0))
 
     def _profile_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
-        """Force (N) and normal on the healthy profile for sleeve centres ``p`` (m) moving at ``rate``."""
-        t = self.foot_point(p)
-        normal = self.normal(t)
+        """Force (N) and normal on healthy and radially worn flanks, for sleeves at ``p`` moving at ``rate``.
+
+        Radial wear leaves the stiffness as it was.
+        """
+        t, path, normal = self.worn_foot(p)
         radius = self.pin_radius * (1 - self.curvature(t) * self.pin_radius)
-        return self.normal_force(_dot(p - self.trochoid(t), normal), _dot(rate, normal), radius), normal
+        return self.normal_force(_dot(p - path, normal), _dot(rate, normal), radius), normal
 
     def _chord_contact(self, p: Plane, rate: Plane) -> tuple[Real, Plane]:
         """Force (N) and normal on the chord of worn lobe 0, for sleeve centres ``p`` past its tip.

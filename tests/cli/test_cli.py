@@ -110,6 +110,16 @@ def test_simulate_writes_what_it_says(capsys, tmp_path):
     assert recording.angle_is_absolute
 
 
+@pytest.mark.parametrize("quantity", ["input_torque", "motor_current"])
+def test_simulate_records_another_quantity(capsys, tmp_path, quantity):
+    machine = ["--worn-count", 2, "--duration", 0.1, "--sampling-rate", 4_000, "--quantity", quantity]
+    assert run(capsys, "simulate", *machine, "--out", tmp_path / "bare.csv")[0] == 0
+    assert run(capsys, "simulate", *machine, "--rig", "r1", "--out", tmp_path / "r1.npz")[0] == 0
+    for name in ("bare.csv", "r1.npz"):
+        recording = read_recording(tmp_path / name)
+        assert (recording.quantity, recording.n_samples, recording.defect_count) == (quantity, 400, 2)
+
+
 def test_animate_writes_a_page(capsys, tmp_path):
     page = tmp_path / "gearbox.html"
     options = ["--worn-lobes", "1,5", "--duration", 0.05, "--frames", 20, "--out", page]
@@ -546,6 +556,12 @@ def test_bad_recordings(capsys, folder, make, message):
         (["simulate", "--worn-lobes", "0,3", "--out", "x.npz"], "counted from 1, like 1,5, got '0,3'"),
         (["simulate", "--worn-count", "16", "--out", "x.npz"], "lobe 15"),
         (["simulate", "--worn-count", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
+        (["simulate", "--worn-count", "1", "--wear-um", "300", "--out", "x.npz"], "between 0 and 200 um"),
+        (
+            ["simulate", "--worn-count", "1", "--wear-um", "30", "--depth", "0.5", "--out", "x.npz"],
+            "--depth has no effect with --wear-um",
+        ),
+        (["simulate", "--wear-um", "30", "--out", "x.npz"], "--wear-um has no effect without --worn-count"),
         (["simulate", "--duration", "-1", "--out", "x.npz"], "duration must be positive"),
         (["simulate", "--duration", "1e7", "--out", "x.npz"], "duration 1e.07 s takes 1e.12 steps"),
         (["simulate", "--simulator", "absent.json", "--out", "x.npz"], "absent.json"),

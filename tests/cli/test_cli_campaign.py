@@ -156,6 +156,7 @@ def test_failed_runs_are_told_and_none_that_ended_is_an_error(capsys, tmp_path):
     assert "first that failed, run 0 (counted from 0): simulation diverged at t = " in text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="no unshare: no small file system of one's own")
 def test_a_disk_that_is_really_full(tmp_path):
     # A file system of 320 kB in a mount namespace of its own. One too small for the campaign is found out
@@ -191,6 +192,7 @@ def test_a_disk_that_is_really_full(tmp_path):
     assert n_runs == "32"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="Windows sends Ctrl-C to all processes of a console")
 def test_interrupted_from_the_keyboard_goes_on(design, tmp_path):
     SMALL.replace(repeats=200).to_json(design)

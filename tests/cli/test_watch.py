@@ -267,6 +267,7 @@ def test_a_process_that_watches(capsys, tmp_path, model_file, ask):
     assert os.path.basename(json.loads(again)["file"]) == "garbage.npz"
 
 
+@pytest.mark.slow
 def test_killed_it_counts_nothing_twice(capsys, tmp_path, model_file):
     command = [
         sys.executable, "-m", "cyclofeat", "watch", str(tmp_path), "--model", str(model_file), "--trust",

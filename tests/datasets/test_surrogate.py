@@ -19,6 +19,7 @@ from cyclofeat.datasets import (
 )
 from cyclofeat.simulators import (
     BrakeRotor,
+    Cogging,
     CycloidalGearbox,
     Hum,
     LoadDrift,
@@ -47,6 +48,25 @@ def labelled():
 
 
 # Labels
+
+
+def test_each_quantity_is_recorded_by_its_own_chain():
+    length = {"duration": 0.1, "sampling_rate": 4_000, "with_angle": True, "random_state": 4}
+    current = make_rig_recording("R0", LobeDefects.worn(3), quantity="motor_current", **length)
+    torque = make_rig_recording("R0", LobeDefects.worn(3), quantity="input_torque", **length)
+    assert (current.quantity, torque.quantity) == ("motor_current", "input_torque")
+    assert (current.unit, torque.unit) == ("A", "Nm")
+    effects = {effect["effect"]: effect for effect in current.meta["effects"]}
+    assert "servo_motor" not in [effect["effect"] for effect in torque.meta["effects"]]
+    carried = current.torque.mean() * effects["servo_motor"]["torque_constant"]
+    assert carried == pytest.approx(torque.torque.mean(), rel=0.15)  # friction, offset and drift
+    # the noise of the meter, 0.2 Nm at the output
+    assert np.std(np.diff(torque.torque, 3)) / math.sqrt(20) == pytest.approx(0.2 / 15, rel=0.15)
+    own = Rig.r0().with_added(Cogging(0.5))
+    kept = make_rig_recordings(1, [3], rig=own, quantity="motor_current", **length)[0].meta["effects"]
+    assert [effect["effect"] for effect in kept][-1] == "cogging"  # a rig's own motor stays as it is
+    with pytest.raises(ValueError, match="quantity must be one of 'output_torque', .* got 'torque'"):
+        make_rig_recordings(1, [0], quantity="torque")
 
 
 def test_recordings_are_labelled_as_surrogates_with_nominal_speed_and_load(labelled):

@@ -228,6 +228,7 @@ def posterior_session(posterior):
     return MeasuredRig.of(recordings(n=4), posterior.world.rig, RATE).session()
 
 
+@pytest.mark.slow
 def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
     session = posterior_session(posterior)
     confirmed = confirm(posterior, session, [], n_sessions=24)

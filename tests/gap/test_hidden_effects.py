@@ -1,6 +1,6 @@
 """The hidden effects: a generator that is the simulator's equal, its truth, oracle and score.
 
-The generator is compiled by itself and no part of the package: what runs it is slow.
+The generator is compiled by itself and no part of the package, so all of this is slow.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ from cyclofeat.simulators import (  # noqa: E402
     settling_time,
 )
 from cyclofeat.simulators.effects import TorqueContext  # noqa: E402
+
+pytestmark = pytest.mark.slow  # a benchmark is no part of the package
 
 HERE = ROOT / "benchmarks" / "hidden_effects"
 FS = 25_600
@@ -181,7 +183,6 @@ def test_effects_beyond_the_library_are_what_they_say() -> None:
     assert np.mean(made("noise_bursts", rms_nm=0.1, per_second=3) != 0) == pytest.approx(0.15, abs=0.12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("condition", _equivalence.CONDITIONS, ids=lambda condition: condition.name)
 def test_same_run_same_torque(condition: _equivalence.Condition) -> None:
     """At a time step at which the simulator has converged, sample by sample over the settled part."""
@@ -194,7 +195,6 @@ def test_same_run_same_torque(condition: _equivalence.Condition) -> None:
         )
 
 
-@pytest.mark.slow
 def test_another_law_is_another_torque() -> None:
     """What the comparison above would see: a damping of another form, 2 % more stiffness, 1 um of a pin."""
     worn = np.zeros((2, 15), dtype=np.int64)
@@ -211,7 +211,6 @@ def test_another_law_is_another_torque() -> None:
         assert np.std((changed - plain)[5000:]) > 0.01 * np.std(plain[5000:])
 
 
-@pytest.mark.slow
 def test_settling_is_the_simulators() -> None:
     for rotor in ((0.005, 2e4, 0.05), (0.02, 1e4, 0.02), (0.06, 4e3, 0.008)):
         there = settling_time(CycloidalGearbox.steel().with_brake(*rotor))
@@ -290,7 +289,6 @@ def test_slow_process_has_the_stated_density() -> None:
     assert np.all(np.abs(10 * np.log10(ratio)) < 1.5)
 
 
-@pytest.mark.slow
 def test_second_mode_is_in_the_machine() -> None:
     two = Machine(rotor=(0.006, 1.5e4, 0.02), second_rotor=(0.015, 5e3, 0.02))
     one = Machine(rotor=(0.021, 1.5e4, 0.02))
@@ -373,7 +371,6 @@ def test_sets_that_share_a_machine_differ_on_the_signal_only() -> None:
         assert len({str(sorted(one.hidden)) for one in sets}) == len(sets)
 
 
-@pytest.mark.slow
 def test_folders_are_read_and_the_same_every_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A set's folder holds what the generator gives, and one beside it that shares its machine."""
     first = next(one for one in _sets.definitions().values() if [n for n, _ in one.hidden] == ["gain"])
@@ -566,7 +563,6 @@ def test_the_whole_workflow_is_run_on_sets_of_every_kind() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_path: Path) -> None:
     """Of each of these effects the first strong single is said to be present, and no other effect."""
     sets = json.loads((HERE / "truth.json").read_text(encoding="utf-8"))["sets"]

@@ -88,6 +88,10 @@ def reference_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> ReferenceGe
         gearbox.pin_tangential_errors or none
     )
     errors = errors * np.exp(1j * angles)
+    radial_wear = np.zeros((2, gearbox.n_lobes))
+    for wheel in defects.wheels:
+        radial_wear[wheel, list(defects.worn_lobes)] = 1e-6 * np.asarray(defects.wear_um or 0.0)
+    centre, half = defects.wear_centre, defects.wear_share / 2
     worn_0, worn_1 = (defects.worn_lobes if wheel in defects.wheels else () for wheel in (0, 1))
     return ReferenceGearbox(
         eccentricity=gearbox.eccentricity,
@@ -103,6 +107,8 @@ def reference_of(gearbox: CycloidalGearbox, defects: LobeDefects) -> ReferenceGe
         contact_damping=gearbox.contact_damping,
         worn_lobes=(worn_0, worn_1),
         depth=defects.depth,
+        radial_wear=radial_wear,
+        radial_span=(centre - half, centre + half),
         pin_errors=np.column_stack([errors.real, errors.imag]),
         wheel_runouts=tuple(gearbox.wheel_runouts) or (0j, 0j),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -50,8 +51,11 @@ def machines() -> Machines:
         *drawn,
         (STEEL.replace(contact_law="hunt_crossley", contact_damping=0.5), LobeDefects.worn(2)),
         (STEEL.replace(contact_law="conservative"), LobeDefects.worn((3, 9), depth=0.4)),
-        (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4)),
-        (BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5)), LobeDefects.worn(5)),
+        (CycloidalGearbox.abs(ramp_time=0.02), LobeDefects.worn(4, wear_um=60, wear_share=0.3)),
+        (
+            BRAKED.replace(wheel_runouts=(2e-5, 1e-5j), cam_errors=(1e-5j, -2e-5), pin_clearance=1e-5),
+            LobeDefects.worn(5, wear_um=100),
+        ),
     ]
 
 
@@ -62,7 +66,8 @@ def lacking(each: Machines) -> Machines:
         removed = ((k % 15,), (2, 9), (3, 4, 11), (5 * k % 15,))[k % 4]
         left = () if k % 3 == 0 else tuple(lobe for lobe in worn.worn_lobes if lobe not in removed)
         wheels = ((0,), (1,), (0,), (0, 1))[k % 4]
-        changed.append((gearbox, LobeDefects(left, removed, wheels=wheels, depth=worn.depth)))
+        lobes = {"worn_lobes": left, "removed_lobes": removed, "wheels": wheels}
+        changed.append((gearbox, dataclasses.replace(worn, **lobes)))
     return changed
 
 
@@ -142,7 +147,7 @@ def in_lanes(
     courses: list[np.ndarray],
     solver: Solver,
     n: int,
-    lanes: int = 8,
+    lanes: int = batch.n_lanes(),
     dtype: type = np.float32,
 ) -> np.ndarray:
     """The same of batches."""
@@ -172,7 +177,7 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
     each, n, solver = KINDS[kind](), 4000, Solver(integrator=integrator)
     courses = courses_of(each, n)
     exact = exactly(each, courses, solver, n)
-    error = in_lanes(each, courses, solver, n, dtype=np.float64) - exact
+    error = in_lanes(each, courses, solver, n, lanes=8, dtype=np.float64) - exact
     assert np.abs(exact[:, 0]).max() > 20
     # What the frames' expansions leave: both wheels are described when either has moved.
     assert rms(error[:, 0]).max() < 2e-5
@@ -198,11 +203,11 @@ def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: st
 def test_a_lane_depends_on_nothing_but_itself(kind: str) -> None:
     each, n, solver = KINDS[kind]()[:11], 1500, Solver()
     courses = courses_of(each, n)
-    together = in_lanes(each, courses, solver, n, lanes=8)
+    together = in_lanes(each, courses, solver, n)
     order = np.random.default_rng(0).permutation(len(each))
-    shuffled = in_lanes([each[k] for k in order], [courses[k] for k in order], solver, n, lanes=8)
+    shuffled = in_lanes([each[k] for k in order], [courses[k] for k in order], solver, n)
     assert np.array_equal(shuffled, together[:, :, order])
-    alone = in_lanes(each[6:7], courses[6:7], solver, n, lanes=8)
+    alone = in_lanes(each[6:7], courses[6:7], solver, n)
     assert np.array_equal(alone[:, :, 0], together[:, :, 6])
 
 
@@ -254,7 +259,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
     results, reached = batch.integrated(
-        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=8
+        constants, [Given(one, Solver()) for one in courses], states, solver, lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [True, False, True]
     alone = in_lanes([each[0], each[2]], [courses[0], courses[2]], solver, n)
@@ -298,7 +303,7 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     courses = courses_of(each, 3000)
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
     results, reached = batch.integrated(
-        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=8
+        constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [False, False, True]
     for lane in range(2):

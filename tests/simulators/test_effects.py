@@ -93,7 +93,7 @@ def test_the_library_is_in_chain_order_and_cannot_be_changed():
 def test_the_chain_is_the_one_that_is_stated():
     assert [place.name for place in sorted(Place)] == [
         "NOMINAL", "GEOMETRY", "CONTACT", "LOAD_AND_SPEED", "JOINTS", "SHAFT_AND_METER", "SENSOR",
-        "ADC_CLOCK", "ADC_CODES",
+        "ADC_CLOCK", "ADC_CODES", "MOTOR",
     ]  # fmt: skip
 
 

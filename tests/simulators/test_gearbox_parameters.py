@@ -11,6 +11,7 @@ import pytest
 
 from cyclofeat.simulators import CycloidalGearbox, CycloidalProfile, LobeDefects
 from cyclofeat.simulators.contact import joint_effective_radius, stiffness_factor
+from cyclofeat.simulators.defects import machine
 from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import kernel_input
 
@@ -28,6 +29,18 @@ def test_lobes_count_from_0() -> None:
     assert LobeDefects.removed((2, 9)).removed_lobes == (2, 9)
     assert LobeDefects.healthy() == LobeDefects.worn(0) == LobeDefects()
     assert LobeDefects.worn(np.int64(2)) == LobeDefects.worn(np.array([1, 0])) == LobeDefects.worn(range(2))
+
+
+def test_radial_wear_belongs_to_its_lobes() -> None:
+    some = LobeDefects.worn((4, 0), wear_um=(20, 50))
+    assert (some.worn_lobes, some.wear_um, some.depth) == ((0, 4), (50.0, 20.0), 0.0)
+    assert some.defect_count == 2
+    assert dataclasses.replace(some, wheels=(0,)).wear_um == some.wear_um
+    assert "wear_um=(50.0, 20.0)" in repr(some)
+    pitted = LobeDefects.pitted(1, wear_um=5, length_mm=1.5, wear_centre=0.4)
+    centre, half = pitted.wear_centre, pitted.wear_share / 2
+    outline = STEEL.profile.point(np.linspace(centre - half, centre + half, 2001) * math.pi / 15)
+    assert np.abs(np.diff(outline)).sum() == pytest.approx(1.5e-3, rel=1e-5)
 
 
 def test_defect_count_is_of_distinct_lobes_whichever_wheels_carry_them() -> None:
@@ -62,6 +75,25 @@ def test_defects_cannot_change() -> None:
         (lambda: LobeDefects.worn(1, wheels=0), "wheels must be .* got 0"),
         (lambda: LobeDefects.worn(1, depth=1.5), r"depth must lie between 0 .* and 1 .* got 1.5"),
         (lambda: LobeDefects.worn(1, depth=math.nan), "depth must lie between 0 .* got nan"),
+        (lambda: LobeDefects.worn(1, wear_um=201), "wear_um must lie between 0 and 200 um, got 201"),
+        (lambda: LobeDefects.worn(1, wear_um=math.nan), "wear_um must be finite, got nan"),
+        (lambda: LobeDefects.worn(2, wear_um=(1, 2, 3)), "one for each worn lobe, got 3 values for 2 worn"),
+        (lambda: LobeDefects.worn(1, depth=0.5, wear_um=50), "depth must be 0 with wear_um .* got 0.5"),
+        (lambda: LobeDefects(worn_lobes=(1,), wear_um=50), "depth must be 0 with wear_um .* got 1.0"),
+        (lambda: LobeDefects.worn(1, wear_share=0.3), "wear_share and wear_centre have no effect without"),
+        (lambda: LobeDefects.worn(1, wear_um=9, wear_share=0), "wear_share must lie above 0 and up to 1"),
+        (
+            lambda: LobeDefects.worn(1, wear_um=9, wear_centre=0.2),
+            "wear_centre must lie between 0.3 and 0.7, so that a wear_share of 0.6 .* got 0.2",
+        ),
+        (
+            lambda: LobeDefects.pitted(1, wear_um=9, length_mm=8, wear_centre=0.9),
+            "length_mm must be at most 5.41 about wear_centre, got 8",
+        ),
+        (
+            lambda: machine(STEEL, LobeDefects.pitted(1, wear_um=20, length_mm=1)),
+            "wear_um must be at most 12.6 with wear_share=0.112 .* a pin reaches no deeper .* got 20",
+        ),
         (
             lambda: LobeDefects(worn_lobes=(1, 2), removed_lobes=(2,)),
             r"worn_lobes and removed_lobes must not overlap, both hold \[2\]",
@@ -77,7 +109,13 @@ def test_impossible_defects_are_refused(make, message: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("depth", ["deep", None, [0.5], True])
+@pytest.mark.parametrize("wear_um", ["deep", 3j, (1, None)])
+def test_radial_wear_of_another_type_is_refused(wear_um: object) -> None:
+    with pytest.raises(TypeError, match="wear_um must be a number of um, or one for each worn lobe, got"):
+        LobeDefects.worn(2, wear_um=wear_um)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("depth", ["deep", [0.5], True])
 def test_a_depth_of_another_type_is_refused(depth: object) -> None:
     with pytest.raises(TypeError, match="depth must be a number, got"):
         LobeDefects.worn(1, depth=depth)  # type: ignore[arg-type]

@@ -370,6 +370,7 @@ def test_coarse_polyline_sounds_at_the_rate_of_passing_corners() -> None:
     assert abs(strongest - n / 15) < 16.1
 
 
+@pytest.mark.slow
 def test_fine_polyline_runs_like_the_profile() -> None:
     smooth = raw(STEEL, LobeDefects.worn(2), duration=0.3)
     fine = raw(STEEL.replace(profile_points=15_000), LobeDefects.worn(2), duration=0.3)
