@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,9 @@ def driven(run: SimulationRun, motor: Motor, start: int, random: np.random.Gener
             new[name] = between(values, position)
     if run.output_speed is not None:
         new["output_speed"] *= true_speed / between(speed, position)
-    channels = {name: np.concatenate([getattr(run, name)[:start], values]) for name, values in new.items()}
+    channels: dict[str, Any] = {
+        name: np.concatenate([getattr(run, name)[:start], values]) for name, values in new.items()
+    }
     current = np.concatenate([np.full(start, np.nan), measured / motor.torque_constant])
     return dataclasses.replace(run, **channels, motor_current=current)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat.simulators._jit import njit
 
 
-def between(values, instants):  # type: ignore[no-untyped-def]
+def between(values: NDArray[Any], instants: NDArray[Any]) -> NDArray[Any]:
     """Return rows (n, ...) at instants in rows from 0 to n - 1, by straight lines."""
     before = np.minimum(np.floor(instants).astype(int), max(len(values) - 2, 0))
     after = np.minimum(before + 1, len(values) - 1)

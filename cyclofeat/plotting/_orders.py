@@ -33,9 +33,11 @@ class OrderDisplay:
     Parameters
     ----------
     amplitudes : array-like, shape (n_lines,)
-        Amplitudes in Nm of the lines k = 1, 2, ...; not negative.
+        Amplitudes in ``unit`` of the lines k = 1, 2, ...; not negative.
     n_lobes : int, default=15
         Number of lobes z_s of a disc.
+    unit : str, default="Nm"
+        Unit of the recording.
 
     Attributes
     ----------
@@ -76,13 +78,14 @@ class OrderDisplay:
     ax_: Axes
     figure_: Figure | SubFigure
 
-    def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15) -> None:
+    def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15, unit: str = "Nm") -> None:
         if n_lobes < 2:
             raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
-        self.amplitudes = line_column(amplitudes, "amplitudes", "Nm")
+        self.amplitudes = line_column(amplitudes, "amplitudes", unit)
         if self.amplitudes.min() < 0:
-            raise ValueError(f"amplitudes must not be negative (Nm), got {self.amplitudes.min():g}")
+            raise ValueError(f"amplitudes must not be negative ({unit}), got {self.amplitudes.min():g}")
         self.n_lobes = n_lobes
+        self.unit = unit
         lines = np.arange(1, self.amplitudes.size + 1)
         self.orders = lines * lines_per_input_turn("output", n_lobes)
         of_lobes, of_input = lines % (n_lobes + 1) == 0, lines % n_lobes == 0
@@ -130,7 +133,7 @@ class OrderDisplay:
             nominal = first.mean_input_speed(n_lobes) or nominal
         highest = min(_HIGHEST_ORDER * n_lobes, int(rate / 2 / nominal * n_lobes))
         lines = order_lines(first.torque[np.newaxis], rate, [nominal], highest, "output", n_lobes)
-        return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes)
+        return cls(amplitudes=np.abs(lines[0]), n_lobes=n_lobes, unit=recording.unit)
 
     def plot(self, ax: Axes | None = None) -> Self:
         """Draw.
@@ -173,7 +176,7 @@ class OrderDisplay:
         self.ax_.set_yscale("log")
         self.ax_.set(
             xlabel="order of the input shaft (times per turn)",
-            ylabel="amplitude (Nm)",
+            ylabel=f"amplitude ({self.unit})",
             xlim=(0, self.orders[-1] + 0.5),
             ylim=(bottom, 3 * largest),
         )

@@ -32,7 +32,7 @@ class SpectrumDisplay:
     frequencies : array-like, shape (n_bins,)
         Frequencies in Hz, increasing.
     values : array-like, shape (n_bins,)
-        Amplitude in Nm, or power spectral density in Nm^2/Hz; not negative.
+        Amplitude in ``unit``, or power spectral density in its square per Hz; not negative.
     quantity : {"amplitude", "psd"}, default="amplitude"
         Quantity of ``values``.
     input_speed_hz : float, optional
@@ -41,6 +41,8 @@ class SpectrumDisplay:
         Number of lobes z_s of a disc.
     definition : str, default=""
         Definition of the spectrum, for the axis label.
+    unit : str, default="Nm"
+        Unit of the recording.
 
     Attributes
     ----------
@@ -82,6 +84,7 @@ class SpectrumDisplay:
         input_speed_hz: float | None = None,
         n_lobes: int = 15,
         definition: str = "",
+        unit: str = "Nm",
     ) -> None:
         if quantity not in _QUANTITIES:
             raise ValueError(f"quantity must be one of {_QUANTITIES}, got {quantity!r}")
@@ -90,7 +93,7 @@ class SpectrumDisplay:
         if n_lobes < 2:
             raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
         self.frequencies = line_column(frequencies, "frequencies", "Hz")
-        self.values = line_column(values, "values", "Nm" if quantity == "amplitude" else "Nm^2/Hz")
+        self.values = line_column(values, "values", unit if quantity == "amplitude" else f"{unit}^2/Hz")
         if self.values.size != self.frequencies.size or self.values.min() < 0:
             raise ValueError(
                 f"values must hold one number, not negative, for each of the {self.frequencies.size} "
@@ -100,6 +103,7 @@ class SpectrumDisplay:
         self.input_speed_hz = input_speed_hz
         self.n_lobes = n_lobes
         self.definition = definition
+        self.unit = unit
 
     @classmethod
     def from_recording(
@@ -153,6 +157,7 @@ class SpectrumDisplay:
             input_speed_hz=input_speed_hz,
             n_lobes=n_lobes,
             definition=definition,
+            unit=recording.unit,
         )
 
     def plot(
@@ -172,7 +177,7 @@ class SpectrumDisplay:
         max_frequency_hz : float, default=400.0
             Upper limit in Hz, at most the highest frequency.
         scale : {"log", "dB", "linear"}, default="log"
-            Scale of the vertical axis; dB are relative to 1 Nm (amplitude) or 1 Nm^2/Hz (PSD).
+            Scale of the vertical axis; dB are relative to 1 unit (amplitude) or its square per Hz (PSD).
         **line_kw
             Passed on to ``Axes.plot``.
 
@@ -221,7 +226,7 @@ class SpectrumDisplay:
         return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
 
     def _label(self, scale: str) -> str:
-        name, unit = ("amplitude", "Nm") if self.quantity == "amplitude" else ("PSD", "Nm²/Hz")
+        name, unit = ("amplitude", self.unit) if self.quantity == "amplitude" else ("PSD", f"{self.unit}²/Hz")
         label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
         return f"{label}\n{self.definition}" if self.definition else label
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cyclofeat import __version__
+from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import number
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
@@ -314,8 +315,8 @@ def _recorded(
         by = f"{measured:.5g} RPM, by the {'tachometer' if recording.angle is not None else 'lobe lines'}"
     lines = {
         "length": f"{recording.duration:.4g} s, {recording.sampling_rate:g} Hz",
-        "torque": f"{recording.torque.min():.4g} to {recording.torque.max():.4g} Nm, "
-        f"mean {recording.torque.mean():.4g} Nm",
+        in_words(recording.quantity): f"{recording.torque.min():.4g} to {recording.torque.max():.4g} "
+        f"{recording.unit}, mean {recording.torque.mean():.4g} {recording.unit}",
         "speed stated": f"{stated:g} RPM, the nominal speed by file or option"
         if stated is not None
         else f"none: taken as the model's {60 * model.input_speed_hz:g} RPM",

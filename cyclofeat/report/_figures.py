@@ -137,14 +137,15 @@ def recording_pictures(
         ),
         "spectrum": picture(
             lambda ax, _: spectrum.plot(ax), (6.0, 3.4),
-            "Amplitude spectrum of the torque in Nm; lobe lines and orders are marked if a speed is known",
+            f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
+            "lobe lines and orders are marked if a speed is known",
             plot=spectrum_plot(spectrum),
         ),
     }  # fmt: skip
     if orders is not None:
         drawn["orders"] = picture(
             lambda ax, _: orders.plot(ax), (6.0, 3.4),
-            "Amplitudes in Nm at the lines of the output turn, by order of the input shaft",
+            f"Amplitudes in {torque.unit} at the lines of the output turn, by order of the input shaft",
             plot=order_plot(orders),
         )  # fmt: skip
     if lobe_map is not None:

@@ -71,7 +71,7 @@ def spectrum_plot(display: SpectrumDisplay) -> Plot:
     return Plot(
         frequencies,
         [Line("amplitude", values)],
-        (Axis("frequency", "Hz"), Axis("amplitude", "Nm", log=True)),
+        (Axis("frequency", "Hz"), Axis("amplitude", display.unit, log=True)),
         view=(0.0, min(_SHOWN_HZ, limit)),
         marks=marks,
         note=f"The page holds the spectrum up to {limit:g} Hz.",
@@ -92,6 +92,5 @@ def order_plot(display: OrderDisplay) -> Plot:
         for kind, (name, colour, style) in looks.items()
         if np.any(display.kinds == kind)
     ]
-    return Plot(
-        display.orders, lines, (Axis("order of the input shaft", ""), Axis("amplitude", "Nm", log=True))
-    )
+    axes = Axis("order of the input shaft", ""), Axis("amplitude", display.unit, log=True)
+    return Plot(display.orders, lines, axes)

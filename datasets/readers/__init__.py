@@ -9,7 +9,7 @@
 | `_text` | text in any encoding, packed or not |
 | `_labels` | labels as files hold them |
 | `_folder` | a folder with its manifest |
-| `_describe`, `_quality` | content of a record, and defects that would spoil a count |
+| `_describe`, `_speed` | content of a record, and what would spoil a count |
 """
 
 from cyclofeat.datasets.readers._columns import Source

@@ -157,7 +157,7 @@ class Source:
             if not 0 <= wanted < len(self.names):
                 raise self._unknown(argument, wanted)
             return int(wanted)
-        matches = []
+        matches: list[int] = []
         for names, name in ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower())):
             matches = matches or [i for i, candidate in enumerate(names) if candidate == name]
         if not matches and self.by_index and wanted.isdecimal() and int(wanted) < len(self.names):
@@ -227,7 +227,7 @@ class Source:
         raise self._wrong(
             "{noun} {name!r} tells of {told_words}, not of {sought_words}: give {quantity:={told!r}}, or "
             "{channel:=} and {quantity:={sought!r}} if the name is wrong",
-            "quantity", name=self.names[index], told=told, told_words=in_words(told),  # type: ignore[arg-type]
+            "quantity", name=self.names[index], told=told, told_words=in_words(told),
             sought=sought, sought_words=in_words(sought),
         )  # fmt: skip
 

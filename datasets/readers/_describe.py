@@ -9,8 +9,9 @@ import numpy as np
 from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.datasets.readers._labels import WORN, samples_name
-from cyclofeat.datasets.readers._quality import clipped, dropped, speed_by_lines
+from cyclofeat.datasets.readers._speed import speed_by_lines
 from cyclofeat.recordings import Recording
+from cyclofeat.signal.faults import clipped, dropped
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015

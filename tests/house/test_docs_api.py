@@ -49,6 +49,7 @@ PACKAGES = (
     "cyclofeat.signal",
     "cyclofeat.signal.coherence",
     "cyclofeat.signal.density",
+    "cyclofeat.signal.faults",
     "cyclofeat.signal.high_pass",
     "cyclofeat.signal.lobes",
     "cyclofeat.signal.orders",

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cyclofeat import Recording, plotting
-from cyclofeat.plotting import LobeMapDisplay, LobeMarks, SpectrumDisplay, TorqueDisplay
+from cyclofeat.plotting import LobeMapDisplay, LobeMarks, OrderDisplay, SpectrumDisplay, TorqueDisplay
 from cyclofeat.signal import welch_psd
 
 matplotlib.use("Agg")
@@ -85,8 +85,10 @@ def test_torque_has_units_and_its_own_times(recording):
     assert_allclose(display.torque, recording.torque[12_800:19_200])
     assert display.ax_.get_xlabel() == "time (s)"
     assert display.ax_.get_ylabel() == "output torque (Nm)"
-    current = TorqueDisplay.from_recording(recording.replace(quantity="motor_current")).plot()
-    assert current.ax_.get_ylabel() == "motor current (A)"
+    current = recording.replace(quantity="motor_current")
+    assert TorqueDisplay.from_recording(current).plot().ax_.get_ylabel() == "motor current (A)"
+    assert "(A)" in SpectrumDisplay.from_recording(current).plot().ax_.get_ylabel()
+    assert "(A)" in OrderDisplay.from_recording(current).plot().ax_.get_ylabel()
 
 
 def test_thinning_keeps_every_peak():

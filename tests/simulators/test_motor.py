@@ -198,6 +198,11 @@ def test_momentum_is_balanced():
     speed = np.gradient(angle, 1 / RATE)
     net = pull(SOFT, SOFT.torque_constant * made.motor_current[START:-10], angle)
     net -= made.torque_in[START:-10] + against(SOFT, angle, speed)
+    windup = run.output_angle + run.input_angle / 15  # by the angle of the input
+    expected = np.interp(angle, run.input_angle, windup) - angle / 15
+    np.testing.assert_allclose(made.output_angle[START:-10], expected, atol=1e-6)
+    turned = np.cumsum(made.output_speed[START:-10]) / RATE
+    assert np.std(made.output_angle[START:-10] - turned) < 1e-4
     gained = (SOFT.inertia + STEEL.input_shaft_inertia) * (speed[-1] - speed[1])
     assert np.trapezoid(net[1:], dx=1 / RATE) == pytest.approx(gained, abs=2e-6)
     # in steady state the mean current carries the mean torque and the friction

@@ -1,0 +1,107 @@
+"""Kinds of spoiling: what one is, in which strengths, and the table of all."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cyclofeat.recordings import Recording
+from cyclofeat.signal.windows import Float
+
+NOISE_NM = 0.2
+
+
+@dataclass(frozen=True)
+class Base:
+    """Recordings of one simulated machine that kinds of spoiling start from.
+
+    Attributes
+    ----------
+    silent : Recording
+        Output torque without the sensor's noise, with the absolute angle of the input, labelled.
+    recording : Recording
+        The same with the noise.
+    other : Recording
+        As ``recording``, of another machine at the same speed, whose disc has another number of worn lobes.
+    input_torque : Recording
+        As ``recording``, of the input shaft's torque.
+    """
+
+    silent: Recording
+    recording: Recording
+    other: Recording
+    input_torque: Recording
+
+
+Spoil = Callable[[Base, float, np.random.Generator], Recording]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of spoiling.
+
+    Attributes
+    ----------
+    name, text : str
+        Name in the table; what it is, with the meaning of the strength.
+    strengths : tuple of float
+    spoil : callable
+        Function of base, strength and generator that returns the spoiled recording.
+    has_angle : bool or None
+        Whether recordings have an angle; None for every second.
+    countable : bool
+        Whether the base's count is still the right answer.
+    """
+
+    name: str
+    text: str
+    strengths: tuple[float, float, float]
+    spoil: Spoil
+    has_angle: bool | None = None
+    countable: bool = True
+
+
+KINDS: dict[str, Kind] = {}
+
+
+def kind(
+    *strengths: float, has_angle: bool | None = None, countable: bool = True
+) -> Callable[[Spoil], Spoil]:
+    """Register a function as a kind of spoiling of its name; its docstring says what it is."""
+
+    def register(spoil: Spoil) -> Spoil:
+        weak, medium, strong = strengths
+        name = spoil.__name__.replace("_", " ")
+        text = " ".join((inspect.getdoc(spoil) or "").split())
+        KINDS[name] = Kind(name, text, (weak, medium, strong), spoil, has_angle, countable)
+        return spoil
+
+    return register
+
+
+def blocks(n_samples: int, share: float, length: int, random: np.random.Generator) -> Iterator[slice]:
+    """Yield blocks of samples that cover a share of the record, one at a random place in each stretch."""
+    stretch = length / share
+    for k in range(int(n_samples / stretch)):
+        start = int((k + random.random() * (1 - share)) * stretch)
+        yield slice(start, start + length)
+
+
+def noisy(recording: Recording, random: np.random.Generator) -> Recording:
+    """Return the recording with the sensor's noise."""
+    return recording.replace(torque=recording.torque + random.normal(0, NOISE_NM, recording.n_samples))
+
+
+def at_moments(base: Base, moments: Float, random: np.random.Generator) -> Recording:
+    """Return the torque at fractional samples, with noise and without an angle."""
+    moments = moments[moments <= base.silent.n_samples - 1]
+    torque = np.interp(moments, np.arange(base.silent.n_samples), base.silent.torque)
+    return noisy(base.silent.replace(torque=torque, angle=None, angle_is_absolute=False), random)
+
+
+def with_speed(base: Base, ratio: Float, random: np.random.Generator) -> Recording:
+    """Return the torque of a shaft at a course of speed, as a ratio to the recorded one, without an angle."""
+    return at_moments(base, np.concatenate([[0.0], np.cumsum(ratio[:-1])]), random)

@@ -1,0 +1,173 @@
+"""Verdicts: what in the signal of a recording would spoil a count, window by window and as a whole.
+
+The thresholds lie beyond what clean windows reach. Of 480 simulated ones (rigs R0, R1 and R2, noise of 0.05
+to 0.5 Nm, 100 to 1,500 RPM) 0.6 % have a fault.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from cyclofeat._base.words import number
+from cyclofeat.recordings import Recording, WindowSet
+from cyclofeat.signal import faults
+from cyclofeat.signal.lobes import lobe_frequency
+from cyclofeat.signal.windows import Float
+
+# Shares of a window's samples.
+_MOST_DROPPED, _MOST_CLIPPED = 0.02, 0.02
+# Lobe lines up to the 44th enter a count. Torque must change this often in their shortest period, and samples
+# be this much denser, before its noise can be read off adjacent samples.
+_LINES, _FRESH, _DENSE = 44, 4.0, 20.0
+# Step of the converter in standard deviations; share of equal samples from which it hides the noise.
+_COARSEST, _MOST_EQUAL = 0.5, 0.2
+# Standard deviations of the usual noise that a sample lies off its neighbours; spikes in a window.
+_JUMP, _MOST_SPIKES = 8.0, 5
+# Ratio of the noise in two input turns; share of the mean torque that hides worn lobes.
+_NOISE_CHANGE, _MOST_NOISE = 1.5, 0.1
+# Power of the weakest input turn over the median; fall and slope of a spectrum above the lobe lines (dB).
+_WEAKEST_DB, _FALL_DB, _SLOPE_DB = -10.0, -68.0, -8.0
+# Evidence from which a speed is known; its largest relative change; two measurements of one speed.
+_KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
+# Advance of the angle in an eighth of a turn, as a multiple of the median.
+_ANGLE_STEPS = (0.5, 1.5)
+_JUMPS = "the torque jumps"
+# Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
+_AGREEMENT = 0.5
+
+
+def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
+    """Return what would spoil the count of each window of a recording, empty where nothing would.
+
+    Parameters
+    ----------
+    recording : Recording
+    windows : WindowSet
+        Windows of one output turn of this recording, over time or over the angle of the input.
+    stop_s : ndarray, shape (n_windows,)
+        Ends of the windows in s from the recording's first sample.
+    n_lobes : int
+
+    Returns
+    -------
+    tuple of str
+        One reason per window.
+    """
+    angle, rate = recording.input_angle(n_lobes), recording.sampling_rate
+    over_time = windows.sampling_rate == rate
+    unsteady = [""] * len(windows)
+    if angle is None or not over_time:
+        turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
+        unsteady = _speed_changes(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
+    reasons = []
+    for start, stop, speed_changes in zip(windows.start_s, stop_s, unsteady, strict=True):
+        rows = slice(round(float(start) * rate), round(float(stop) * rate))
+        speed = n_lobes / float(stop - start)
+        reasons.append(
+            _of_samples(recording.torque[rows], rate, speed, n_lobes)
+            or ("" if angle is None else _of_angle(angle[rows], rate, speed))
+            or speed_changes
+        )
+    return tuple(reasons)
+
+
+def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> str:
+    """Return what is wrong with the samples of a window, the gravest first."""
+    if (share := float(faults.dropped(torque).mean())) > _MOST_DROPPED:
+        return f"{share:.0%} of the samples are lost: they repeat a value or lie on straight lines"
+    if (share := faults.clipped(torque)) > _MOST_CLIPPED:
+        return f"{share:.0%} of the samples are clipped at {torque.min():.4g} or {torque.max():.4g}"
+    highest = _LINES * lobe_frequency(input_speed_hz, n_lobes)
+    fresh = faults.fresh_rate(torque, sampling_rate)
+    if fresh < min(_FRESH * highest, 0.5 * sampling_rate):
+        return (
+            f"the torque changes only {fresh:.0f} times a second, too coarse for lobe lines up to "
+            f"{highest:.0f} Hz"
+        )
+    if (step := faults.step_size(torque)) > _COARSEST * torque.std():
+        return f"steps of {step:.2g} are too coarse for a torque that deviates by {torque.std():.2g}"
+    fall, slope = faults.smoothness(torque, sampling_rate, input_speed_hz, n_lobes)
+    if fall < _FALL_DB and slope < _SLOPE_DB:
+        return f"a low-pass filter has removed what lobe lines up to {highest:.0f} Hz need"
+    resolved = np.mean(np.diff(torque) == 0) < _MOST_EQUAL
+    if (
+        resolved
+        and sampling_rate > _DENSE * highest
+        and (reason := _of_noise(torque, sampling_rate, n_lobes))
+    ):
+        return reason
+    if faults.weakest_part(torque, sampling_rate, input_speed_hz, n_lobes, n_lobes) < _WEAKEST_DB:
+        return "the lobes pause within the window: the shaft stood still, or the sensor was dead"
+    return ""
+
+
+def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
+    """Return what is wrong with the noise between adjacent samples."""
+    off = faults.jumps(torque)
+    beyond = np.flatnonzero(off > _JUMP)
+    # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.
+    middle = off[1:-1]
+    spikes = int(np.sum((middle > _JUMP) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
+    if beyond.size > 3 * spikes:
+        return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
+    if spikes > _MOST_SPIKES:
+        return f"the torque has {number(spikes, 'spike')}"
+    if (change := faults.noise_change(torque, n_parts)) > _NOISE_CHANGE:
+        return f"the noise changes by a factor of {change:.2g} within the window"
+    noise, mean = faults.noise_level(torque), abs(float(torque.mean()))
+    if noise > _MOST_NOISE * mean:
+        return f"noise of {noise:.2g} hides worn lobes: it is {noise / mean:.0%} of the mean"
+    return ""
+
+
+def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
+    """Return what is wrong with the angle of the input within a window."""
+    advance = np.diff(angle[:: max(1, round(sampling_rate / input_speed_hz / 8))])
+    advance /= np.median(advance)
+    if advance.min() < _ANGLE_STEPS[0] or advance.max() > _ANGLE_STEPS[1]:
+        return "the angle jumps or stands still within the window"
+    return ""
+
+
+def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobes: int) -> list[str]:
+    """Return for each window by how much its speed changes, empty where it is steady or not known."""
+    speeds, evidence = faults.local_speeds(X, sampling_rate, input_speed_hz, n_lobes)
+    reasons = []
+    for row, known in zip(speeds, evidence > _KNOWN, strict=True):
+        # The lines of the input shaft, where they prevail, are those of lobes at 15/16 of its speed.
+        of_shaft = np.abs(row * (n_lobes + 1) / n_lobes - row[known].max(initial=0.0)) < _SAME_SPEED
+        steady = row[known & ~of_shaft]
+        change = float(np.ptp(steady)) if steady.size > 1 else 0.0
+        reasons.append(f"the speed changes by {change:.1%} within the window" if change > _UNSTEADY else "")
+    return reasons
+
+
+def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
+    """Return why the windows of a recording do not belong together; empty where they do.
+
+    Parameters
+    ----------
+    proba : ndarray, shape (n_windows, n_classes)
+        Probabilities of each count, in the order of time.
+    faults_of_windows : sequence of str
+        Only windows without a fault, or with a jump, which may part two discs, are compared.
+    """
+    compared = [not fault or fault.startswith(_JUMPS) for fault in faults_of_windows]
+    root = np.sqrt(proba[compared])
+    if not len(root) or (root @ root.T).min() >= _AGREEMENT:
+        return ""
+    if sum(before @ after < _AGREEMENT for before, after in pairwise(root)) == 1:
+        return "its windows have another count from some time on: two discs in one recording?"
+    return "its windows disagree about the count"
+
+
+def most_frequent(reasons: Sequence[str]) -> str:
+    """Return the first of the most frequent reasons; they are alike if they differ in numbers only."""
+    given = [reason for reason in reasons if reason]
+    alike = Counter(re.sub(r"[\d.,]+", "", reason) for reason in given)
+    return max(given, key=lambda reason: alike[re.sub(r"[\d.,]+", "", reason)], default="")

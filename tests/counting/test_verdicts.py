@@ -1,0 +1,165 @@
+"""Verdicts: each fault injected into torque that has none, and clean recordings without one."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt
+
+from cyclofeat import Recording, Windower
+from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
+
+RATE, SPEED, TURN = 25_600.0, 500 / 60, 46_080
+
+
+def geared(seed=0, noise=0.1, turns=1, ratio=None):
+    """A pulse of its own height for each of 15 lobes, drift, noise; ``ratio`` is the course of the speed."""
+    random = np.random.default_rng(seed)
+    speed = np.ones(turns * TURN) if ratio is None else ratio
+    lobes = 15 * (16 / 15 * SPEED * np.cumsum(speed) / RATE + random.random())
+    heights = random.normal(size=15)
+    pulses = heights[np.floor(lobes).astype(int) % 15] * np.exp(-(((lobes % 1 - 0.5) / 0.15) ** 2))
+    drift = 2 * np.sin(2 * np.pi * 0.4 * np.arange(lobes.size) / RATE)
+    return 22 + pulses + drift + random.normal(0, noise, lobes.size)
+
+
+def faults(torque, angle=None):
+    recording = Recording(torque, RATE, angle=angle)
+    windows = Windower(input_speed_hz=SPEED, reduction=15).windows(recording)
+    return window_faults(recording, windows, windows.start_s + TURN / RATE, 15)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 0.5])
+def test_clean_windows_have_no_fault(noise):
+    assert faults(geared(1, noise, turns=3)) == ("", "", "")
+
+
+def test_a_steady_angle_is_no_fault():
+    angle = 2 * np.pi * SPEED * np.arange(TURN) / RATE
+    assert faults(geared(), angle) == ("",)
+
+
+def held(torque):
+    torque[10_000:12_000] = torque[10_000]
+
+
+def bridged(torque):
+    torque[10_000:12_000] = np.linspace(torque[10_000], torque[12_000], 2000)
+
+
+def lost_in_blocks(torque):
+    for start in range(0, TURN, 5000):
+        torque[start : start + 1000] = 0
+
+
+def dead(torque):
+    torque[30_000:] = torque[30_000] + np.random.default_rng(1).normal(0, 0.1, TURN - 30_000)
+
+
+def clipped(torque):
+    torque[:] = np.minimum(torque, np.quantile(torque, 0.56))
+
+
+def coarse(torque):
+    torque[:] = np.round(torque / 2) * 2
+
+
+def interpolated(torque):
+    torque[:] = np.interp(np.arange(TURN), np.arange(0, TURN, 40), torque[::40])
+
+
+def filtered(torque):
+    torque[:] = 22 + sosfilt(butter(4, 50, fs=RATE, output="sos"), torque - 22)
+
+
+def stepping(torque):
+    torque[30_000:] += 4
+
+
+def spiky(torque):
+    torque[500::2000] += 5
+
+
+def louder(torque):
+    torque[30_000:] += np.random.default_rng(1).normal(0, 0.3, TURN - 30_000)
+
+
+def noisy(torque):
+    torque += np.random.default_rng(1).normal(0, 4, TURN)
+
+
+INJECTED = {
+    held: "4% of the samples are lost: they repeat a value or lie on straight lines",
+    bridged: "4% of the samples are lost",
+    lost_in_blocks: "2[012]% of the samples are lost",
+    dead: "the lobes pause within the window",
+    clipped: r"44% of the samples are clipped at \d+.* or \d+",
+    coarse: "steps of 2 are too coarse for a torque that deviates by",
+    interpolated: r"the torque changes only 6\d\d times a second, too coarse for lobe lines up to 391 Hz",
+    filtered: "a low-pass filter has removed what lobe lines up to 391 Hz need",
+    stepping: r"the torque jumps, first 1\.17 s after the window's start",
+    spiky: "the torque has 23 spikes",
+    louder: r"the noise changes by a factor of \d",
+    noisy: r"noise of 4 hides worn lobes: it is 18% of the mean",
+}
+
+
+@pytest.mark.parametrize("inject", INJECTED, ids=lambda inject: inject.__name__)
+def test_each_fault_of_the_samples_has_its_reason(inject):
+    torque = geared()
+    inject(torque)
+    (reason,) = faults(torque)
+    assert re.match(INJECTED[inject], reason), reason
+
+
+def test_the_fault_is_that_of_its_window():
+    torque = geared(turns=3)
+    torque[TURN + 5000 : TURN + 9000] = torque[TURN + 5000]
+    first, second, third = faults(torque)
+    assert (first, third) == ("", "")
+    assert "9% of the samples are lost" in second
+
+
+@pytest.mark.parametrize(("share", "unsteady"), [(0.005, False), (0.05, True)])
+def test_a_wandering_speed(share, unsteady):
+    ratio = 1 + share * np.sin(np.linspace(0, 2 * np.pi, TURN))
+    (reason,) = faults(geared(2, 0.05, ratio=ratio))
+    assert bool(re.fullmatch(r"the speed changes by \d.\d% within the window", reason)) == unsteady
+
+
+def test_the_angle_says_how_the_speed_changes_unless_it_jumps():
+    ratio = 1 + 0.05 * np.sin(np.linspace(0, 2 * np.pi, TURN))
+    angle = 2 * np.pi * SPEED * np.cumsum(ratio) / RATE
+    assert faults(geared(2, 0.05, ratio=ratio), angle) == ("",)
+    angle[20_000:] += 2 * np.pi
+    assert faults(geared(2, 0.05, ratio=ratio), angle) == (
+        "the angle jumps or stands still within the window",
+    )
+
+
+SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
+
+
+@pytest.mark.parametrize(
+    ("counts", "reasons", "said"),
+    [
+        ([1, 1, 1], ["", "", ""], ""),
+        ([1], [""], ""),
+        ([0, 0, 3, 3], ["", "", "", ""], "two discs in one recording?"),
+        ([0, 3, 0, 3], ["", "", "", ""], "its windows disagree about the count"),
+        # A jump may part two discs; a window whose samples are lost says nothing.
+        ([0, 3], ["", "the torque jumps, first 1 s after the window's start"], "two discs in one recording?"),
+        ([0, 3], ["", "20% of the samples are lost"], ""),
+    ],
+)
+def test_windows_that_disagree(counts, reasons, said):
+    reason = disagreement(np.stack([SURE[count] for count in counts]), reasons)
+    assert reason.endswith(said)
+    assert bool(reason) == bool(said)
+
+
+def test_the_most_frequent_reason_leaves_numbers_aside():
+    assert most_frequent(["", "", ""]) == ""
+    assert most_frequent(["spikes", "2% lost", "", "3% lost"]) == "2% lost"
