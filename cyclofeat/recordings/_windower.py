@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.recordings import _checks as check
-from cyclofeat.recordings._recording import Recording, common_n_lobes
+from cyclofeat.recordings._recording import Recording, common_n_lobes, common_quantity
 from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.windows import Float
 
@@ -234,10 +234,11 @@ class Windower:
             If something else than recordings is given, or assemblies are partly text, partly numbers.
         ValueError
             If there is no recording; one is shorter than a window, constant over a window, or lacks the angle
-            or nominal speed that is needed; discs have different numbers of lobes; or rates or speeds are
-            mixed and the windows are cut by time.
+            or nominal speed that is needed; discs have different numbers of lobes; recordings are of
+            different quantities; or rates or speeds are mixed and the windows are cut by time.
         """
         records = _as_list(recordings)
+        common_quantity(records)
         if self.reduction is None:
             return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records)
         groups = _groups(records)
