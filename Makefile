@@ -124,7 +124,7 @@ bench-spoiled: $(INSTALLED)  ## what becomes of spoiled recordings; writes bench
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.spoiled
 
 COMMITS ?= HEAD^!
-bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.1.0..HEAD); writes build/asv/html
+bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.2.0..HEAD); writes build/asv/html
 	$(BIN)/python -m pip install -q --disable-pip-version-check 'asv[virtualenv]>=0.6'
 	cd benchmarks/asv && $(CURDIR)/$(BIN)/asv machine --yes && \
 		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish

@@ -25,7 +25,7 @@ from typing import Any
 
 from cyclofeat._base import plots
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _PUBLIC = {
     "Recording": "cyclofeat.recordings",

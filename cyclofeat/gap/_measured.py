@@ -20,7 +20,7 @@ from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
-from cyclofeat.recordings import Recording, Windower, common_n_lobes
+from cyclofeat.recordings import QUANTITIES, Recording, Windower, common_n_lobes, common_quantity
 from cyclofeat.signal.orders import mean_speed
 from cyclofeat.simulators import Rig
 
@@ -134,8 +134,8 @@ class MeasuredRig:
         Raises
         ------
         TypeError, ValueError
-            If there are no recordings, one states no speed, discs differ, or a rate is below
-            ``sampling_rate``.
+            If there are no recordings, one states no speed or is not of output torque, discs differ, or a
+            rate is below ``sampling_rate``.
 
         Examples
         --------
@@ -153,6 +153,12 @@ class MeasuredRig:
             raise ValueError("recordings must hold at least one recording, got none")
         for recording in given:
             check_type("recordings", recording, Recording)
+        quantity = common_quantity(given)
+        if quantity != QUANTITIES[0]:
+            raise ArgumentError(
+                "{argument} of the recordings must be {wanted!r}, as of the model's, got {got!r}",
+                argument="quantity", wanted=QUANTITIES[0], got=quantity,
+            )  # fmt: skip
         n_lobes = common_n_lobes(given)
         if n_lobes != rig.gearbox.n_lobes:
             raise ArgumentError(

@@ -27,16 +27,17 @@ def source_files() -> list[Path]:
     return [path for name in names.split("\0") if name and (path := ROOT / name).is_file()]
 
 
-def test_changelog_has_an_unreleased_section_with_entries():
-    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    section = re.search(r"^## \[Unreleased\]\n(.*?)(?=^## |\Z)", text, flags=re.MULTILINE | re.DOTALL)
-    assert section is not None
-    assert re.search(r"^- ", section[1], flags=re.MULTILINE)
-
-
-def test_version_is_stated_once_and_the_same():
-    assert PYPROJECT["project"]["version"] == cyclofeat.__version__
-    assert f"\nversion: {cyclofeat.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+def test_every_place_states_the_same_version():
+    version = cyclofeat.__version__
+    assert PYPROJECT["project"]["version"] == version
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    recipe = (ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f'version: "{version}"\n' in recipe
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    _, unreleased, newest, *_ = re.split(r"^## ", changes, flags=re.MULTILINE)
+    assert unreleased.startswith("[Unreleased]\n")
+    assert re.match(rf"\[{re.escape(version)}\] - \d{{4}}-\d\d-\d\d\n", newest)
+    assert "\n- " in newest
 
 
 def test_every_folder_with_code_is_in_the_wheel():
@@ -131,7 +132,6 @@ def test_the_conda_recipe_states_what_pyproject_states():
     stated = {line.strip(" -").replace(" ", "") for line in run.splitlines()}
     wanted = {"python>=${{python_min}}", *(one.lower() for one in project["dependencies"])}
     assert stated == wanted
-    assert f'version: "{project["version"]}"\n' in text
     assert f'python_min: "{project["requires-python"].removeprefix(">=")}"\n' in text
     assert f"license: {project['license']}\n" in text
     for name, entry in project["scripts"].items():

@@ -255,6 +255,8 @@ def test_recordings_of_two_quantities_do_not_mix():
     assert common_quantity([]) == "output_torque"
     with pytest.raises(ValueError, match=r"quantity must be the same .* got input_torque, output_torque"):
         common_quantity([record(), record(quantity="input_torque")])
+    with pytest.raises(ValueError, match=r"quantity must be the same .* got input_torque, output_torque"):
+        Windower().windows([record(), record(quantity="input_torque")])
 
 
 # -- angles

@@ -23,6 +23,8 @@ from cyclofeat.simulators import (
     Solver,
     batch,
     many,
+    motor_effects,
+    run_planned,
     simulate,
     simulate_many,
     simulation,
@@ -356,6 +358,21 @@ def test_options_are_those_of_simulate() -> None:
         )
     with pytest.raises(ValueError, match="duration"):
         simulate_many(duration=-1.0, kernel="auto")
+
+
+def test_a_motor_turns_machines_of_batches_too() -> None:
+    rig = Rig(effects=motor_effects()[:-1])  # whose current has no noise and no steps
+    plans = [
+        rig.plan_run(
+            LobeDefects.worn(n), duration=0.05, sampling_rate=8_000, quantity="motor_current", random_state=n
+        )
+        for n in (0, 2)
+    ]
+    each = zip(run_planned(plans, kernel="batch"), run_planned(plans, kernel="exact"), strict=True)
+    for batched, exact in ((one.record(), other.record()) for one, other in each):
+        assert (batched.kernel, exact.kernel) == ("batch", "exact")
+        np.testing.assert_allclose(batched.motor_current, exact.motor_current, rtol=1e-3)
+        np.testing.assert_allclose(batched.input_angle, exact.input_angle, atol=1e-5)
 
 
 def test_batches_fit_the_lanes_and_one_form() -> None:

@@ -48,7 +48,14 @@ def test_compiled_and_interpreted_runs_agree() -> None:
         assert np.abs(values - interpreted[name]).max() <= 1e-9 * np.abs(values).max(), name
 
 
-@pytest.mark.parametrize("defects", [LobeDefects.healthy(), LobeDefects.worn((0, 5, 6), depth=0.7)])
+@pytest.mark.parametrize(
+    "defects",
+    [
+        LobeDefects.healthy(),
+        LobeDefects.worn((0, 5, 6), depth=0.7),
+        LobeDefects.worn((0, 5, 6), wear_um=60, wear_share=1.0),
+    ],
+)
 def test_kernel_agrees_with_the_papers_system(defects: LobeDefects) -> None:
     gearbox = CycloidalGearbox.steel(wheel_runouts=(2e-6, 3e-6j))
     reference = reference_of(gearbox, defects)
