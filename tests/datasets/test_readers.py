@@ -551,7 +551,23 @@ def test_arguments_are_checked(tmp_path, arguments, kind, words):
         read_recording(path, **{"sampling_rate": 1, **arguments})
 
 
+@pytest.mark.parametrize("zone", ["", "Z", "+01:00"])
+def test_times_of_day_give_the_rate(tmp_path, zone):
+    times = ("10:59:59.999", "11:00:00.000", "11:00:00.001")
+    text = rows(
+        (f"2026-11-23T{t}{zone},{m}" for t, m in zip(times, TORQUE, strict=True)), head="time,torque\n"
+    )
+    recording = read_recording(write(tmp_path / "rig.csv", text))
+    assert recording.sampling_rate == 1000
+    assert recording.torque.tolist() == TORQUE
+
+
 # -- NPZ of others
+
+
+def test_npz_states_the_unit_of_its_angle(tmp_path):
+    np.savez(tmp_path / "rig.npz", torque=TORQUE, angle=[0, 90, 180], sampling_rate=RATE, angle_unit="deg")
+    np.testing.assert_allclose(read_recording(tmp_path / "rig.npz").angle, [0, np.pi / 2, np.pi])
 
 
 def test_npz_of_others_needs_torque_and_rate_only(tmp_path):
@@ -577,6 +593,16 @@ BAD_NPZ = {
     "wrong channel": ({"torque": [1, 2]}, {"channel": "x"}, ["channel = 'x'", "'torque'"]),
     "wrong angle": ({"torque": [1, 2]}, {"angle_channel": "phi"}, ["angle_channel = 'phi'", "'torque'"]),
     "no rate": ({"torque": [1, 2]}, {}, ["no sampling rate", "sampling_rate=", "'torque'"]),
+    "own format without rate": (
+        {"torque": [1, 2], "cyclofeat_recording": 2},
+        {},
+        ["add an array 'sampling_rate'"],
+    ),
+    "unit of the angle": (
+        {"torque": [1, 2], "sampling_rate": 3, "angle": [1, 2], "angle_unit": "turns"},
+        {},
+        ["'angle_unit'", "'rad' or 'deg'", "'turns'"],
+    ),
     "rate twice": (
         {"torque": [1, 2], "sampling_rate": 3},
         {"sampling_rate": 4},

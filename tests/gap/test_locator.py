@@ -353,7 +353,15 @@ def test_same_seed_same_table(comparison: Comparison, simulations: Path) -> None
         (np.full((2, N_SAMPLES), 22.0), {"y": [0, 16]}, "y must hold counts from 0 to the 15 lobes, got 16"),
         (np.full((2, N_SAMPLES), 22.0), {"y": [0, 1], "groups": [7, 7]}, "two counts in 7"),
         (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, N_SAMPLES))}, "angle must grow"),
+        (np.full((2, N_SAMPLES), 22.0), {"groups": [0, None]}, "groups must name the recording of every"),
+        (
+            np.full((2, N_SAMPLES), 22.0),
+            {"y": ["few", "many"]},
+            "whole numbers of worn lobes .* 'few', 'many'",
+        ),
+        (np.full((2, N_SAMPLES), 22.0), {"y": [0, 1.5]}, "y must hold whole numbers of worn lobes from 0"),
         (np.full((2, N_SAMPLES), 22.0), {"angle": np.zeros((2, 9))}, "angle must have the shape of X"),
+        (np.full((2, N_SAMPLES), 22.0), {"angle": np.full((2, N_SAMPLES), np.nan)}, "angle must be finite"),
     ],
 )
 def test_bad_recordings(comparison: Comparison, X: np.ndarray, options: dict, message: str) -> None:
@@ -367,6 +375,8 @@ def test_bad_arguments(comparison: Comparison) -> None:
         locate(comparison, comparison.measured(X[:1]))
     with pytest.raises(ValueError, match="n_permutations must be at least 219 for alpha=0.05"):
         locate(comparison, comparison.measured(X), n_permutations=100)
+    with pytest.raises(ValueError, match="alpha must lie between 0 and 1, got 5"):
+        locate(comparison, comparison.measured(X), alpha=5)
     with pytest.raises(ValueError, match="angle must be given if and only if tachometer is True"):
         comparison.measured(X, angle=X)
 
