@@ -337,7 +337,7 @@ def joined(recordings):
     """One recording after the other, without a tachometer and without a jump between them."""
     torque = recordings[0].torque
     for one in recordings[1:]:
-        torque = np.concatenate([torque, one.torque + torque[-100:].mean() - one.torque[:100].mean()])
+        torque = np.concatenate([torque, one.torque + torque[-5:].mean() - one.torque[:5].mean()])
     return recordings[0].replace(torque=torque, angle=None, angle_is_absolute=False)
 
 
