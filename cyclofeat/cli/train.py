@@ -100,7 +100,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.simulators import Solver
 
-    refuse_idle(arguments, READING, "without recordings: it is the rig's")
+    of_files = [name for name in READING if name != "quantity"]
+    refuse_idle(arguments, of_files, "without recordings: it is the rig's")
     rig = rig_of(arguments, default="r2")
     if arguments.windows < 1:
         raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
@@ -118,6 +119,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
         random_state=arguments.seed,
         n_jobs=arguments.jobs,
         with_angle=True,
+        quantity=arguments.quantity or "output_torque",
         kernel=arguments.kernel,
         # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
         solver=Solver(integrator="adams_bashforth"),
