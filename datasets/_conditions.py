@@ -65,7 +65,8 @@ class Conditions:
             changes["load_torque"] = _log_uniform(self.load_nm, shares[1])
         if not changes:
             return rig
-        factor = changes.get("load_torque", rig.gearbox.load_torque) / rig.gearbox.load_torque
+        # A brake drifts with its load, but the rig states no more than this drift.
+        factor = min(1.0, changes.get("load_torque", rig.gearbox.load_torque) / rig.gearbox.load_torque)
         effects = [
             one.with_parameters(rms_nm=_scaled(one.rms_nm, factor)) if isinstance(one, LoadDrift) else one
             for one in rig.effects

@@ -84,7 +84,7 @@ sys.path[:0] = [
 # Tables that the benchmarks write, as pages of their own.
 RESULTS = {
     "counting": "Counting worn lobes: the whole table",
-    "other_speed": "Discs at another speed",
+    "operating_points": "Counts at any speed and load",
     "gap": "Hidden effects: names, sizes and proof",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
     "published_rig": "The rig called published",

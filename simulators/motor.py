@@ -6,6 +6,8 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+from cyclofeat._base.checks import not_negative, positive, whole
+
 __all__ = ["Motor"]
 
 
@@ -29,6 +31,7 @@ class Motor:
     torque_constant : float
         Mean of k(phi), in Nm/A.
     pole_pairs, slots : int
+        Pairs of magnetic poles of the rotor, and slots of the stator.
     ripple, ripple_phase : float
         k(phi) = ``torque_constant`` (1 + ``ripple`` cos(6 ``pole_pairs`` phi + ``ripple_phase``)).
     cogging_nm, cogging_phases : tuple of three floats
@@ -38,6 +41,11 @@ class Motor:
     offset_nm, noise_nm, lsb_nm : float
         Offset, standard deviation of white noise, and step (0 for none) of the measured current, times the
         torque constant, in Nm.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is of the wrong type or outside its range.
 
     Examples
     --------
@@ -60,6 +68,14 @@ class Motor:
     offset_nm: float = 0.0
     noise_nm: float = 0.0
     lsb_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("inertia", "bandwidth_hz", "current_bandwidth_hz", "torque_constant"):
+            positive(name, getattr(self, name))
+        for name in ("pole_pairs", "slots"):
+            whole(name, getattr(self, name), 1)
+        for name in ("noise_nm", "lsb_nm"):
+            not_negative(name, getattr(self, name))
 
     @property
     def cogging_orders(self) -> tuple[int, int, int]:

@@ -67,4 +67,4 @@ def small_model(counts=(0, 1, 3), per_count=12):
     }  # fmt: skip
     domain = TrainingDomain().fit(features, windows.y, groups=windows.groups)
     counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
-    return LobeModel(counter, locator, RATE, SPEED, 15, card, domain)
+    return LobeModel(counter, locator, 15, card, domain, RATE, SPEED)

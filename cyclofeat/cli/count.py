@@ -48,15 +48,14 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     """Count file by file, then write the report."""
     model = read_model(arguments)
     files, options = entries(arguments.files), reading_arguments(arguments)
-    window = round(
-        model.n_lobes / model.input_speed_hz, 9
-    )  # the speed in turns per second is no round number
 
     def counted_of(recording: Recording) -> Counted:
         recording = without_start(recording, arguments.skip)
         count = model.count(recording)
+        first, last = count.windows[0], count.windows[-1]
         # Rounding of a window to whole samples leaves a residue that is no time.
-        return Counted(count, window, max(0.0, round(recording.duration - count.n_windows * window, 6)))
+        unused = max(0.0, round(recording.duration - last.stop_s, 6))
+        return Counted(count, round(first.stop_s - first.start_s, 9), unused)
 
     results = []
     for result in each_recording(files, options, counted_of):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
 from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import READING, add_reading_options, nominal_speed, read_all
+from cyclofeat.cli._ranges import range_of
+from cyclofeat.cli._reading import READING, add_reading_options, read_all
 from cyclofeat.cli._rigs import add_rig, rig_of
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -23,6 +23,8 @@ __all__ = ["add_arguments", "printed", "run"]
 _SIMULATION = (
     "assemblies",
     "windows",
+    "speeds",
+    "loads",
     "max_count",
     "lobes",
     "kernel",
@@ -31,6 +33,10 @@ _SIMULATION = (
     "simulator",
     "effects_from",
 )
+
+
+# Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
+_RANGE = 1.25
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +49,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
     parser.add_argument("--windows", type=int, default=2, help="output turns of each simulated assembly (2)")
+    parser.add_argument(
+        "--speeds", type=range_of("RPM"), metavar="LOW:HIGH",
+        help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
+        "the rig's)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--loads", type=range_of("Nm"), metavar="LOW:HIGH",
+        help="their loads in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
+    )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
     parser.add_argument(
         "--lobes", choices=("consecutive", "random", "mixed"), default="consecutive",
@@ -70,7 +85,6 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     if arguments.recordings:
         refuse_idle(arguments, _SIMULATION, "with recordings from files")
         recordings = read_all(arguments.recordings, arguments)
-        nominal_speed(recordings)  # an error that names the option
         origin = f"{len(recordings)} recordings from files"
     else:
         recordings, name = _simulated(arguments)
@@ -86,28 +100,37 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.simulators import Solver
 
-    refuse_idle(arguments, READING, "without recordings: it is the rig's")
+    of_files = [name for name in READING if name != "quantity"]
+    refuse_idle(arguments, of_files, "without recordings: it is the rig's")
     rig = rig_of(arguments, default="r2")
     if arguments.windows < 1:
         raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
-    turn = rig.gearbox.n_lobes * 2 * math.pi / rig.gearbox.input_speed  # s
+    gearbox = rig.gearbox
     recordings = make_rig_recordings(
         arguments.assemblies,
         range(arguments.max_count + 1),
         rig=rig,
         lobes=arguments.lobes,
-        duration=arguments.windows * math.ceil(turn * sampling_rate - 1e-6) / sampling_rate,
+        speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
+        load_nm=arguments.loads or _around(gearbox.load_torque),
+        output_turns=arguments.windows,
         sampling_rate=sampling_rate,
         random_state=arguments.seed,
         n_jobs=arguments.jobs,
         with_angle=True,
+        quantity=arguments.quantity or "output_torque",
         kernel=arguments.kernel,
         # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
         solver=Solver(integrator="adams_bashforth"),
         progress=Progress("simulating assemblies"),
     )
     return recordings, rig.name
+
+
+def _around(nominal: float) -> tuple[float, float]:
+    """Return the default range about a nominal value."""
+    return nominal / _RANGE, nominal * _RANGE
 
 
 def printed(arguments: argparse.Namespace, model: LobeModel) -> Printed:
@@ -124,7 +147,7 @@ def printed(arguments: argparse.Namespace, model: LobeModel) -> Printed:
         accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
     text = (
         f"{arguments.out}: counts {card['classes']}, trained on {card['description']}\n"
-        f"for recordings at {model.sampling_rate:g} Hz and {60 * model.input_speed_hz:g} RPM; {located}\n"
+        f"for recordings {model.made_for()}; {located}\n"
         f"{accuracy}"
     )
     return Printed(text, {"file": arguments.out, **card})

@@ -29,6 +29,7 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with 
 ``TrainingDomain`` and the speed check refuse.
 """
 
+from cyclofeat.counting._answers import LobeCount, WindowCount, counts_frame
 from cyclofeat.counting._assembly_folds import aligned_proba as aligned_proba
 from cyclofeat.counting._assembly_folds import fit_grouped as fit_grouped
 from cyclofeat.counting._assembly_folds import grouped_folds as grouped_folds
@@ -49,7 +50,7 @@ from cyclofeat.counting._lobe_sets import inclusion as inclusion
 from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting._model import LobeCount, LobeModel, WindowCount, counts_frame
+from cyclofeat.counting._model import LobeModel
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter

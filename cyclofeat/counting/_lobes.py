@@ -80,6 +80,8 @@ class LobeCounter(Counter):
         Folds by assembly on which the opinions are weighed; less where a class has fewer assemblies.
     random_state : int or None, default=0
         Seed of trees, network and folds.
+    speed_tolerance : float, default=0.015
+        As of :class:`~cyclofeat.features.LobeMap`; 0 for windows over the angle of the shaft.
 
     Attributes
     ----------
@@ -146,6 +148,7 @@ class LobeCounter(Counter):
         "n_epochs": [Interval(Integral, 1, None, closed="left")],
         "n_splits": [Interval(Integral, 2, None, closed="left")],
         "random_state": ["random_state"],
+        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
     }
 
     sampling_rate: float
@@ -158,6 +161,7 @@ class LobeCounter(Counter):
     n_epochs: int = 30
     n_splits: int = 5
     random_state: int | None = 0
+    speed_tolerance: float = lobes.SPEED_TOLERANCE
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(
@@ -203,8 +207,9 @@ class LobeCounter(Counter):
         member = assemblies_of(groups, len(windows))
         seed = drawn_seed(self.random_state)
         self.lobe_map_ = LobeMap(
-            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
-        ).fit(windows)
+            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
+            speed_tolerance=self.speed_tolerance,
+        ).fit(windows)  # fmt: skip
         found = self.lobe_map_.lines(windows)
         features = self.lobe_map_.from_lines(found)
         folds = grouped_folds(rank, member, self.n_splits, seed)

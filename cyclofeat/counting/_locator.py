@@ -58,6 +58,8 @@ class LobeLocator(DocumentedEstimator):
         Number of trees.
     random_state : int or None
         Seed of the trees.
+    speed_tolerance : float
+        As of :class:`~cyclofeat.features.LobeMap`.
     """
 
     sampling_rate: float
@@ -65,6 +67,7 @@ class LobeLocator(DocumentedEstimator):
     n_lobes: int = 15
     n_trees: int = 200
     random_state: int | None = 0
+    speed_tolerance: float = lobes.SPEED_TOLERANCE
 
     def fit(self, X: ArrayLike, worn: ArrayLike, passage: ArrayLike) -> Self:
         """Learn from windows whose worn lobes are known.
@@ -95,8 +98,9 @@ class LobeLocator(DocumentedEstimator):
         if target.all() or not target.any():
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
         self.lobe_map_ = LobeMap(
-            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes
-        ).fit(windows)
+            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
+            speed_tolerance=self.speed_tolerance,
+        ).fit(windows)  # fmt: skip
         self.trees_ = CountingTrees(
             self.n_trees, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
         )

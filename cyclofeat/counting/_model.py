@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from cyclofeat._base import plots, svg
+from cyclofeat._base import svg
+from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
-from cyclofeat._base.frames import frame
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
-from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat.counting._answers import LobeCount, WindowCount
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import combine_proba
@@ -28,205 +28,31 @@ from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
+from cyclofeat.counting._turning import Turning, turning_of
 from cyclofeat.features import LobeMap
-from cyclofeat.recordings import Recording, Windower, WindowSet, common_n_lobes, common_speed
+from cyclofeat.recordings import (
+    Recording,
+    Windower,
+    WindowSet,
+    common_n_lobes,
+    common_quantity,
+    shaft_windows,
+)
 from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
 from cyclofeat.signal.windows import Float
 
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.axes import Axes
-
+# Share by which a speed may lie outside those of training.
+_SPEED_MARGIN = 0.05
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
 
 @dataclass(frozen=True)
-class WindowCount:
-    """Answer of a model for one window of a recording.
-
-    Attributes
-    ----------
-    start_s, stop_s : float
-        The window in s from the recording's first sample.
-    defect_count : int
-        Most probable number of worn lobes in this window alone.
-    probability : float
-        Its probability.
-    distance : float
-        Distance from the training windows, in units of the largest inside; NaN where the model has no domain.
-    reason : str
-        Why the window is refused, else empty.
-    """
-
-    start_s: float
-    stop_s: float
-    defect_count: int
-    probability: float
-    distance: float
-    reason: str
-
-
-@dataclass(frozen=True)
-class LobeCount:
-    """Answer of a model for one recording.
-
-    Attributes
-    ----------
-    defect_count : int
-        Most probable number of worn lobes.
-    probability : dict
-        Probability of each count.
-    lobes : tuple of int
-        The ``defect_count`` lobes most probably worn, counted from 0; empty where the model has no locator.
-    lobe_probability : tuple of float
-        Probability of each lobe of being worn; empty where the model has no locator.
-    absolute : bool
-        Whether lobes are numbered as on the disc. Otherwise lobe 0 is the one under load at the recording's
-        first sample.
-    n_windows : int
-        Windows that were combined.
-    warnings : tuple of str
-        What the reader should know.
-    refused : bool
-        Whether most of the windows lie outside what the model was trained on, no count fits most of them
-        (where the counter is a :class:`ConformalCounter`), or the lobe lines fit another speed: the count
-        is then not reliable.
-    reason : str
-        Why refused, else empty.
-    distance : float
-        Median over windows of the distance from the training windows, in units of the largest distance
-        inside; NaN where the model has no domain.
-    windows : tuple of WindowCount
-        The answer of each window.
-    """
-
-    defect_count: int
-    probability: dict[int, float]
-    lobes: tuple[int, ...]
-    lobe_probability: tuple[float, ...] = field(repr=False)
-    absolute: bool
-    n_windows: int
-    warnings: tuple[str, ...] = ()
-    refused: bool = False
-    reason: str = ""
-    distance: float = float("nan")
-    windows: tuple[WindowCount, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1."""
-        return {
-            "defect_count": self.defect_count,
-            "probability": {str(count): value for count, value in self.probability.items()},
-            "worn_lobes_from_1": from_1(self.lobes),
-            "lobe_probability": list(self.lobe_probability),
-            "lobes_absolute": self.absolute,
-            "n_windows": self.n_windows,
-            "refused": self.refused,
-            "reason": self.reason,
-            # JSON has no NaN
-            "distance": None if np.isnan(self.distance) else self.distance,
-            "warnings": list(self.warnings),
-        }
-
-    def plot(
-        self, kind: Literal["counts", "lobes"] = "counts", ax: Axes | None = None, **options: Any
-    ) -> Any:
-        """Draw the probabilities.
-
-        Parameters
-        ----------
-        kind : {"counts", "lobes"}, default="counts"
-            Probability of each number of worn lobes, or of each lobe of being worn.
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw on; default, new ones.
-        **options
-            Passed on to ``Axes.bar``.
-
-        Returns
-        -------
-        cyclofeat.plotting.CountDisplay
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        ValueError
-            If there is no such kind, or the model located no lobes.
-        """
-        return plots.draw(self, kind, ax, **options)
-
-    def _repr_html_(self) -> str:
-        answer = number(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
-        numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
-        distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
-        rows = {
-            "probability": f"{self.probability[self.defect_count]:.3f}",
-            "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
-            "combined": number(self.n_windows, "window"),
-            "distance": distance,
-            "refused": self.reason,
-        }
-        drawn = [
-            svg.columns(
-                self.probability.values(), [*self.probability], "Probability of each number of worn lobes",
-                marked={self.defect_count},
-            ),
-            svg.disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
-            if self.lobe_probability
-            else "",
-        ]  # fmt: skip
-        return card(
-            f"Refused, not reliable: {answer}" if self.refused else answer, rows,
-            pictures=drawn, notes=self.warnings, code='count.plot("lobes")' if self.lobes else "count.plot()",
-        )  # fmt: skip
-
-
-def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.DataFrame:
-    """Return the answers for many recordings as a data frame.
-
-    Parameters
-    ----------
-    counts : mapping from str to LobeCount, or sequence of LobeCount
-        Answers, by the names of their recordings.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per recording, its name as the index: ``defect_count``, ``probability`` (of that count),
-        ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
-        ``warnings``, and ``probability_<count>`` of each count.
-
-    Raises
-    ------
-    ImportError
-        If pandas is not installed.
-
-    Examples
-    --------
-    >>> answer = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
-    >>> counts_frame({"a.csv": answer})[["defect_count", "probability", "lobes"]]
-               defect_count  probability lobes
-    recording
-    a.csv                 1          0.9  (3,)
-    """
-    names = [*counts] if isinstance(counts, Mapping) else range(len(counts))
-    given = counts.values() if isinstance(counts, Mapping) else counts
-    rows = []
-    for one in given:
-        of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
-        row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
-        rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
-    made = frame(rows)
-    made.index = frame({"recording": names}).set_index("recording").index
-    return made
-
-
-@dataclass(frozen=True)
 class LobeModel:
-    """Counter and locator of worn lobes, for recordings of one sampling rate and nominal speed.
+    """Counter and locator of worn lobes of recordings.
 
-    Build it with :meth:`train`, or of a counter that is fitted already with :meth:`of_counter`.
+    Build it with :meth:`train`, for recordings of any sampling rate at the speeds of the training, or of a
+    counter that is fitted already with :meth:`of_counter`, for one sampling rate and speed.
 
     Attributes
     ----------
@@ -237,38 +63,40 @@ class LobeModel:
     locator : LobeLocator, LobeCounter or None
         Fitted; the counter itself where that is a :class:`LobeCounter`. None where the training recordings
         did not state angle and worn lobes.
-    sampling_rate, input_speed_hz : float
-        In Hz, and nominal in turns per second.
     n_lobes : int
     card : dict
         Training data and versions.
     domain : TrainingDomain or None
         Fitted to the features that the counter sees; None where there was one assembly only.
+    sampling_rate, input_speed_hz : float or None
+        Hz, and nominal turns per second, of the windows in time that the counter takes. None where it takes
+        windows over the angle of the shaft, of any rate and speed.
     """
 
     counter: BaseEstimator
     locator: LobeLocator | LobeCounter | None
-    sampling_rate: float
-    input_speed_hz: float
     n_lobes: int
     card: dict[str, Any] = field(repr=False)
     domain: TrainingDomain | None = None
+    sampling_rate: float | None = None
+    input_speed_hz: float | None = None
 
     @classmethod
     def train(
         cls,
         recordings: Sequence[Recording],
         *,
-        input_speed_hz: float | None = None,
         random_state: int = 0,
         n_splits: int = 5,
         n_trees: int = 300,
         description: str = "",
     ) -> LobeModel:
-        """Train on labelled recordings.
+        """Train on labelled recordings, of any speeds, loads and sampling rates.
 
-        Where they state which lobes are worn and hold sets that are no row of neighbours, the counter is a
-        :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
+        Windows of one output turn are cut over the angle of the input shaft: a tachometer's, or the one that
+        the lines of the torque give around the stated speed. Where all recordings state which lobes are worn
+        and some hold sets that are no row of neighbours, the counter is a :class:`LobeCounter`, which counts
+        lobe by lobe; else trees on the lobe map.
 
         Parameters
         ----------
@@ -276,8 +104,6 @@ class LobeModel:
             With ``defect_count``; where all of them also state ``worn_lobes`` and an absolute angle, the
             model learns to locate lobes too. Probabilities are calibrated on held-out assemblies; recordings
             are one assembly each if they do not all state theirs.
-        input_speed_hz : float, optional
-            Nominal input speed; default the median of those that the recordings state.
         random_state : int
             Seed of the trees.
         n_splits : int
@@ -295,19 +121,20 @@ class LobeModel:
         Raises
         ------
         ValueError
-            Where recordings lack a defect count, hold one class only, cannot be cut into windows, or state
-            another number of lobes or a speed more than 1.5 % beside the nominal one.
+            Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
+            are shorter than an output turn, or state neither angle nor speed.
         """
-        n_lobes = common_n_lobes(recordings)
-        speed = common_speed(recordings, input_speed_hz)
-        windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
-        if windows.y is None:
+        n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
+        if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
-        assert speed is not None  # otherwise the windower raises
+        turnings = [turning_of(recording, n_lobes) for recording in recordings]
+        windows = shaft_windows(recordings, [one.angle for one in turnings], n_lobes)
+        assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         made_for = {
-            "input_speed_hz": speed, "n_lobes": n_lobes, "n_trees": n_trees, "random_state": random_state,
+            "input_speed_hz": 1.0, "speed_tolerance": 0.0, "n_lobes": n_lobes, "n_trees": n_trees,
+            "random_state": random_state,
         }  # fmt: skip
         protocol = Protocol(n_splits=n_splits, random_state=random_state) if n_splits else None
         counter, locator, scores, features = _fitted(windows, made_for, protocol)
@@ -317,6 +144,9 @@ class LobeModel:
             domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
         card = {
             "description": description,
+            "quantity": quantity,
+            "speeds_rpm": _range([60 * one.speed_hz for one in turnings]),
+            "loads_nm": _range([one.load_nm for one in recordings if one.load_nm is not None]),
             "n_recordings": len(recordings),
             "n_windows": len(windows),
             "sources": sorted({str(r.source) for r in recordings}),
@@ -326,7 +156,7 @@ class LobeModel:
             "cross_validation": scores,
             "versions": package_versions(*MODEL_PACKAGES),
         }
-        return cls(counter, locator, windows.sampling_rate, speed, n_lobes, card, domain)
+        return cls(counter, locator, n_lobes, card, domain)
 
     @classmethod
     def of_counter(
@@ -375,12 +205,12 @@ class LobeModel:
             "versions": package_versions(*MODEL_PACKAGES),
         }
         domain = getattr(counter, "domain_", None)
-        return cls(counter, None, sampling_rate, input_speed_hz, n_lobes, card, domain)
+        return cls(counter, None, n_lobes, card, domain, sampling_rate, input_speed_hz)
 
     def _repr_html_(self) -> str:
         stated, scores = self.card, self.card.get("cross_validation")
         rows = {
-            "for recordings at": f"{self.sampling_rate:g} Hz and {60 * self.input_speed_hz:g} RPM",
+            "for recordings": self.made_for(),
             "disc": f"{self.n_lobes} lobes",
             "counts": ", ".join(map(str, stated.get("classes", ()))),
             "trained on": stated.get("description"),
@@ -393,14 +223,33 @@ class LobeModel:
         drawn = svg.confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
         return card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
 
+    def made_for(self) -> str:
+        """Return in words which recordings the model counts."""
+        quantity = str(self.card.get("quantity", "output_torque")).replace("_", " ")
+        if self.input_speed_hz is not None:
+            return f"of {quantity} at {self.sampling_rate:g} Hz and {60 * self.input_speed_hz:g} RPM"
+        parts = [f"of {quantity} at {_range_text(self.card['speeds_rpm'])} RPM"]
+        if self.card["loads_nm"]:
+            parts.append(f"{_range_text(self.card['loads_nm'])} Nm")
+        return " and ".join(parts)
+
     def check(self, recording: Recording) -> None:
-        """Raise ``ValueError`` if the recording's sampling rate, lobes or speed do not suit the model."""
+        """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
+        quantity = self.card.get("quantity", "output_torque")
+        if recording.quantity != quantity:
+            raise ArgumentError(
+                "{argument} of the recording is {got}, but the model was trained on {trained}: train a model "
+                "on recordings of that quantity",
+                argument="quantity", got=recording.quantity, trained=quantity,
+            )  # fmt: skip
         # 15 is the default of recordings that do not state their lobes.
         if recording.n_lobes not in (15, self.n_lobes):
             raise ValueError(
                 f"n_lobes of the recording is {recording.n_lobes}, but the model was trained for discs of "
                 f"{self.n_lobes}: train a model for them"
             )
+        if self.input_speed_hz is None or self.sampling_rate is None:
+            return
         if abs(recording.sampling_rate / self.sampling_rate - 1) > 1e-6:
             raise ValueError(
                 f"sampling_rate of the recording is {recording.sampling_rate:g} Hz, but the model was "
@@ -417,13 +266,8 @@ class LobeModel:
                     f"{60 * self.input_speed_hz:.5g} RPM: train a model at that speed"
                 )
 
-    def count(self, recording: Recording) -> LobeCount:
-        """Count and locate the worn lobes of one recording.
-
-        The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
-        without a learned dependence is taken to be no surer of many windows than of one. The recording is
-        refused where more than half of its windows lie outside the training domain, or where, without a
-        tachometer, its lobe lines are those of another speed; it still has a count.
+    def windows(self, recording: Recording) -> WindowSet:
+        """Cut a recording into the windows that the counter takes.
 
         Raises
         ------
@@ -431,18 +275,53 @@ class LobeModel:
             Where the recording does not suit the model or is shorter than one output turn.
         """
         self.check(recording)
-        windows = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes).windows([recording])
+        return self._cut(recording)[0]
+
+    def speed_of(self, recording: Recording) -> float:
+        """Return the input speed of a recording in turns per second: measured, stated, or the model's."""
+        if self.input_speed_hz is not None:
+            return recording.input_speed_hz or self.input_speed_hz
+        return turning_of(recording, self.n_lobes).speed_hz
+
+    def _cut(self, recording: Recording) -> tuple[WindowSet, Turning | None]:
+        """Return windows, and how the shaft turned where they are cut over its angle."""
+        if self.input_speed_hz is not None:
+            windower = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes)
+            return windower.windows([recording]), None
+        turning = turning_of(recording, self.n_lobes)
+        return shaft_windows([recording], [turning.angle], self.n_lobes), turning
+
+    def count(self, recording: Recording) -> LobeCount:
+        """Count and locate the worn lobes of one recording.
+
+        The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
+        without a learned dependence is taken to be no surer of many windows than of one. The recording is
+        refused where more than half of its windows lie outside the training domain, where its speed lies
+        outside those of training, or where, without a tachometer, its lines are those of another speed or
+        show none; it still has a count.
+
+        Raises
+        ------
+        ValueError
+            Where the recording does not suit the model or is shorter than one output turn.
+        """
+        self.check(recording)
+        windows, turning = self._cut(recording)
         proba, probability, features, lines = self._window_answers(windows.X)
         classes = np.asarray(self.counter.classes_)
         count = int(classes[probability.argmax()])
         notes = []
-        if recording.input_speed_hz is None:
+        if turning is not None and turning.note:
+            notes.append(turning.note)
+        if turning is None and recording.input_speed_hz is None:
+            assert self.input_speed_hz is not None
             notes.append(
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
         distances = self._distances(windows.X, features)
         distance, n_outside = float(np.median(distances)), int(np.sum(distances > 1))
-        reason, reasons = self._refusals(windows.X, distances > 1, has_angle=recording.angle is not None)
+        doubt = self._doubted(recording, windows, turning)
+        reason, reasons = self._refusals(windows.X, distances > 1, doubt)
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -475,9 +354,10 @@ class LobeModel:
             reason=reason,
             distance=distance,
             windows=tuple(
-                WindowCount(start, start + windows.X.shape[1] / windows.sampling_rate, *answer)
-                for start, *answer in zip(
+                WindowCount(*answer)
+                for answer in zip(
                     windows.start_s.tolist(),
+                    _stops(windows, recording, turning).tolist(),
                     classes[proba.argmax(axis=1)].tolist(),
                     proba.max(axis=1).tolist(),
                     distances.tolist(),
@@ -513,11 +393,23 @@ class LobeModel:
         combined = combine_proba(proba, np.zeros(len(X), dtype=int), 1.0 if learned is None else learned)
         return proba, combined[0], features, lines
 
-    def _refusals(self, X: Float, outside: NDArray[np.bool_], *, has_angle: bool) -> tuple[str, list[str]]:
+    def _doubted(self, recording: Recording, windows: WindowSet, turning: Turning | None) -> str:
+        """Return why the speed of the recording is doubted, or not one of training; else empty."""
+        if turning is None:
+            return "" if recording.angle is not None else self._another_speed(windows.X)
+        if turning.doubt:
+            return turning.doubt
+        low, high = self.card["speeds_rpm"]
+        rpm = 60 * turning.speed_hz
+        if low * (1 - _SPEED_MARGIN) <= rpm <= high * (1 + _SPEED_MARGIN):
+            return ""
+        return f"it turns at {rpm:.5g} RPM, but the model was trained at {_range_text((low, high))} RPM"
+
+    def _refusals(self, X: Float, outside: NDArray[np.bool_], doubt: str) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
         # First the speed: a wrong one explains windows outside the domain.
-        if not has_angle and (reason := self._another_speed(X)):
-            return reason, [reason] * len(X)
+        if doubt:
+            return doubt, [doubt] * len(X)
         empty = np.zeros(len(X), dtype=bool)
         if hasattr(self.counter, "predict_set"):
             empty = ~self.counter.predict_set(X).any(axis=1)
@@ -528,6 +420,8 @@ class LobeModel:
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
+        assert self.input_speed_hz is not None
+        assert self.sampling_rate is not None
         first = self.counter[0] if isinstance(self.counter, Pipeline) else None
         searched = first.speed_tolerance if isinstance(first, LobeMap) else 0.0
         tolerance = max(SPEED_TOLERANCE, searched)
@@ -563,6 +457,25 @@ class LobeModel:
         return np.asarray(answers[np.abs(answers - 0.5).sum(axis=1).argmax()])
 
 
+def _range(values: Sequence[float]) -> list[float] | None:
+    """Return the least and the largest value; None of none."""
+    return [float(min(values)), float(max(values))] if values else None
+
+
+def _range_text(ends: Sequence[float]) -> str:
+    low, high = (f"{end:.4g}" for end in ends)
+    return low if low == high else f"{low} to {high}"
+
+
+def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) -> Float:
+    """Return the ends of the windows in s."""
+    n_samples = windows.X.shape[1]
+    if turning is None:
+        return np.asarray(windows.start_s + n_samples / windows.sampling_rate)
+    turned = 2 * np.pi * n_samples / windows.sampling_rate
+    return turning.times(windows.start_angle + turned, recording.sampling_rate)
+
+
 def _fitted(
     windows: WindowSet, made_for: dict[str, Any], protocol: Protocol | None
 ) -> tuple[BaseEstimator, LobeLocator | LobeCounter | None, dict[str, Any] | None, Float]:
@@ -588,8 +501,9 @@ def _fitted(
     locator = None
     if worn is not None and passage is not None and worn.any() and not worn.all():
         locator = LobeLocator(
-            windows.sampling_rate, made_for["input_speed_hz"], n_lobes, random_state=random_state
-        )
+            windows.sampling_rate, made_for["input_speed_hz"], n_lobes, random_state=random_state,
+            speed_tolerance=made_for["speed_tolerance"],
+        )  # fmt: skip
         locator.fit(windows.X, worn, passage)
     return Pipeline([("lobe_map", plain["lobe_map"]), ("trees", trees)]), locator, scores, features
 

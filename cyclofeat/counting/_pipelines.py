@@ -13,6 +13,7 @@ from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
 KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
 
@@ -25,6 +26,7 @@ def make_lobe_counter(
     n_lobes: int = 15,
     n_trees: int = 300,
     random_state: int | None = 0,
+    speed_tolerance: float = SPEED_TOLERANCE,
 ) -> Any:
     """Make a counter of worn lobes of a chosen kind, ready to fit to windows.
 
@@ -51,6 +53,9 @@ def make_lobe_counter(
         Number of trees, for the kinds that have any.
     random_state : int or None
         Seed of the trees and folds.
+    speed_tolerance : float
+        Largest relative deviation from the nominal speed that the kinds with a lobe map search; 0 for windows
+        over the angle of the shaft.
 
     Returns
     -------
@@ -80,9 +85,11 @@ def make_lobe_counter(
         raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
     disc: dict[str, Any] = {"input_speed_hz": input_speed_hz, "n_lobes": n_lobes}
     if kind == "lobes":
-        return LobeCounter(sampling_rate, **disc, n_trees=n_trees, random_state=random_state)
+        return LobeCounter(
+            sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
+        )
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
-    lobe_map = ("lobe_map", LobeMap(sampling_rate, **disc))
+    lobe_map = ("lobe_map", LobeMap(sampling_rate, **disc, speed_tolerance=speed_tolerance))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],

@@ -16,6 +16,7 @@ from cyclofeat.counting import Evaluation, LobeModel
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.models._content import ModelFileError, estimators_in
+from cyclofeat.recordings import SAMPLES_PER_TURN
 
 FORMAT = 2
 CARD_SUFFIX = ".card.json"
@@ -25,6 +26,8 @@ _COMPARED = {"cyclofeat": 3, "scikit-learn": 3, "python": 2, "numpy": 2, "scipy"
 _COMPARED_BY_FORMAT = {".joblib": {"joblib": 1}, ".skops": {"skops": 2}}
 FEATURES = "features"
 ALLOWED = (*_COMPARED, "joblib", "skops", "sklearn", FEATURES)
+# Entries of a model's own card that are repeated.
+_OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm")
 # What each entry of a card must be.
 _CARD: dict[str, Callable[[Any], bool]] = {
     "format": lambda value: value == FORMAT,
@@ -33,7 +36,7 @@ _CARD: dict[str, Callable[[Any], bool]] = {
     "versions": lambda value: (
         isinstance(value, dict) and _COMPARED.keys() <= value.keys() and all(map(_is_text, value.values()))
     ),
-    "sampling_rate": lambda value: isinstance(value, (int, float)) and value > 0,
+    "sampling_rate": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
     "input_speed_hz": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
     "n_lobes": lambda value: value is None or isinstance(value, int),
     "training": lambda value: isinstance(value, dict) and _is_text(value.get("description")),
@@ -61,8 +64,8 @@ def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
     -------
     dict
         ``format``, ``holds`` (type), ``sha256``, ``bytes``, ``versions``, ``sampling_rate`` (Hz),
-        ``window_samples``, ``window_s``, ``input_speed_hz``, ``n_lobes``, ``classes``, ``features``
-        (``columns``, and ``definitions`` with their versions), ``training`` and ``scores``.
+        ``window_samples``, ``samples_per_turn``, ``window_s``, ``input_speed_hz``, ``n_lobes``, ``classes``,
+        ``features`` (``columns``, and ``definitions`` with their versions), ``training`` and ``scores``.
 
     Raises
     ------
@@ -117,7 +120,8 @@ def make_card(
     made = {} if model is None else model.card
     inner = counter if model is None else model.counter
     rate = _parameter(counter, "sampling_rate") if sampling_rate is None else float(sampling_rate)
-    if rate is None:
+    any_speed = model is not None and model.input_speed_hz is None
+    if rate is None and not any_speed:
         raise ValueError(
             "sampling_rate must be given (Hz): no step of the counter states it, and it cannot be guessed"
         )
@@ -135,7 +139,8 @@ def make_card(
         "versions": found,
         "sampling_rate": rate,
         "window_samples": samples,
-        "window_s": samples / rate,
+        "samples_per_turn": SAMPLES_PER_TURN if any_speed else None,
+        "window_s": None if rate is None else samples / rate,
         "input_speed_hz": _parameter(counter, "input_speed_hz"),
         "n_lobes": _parameter(counter, "n_lobes"),
         "classes": inner.classes_,
@@ -143,7 +148,7 @@ def make_card(
         "training": {
             "description": description or made.get("description", ""),
             "assemblies": known,
-            **{key: made[key] for key in ("n_recordings", "n_windows", "sources") if key in made},
+            **{key: made[key] for key in _OF_TRAINING if key in made},
         },
         "scores": made.get("cross_validation") if scores is None else dict(scores),
         "calibrated": made.get("calibrated"),

@@ -237,7 +237,7 @@ class LobeMapDisplay:
             raise ValueError("model must have a locator to give each lobe a probability, got one without")
         return cls.from_recording(
             recording,
-            input_speed_hz=model.input_speed_hz,
+            input_speed_hz=model.speed_of(recording),
             n_lobes=model.n_lobes,
             marks=LobeMarks(counted=counted.lobes, probability=counted.lobe_probability),
             outline=outline,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat.features import LobeMap
 from cyclofeat.plotting.drawing import Float, axes_for, legend_above
 from cyclofeat.plotting.kinds import words_of
-from cyclofeat.recordings import Recording, Windower, WindowSet
+from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import lobes
 
 if TYPE_CHECKING:
@@ -152,8 +152,7 @@ class TrainingDisplay:
         domain = model.domain
         if domain is None:
             raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")
-        model.check(recording)
-        windows = Windower(input_speed_hz=model.input_speed_hz, reduction=model.n_lobes).windows([recording])
+        windows = model.windows(recording)
         features = np.asarray(features_seen(model.counter, windows.X))
         names = feature_definitions(model.counter)["columns"]
         return cls(

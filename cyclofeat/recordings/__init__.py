@@ -6,6 +6,7 @@ name                 job
 ``Recording``        one record of a quantity with sampling rate, angle and labels; frozen
 ``QUANTITIES``       quantities that a recording may hold
 ``QUANTITY_UNITS``   their units
+``SAMPLES_PER_TURN`` samples per input turn of ``shaft_windows``
 ``Windower``         cut recordings into windows of whole output turns, or of equal duration
 ``WindowSet``        windows with their counts, assemblies, start angles and worn lobes
 ``common_quantity``  quantity that recordings share
@@ -16,15 +17,18 @@ name                 job
 
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.recordings._recording import Recording, common_n_lobes, common_quantity, common_speed
+from cyclofeat.recordings._shaft import SAMPLES_PER_TURN, shaft_windows
 from cyclofeat.recordings._windower import Windower, WindowSet
 
 __all__ = [
     "QUANTITIES",
     "QUANTITY_UNITS",
+    "SAMPLES_PER_TURN",
     "Recording",
     "WindowSet",
     "Windower",
     "common_n_lobes",
     "common_quantity",
     "common_speed",
+    "shaft_windows",
 ]

@@ -17,6 +17,8 @@ from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.windows import Float
 
 Int = NDArray[np.int64]
+# Windows of a recording, their starts in s and in rad.
+Cut = tuple[Float, Float, Float]
 
 # Assemblies of one nominal speed differ by a per cent or two (motor slip); 400 and 500 RPM by a fifth.
 _SPEED_TOLERANCE = 0.05
@@ -241,7 +243,7 @@ class Windower:
         common_quantity(records)
         if self.reduction is None:
             return dataclasses.replace(self, reduction=common_n_lobes(records)).windows(records)
-        groups = _groups(records)
+        _groups(records)  # a mixture is an error before any work
         if self.angle_resample:
             per_turn = self._common_samples_per_turn(records)
             rate = float(per_turn)
@@ -250,19 +252,7 @@ class Windower:
             rate = _common_rate(records, "angle_resample=True with samples_per_turn=...")
             length = self._window_length(records, rate)
             parts = [self._cut_by_time(_name(i, r), r, length) for i, r in enumerate(records)]
-        origin = np.repeat(np.arange(len(records), dtype=np.int64), [part[0].shape[0] for part in parts])
-        counts = [recording.defect_count for recording in records]
-        return WindowSet(
-            X=np.concatenate([part[0] for part in parts]),
-            y=None if None in counts else np.asarray(counts, dtype=np.int64)[origin],
-            groups=None if groups is None else groups[origin],
-            sampling_rate=rate,
-            recording=origin,
-            start_s=np.concatenate([part[1] for part in parts]),
-            start_angle=np.concatenate([part[2] for part in parts]),
-            absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
-            worn_lobes=tuple(records[i].worn_lobes for i in origin),
-        )
+        return window_set(records, parts, rate)
 
     def _window_length(self, records: Sequence[Recording], rate: float) -> int:
         """Samples per window."""
@@ -425,6 +415,24 @@ class Windower:
             length = "1 output turn" if self.output_turns == 1 else f"{self.output_turns} output turns"
             length += f" ({self.output_turns * self._turns} input turns)"
         return f"a window of {length}" + (f" after skip_s = {self.skip_s:g} s" if self.skip_s else "")
+
+
+def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate: float) -> WindowSet:
+    """Return the windows of several recordings, each cut already, with all that is known about them."""
+    origin = np.repeat(np.arange(len(records), dtype=np.int64), [part[0].shape[0] for part in parts])
+    counts = [recording.defect_count for recording in records]
+    groups = _groups(records)
+    return WindowSet(
+        X=np.concatenate([part[0] for part in parts]),
+        y=None if None in counts else np.asarray(counts, dtype=np.int64)[origin],
+        groups=None if groups is None else groups[origin],
+        sampling_rate=sampling_rate,
+        recording=origin,
+        start_s=np.concatenate([part[1] for part in parts]),
+        start_angle=np.concatenate([part[2] for part in parts]),
+        absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
+        worn_lobes=tuple(records[i].worn_lobes for i in origin),
+    )
 
 
 def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:

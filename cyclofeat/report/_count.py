@@ -15,7 +15,6 @@ from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import number
 from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
-from cyclofeat.recordings import Windower
 from cyclofeat.report._page import (
     check_page_path,
     count_text,
@@ -237,7 +236,7 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
     # Without a stated speed the recording was counted at the model's.
-    nominal = recording.speed_rpm or 60 * model.input_speed_hz
+    nominal = 60 * model.speed_of(recording)
     described = describe(recording.replace(speed_rpm=nominal), reduction=model.n_lobes)
     return {
         "heading": _capital(count_text(count.defect_count, ())),
@@ -247,7 +246,7 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
         "shares": [{"count": c, "value": p, "text": probability_text(p)} for c, p in shares],
         "sets": _sets(model, recording),
         "windows": f"{number(count.n_windows, 'window')} of one output turn "
-        f"({model.n_lobes / model.input_speed_hz:.4g} s)",
+        f"({count.windows[0].stop_s - count.windows[0].start_s:.4g} s)",
         "stated_text": ""
         if recording.defect_count is None
         else count_text(recording.defect_count, recording.worn_lobes),
@@ -289,7 +288,7 @@ def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:
     """Sets of counts that cannot be excluded, window by window, if the model gives them."""
     if not hasattr(model.counter, "predict_counts"):
         return None
-    windows = Windower(input_speed_hz=model.input_speed_hz, reduction=model.n_lobes).windows([recording])
+    windows = model.windows(recording)
     answers = Counter(str(answer) for answer in model.counter.predict_counts(windows.X))
     return {
         "coverage": f"{100 * float(model.counter.coverage):.4g} %",
@@ -319,6 +318,8 @@ def _recorded(
         f"{recording.unit}, mean {recording.torque.mean():.4g} {recording.unit}",
         "speed stated": f"{stated:g} RPM, the nominal speed by file or option"
         if stated is not None
+        else "none"
+        if model.input_speed_hz is None
         else f"none: taken as the model's {60 * model.input_speed_hz:g} RPM",
         "speed measured": by,
         "load stated": None if recording.load_nm is None else f"{recording.load_nm:g} Nm",
@@ -351,7 +352,7 @@ def _evidence(model: LobeModel, item: CountedRecording, most_samples: int) -> di
     if _speed_known(item):
         lobe_map = LobeMapDisplay.from_recording(
             recording,
-            input_speed_hz=model.input_speed_hz,
+            input_speed_hz=model.speed_of(recording),
             n_lobes=model.n_lobes,
             marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
             outline=_outline(model.n_lobes, count.lobes),
@@ -431,7 +432,7 @@ def _of_model(model: LobeModel) -> list[tuple[str, str]]:
         "source": f"{sources} recordings" if sources else None,
         "windows": card.get("n_windows"),
         "counts": ", ".join(map(str, card["classes"])),
-        "for recordings at": f"{model.sampling_rate:g} Hz and {60 * model.input_speed_hz:g} RPM",
+        "for recordings": model.made_for(),
         "cross-validation": "none: accuracy unknown"
         if scores is None
         else f"{score_text(scores)}; window by window, {scores['n_assemblies']} assemblies held out in turn, "

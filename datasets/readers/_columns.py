@@ -218,15 +218,15 @@ class Source:
         return matches[0] if matches else None
 
     def _checked(self, index: int, sought: str) -> int:
-        """Return the channel; raise ``ValueError`` if its name or unit tells of another quantity."""
+        """Return the channel; raise ``ValueError`` if its name or unit is of another quantity."""
         told = named_quantity(self.bases[index])
         if told is None and self.units[index] in CURRENT_UNITS:
             told = "motor_current"
         if told in (None, sought):
             return index
         raise self._wrong(
-            "{noun} {name!r} tells of {told_words}, not of {sought_words}: give {quantity:={told!r}}, or "
-            "{channel:=} and {quantity:={sought!r}} if the name is wrong",
+            "{noun} {name!r} holds {told_words} by its name or unit, not {sought_words}: give "
+            "{quantity:={told!r}}, or {channel:=} and {quantity:={sought!r}} if the name is wrong",
             "quantity", name=self.names[index], told=told, told_words=in_words(told),
             sought=sought, sought_words=in_words(sought),
         )  # fmt: skip

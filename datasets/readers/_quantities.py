@@ -16,7 +16,7 @@ _USUAL = {
     "input_torque": f"(?:{_IN}) ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_IN})",
     "motor_current": f"(?:motor)? ?(?:{_CURRENT})|(?:{_CURRENT}) motor|i ?q|i motor|motor i",
 }
-# Words that say what any other name is about.
+# Words that state the quantity in any other name.
 _WORDS = {
     "motor_current": rf"{_CURRENT}|\bi ?q\b",
     "input_torque": rf"\b(?:{_IN})\b|motor|antrieb|eingang",
@@ -36,7 +36,7 @@ def is_usual(name: str, quantity: str) -> bool:
 
 
 def named_quantity(name: str) -> str | None:
-    """Return the quantity that a channel's name tells of; None if it tells of none.
+    """Return the quantity that words in a channel's name state, or None.
 
     Examples
     --------

@@ -66,7 +66,7 @@ class ReadingOptions:
         only one besides time and angle.
     quantity : {"output_torque", "input_torque", "motor_current"}, optional
         Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
-        tells of another quantity is then an error.
+        states another quantity is then an error.
     sampling_rate : float, optional
         Samples per second, in Hz. Needed where the file does not state it; an error where the file
         contradicts it.

@@ -110,8 +110,8 @@ plt.show()
 # ================================  ====================================================================
 # the refusal says                  do this
 # ================================  ====================================================================
-# other speed                       correct ``--speed`` or the inverter and record again; a model counts
-#                                   at its own speed only, within 1.5 %
+# other speed                       correct ``--speed`` or the inverter and record again, or train at the
+#                                   speeds of your rig (``cyclofeat train --speeds 100:1500``)
 # unlike all training data          compare with the other recordings of the bench: a new coupling, brake
 #                                   or torque meter is not in the training rig. Describe it in the rig's
 #                                   file and train again, or let ``cyclofeat gap`` find what is missing

@@ -50,7 +50,7 @@ def folder(tmp_path_factory, surrogates):
     folder = tmp_path_factory.mktemp("cli")
     save_model(
         folder / "model.joblib",
-        LobeModel.train(surrogates[12:], input_speed_hz=500 / 60, n_splits=0, n_trees=60),
+        LobeModel.train(surrogates[12:], n_splits=0, n_trees=60),
     )
     for recording in surrogates[:8]:
         write_recording(folder / f"{recording.assembly}.npz", recording)
@@ -278,12 +278,11 @@ def test_count_for_people_counts_lobes_from_one(capsys, folder):
     assert f"worn lobes: {recording.defect_count}" in out
     assert "counted from 1" in out
     assert "surrogate" in out
-    windows = int(recording.duration // 1.8)
-    unused = recording.duration - windows * 1.8
-    assert (
-        f"from {windows} window{'' if windows == 1 else 's'} of one output turn (1.8 s), {unused:.3g} s"
-        in out
-    )
+    found = re.search(r"from 1 window of one output turn \((.*) s\), (.*) s unused", out)
+    window, unused = map(float, found.groups())
+    # 0.98 output turns at the disc's own speed
+    assert window == pytest.approx(0.98 * 15 / recording.mean_input_speed(), rel=1e-3)
+    assert unused == pytest.approx(recording.duration - window, abs=1e-3)
 
 
 @pytest.mark.parametrize("command", ["count", "inspect"])
@@ -506,16 +505,17 @@ def too_short(folder):
 
 
 def other_rate(folder):
-    np.savez(folder / "slow.npz", torque=np.random.default_rng(0).normal(size=50_000), sampling_rate=10_000.0)
+    torque = np.random.default_rng(0).normal(size=3000)
+    np.savez(folder / "slow.npz", torque=torque, sampling_rate=1000.0, speed_rpm=500.0)
     return ["count", folder / "slow.npz"]
 
 
-def other_speed(folder):
+def no_speed(folder):
     recording = read_recording(folder / "worn.csv").replace(
-        angle=None, angle_is_absolute=False, speed_rpm=400.0
+        angle=None, angle_is_absolute=False, speed_rpm=None
     )
-    write_recording(folder / "other_speed.npz", recording)
-    return ["count", folder / "other_speed.npz"]
+    write_recording(folder / "no_speed.npz", recording)
+    return ["count", folder / "no_speed.npz"]
 
 
 @pytest.mark.parametrize(
@@ -527,8 +527,8 @@ def other_speed(folder):
         (not_a_number, "NaN|nan|finite"),
         (constant, "constant"),
         (too_short, "short"),
-        (other_rate, "10000 Hz.*25600 Hz"),
-        (other_speed, "400.*500 RPM"),
+        (other_rate, "sampling_rate must be at least .* 1000 Hz"),
+        (no_speed, "neither a tachometer's angle nor a speed: give --speed"),
     ],
 )
 def test_bad_recordings(capsys, folder, make, message):

@@ -147,8 +147,10 @@ def test_the_list_of_trusted_types_is_what_counters_need(counters, model):
 
 def test_the_card_tells_what_a_user_must_know(model, tmp_path):
     card = read_card(save_model(tmp_path / "m.skops", model, scores={"accuracy": np.float64(0.5)}))
-    assert card["sampling_rate"] == RATE
-    assert card["window_s"] == pytest.approx(1.8)
+    assert card["sampling_rate"] is card["window_s"] is card["input_speed_hz"] is None
+    assert (card["samples_per_turn"], card["window_samples"]) == (128, 1882)
+    assert card["training"]["quantity"] == "output_torque"
+    assert card["training"]["speeds_rpm"] == pytest.approx([500, 500], rel=0.01)
     assert card["classes"] == [0, 2, 4]
     assert card["training"]["assemblies"] == sorted(f"A{k}" for k in range(12))
     assert card["training"]["description"] == "bumps"

@@ -57,11 +57,15 @@ def test_names_and_units_select_the_channel(tmp_path, names, quantity, column, f
         ("torque in,motor torque,n", IN, "channel must be given, .* fit: 'torque in', 'motor torque'"),
         ("current,motor current", CURRENT, "channel must be given, .* fit: 'current', 'motor current'"),
         ("a,b", CURRENT, "channel must be given, to say which column is the motor current: 'a', 'b'"),
-        ("Torque in (Nm),n", None, r"'Torque in \(Nm\)' tells of input torque, not of output torque: give q"),
-        ("motor torque", OUT, "'motor torque' tells of input torque, not of output"),
-        ("Motorstrom [A],n", None, r"'Motorstrom \[A\]' tells of motor current, .* quantity='motor_current'"),
-        ("x [A],n", None, r"'x \[A\]' tells of motor current"),
-        ("torque out,n", IN, "'torque out' tells of output torque, not of input torque"),
+        (
+            "Torque in (Nm),n",
+            None,
+            r"'Torque in \(Nm\)' holds input torque by its name or unit, not output torque: give q",
+        ),
+        ("motor torque", OUT, "'motor torque' holds input torque by its name or unit, not output"),
+        ("Motorstrom [A],n", None, r"'Motorstrom \[A\]' holds motor current .* quantity='motor_current'"),
+        ("x [A],n", None, r"'x \[A\]' holds motor current"),
+        ("torque out,n", IN, "'torque out' holds output torque by its name or unit, not input torque"),
         ("torque [A],n", None, "is in 'A', known are Nm.* or quantity='motor_current'"),
     ],
 )
@@ -70,9 +74,9 @@ def test_what_does_not_hold_the_quantity_is_not_read_as_it(tmp_path, names, quan
         read_recording(file_with(tmp_path, names), sampling_rate=9, quantity=quantity)
 
 
-def test_a_channel_named_alone_must_not_tell_of_another_quantity(tmp_path):
+def test_a_channel_named_alone_must_not_hold_another_quantity_by_its_name(tmp_path):
     path = file_with(tmp_path, ENGLISH)
-    with pytest.raises(ValueError, match=r"tells of input torque.* if the name is wrong"):
+    with pytest.raises(ValueError, match=r"holds input torque.* if the name is wrong"):
         read_recording(path, sampling_rate=9, channel=1)
     # both stated: the names are wrong
     assert read_recording(path, sampling_rate=9, channel=1, quantity=OUT).torque[0] == 101

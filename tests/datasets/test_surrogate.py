@@ -502,13 +502,13 @@ def test_speeds_and_loads_are_drawn_per_assembly():
     assert again[0] == made[0]
 
 
-def test_load_drift_scales_with_the_load():
+def test_load_drift_shrinks_with_the_load():
     drifts = []
-    for load in (11.0, 22.0):
+    for load in (11.0, 22.0, 40.0):
         (one,) = make_rig_recordings(1, [0], rig="R0", load_nm=load, duration=0.05)
         (drift,) = (e for e in one.meta["effects"] if e["effect"] == "load_drift")
         drifts.append(drift["rms_nm"])
-    assert drifts == [1.5, 3.0]
+    assert drifts == [1.5, 3.0, 3.0]
     rig = rig_preset("R0").with_effects(LoadDrift(uniform(1.0, 2.0)))
     with pytest.raises(ValueError, match="load_nm scales the load drift"):
         make_rig_recordings(1, [0], rig=rig, load_nm=11.0, duration=0.05)

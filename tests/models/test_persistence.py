@@ -16,7 +16,7 @@ from cyclofeat.models import ModelFileError, card_path, load_model, save_model
 
 @pytest.fixture(scope="module")
 def model(surrogates):
-    return LobeModel.train(surrogates[::2], input_speed_hz=500 / 60, n_splits=0, n_trees=20)
+    return LobeModel.train(surrogates[::2], n_splits=0, n_trees=20)
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def test_a_model_survives_the_way_to_another_process(model, stored, surrogates, 
         "from cyclofeat import Recording\n"
         "from cyclofeat.models import load_model\n"
         "model = load_model(sys.argv[1], trusted=True)\n"
-        "print(repr(model.count(Recording(np.load(sys.argv[2]), 25_600.0)).probability))\n"
+        "print(repr(model.count(Recording(np.load(sys.argv[2]), 25_600.0, speed_rpm=500)).probability))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(stored), str(tmp_path / "torque.npy")],

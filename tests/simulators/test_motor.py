@@ -326,6 +326,8 @@ class Own(Simulator):
             lambda: Rig(effects=[ServoMotor()], simulator=Own()),
             "simulator must be None for a rig with a motor",
         ),
+        (lambda: Motor(inertia=0.0), "inertia must be positive and finite, got 0.0"),
+        (lambda: Motor(slots=0), "slots must be at least 1, got 0"),
         (lambda: Rig().simulate(quantity="power"), "quantity must be one of 'output_torque'"),
         (
             lambda: Rig(simulator=Own()).simulate(quantity="input_torque"),

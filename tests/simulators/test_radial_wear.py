@@ -113,6 +113,14 @@ def test_an_old_description_is_as_good_as_a_new_one(defects: LobeDefects) -> Non
     assert 0 < worst < (5e-4 if defects.wear_share > 0.3 else 2e-3)
 
 
+def test_a_fine_polyline_is_worn_as_the_smooth_profile() -> None:
+    defects = LobeDefects.worn(1, wheels=(0,), wear_um=40)
+    smooth, corners = (Kernel(STEEL.replace(profile_points=n), defects) for n in (0, 15_000))
+    for t in np.deg2rad((1.0, 4.5, 6.0, 7.5, 10.0)):
+        expected, got = (k(LOADED, pose_with_sleeve_0_at(t))["external_force"][0] for k in (smooth, corners))
+        assert got[0] == pytest.approx(expected[0], rel=2e-3, abs=1e-3)
+
+
 def test_deep_wear_takes_a_lobe_out_of_the_load() -> None:
     """At its middle; at the ends it carries as before."""
     middle, end = (

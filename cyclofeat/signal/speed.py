@@ -1,0 +1,250 @@
+"""Angle of the input shaft from the torque alone, around a stated speed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from cyclofeat.signal.lobes import comb_prominence, lobe_frequency
+from cyclofeat.signal.orders import resample_by_angle
+from cyclofeat.signal.windows import Float
+
+__all__ = ["FOLLOWED_TOLERANCE", "FollowedSpeed", "follow_speed"]
+
+#: Largest relative deviation from the stated speed that is followed. At 1/16 below it, the lines of the input
+#: shaft would be taken for those of the lobes.
+FOLLOWED_TOLERANCE = 0.055
+
+# Lobe lines that are followed: below them the load drifts. Lines of the shaft of a sound disc are even, as
+# its wheels are half a turn apart.
+_FIRST_LOBE_LINE, _LAST_LOBE_LINE, _FIRST_SHAFT_LINE, _LAST_SHAFT_LINE = 3, 36, 4, 30
+# A line's power over its floor is exponentially distributed with one of these means: absent, clear, strong.
+_MEANS = np.array([1.0, 4.0, 10.0])
+_LOBE_LINE, _MESH_LINE, _SHAFT_LINE = (0.25, 0.4, 0.35), (0.2, 0.3, 0.5), (0.45, 0.35, 0.2)
+_MOST = 15.0  # power over floor that still counts
+_SAMPLES_PER_TURN = 160
+# Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
+# the shaft's lines (in orders) at which those are not seen any more.
+_PRESENT, _ABSENT, _APART = 0.6, -0.2, 0.11
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass of the search: blocks, their hop, and the factors of the speed that are tried.
+
+    A change of the speed from block to block costs its square, in units of ``change``.
+    """
+
+    turns: float
+    hop: float
+    tolerance: float
+    step: float
+    change: float
+
+
+_COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=4e-3)
+_FINE = _Pass(turns=9, hop=3, tolerance=8e-3, step=2.5e-4, change=1e-3)
+_LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
+
+
+@dataclass(frozen=True)
+class FollowedSpeed:
+    """Angle of the input shaft as the lines of the torque have it.
+
+    Attributes
+    ----------
+    angle : ndarray, shape (n,)
+        In rad at the samples, from 0 on.
+    evidence : float
+        Logarithm of how much more probable the lines are at this speed than noise, per input turn. Below 0
+        the torque holds no lines that could be followed.
+    fits : bool
+        Whether the lines are those of a disc at the stated speed, and not at a half, a third, twice or any
+        other multiple of it.
+    """
+
+    angle: Float
+    evidence: float
+    fits: bool
+
+
+def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15) -> FollowedSpeed:
+    """Follow the speed of the input shaft by the lobe, mesh and shaft lines of the torque.
+
+    Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
+    the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
+    further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (n,)
+        In Nm, or any unit proportional to it.
+    sampling_rate : float
+        In Hz.
+    nominal_hz : float
+        Stated speed in turns per second; the true one may lie up to 5.5 % beside it, and wander.
+    n_lobes : int, default=15
+
+    Returns
+    -------
+    FollowedSpeed
+
+    Raises
+    ------
+    ValueError
+        If the record is shorter than six turns of the input, or the sampling rate is too low.
+
+    Examples
+    --------
+    >>> time = np.arange(50_000) / 10_000
+    >>> true = 2 * np.pi * (8 * time + 0.04 * np.sin(2 * np.pi * 0.3 * time))  # wanders by 1 %
+    >>> torque = sum(np.cos(16 / 15 * k * true) for k in range(5, 30))
+    >>> torque = torque + np.random.default_rng(0).normal(size=time.size)
+    >>> found = follow_speed(torque, 10_000, 500 / 60)
+    >>> error = found.angle - true
+    >>> bool(np.std(error) < 2 * np.pi * 0.003)
+    True
+    """
+    turns = torque.size / sampling_rate * nominal_hz
+    if turns < _COARSE.turns:
+        raise ValueError(
+            f"torque is too short to follow the speed: it holds {turns:.3g} turns of the input at the stated "
+            f"speed, {_COARSE.turns:g} are needed"
+        )
+    highest = (1 + _COARSE.tolerance) * lobe_frequency(nominal_hz, n_lobes) * _LAST_LOBE_LINE
+    if highest > sampling_rate / 2:
+        raise ValueError(
+            f"sampling_rate must be at least {2 * highest:.4g} Hz to follow {60 * nominal_hz:.4g} RPM by the "
+            f"torque alone, got {sampling_rate:g} Hz"
+        )
+    time = np.arange(torque.size)
+    angle = 2 * np.pi * nominal_hz / sampling_rate * time
+    evidence = 0.0
+    for one in (_COARSE, _FINE, _LAST):
+        if turns < one.turns:
+            break
+        if one is _COARSE:
+            course, evidence = _course(torque, sampling_rate, nominal_hz, one, n_lobes)
+            at = np.interp(time / sampling_rate, *course) * nominal_hz
+            angle = _integrated(at, sampling_rate)
+            continue
+        even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
+        (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, n_lobes)
+        smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
+        at_turn = angle / (2 * np.pi)
+        low, high = smooth.x[0], smooth.x[-1]
+        factors = smooth(np.clip(at_turn, low, high))
+        angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
+    fits = evidence > 0 and _fits(torque, sampling_rate, angle, n_lobes)
+    return FollowedSpeed(angle, evidence, fits)
+
+
+def _fits(torque: Float, sampling_rate: float, angle: Float, n_lobes: int) -> bool:
+    """Return True if the lines over the angle are those of a worn or a sound disc.
+
+    At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
+    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has.
+    """
+    even, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
+    length = min(even.size, n_lobes * _SAMPLES_PER_TURN)
+    windows = even[: even.size // length * length].reshape(-1, length)
+    lobe = np.arange(_FIRST_LOBE_LINE, _LAST_LOBE_LINE + 1)
+    mesh, lobe = lobe[lobe % n_lobes == 0], lobe[lobe % n_lobes != 0]
+    per_order = n_lobes / (n_lobes + 1)
+    between = lobe + 0.5
+    orders = between / per_order
+    between = between[np.abs(orders - np.round(orders)) > _APART]  # lines of the shaft prove nothing
+    odd = np.arange(_FIRST_SHAFT_LINE + 1, _LAST_SHAFT_LINE, 2) * per_order
+    parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd}
+    numbers = np.concatenate(list(parts.values()))
+    power = comb_prominence(windows, _SAMPLES_PER_TURN, 1.0, np.ones(1), numbers, n_lobes)
+    ratios = _log_ratio(np.minimum(power[:, 0], _MOST), _LOBE_LINE).mean(axis=0)
+    cuts = np.cumsum([part.size for part in parts.values()])[:-1]
+    ratio = dict(zip(parts, np.split(ratios, cuts), strict=True))
+    if max(ratio["between"].mean(), ratio["odd"].mean()) > _ABSENT:
+        return False
+    some = [ratio["lobe"][lobe % 2 == 0], ratio["lobe"][lobe % 2 == 1], ratio["lobe"][lobe % 3 != 0]]
+    worn = ratio["lobe"].mean() > _PRESENT and min(one.mean() for one in some) > 0
+    sound = ratio["lobe"].mean() < 0 and ratio["mesh"].mean() > _PRESENT
+    return bool(worn or sound)
+
+
+def _integrated(speed_hz: Float, sampling_rate: float) -> Float:
+    steps = np.pi * (speed_hz[1:] + speed_hz[:-1]) / sampling_rate
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _course(
+    torque: Float, rate: float, speed: float, one: _Pass, n_lobes: int
+) -> tuple[tuple[Float, Float], float]:
+    """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
+    length = min(round(one.turns / speed * rate), torque.size)
+    hop = one.hop / speed * rate
+    n_blocks = max(1, math.floor((torque.size - length) / hop) + 1)
+    starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)
+    blocks = np.lib.stride_tricks.sliding_window_view(torque, length)[starts].astype(float)
+    factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
+    votes = _votes(blocks, rate, speed, factors, n_lobes)
+    # Overlapping blocks repeat the same evidence.
+    votes *= min(1.0, one.hop / one.turns)
+    path = _path(votes, one.change / one.step)
+    times = (starts + length / 2) / rate
+    evidence = float(votes[np.arange(n_blocks), path].sum() / (torque.size / rate * speed))
+    course = _between_steps(votes, path, factors)
+    if n_blocks == 1:
+        return (np.array([0.0, torque.size / rate]), np.repeat(course, 2)), evidence
+    return (times, course), evidence
+
+
+def _votes(blocks: Float, rate: float, speed: float, factors: Float, n_lobes: int) -> Float:
+    """Log-likelihood ratio of the lines over noise, shape (n_blocks, n_factors)."""
+    lobe = np.arange(_FIRST_LOBE_LINE, _LAST_LOBE_LINE + 1)
+    mesh = lobe % n_lobes == 0
+    shaft = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
+    shaft = shaft[shaft % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1)
+    numbers = np.concatenate([lobe, shaft])
+    power = np.minimum(comb_prominence(blocks, rate, speed, factors, numbers, n_lobes), _MOST)
+    n = lobe.size
+    ratios = _log_ratio(power[..., :n][..., ~mesh], _LOBE_LINE).sum(axis=-1)
+    ratios += _log_ratio(power[..., :n][..., mesh], _MESH_LINE).sum(axis=-1)
+    return np.asarray(ratios + _log_ratio(power[..., n:], _SHAFT_LINE).sum(axis=-1))
+
+
+def _log_ratio(power: Float, shares: tuple[float, ...]) -> Float:
+    """Logarithm of a mixture of exponential laws over the law of noise."""
+    mixed = sum(
+        share / mean * np.exp(power * (1 - 1 / mean)) for share, mean in zip(shares, _MEANS, strict=True)
+    )
+    return np.asarray(np.log(mixed))
+
+
+def _path(votes: Float, change: float) -> NDArray[np.int64]:
+    """Return the most probable path through votes (Viterbi), with changes in steps of the grid."""
+    n_blocks, n_factors = votes.shape
+    steps = np.arange(n_factors)
+    cost = 0.5 * ((steps[:, np.newaxis] - steps) / change) ** 2
+    best, back = votes[0].copy(), np.zeros((n_blocks, n_factors), dtype=int)
+    for k in range(1, n_blocks):
+        reached = best[np.newaxis, :] - cost
+        back[k] = reached.argmax(axis=1)
+        best = votes[k] + reached[steps, back[k]]
+    path = np.empty(n_blocks, dtype=int)
+    path[-1] = best.argmax()
+    for k in range(n_blocks - 1, 0, -1):
+        path[k - 1] = back[k, path[k]]
+    return path
+
+
+def _between_steps(votes: Float, path: NDArray[np.int64], factors: Float) -> Float:
+    """Refine the path between the steps of the grid by a parabola through three votes."""
+    inner = np.clip(path, 1, factors.size - 2)
+    rows = np.arange(len(votes))
+    left, middle, right = votes[rows, inner - 1], votes[rows, inner], votes[rows, inner + 1]
+    bend = left - 2 * middle + right
+    offset = np.divide(left - right, 2 * bend, out=np.zeros_like(bend), where=bend < 0)
+    offset = np.where(path == inner, np.clip(offset, -0.5, 0.5), path - inner)
+    return np.asarray(factors[inner] + offset * (factors[1] - factors[0]))
