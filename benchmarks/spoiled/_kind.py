@@ -58,7 +58,7 @@ class Kind:
 
     name: str
     text: str
-    strengths: tuple[float, float, float]
+    strengths: tuple[float, ...]
     spoil: Spoil
     has_angle: bool | None = None
     countable: bool = True
@@ -73,10 +73,9 @@ def kind(
     """Register a function as a kind of spoiling of its name; its docstring says what it is."""
 
     def register(spoil: Spoil) -> Spoil:
-        weak, medium, strong = strengths
         name = spoil.__name__.replace("_", " ")
         text = " ".join((inspect.getdoc(spoil) or "").split())
-        KINDS[name] = Kind(name, text, (weak, medium, strong), spoil, has_angle, countable)
+        KINDS[name] = Kind(name, text, strengths, spoil, has_angle, countable)
         return spoil
 
     return register

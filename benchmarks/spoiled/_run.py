@@ -21,7 +21,8 @@ from cyclofeat.simulators import Solver
 # What becomes of a recording. One that is wrong with more than 0.9 counts as both of the last two.
 RIGHT, REFUSED, WRONG, SURE = "right", "refused", "wrong, not refused", "wrong with > 0.9"
 OUTCOMES = (RIGHT, REFUSED, WRONG, SURE)
-SPEEDS_RPM = (500.0,)
+SPEEDS_RPM = (430.0, 580.0)
+UNSPOILED = Kind("unspoiled", "", (0.0,), lambda base, *_: base.recording)
 _TURNS = 3.02  # of the output; a little more than three windows
 _SEED = 8_302
 
@@ -44,7 +45,7 @@ def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Rec
     """Return output and input torque of the same machines, without noise."""
     output, input_ = (
         make_rig_recordings(
-            2, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
+            1, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
             random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
             solver=Solver(integrator="adams_bashforth"), quantity=quantity,
         )
@@ -83,31 +84,29 @@ def spoiled(kind: Kind, base: Base, number: int, strength: float) -> Recording:
     return made.replace(angle=None, angle_is_absolute=False)
 
 
-def outcomes(model: LobeModel, kind: Kind, strength: float, bases: Sequence[Base]) -> Counter[str]:
-    """Return how often each outcome came of one kind in one strength."""
-    found: Counter[str] = Counter()
-    for number, base in enumerate(bases):
-        try:
-            recording = spoiled(kind, base, number, strength)
-        except ValueError:  # no recording at all
-            found[REFUSED] += 1
-            continue
-        found.update(outcome(model, recording, base.recording.defect_count if kind.countable else None))
+def outcomes(
+    model: LobeModel, number: int, base: Base, kinds: Sequence[Kind]
+) -> dict[tuple[str, float], list[str]]:
+    """Return what becomes of a base spoiled in all strengths of several kinds."""
+    found: dict[tuple[str, float], list[str]] = {}
+    for kind in kinds:
+        truth = base.recording.defect_count if kind.countable else None
+        for strength in kind.strengths:
+            try:
+                recording = spoiled(kind, base, number, strength)
+            except ValueError:  # no recording at all
+                found[kind.name, strength] = [REFUSED]
+                continue
+            found[kind.name, strength] = outcome(model, recording, truth)
     return found
-
-
-def unspoiled(model: LobeModel, bases: Sequence[Base]) -> Counter[str]:
-    """Return how often each outcome came of the bases themselves, every second one without its angle."""
-    as_is = Kind("unspoiled", "", (0, 0, 0), lambda base, *_: base.recording)
-    return outcomes(model, as_is, 0.0, bases)
 
 
 def all_outcomes(
     model: LobeModel, bases: Sequence[Base], n_jobs: int
 ) -> dict[tuple[str, float], Counter[str]]:
-    """Return the outcomes of all kinds in all strengths."""
-    cells = [(kind, strength) for kind in KINDS.values() for strength in kind.strengths]
-    work = joblib.Parallel(n_jobs=n_jobs, batch_size=4)(
-        joblib.delayed(outcomes)(model, kind, strength, bases) for kind, strength in cells
+    """Return how often each outcome came of each kind and strength, unspoiled recordings among them."""
+    kinds = [UNSPOILED, *KINDS.values()]
+    work = joblib.Parallel(n_jobs=n_jobs)(
+        joblib.delayed(outcomes)(model, number, base, kinds) for number, base in enumerate(bases)
     )
-    return {(kind.name, strength): found for (kind, strength), found in zip(cells, work, strict=True)}
+    return {cell: Counter(name for found in work for name in found[cell]) for cell in work[0]}

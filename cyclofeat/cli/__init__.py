@@ -54,8 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 on success; 2 for bad input, with one line on standard error that says what is wrong; 130 after
-        Ctrl-C; 141 if standard output was closed.
+        0 on success; 2 for bad input, with one line on standard error that says what is wrong; 3 if a
+        recording was refused and ``--strict`` asks for it; 130 after Ctrl-C; 141 if standard output was
+        closed.
     """
     words = sys.argv[1:] if argv is None else list(argv)
     for stream in (sys.stdout, sys.stderr):
@@ -70,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings():
             warnings.showwarning = show_warning
-            failed = run_and_print(COMMANDS[arguments.command], arguments)
+            return run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:
         # The reader (head, less) has closed the pipe.
         _close_output()
@@ -82,7 +83,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("cyclofeat: interrupted", file=sys.stderr)
         return 130
-    return 2 if failed else 0
 
 
 def _close_output() -> None:

@@ -14,17 +14,18 @@ from cyclofeat.cli._table import Command, Printed
 from cyclofeat.cli._targets import check_targets
 
 
-def run_and_print(command: Command, arguments: Namespace) -> bool:
-    """Run a command, print each result as soon as it is known, and return True if one failed.
+def run_and_print(command: Command, arguments: Namespace) -> int:
+    """Run a command, print each result as soon as it is known, and return the exit code.
 
     Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
     traceback.
     """
-    failed = False
+    failed = refused = False
     documents = []
     try:
         for printed in _results(command, arguments):
             failed = failed or printed.failed
+            refused = refused or printed.refused
             if printed.error:
                 warn(printed.error)
             if not arguments.json:
@@ -38,7 +39,7 @@ def run_and_print(command: Command, arguments: Namespace) -> bool:
         # What is finished is printed although the work was interrupted.
         if documents:
             print(json.dumps(documents if command.output == "list" else documents[0], indent=2), flush=True)
-    return failed
+    return 2 if failed else 3 * refused
 
 
 def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:

@@ -142,14 +142,16 @@ class FileResult(Generic[T]):
     value: T | None = None
     error: str = ""
 
-    def printed(self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None) -> Printed:
+    def printed(
+        self, lines: Sequence[str] = (), facts: dict[str, Any] | None = None, *, refused: bool = False
+    ) -> Printed:
         """Return the title, the lines and the facts, or the error, with the file's path."""
         file = {"file": str(self.path)}  # first, and not the name that a recording states
         text = "\n".join([self.title, *(f"  {line}" for line in lines)])
         if self.error:
             failure = file | {"error": self.error} | (facts or {})
             return Printed(text, failure, placed(self.path, self.error), failed=True)
-        return Printed(text, file | (facts or {}) | file)
+        return Printed(text, file | (facts or {}) | file, refused=refused)
 
 
 def each_recording(

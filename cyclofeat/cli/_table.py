@@ -12,13 +12,14 @@ from typing import Any, Literal, Protocol, cast
 class Printed:
     """What is printed of a result: text for people, plain values for JSON, and an error.
 
-    ``failed`` makes the exit code 2.
+    ``failed`` makes the exit code 2, ``refused`` makes it 3 if nothing failed.
     """
 
     text: str
     json: Any
     error: str = ""
     failed: bool = False
+    refused: bool = False
 
 
 class CommandModule(Protocol):

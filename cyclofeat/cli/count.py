@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(
         parser, "--report", "page", metavar="FILE.html", help="page to write: the counts and their evidence"
     )
+    parser.add_argument("--strict", action="store_true", help="exit with code 3 if a recording is refused")
     add_reading_options(parser)
 
 
@@ -85,12 +86,14 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
     if result.value is None:
         return result.printed()
     count, window, unused = result.value
-    refused = f", refused: {count.reason}" if count.refused else ""
-    probability = count.probability[count.defect_count]
-    lines = [f"worn lobes: {count.defect_count} (probability {probability:.2f}){refused}"]
-    if count.lobes:
+    answer = f"{count.defect_count} (probability {count.probability[count.defect_count]:.2f})"
+    lines = [f"worn lobes: {answer}"]
+    if count.refused:
+        lines = [f"refused:    {count.reason}", f"would be:   {answer}"]
+    elif count.lobes:
         lines.append(f"positions:  {lobes_text(count.lobes)} (counted from 1)")
     length = f"one output turn ({window:.4g} s)"
     lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
-    return result.printed(lines, {**count.to_dict(), "window_s": window, "unused_s": unused})
+    facts = {**count.to_dict(), "window_s": window, "unused_s": unused}
+    return result.printed(lines, facts, refused=count.refused and arguments.strict)

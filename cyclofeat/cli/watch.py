@@ -49,6 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seconds for which a file must not change before it is read (default 1); longer than the "
         "writer's longest pause",
     )
+    parser.add_argument(
+        "--strict", action=argparse.BooleanOptionalAction, default=True,
+        help="exit with code 3 at the end if a recording was refused (default)",
+    )  # fmt: skip
     add_reading_options(parser)
 
 
@@ -186,10 +190,14 @@ def printed(arguments: argparse.Namespace, result: FileResult[LobeCount]) -> Pri
         return Printed("", facts | {"error": result.error}, result.error, failed=arguments.once)
     probability = count.probability[count.defect_count]
     line = f"{number(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
-    if count.lobes:
-        line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
     if count.refused:
-        line += f", refused: {count.reason}"
+        line = f"refused: {count.reason}; would be {line}"
+    elif count.lobes:
+        line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
     line += f", {number(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
-    return Printed(f"{time_text} {result.path.name}: {line}", facts | count.to_dict())
+    return Printed(
+        f"{time_text} {result.path.name}: {line}",
+        facts | count.to_dict(),
+        refused=count.refused and arguments.strict,
+    )

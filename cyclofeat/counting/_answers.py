@@ -66,9 +66,9 @@ class LobeCount:
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows lie outside what the model was trained on, no count fits most of them
-        (where the counter is a :class:`ConformalCounter`), or the lobe lines fit another speed: the count
-        is then not reliable.
+        Whether most of the windows have a faulty signal, lie outside what the model was trained on, or have
+        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, or the
+        speed is doubted: the count is then not reliable.
     reason : str
         Why refused, else empty.
     distance : float
@@ -91,9 +91,13 @@ class LobeCount:
     windows: tuple[WindowCount, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1."""
+        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1.
+
+        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be.
+        """
         return {
-            "defect_count": self.defect_count,
+            "defect_count": None if self.refused else self.defect_count,
+            "refused_defect_count": self.defect_count if self.refused else None,
             "probability": {str(count): value for count, value in self.probability.items()},
             "worn_lobes_from_1": from_1(self.lobes),
             "lobe_probability": list(self.lobe_probability),
@@ -170,7 +174,8 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
     Returns
     -------
     pandas.DataFrame
-        One row per recording, its name as the index: ``defect_count``, ``probability`` (of that count),
+        One row per recording, its name as the index: ``defect_count`` and ``refused_defect_count`` (one of
+        them missing, see :meth:`LobeCount.to_dict`), ``probability`` (of that count),
         ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
         ``warnings``, and ``probability_<count>`` of each count.
 
@@ -195,5 +200,7 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
         row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
         rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
     made = frame(rows)
+    if rows:
+        made = made.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
     made.index = frame({"recording": names}).set_index("recording").index
     return made

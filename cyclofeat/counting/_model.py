@@ -29,6 +29,7 @@ from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.counting._turning import Turning, turning_of
+from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import (
     Recording,
@@ -295,10 +296,11 @@ class LobeModel:
         """Count and locate the worn lobes of one recording.
 
         The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
-        without a learned dependence is taken to be no surer of many windows than of one. The recording is
-        refused where more than half of its windows lie outside the training domain, where its speed lies
-        outside those of training, or where, without a tachometer, its lines are those of another speed or
-        show none; it still has a count.
+        without a learned dependence is taken to be no surer of many windows than of one. Windows whose signal
+        has a fault, or that lie outside the training domain, are left out. The recording is refused where
+        more than half of its windows are, where the windows disagree, where its speed lies outside those of
+        training, or where, without a tachometer, its lines are those of another speed or show none; it still
+        has a count.
 
         Raises
         ------
@@ -307,9 +309,8 @@ class LobeModel:
         """
         self.check(recording)
         windows, turning = self._cut(recording)
-        proba, probability, features, lines = self._window_answers(windows.X)
+        proba, dependence, features, lines = self._window_answers(windows.X)
         classes = np.asarray(self.counter.classes_)
-        count = int(classes[probability.argmax()])
         notes = []
         if turning is not None and turning.note:
             notes.append(turning.note)
@@ -321,7 +322,14 @@ class LobeModel:
         distances = self._distances(windows.X, features)
         distance, n_outside = float(np.median(distances)), int(np.sum(distances > 1))
         doubt = self._doubted(recording, windows, turning)
-        reason, reasons = self._refusals(windows.X, distances > 1, doubt)
+        stops = _stops(windows, recording, turning)
+        faults = window_faults(recording, windows, stops, self.n_lobes)
+        reason, reasons = self._refusals(windows.X, distances > 1, doubt, faults)
+        reason = reason or disagreement(proba, faults)
+        used = np.array([not one for one in reasons])
+        used |= not used.any()
+        probability = combine_proba(proba[used], np.zeros(used.sum(), dtype=int), dependence)[0]
+        count = int(classes[probability.argmax()])
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
@@ -331,7 +339,7 @@ class LobeModel:
         share: Float = np.zeros(0)
         absolute = self.locator is not None and bool(windows.absolute.all())
         if self.locator is not None:
-            share = self._lobe_probability(windows, lines, absolute)
+            share = self._lobe_probability(windows, lines, absolute, used)
             lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
             if not absolute and lobes:
                 notes.append(
@@ -348,7 +356,7 @@ class LobeModel:
             lobes=tuple(lobes),
             lobe_probability=tuple(share.tolist()),
             absolute=absolute,
-            n_windows=len(windows),
+            n_windows=int(used.sum()),
             warnings=tuple(notes),
             refused=bool(reason),
             reason=reason,
@@ -357,7 +365,7 @@ class LobeModel:
                 WindowCount(*answer)
                 for answer in zip(
                     windows.start_s.tolist(),
-                    _stops(windows, recording, turning).tolist(),
+                    stops.tolist(),
                     classes[proba.argmax(axis=1)].tolist(),
                     proba.max(axis=1).tolist(),
                     distances.tolist(),
@@ -367,8 +375,8 @@ class LobeModel:
             ),
         )
 
-    def _window_answers(self, X: Float) -> tuple[Float, Float, Float | None, LobeLines | None]:
-        """Return the probabilities of each count: of each window, and of the recording from all of them.
+    def _window_answers(self, X: Float) -> tuple[Float, float, Float | None, LobeLines | None]:
+        """Return the probabilities of each count for each window, and how much windows err together.
 
         Also return the features in which the domain measures distances, and the lobe lines: they take most of
         the time, so that locator and domain reuse those of the counter. None where the counter has none.
@@ -390,8 +398,7 @@ class LobeModel:
             features = features_seen(self.counter, X)
         learned = getattr(deciding, "dependence_", None)
         proba = np.asarray(deciding.predict_proba(seen))
-        combined = combine_proba(proba, np.zeros(len(X), dtype=int), 1.0 if learned is None else learned)
-        return proba, combined[0], features, lines
+        return proba, 1.0 if learned is None else learned, features, lines
 
     def _doubted(self, recording: Recording, windows: WindowSet, turning: Turning | None) -> str:
         """Return why the speed of the recording is doubted, or not one of training; else empty."""
@@ -405,18 +412,19 @@ class LobeModel:
             return ""
         return f"it turns at {rpm:.5g} RPM, but the model was trained at {_range_text((low, high))} RPM"
 
-    def _refusals(self, X: Float, outside: NDArray[np.bool_], doubt: str) -> tuple[str, list[str]]:
+    def _refusals(
+        self, X: Float, outside: NDArray[np.bool_], doubt: str, faults: Sequence[str]
+    ) -> tuple[str, list[str]]:
         """Return why the recording is refused, and why each window is; empty where it is not."""
-        # First the speed: a wrong one explains windows outside the domain.
-        if doubt:
+        # A faulty signal explains that the speed is not found, a wrong speed that windows lie outside.
+        if doubt and sum(map(bool, faults)) <= len(X) / 2:
             return doubt, [doubt] * len(X)
         empty = np.zeros(len(X), dtype=bool)
         if hasattr(self.counter, "predict_set"):
             empty = ~self.counter.predict_set(X).any(axis=1)
-        reasons = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
-        if outside.sum() > len(X) / 2:
-            return OUTSIDE, reasons
-        return NO_CLASS if empty.sum() > len(X) / 2 else "", reasons
+        unknown = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
+        reasons = [fault or one for fault, one in zip(faults, unknown, strict=True)]
+        return most_frequent(reasons) if sum(map(bool, reasons)) > len(X) / 2 else "", reasons
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
@@ -440,20 +448,22 @@ class LobeModel:
         largest = max(self.domain.threshold_, np.finfo(float).tiny)
         return np.asarray(self.domain.distance(features) / largest)
 
-    def _lobe_probability(self, windows: WindowSet, lines: LobeLines | None, absolute: bool) -> Float:
+    def _lobe_probability(
+        self, windows: WindowSet, lines: LobeLines | None, absolute: bool, used: NDArray[np.bool_]
+    ) -> Float:
         """Return the mean probability of each lobe, numbered as on the disc or from the first sample."""
         assert self.locator is not None
         if lines is None:
             lines = self.locator.lobe_map_.lines(windows.X)
         if absolute:
             passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
-            return np.asarray(self.locator._from_lines(lines, passage).mean(axis=0))
+            return np.asarray(self.locator._from_lines(lines, passage)[used].mean(axis=0))
         # Windows are aligned by the turns between them. Where between two lobes the recording begins is
         # unknown: take the place with the most decided answer.
         again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, lines.input_speed_hz)
         begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
         shares = self.locator._from_lines(lines.repeated(_BEGINNINGS), begins.ravel())
-        answers = shares.reshape(_BEGINNINGS, len(windows), -1).mean(axis=1)
+        answers = shares.reshape(_BEGINNINGS, len(windows), -1)[:, used].mean(axis=1)
         return np.asarray(answers[np.abs(answers - 0.5).sum(axis=1).argmax()])
 
 

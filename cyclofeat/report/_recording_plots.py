@@ -27,7 +27,7 @@ def window_spans(windows: Sequence[WindowCount]) -> list[Span]:
             start=window.start_s,
             stop=window.stop_s,
             label="refused" if window.reason else f"{window.defect_count} worn",
-            text=f"window {number}: {'refused, would be ' if window.reason else ''}"
+            text=f"window {number}: {f'refused, {window.reason}; would be ' if window.reason else ''}"
             f"{count_text(window.defect_count, ())}, probability {probability_text(window.probability)}",
             amiss=bool(window.reason),
         )

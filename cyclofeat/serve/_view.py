@@ -135,9 +135,9 @@ def _count(row: Mapping[str, Any]) -> dict[str, Any]:
     """Describe one answer of ``count``."""
     if "error" in row:
         return {"name": row["file"], "error": row["error"]}
-    count = row["defect_count"]
+    count = row["refused_defect_count"] if row["refused"] else row["defect_count"]
     probability = row["probability"][str(count)]
-    positions = ", ".join(map(str, row["worn_lobes_from_1"]))
+    positions = "" if row["refused"] else ", ".join(map(str, row["worn_lobes_from_1"]))
     if positions and not row["lobes_absolute"]:
         positions += " (relative)"
     return {
@@ -187,7 +187,9 @@ def _outcome(job: Job) -> str:
     if job.state != "done":
         return f"{job.order.title}: {job.error or job.state}".rstrip(".")
     rows = [_count(row) for row in job.result] if job.order.command == "count" else []
-    answers = [f"{row['name']}: {row['count']}" for row in rows if not row["error"]]
+    answers = [
+        f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]
+    ]
     if len(rows) > 1:
         return f"{len(answers)} of {number(len(rows), 'recording')} counted"
     return answers[0] if answers else f"{job.order.title}: done"

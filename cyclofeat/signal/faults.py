@@ -140,7 +140,7 @@ def smoothness(
 
     def level(lowest: float, highest: float) -> float:
         band = (frequencies >= lowest * lobe) & (frequencies < highest * lobe)
-        return 10 * np.log10(float(power[band].mean()) + np.finfo(float).tiny)
+        return float(10 * np.log10(power[band].mean() + np.finfo(float).tiny))
 
     if _HIGH_LINES[1] * lobe > 0.4 * sampling_rate:
         return np.nan, np.nan

@@ -85,8 +85,8 @@ run("cyclofeat count disc_a.csv disc_b.csv disc_c.csv --speed 500 --model model.
 # When the model refuses
 # ----------------------
 # The third file is refused. A refusal is an answer: *this recording is unlike everything that I have
-# learned from, do not trust my count*. A line that reads the results with ``--json`` must look at
-# ``refused``, because the exit code is 0.
+# learned from, do not trust my count*. With ``--strict`` the exit code is 3, and in
+# ``--json`` its ``defect_count`` is null.
 #
 # The disc has three worn lobes and the count without the refusal would have been 0. The reason tells where to
 # look: the speed. At 500 RPM lobes pass 8.89 times per second, and the lobe lines are the multiples of that

@@ -271,6 +271,26 @@ def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
     assert result["warnings"] == []
 
 
+def test_a_refused_recording_has_no_count(capsys, folder, tmp_path):
+    worn = read_recording(folder / "worn.csv")
+    clipped = worn.replace(torque=np.minimum(worn.torque, np.quantile(worn.torque, 0.56)))
+    write_recording(tmp_path / "clipped.npz", clipped)
+    options = ["--model", folder / "model.joblib", "--trust"]
+    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *options, "--strict")
+    assert code == 3
+    assert re.search(r"refused: +4[3-6]% of the samples are clipped .*\n +would be: +\d \(probability", out)
+    assert "worn lobes: " not in out
+    code, out, _ = run(capsys, "count", tmp_path / "clipped.npz", *options, "--json")
+    assert code == 0
+    (facts,) = json.loads(out)
+    assert (facts["defect_count"], facts["refused"]) == (None, True)
+    assert facts["refused_defect_count"] is not None
+    for strict, expected in (([], 3), (["--no-strict"], 0)):
+        code, out, _ = run(capsys, "watch", tmp_path, *options, "--once", "--settle", 0.01, *strict)
+        assert code == expected
+        assert "clipped.npz: refused: 4" in out
+
+
 def test_count_for_people_counts_lobes_from_one(capsys, folder):
     code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust")
     assert code == 0

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.signal import butter, sosfilt
 from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
 from sklearn.ensemble import ExtraTreesClassifier
@@ -226,9 +227,8 @@ def test_without_an_angle_positions_are_relative_and_said_to_be(model, surrogate
 
 def test_windows_of_one_recording_are_combined(model, surrogates):
     recording = surrogates[0]
-    twice = recording.replace(torque=np.tile(recording.torque, 2), angle=None, angle_is_absolute=False)
     once = model.count(recording)
-    both = model.count(twice)
+    both = model.count(joined([recording, recording]))
     assert (once.n_windows, both.n_windows) == (1, 2)
     assert [window.defect_count for window in both.windows] == [once.defect_count] * 2
     least = min(window.probability for window in both.windows)
@@ -296,10 +296,77 @@ def test_a_disc_at_another_speed_is_refused_and_not_called_healthy(model, surrog
     long = np.tile(worn.torque, max(1, round(share)))
     samples = np.arange(round(long.size / share))
     other = np.interp(share * samples, np.arange(long.size), long)
+    other += np.random.default_rng(0).normal(0, 0.2, other.size)  # of the sensor: another speed leaves it
     found = model.count(worn.replace(torque=other, angle=None, angle_is_absolute=False))
     assert found.refused
     assert re.search("the stated 500 RPM", found.reason)
     assert not model.count(worn.replace(angle=None, angle_is_absolute=False)).refused
+
+
+def filtered(torque):
+    return sosfilt(butter(4, 50, fs=25_600, output="sos"), torque - torque[0]) + torque[0]
+
+
+def lost_in_blocks(torque):
+    return np.where(np.arange(torque.size) % 5000 < 1000, 0.0, torque)
+
+
+def clipped(torque):
+    return np.minimum(torque, np.quantile(torque, 0.56))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (filtered, "a low-pass filter has removed"),
+        (lost_in_blocks, "2[0-2]% of the samples are lost"),
+        (clipped, "4[3-6]% of the samples are clipped"),
+    ],
+)
+def test_spoiled_recordings_are_refused_with_the_reason(model, surrogates, spoil, reason):
+    for one in surrogates[::8]:
+        count = model.count(one.replace(torque=spoil(one.torque)))
+        assert count.refused
+        assert re.match(reason, count.reason)
+        assert [window.reason for window in count.windows] == [count.reason]
+        facts = count.to_dict()
+        assert (facts["defect_count"], facts["refused_defect_count"]) == (None, count.defect_count)
+
+
+def joined(recordings):
+    """One recording after the other, without a tachometer and without a jump between them."""
+    torque = recordings[0].torque
+    for one in recordings[1:]:
+        torque = np.concatenate([torque, one.torque + torque[-5:].mean() - one.torque[:5].mean()])
+    return recordings[0].replace(torque=torque, angle=None, angle_is_absolute=False)
+
+
+def test_two_discs_in_one_recording_are_refused(model, surrogates):
+    healthy = [one for one in surrogates if one.defect_count == 0]
+    worn = [one for one in surrogates if one.defect_count == 5]
+    count = model.count(joined([healthy[0], healthy[1], worn[0], worn[1]]))
+    assert count.refused
+    assert "two discs" in count.reason
+    assert not model.count(joined([worn[0], worn[1]])).refused
+
+
+def test_a_creeping_speed_is_followed_or_refused(model, surrogates):
+    """The speed rises by 5 % over the recording, without a tachometer."""
+    for worn in [one for one in surrogates if one.defect_count == 5][:3]:
+        twice = joined([worn, worn]).torque
+        moments = np.cumsum(np.linspace(0.975, 1.025, twice.size))
+        torque = np.interp(moments, np.arange(twice.size), twice)
+        count = model.count(worn.replace(torque=torque, angle=None, angle_is_absolute=False))
+        assert count.refused or count.defect_count == 5
+
+
+def test_a_spoiled_window_is_left_out(model, surrogates):
+    worn = next(one for one in surrogates if one.defect_count == 5)
+    torque = worn.torque.copy()
+    torque[20_000:24_000] = torque[20_000]
+    count = model.count(joined([worn, worn.replace(torque=torque), worn]))
+    assert [window.reason[:20] for window in count.windows] == ["", "9% of the samples ar", ""]
+    assert (count.refused, count.n_windows, count.defect_count) == (False, 2, 5)
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
