@@ -68,7 +68,7 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
             followed.angle, speed, f"no tachometer: {60 * speed:.5g} RPM found in the torque", doubt
         )
     return Turning(
-        2 * np.pi * stated / rate * np.arange(recording.n_samples),
+        2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float),
         stated,
         f"no tachometer: taken to turn steadily at the stated {rpm}",
         f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "

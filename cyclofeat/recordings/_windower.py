@@ -431,7 +431,7 @@ def window_set(records: Sequence[Recording], parts: Sequence[Cut], sampling_rate
         start_s=np.concatenate([part[1] for part in parts]),
         start_angle=np.concatenate([part[2] for part in parts]),
         absolute=np.array([recording.angle_is_absolute for recording in records])[origin],
-        worn_lobes=tuple(records[i].worn_lobes for i in origin),
+        worn_lobes=tuple(records[i].worn_lobes for i in origin.tolist()),
     )
 
 

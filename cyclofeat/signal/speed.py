@@ -122,7 +122,7 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
             f"torque alone, got {sampling_rate:g} Hz"
         )
     time = np.arange(torque.size)
-    angle = 2 * np.pi * nominal_hz / sampling_rate * time
+    angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
     evidence = 0.0
     for one in (_COARSE, _FINE, _LAST):
         if turns < one.turns:

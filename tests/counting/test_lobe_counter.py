@@ -109,6 +109,7 @@ def test_a_window_begun_some_lobes_later_gives_the_same_answers(data, parts, cou
     assert_array_equal(counter.predict_lobes(later, passage - 4 / 15), counter.predict_lobes(X, passage))
 
 
+@pytest.mark.slow
 def test_counts_alone_teach_counting_too(data, parts):
     """Positions are then no more than rows of neighbours: their place is not to be relied on."""
     X, y, _, _ = (values[parts[0]] for values in data)
@@ -121,6 +122,7 @@ def test_counts_alone_teach_counting_too(data, parts):
         assert begins.sum() == min(count, 1)
 
 
+@pytest.mark.slow
 def test_groups_keep_windows_of_an_assembly_in_one_fold(data, parts):
     """Windows that are copies: without groups the folds learn how sure trees are of what they have seen."""
     noise = 3 * np.random.default_rng(0).normal(size=data[0].shape)

@@ -121,6 +121,9 @@ def test_a_check_is_of_its_seed_and_in_plain_values(checked):
     assert plain["conditions"] == [{"speed_rpm": 900.0, "load_nm": 22.0, "direction": 1}]
     assert (plain["recordings"], plain["rigs"]) == (4, 40)
     assert plain["effects"][2]["half_above"] is None
+    card = checked[0]._repr_html_()
+    for part in ("Check: ", "simulated rigs", "found in less than half"):
+        assert part in card
     frame = checked[0].to_frame()
     assert list(frame["effect"]) == ["noise", "gain", "offset"]
 

@@ -47,6 +47,7 @@ def test_the_posterior_of_a_linear_gaussian_world_is_the_exact_one():
     np.testing.assert_allclose(found.covariance, exact, atol=0.15 * np.abs(exact).max())
 
 
+@pytest.mark.slow
 def test_intervals_of_sizes_hold_as_often_as_they_say():
     true, observed, _ = linear_world(300, 5)
     inside = []

@@ -235,7 +235,12 @@ def test_unknown_effects_and_entropies_of_other_discs_are_named():
 
 @pytest.mark.parametrize(
     ("key", "n_draws"),
-    [(("clearance",), 4), (("load_drift",), 4), (("brake_rotor",), 2), (("clearance", "gain"), 4)],
+    [
+        (("clearance",), 4),
+        (("load_drift",), 4),
+        pytest.param(("brake_rotor",), 2, marks=pytest.mark.slow),
+        (("clearance", "gain"), 4),
+    ],
 )
 def test_no_rig_is_counted_twice(key, n_draws):
     settings = PublishedSettings(duration=0.1, n_draws=n_draws)

@@ -53,6 +53,7 @@ PACKAGES = (
     "cyclofeat.signal.high_pass",
     "cyclofeat.signal.lobes",
     "cyclofeat.signal.orders",
+    "cyclofeat.signal.speed",
     "cyclofeat.signal.statistics",
     "cyclofeat.signal.wavelet_filters",
     "cyclofeat.signal.wavelets",

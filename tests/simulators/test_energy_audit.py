@@ -91,6 +91,7 @@ def test_the_papers_law_makes_energy() -> None:
     assert conservative.torque_in[-24_000:].mean() == pytest.approx(1.4675, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_the_leak_belongs_to_the_law_and_not_to_the_step() -> None:
     """Half the step leaves the papers' leak as it is and makes the conservative law's quadrature finer."""
     paper = [energy_audit(STEEL, dt=dt, duration=0.12).relative_leak for dt in (1e-5, 5e-6)]
@@ -99,6 +100,7 @@ def test_the_leak_belongs_to_the_law_and_not_to_the_step() -> None:
     assert left[1] < 0.5 * left[0]
 
 
+@pytest.mark.slow
 def test_hunt_crossley_law_takes_energy_and_keeps_the_papers_leak() -> None:
     audit = energy_audit(STEEL.replace(contact_law="hunt_crossley", contact_damping=0.5), WORN)
     assert audit.contact_dissipation > 0
@@ -108,6 +110,7 @@ def test_hunt_crossley_law_takes_energy_and_keeps_the_papers_leak() -> None:
     assert without.relative_leak == pytest.approx(-0.0095, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_period_in_parts_is_as_good_as_one() -> None:
     """The whole period is longer than the steps that are worked on at one time."""
     whole = energy_audit(RUBBING, WORN, duration=0.12, start_time=0.25)
