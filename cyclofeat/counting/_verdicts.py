@@ -34,11 +34,13 @@ _NOISE_CHANGE, _MOST_NOISE = 1.5, 0.1
 _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -10.0, -68.0, -8.0
 # Evidence from which a speed is known; its largest relative change; two measurements of one speed.
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
+# Largest relative deviation of the angle's speed from the stated one: a motor's slip.
+_SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median.
 _ANGLE_STEPS = (0.5, 1.5)
 _JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
-_AGREEMENT = 0.5
+_AGREEMENT = 0.4
 
 
 def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lobes: int) -> tuple[str, ...]:
@@ -70,7 +72,7 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
         speed = n_lobes / float(stop - start)
         reasons.append(
             _of_samples(recording.torque[rows], rate, speed, n_lobes)
-            or ("" if angle is None else _of_angle(angle[rows], rate, speed))
+            or ("" if angle is None else _of_angle(angle[rows], rate, recording.input_speed_hz or speed))
             or speed_changes
         )
     return tuple(reasons)
@@ -127,11 +129,14 @@ def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
 
 
 def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
-    """Return what is wrong with the angle of the input within a window."""
+    """Return what is wrong with the angle of the input within a window, beside the stated speed."""
     advance = np.diff(angle[:: max(1, round(sampling_rate / input_speed_hz / 8))])
     advance /= np.median(advance)
     if advance.min() < _ANGLE_STEPS[0] or advance.max() > _ANGLE_STEPS[1]:
         return "the angle jumps or stands still within the window"
+    speed = float(angle[-1] - angle[0]) / (2 * np.pi) * sampling_rate / (angle.size - 1)
+    if abs(speed / input_speed_hz - 1) > _SLIP:
+        return f"its angle turns at {60 * speed:.4g} RPM, but {60 * input_speed_hz:.4g} RPM are stated"
     return ""
 
 

@@ -25,8 +25,8 @@ def geared(seed=0, noise=0.1, turns=1, ratio=None):
     return 22 + pulses + drift + random.normal(0, noise, lobes.size)
 
 
-def faults(torque, angle=None):
-    recording = Recording(torque, RATE, angle=angle)
+def faults(torque, angle=None, speed_rpm=None):
+    recording = Recording(torque, RATE, angle=angle, speed_rpm=speed_rpm)
     windows = Windower(input_speed_hz=SPEED, reduction=15).windows(recording)
     return window_faults(recording, windows, windows.start_s + TURN / RATE, 15)
 
@@ -39,6 +39,13 @@ def test_clean_windows_have_no_fault(noise):
 def test_a_steady_angle_is_no_fault():
     angle = 2 * np.pi * SPEED * np.arange(TURN) / RATE
     assert faults(geared(), angle) == ("",)
+
+
+def test_an_angle_that_turns_otherwise_than_stated():
+    angle = 2 * np.pi * SPEED * np.arange(TURN) / RATE
+    assert faults(geared(), angle, speed_rpm=520) == ("",)
+    (reason,) = faults(geared(), angle * 16 / 15, speed_rpm=500)
+    assert reason == "its angle turns at 533.3 RPM, but 500 RPM are stated"
 
 
 def held(torque):
