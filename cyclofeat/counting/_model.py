@@ -279,10 +279,18 @@ class LobeModel:
         return self._cut(recording)[0]
 
     def speed_of(self, recording: Recording) -> float:
-        """Return the input speed of a recording in turns per second: measured, stated, or the model's."""
+        """Return the input speed in turns per second at which a recording is drawn.
+
+        The stated one; where that is not close to the shaft's or not known, the shaft's, but at least so
+        fast that the recording holds one output turn. For a counter of windows in time, the model's.
+        """
+        stated = recording.input_speed_hz
         if self.input_speed_hz is not None:
-            return recording.input_speed_hz or self.input_speed_hz
-        return turning_of(recording, self.n_lobes).speed_hz
+            return stated or self.input_speed_hz
+        measured = turning_of(recording, self.n_lobes).speed_hz
+        if stated is not None and abs(measured / stated - 1) <= SPEED_TOLERANCE:
+            return stated
+        return max(measured, self.n_lobes / recording.duration)
 
     def _cut(self, recording: Recording) -> tuple[WindowSet, Turning | None]:
         """Return windows, and how the shaft turned where they are cut over its angle."""
