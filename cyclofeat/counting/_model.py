@@ -15,6 +15,7 @@ from cyclofeat._base import svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
+from cyclofeat._base.words import number
 from cyclofeat.counting._answers import LobeCount, WindowCount
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
@@ -338,6 +339,9 @@ class LobeModel:
         used |= not used.any()
         probability = combine_proba(proba[used], np.zeros(used.sum(), dtype=int), dependence)[0]
         count = int(classes[probability.argmax()])
+        if any(faults) and not reason:
+            left_out = f"{sum(map(bool, faults))} of {number(len(windows), 'window')} left out"
+            notes.append(f"{left_out}: {most_frequent(faults)}")
         if n_outside:
             notes.append(
                 f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "

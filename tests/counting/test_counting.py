@@ -367,6 +367,9 @@ def test_a_spoiled_window_is_left_out(model, surrogates):
     count = model.count(joined([worn, worn.replace(torque=torque), worn]))
     assert [window.reason[:20] for window in count.windows] == ["", "9% of the samples ar", ""]
     assert (count.refused, count.n_windows, count.defect_count) == (False, 2, 5)
+    assert any(
+        note.startswith("1 of 3 windows left out: 9% of the samples are lost") for note in count.warnings
+    )
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
