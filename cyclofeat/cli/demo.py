@@ -119,8 +119,8 @@ def printed(arguments: argparse.Namespace, result: Demonstration) -> Printed:
             f"predicted {counted.defect_count} ({lobes_text(counted.lobes) or '-'}){mark}"
         )
     lines += [
-        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, refused: {refused}, of {n} "
-        "recordings",
+        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings; "
+        f"{refused} refused",
         f"Cross-validated over {n_assemblies} assemblies, the same folds for both (chance 0.125):",
         *(f"  {name:34s} {scores}" for name, scores in result.scores.items()),
         f"Pages: {', '.join(map(str, result.pages))}  ({result.seconds:.0f} s in all)",
