@@ -29,10 +29,11 @@ from benchmarks.spoiled._run import (
 _GOALS = {"spoiled": {WRONG: 0.02, SURE: 0.003}, "unspoiled": {REFUSED: 0.03}}
 
 
-def table(found: Mapping[tuple[str, float], Counter[str]], n_bases: int) -> str:
+def table(found: Mapping[tuple[str, float], Counter[str]]) -> str:
     """Return the page."""
     clean = found[UNSPOILED.name, 0.0]
     spoiled = sum(found.values(), Counter()) - clean
+    n_bases = (spoiled.total() - spoiled[SURE]) // sum(len(kind.strengths) for kind in KINDS.values())
     speeds = ", ".join(f"{speed:g}" for speed in SPEEDS_RPM)
     lines = [
         "# Spoiled recordings",
@@ -86,7 +87,7 @@ def main() -> None:
     counter = model(arguments.folder, arguments.model)
     starts: list[Base] = bases(arguments.folder, arguments.jobs)
     found = all_outcomes(counter, starts, arguments.jobs)
-    page = table(found, len(starts))
+    page = table(found)
     arguments.out.write_text(page, encoding="utf-8")
     print("\n".join(line for line in page.splitlines() if "spoiled (" in line))
     print(f"written: {arguments.out}")

@@ -25,27 +25,34 @@ SPEEDS_RPM = (430.0, 580.0)
 UNSPOILED = Kind("unspoiled", "", (0.0,), lambda base, *_: base.recording)
 _TURNS = 3.02  # of the output; a little more than three windows
 _SEED = 8_302
+# Of each number of worn lobes and speed: one machine is spoiled, all are counted unspoiled.
+_ASSEMBLIES, _COUNTS = 5, 8
 
 
 def bases(folder: Path, n_jobs: int) -> list[Base]:
-    """Return base recordings of rig R2 with 0 to 7 worn lobes at each speed, from the folder or simulated."""
+    """Return base recordings of rig R2 with 0 to 7 worn lobes at each speed, from the folder or simulated.
+
+    Those to be spoiled come first, :data:`_COUNTS` of each speed.
+    """
     path = folder / "bases.joblib"
     if not path.exists():
         joblib.dump([_simulated(speed, n_jobs) for speed in SPEEDS_RPM], path)
-    made = []
+    made, further = [], []
     for output, input_ in joblib.load(path):
         random = np.random.default_rng(_SEED)
         heard = [noisy(one, random) for one in output]
         # The machine with the next count but two is the other one.
-        made += [Base(*four) for four in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)]
-    return made
+        four = [Base(*one) for one in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)]
+        made += four[:_COUNTS]
+        further += four[_COUNTS:]
+    return made + further
 
 
 def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Recording]]:
     """Return output and input torque of the same machines, without noise."""
     output, input_ = (
         make_rig_recordings(
-            1, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
+            _ASSEMBLIES, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
             random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
             solver=Solver(integrator="adams_bashforth"), quantity=quantity,
         )
@@ -105,8 +112,11 @@ def all_outcomes(
     model: LobeModel, bases: Sequence[Base], n_jobs: int
 ) -> dict[tuple[str, float], Counter[str]]:
     """Return how often each outcome came of each kind and strength, unspoiled recordings among them."""
-    kinds = [UNSPOILED, *KINDS.values()]
+    n_spoiled = _COUNTS * len(SPEEDS_RPM)
     work = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(outcomes)(model, number, base, kinds) for number, base in enumerate(bases)
+        joblib.delayed(outcomes)(
+            model, number, base, [UNSPOILED, *(KINDS.values() if number < n_spoiled else ())]
+        )
+        for number, base in enumerate(bases)
     )
-    return {cell: Counter(name for found in work for name in found[cell]) for cell in work[0]}
+    return {cell: Counter(name for found in work for name in found.get(cell, ())) for cell in work[0]}
