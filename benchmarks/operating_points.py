@@ -38,7 +38,8 @@ class Data:
 
 
 def simulated(n: int, quantity: str, n_jobs: int, rig: str = "R2", seed: int = 0, **at: object) -> Data:
-    noise = {"output_torque": Noise(0.2), "input_torque": Noise(0.015), "motor_current": Noise(0.0)}[quantity]
+    # Effects of the torque meter are divided by the reduction at the input: 0.015 Nm there.
+    noise = {"output_torque": Noise(0.2), "input_torque": Noise(0.225), "motor_current": Noise(0.0)}[quantity]
     where = {"speed_rpm": SPEEDS, "load_nm": LOADS} | at
     made = make_rig_recordings(
         n, rig=rig_preset(rig).with_effects(noise), output_turns=TURNS, random_state=seed, n_jobs=n_jobs,

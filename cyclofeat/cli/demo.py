@@ -106,18 +106,21 @@ def printed(arguments: argparse.Namespace, result: Demonstration) -> Printed:
         f"Trained on {n_assemblies} simulated assemblies of rig R1; model in {result.model}",
         "Counted from files (lobes counted from 1):",
     ]
-    right = exact = 0
+    right = exact = refused = 0
     for one in result.counted:
         true, counted = one.recording, one.count
         right += true.defect_count == counted.defect_count
+        refused += counted.refused
         exact += set(true.worn_lobes or ()) == set(counted.lobes)
         mark = "" if true.defect_count == counted.defect_count else "  <- wrong"
+        mark += f"  refused: {counted.reason}" if counted.refused else ""
         lines.append(
             f"  {one.name:24s} true {true.defect_count} ({lobes_text(true.worn_lobes) or '-'})  "
             f"predicted {counted.defect_count} ({lobes_text(counted.lobes) or '-'}){mark}"
         )
     lines += [
-        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings",
+        f"  counts right: {right / n:.3f}, exactly the right lobes: {exact / n:.3f}, of {n} recordings; "
+        f"{refused} refused",
         f"Cross-validated over {n_assemblies} assemblies, the same folds for both (chance 0.125):",
         *(f"  {name:34s} {scores}" for name, scores in result.scores.items()),
         f"Pages: {', '.join(map(str, result.pages))}  ({result.seconds:.0f} s in all)",
@@ -125,6 +128,7 @@ def printed(arguments: argparse.Namespace, result: Demonstration) -> Printed:
     facts = {
         "counts_right": right / n,
         "exact_lobes": exact / n,
+        "n_refused": refused,
         "n_recordings": n,
         "cross_validation": {name: scores.to_dict() for name, scores in result.scores.items()},
         "model": str(result.model),

@@ -26,12 +26,13 @@ _MOST_DROPPED, _MOST_CLIPPED = 0.02, 0.02
 _LINES, _FRESH, _DENSE = 44, 4.0, 20.0
 # Step of the converter in standard deviations; share of equal samples from which it hides the noise.
 _COARSEST, _MOST_EQUAL = 0.5, 0.2
-# Standard deviations of the usual noise that a sample lies off its neighbours; spikes in a window.
-_JUMP, _MOST_SPIKES = 8.0, 5
+# Standard deviations of the usual noise that a sample lies off its neighbours, and of the torque: where there
+# is next to no noise, impacts of the lobes are no spikes. Spikes in a window.
+_JUMP, _LEAST_SPIKE, _MOST_SPIKES = 8.0, 0.25, 5
 # Ratio of the noise in two input turns; share of the mean torque that hides worn lobes.
 _NOISE_CHANGE, _MOST_NOISE = 1.5, 0.1
 # Power of the weakest input turn over the median; fall and slope of a spectrum above the lobe lines (dB).
-_WEAKEST_DB, _FALL_DB, _SLOPE_DB = -10.0, -68.0, -8.0
+_WEAKEST_DB, _FALL_DB, _SLOPE_DB = -14.0, -68.0, -8.0
 # Evidence from which a speed is known; its largest relative change; two measurements of one speed.
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
@@ -111,17 +112,19 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
 def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
     """Return what is wrong with the noise between adjacent samples."""
     off = faults.jumps(torque)
-    beyond = np.flatnonzero(off > _JUMP)
+    noise = faults.noise_level(torque)
+    limit = max(_JUMP, _LEAST_SPIKE * float(torque.std()) / max(noise, np.finfo(float).tiny))
+    beyond = np.flatnonzero(off > limit)
     # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.
     middle = off[1:-1]
-    spikes = int(np.sum((middle > _JUMP) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
+    spikes = int(np.sum((middle > limit) & (middle > 1.5 * off[:-2]) & (middle > 1.5 * off[2:])))
     if beyond.size > 3 * spikes:
         return f"{_JUMPS}, first {beyond[0] / sampling_rate:.3g} s after the window's start"
     if spikes > _MOST_SPIKES:
         return f"the torque has {number(spikes, 'spike')}"
     if (change := faults.noise_change(torque, n_parts)) > _NOISE_CHANGE:
         return f"the noise changes by a factor of {change:.2g} within the window"
-    noise, mean = faults.noise_level(torque), abs(float(torque.mean()))
+    mean = abs(float(torque.mean()))
     # A torque without its mean, of an AC-coupled meter, says nothing about the load.
     if _MOST_NOISE * mean < noise < mean:
         return f"noise of {noise:.2g} hides worn lobes: it is {noise / mean:.0%} of the mean"
