@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from cyclofeat._base.words import lobes_text, number
+from cyclofeat.cli._count_table import count_table
 from cyclofeat.cli._models import add_model_options, read_model, without_start
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import (
@@ -41,12 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(
         parser, "--report", "page", metavar="FILE.html", help="page to write: the counts and their evidence"
     )
+    add_target(parser, "--csv", metavar="FILE.csv", help="table to write: one row per recording")
     parser.add_argument("--strict", action="store_true", help="exit with code 3 if a recording is refused")
     add_reading_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
-    """Count file by file, then write the report."""
+    """Count file by file, with a row of the table each, then write the report."""
     model = read_model(arguments)
     files, options = entries(arguments.files), reading_arguments(arguments)
 
@@ -59,9 +61,13 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
         return Counted(count, round(first.stop_s - first.start_s, 9), unused)
 
     results = []
-    for result in each_recording(files, options, counted_of):
-        results.append(result)
-        yield result
+    with count_table(arguments.csv) as add_row:
+        for result in each_recording(files, options, counted_of):
+            results.append(result)
+            add_row(result, result.value and result.value.answer)
+            yield result
+    if arguments.csv:
+        note(f"table: {arguments.csv}")
     if not arguments.report:
         return
     from cyclofeat.report import CountedRecording, write_count_report

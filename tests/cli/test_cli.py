@@ -1,6 +1,7 @@
 """The command line: the way from nothing to a count, and every mistake on it."""
 
 import argparse
+import csv
 import io
 import json
 import os
@@ -331,6 +332,26 @@ def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
     page = report.read_text(encoding="utf-8")
     for part in ("SURROGATE", "5 worn lobes", str(folder / "worn.csv"), "not counted", "model.joblib"):
         assert part in page
+
+
+def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path):
+    table = tmp_path / "counts.csv"
+    options = ["--model", folder / "model.joblib", "--trust", "--csv", table]
+    (tmp_path / "empty.csv").write_text("")
+    code, _, err = run(capsys, "count", folder / "worn.csv", tmp_path / "empty.csv", *options)
+    assert code == 2
+    assert f"table: {table}" in err
+    with table.open(encoding="utf-8-sig", newline="") as stream:
+        counted, failed = csv.DictReader(stream)
+    recording = read_recording(folder / "worn.csv")
+    assert counted["file"] == str(folder / "worn.csv")
+    assert int(counted["defect_count"]) == recording.defect_count
+    assert 0 < float(counted["probability"]) <= 1
+    assert len(counted["worn_lobes_from_1"].split()) == recording.defect_count
+    assert counted["refused"] == "False"
+    assert failed["defect_count"] == ""
+    assert "empty" in failed["error"]
+    assert run(capsys, "count", folder / "worn.csv", *options)[0] == 2  # never overwritten unasked
 
 
 def test_a_report_of_many_files_needs_the_memory_of_few(capsys, folder, tmp_path, monkeypatch):

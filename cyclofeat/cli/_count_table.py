@@ -1,0 +1,48 @@
+"""Table of counts as CSV: one row per recording, written as soon as it is counted."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+from cyclofeat.cli._reading import FileResult
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeCount
+
+COLUMNS = (
+    "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",
+    "refused_defect_count", "reason", "n_windows", "distance", "warnings", "error",
+)  # fmt: skip
+
+
+class Row(Protocol):
+    """Writer of the row of one file."""
+
+    def __call__(self, result: FileResult[Any], count: LobeCount | None) -> None: ...
+
+
+@contextmanager
+def count_table(path: str | None) -> Iterator[Row]:
+    """Open the table of counts, and give the function that adds a row; without a path it does nothing."""
+    if path is None:
+        yield lambda result, count: None
+        return
+    # The mark at the beginning tells spreadsheets that the file is UTF-8.
+    with open(path, "w", encoding="utf-8-sig", newline="") as stream:
+        writer = csv.DictWriter(stream, COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+
+        def add(result: FileResult[Any], count: LobeCount | None) -> None:
+            row: dict[str, Any] = {"file": str(result.path), "error": result.error}
+            if count is not None:
+                row |= count.to_dict()
+                row["probability"] = f"{count.probability[count.defect_count]:.6g}"
+                row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
+                row["warnings"] = "; ".join(count.warnings)
+            writer.writerow(row)
+            stream.flush()  # what is counted stays, whatever comes
+
+        yield add
