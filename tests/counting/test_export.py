@@ -106,7 +106,7 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
             expected[file.name] = counter.predict_proba(data[0][:3]).tolist()
     for suffix in FORMATS:
         save_model(tmp_path / f"model.{suffix}", model)
-    expected["model"] = model.count(Recording(data[0][0], RATE)).to_dict()
+    expected["model"] = model.count(Recording(data[0][0], RATE, speed_rpm=500)).to_dict()
     (tmp_path / "names.json").write_text(json.dumps(sorted(expected.keys() - {"model"})), encoding="utf-8")
     code = (
         "import json, sys, numpy as np, pathlib\n"
@@ -117,7 +117,7 @@ def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_pa
         "trust = lambda name: name.endswith('.joblib')\n"
         "said = {n: load_model(folder / n, trusted=trust(n)).predict_proba(X).tolist() for n in names}\n"
         "models = [load_model(folder / n, trusted=trust(n)) for n in ('model.joblib', 'model.skops')]\n"
-        "one, other = [m.count(Recording(X[0], 6400)).to_dict() for m in models]\n"
+        "one, other = [m.count(Recording(X[0], 6400, speed_rpm=500)).to_dict() for m in models]\n"
         "assert one == other\n"
         "print(json.dumps(said | {'model': one}))\n"
     )

@@ -24,10 +24,10 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 
 import golden_cases as cases  # noqa: E402
 
-from cyclofeat import Windower  # noqa: E402
 from cyclofeat.counting import LobeLocator, LobeModel, passage_of_lobe_zero  # noqa: E402
 from cyclofeat.datasets import make_rig_recordings  # noqa: E402
 from cyclofeat.models import save_model  # noqa: E402
+from cyclofeat.recordings import shaft_windows  # noqa: E402
 
 PER_COUNT = {"R1": 8, "R2": 12}  # training assemblies of each count
 N_TREES, N_LOCATOR_TREES = 40, 24  # few: the file shall be small
@@ -69,11 +69,14 @@ def record_model() -> None:
     model = LobeModel.train(
         made, n_splits=0, n_trees=N_TREES, description=f"{len(made)} simulated assemblies of rigs R1 and R2"
     )
-    windows = Windower(input_speed_hz=model.input_speed_hz).windows(made)
-    worn = np.array([np.isin(range(15), made[i].worn_lobes) for i in windows.recording])
+    windows = shaft_windows(made, [one.angle for one in made], model.n_lobes)
     locator = LobeLocator(
-        cases.RATE, input_speed_hz=model.input_speed_hz, n_trees=N_LOCATOR_TREES, random_state=0
-    ).fit(windows.X, worn, passage_of_lobe_zero(windows.start_angle))
+        windows.sampling_rate,
+        input_speed_hz=1.0,
+        n_trees=N_LOCATOR_TREES,
+        random_state=0,
+        speed_tolerance=0.0,
+    ).fit(windows.X, windows.worn_table(model.n_lobes), passage_of_lobe_zero(windows.start_angle))
     save_model(cases.MODEL, dataclasses.replace(model, locator=locator))
 
 
