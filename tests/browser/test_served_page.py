@@ -78,7 +78,7 @@ def test_from_a_tdms_file_to_a_count_by_keyboard(browser, live, files):
     browser.wait_for(text_of("model"), lambda text: "counts 0 to 3 worn lobes" in text)
     browser.choose("#files", files / "Prüfstand 7.tdms")
     # two channels: the page says so in the words of the command, and offers both
-    browser.wait_for(text_of("recordings"), lambda text: "to say which channel is the torque" in text, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "several channels fit" in text, 60)
     browser.run("document.getElementById('channel').value = 'rig/left'")
     browser.run("document.getElementById('channel').dispatchEvent(new Event('change', {bubbles: true}))")
     browser.wait_for(text_of("recordings"), lambda text: "rig/left (Nm)" in text, 60)
