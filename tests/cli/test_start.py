@@ -38,7 +38,7 @@ def counting(tmp_path):
     """Words of a command that counts a recording with a ``.skops`` model."""
     with np.load(GOLDEN / "recordings.npz") as stored:
         torque = stored["codes"][0] * 2e-3
-    np.savez(tmp_path / "disc.npz", torque=torque, sampling_rate=2560.0)
+    np.savez(tmp_path / "disc.npz", torque=torque, sampling_rate=2560.0, speed_rpm=500.0)
     allow = [word for name in ALLOWED for word in ("--allow", name)]
     return ["count", str(tmp_path / "disc.npz"), "--model", str(GOLDEN / "model.skops"), *allow]
 
