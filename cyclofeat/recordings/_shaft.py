@@ -58,7 +58,7 @@ def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
     rate = recording.sampling_rate
     turns = float(np.ptp(angle)) / (2 * np.pi)
     length = round(WINDOW_TURNS * n_lobes * SAMPLES_PER_TURN)
-    if turns < WINDOW_TURNS * n_lobes:
+    if turns * SAMPLES_PER_TURN < length:
         raise ValueError(
             f"the recording is too short: it lasts {recording.duration:.4g} s and holds {turns:.4g} input "
             f"turns, a window of one output turn needs {WINDOW_TURNS * n_lobes:g}"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
-from cyclofeat.recordings import Recording, Windower, common_quantity
+from cyclofeat.recordings import Recording, Windower, common_quantity, shaft_windows
 from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
 
 RATE = 25_600.0
@@ -741,3 +741,13 @@ def test_windows_and_angles_follow_the_disc_s_own_lobes():
     disc = -np.arange(torque.size) / 25_600 * 2 * np.pi * 500 / 60 / 13
     angle = of_13.replace(angle=disc, angle_of="disc").input_angle()
     assert (angle[-1] - angle[0]) / (2 * np.pi) == pytest.approx(500 / 60 * (torque.size - 1) / 25_600)
+
+
+def test_a_recording_that_is_short_of_a_window_by_a_sample_is_too_short():
+    """14.7 turns are 0.98 of an output turn, but half a sample less than the window."""
+    angle = 2 * np.pi * np.linspace(0.003, 14.703, 47_040)
+    torque = 22 + np.random.default_rng(0).normal(size=angle.size)
+    with pytest.raises(ValueError, match="the recording is too short: .* holds 14.7 input turns"):
+        shaft_windows([Recording(torque, 25_600, angle=angle)], [angle], 15)
+    longer = angle * (14.71 / 14.7)
+    assert len(shaft_windows([Recording(torque, 25_600, angle=longer)], [longer], 15)) == 1
