@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -119,19 +120,18 @@ def rows(n: int, n_jobs: int) -> list[list[str]]:
     """Return the rows of the table."""
     made = []
 
-    def add(
-        what: str, goal: str, recordings: Sequence[Recording], answers: Sequence[LobeCount | None]
-    ) -> None:
+    def add(what: str, goal: str, recordings: Sequence[Recording], answers: Answers) -> None:
         made.append(row(what, goal, recordings, answers))
         print(" | ".join(made[-1]), flush=True)
 
     torque = simulated(n, "output_torque", n_jobs)
     model = trained(torque.training)
     judged = torque.judged
-    add("output torque, 0.2 Nm, tachometer", ">= 0.97", judged, counted(model, judged))
+    seeing = counted(model, judged)
+    add("output torque, 0.2 Nm, tachometer", ">= 0.97", judged, seeing)
     for name, low, high in (("100 to 250", 100, 250), ("250 to 600", 250, 600), ("600 to 1,500", 600, 1500)):
-        some = [one for one in judged if low <= float(one.speed_rpm or 0) < high]
-        add(f"- of these, {name} RPM", "stated", some, counted(model, some))
+        within = [low <= float(one.speed_rpm or 0) < high for one in judged]
+        add(f"- of these, {name} RPM", "stated", [*compress(judged, within)], [*compress(seeing, within)])
     add("the same without a tachometer, steady speed", ">= 0.95", judged, counted(model, judged, blind))
     add("- speed wandering by 5 %", ">= 0.93", judged, counted(model, judged, wandering))
     for factor, words in ((2.0, "half"), (3.0, "a third of"), (4.0, "a quarter of"), (0.5, "twice")):

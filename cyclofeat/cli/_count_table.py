@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclofeat.cli._reading import FileResult
 
@@ -18,14 +18,12 @@ COLUMNS = (
 )  # fmt: skip
 
 
-class Row(Protocol):
-    """Writer of the row of one file."""
-
-    def __call__(self, result: FileResult[Any], count: LobeCount | None) -> None: ...
+# Adds the row of one file.
+AddRow: TypeAlias = Callable[[FileResult[Any], "LobeCount | None"], None]
 
 
 @contextmanager
-def count_table(path: str | None) -> Iterator[Row]:
+def count_table(path: str | None) -> Iterator[AddRow]:
     """Open the table of counts, and give the function that adds a row; without a path it does nothing."""
     if path is None:
         yield lambda result, count: None

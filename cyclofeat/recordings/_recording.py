@@ -411,8 +411,8 @@ def _alike(mine: Any, theirs: Any) -> bool:
     return type(theirs) is type(mine) and bool(mine == theirs)
 
 
-def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None = None) -> float | None:
-    """Return the nominal input speed in turns per second: the given one, else the median of those stated.
+def common_speed(recordings: Sequence[Recording]) -> float | None:
+    """Return the nominal input speed in turns per second: the median of those stated, None without any.
 
     Raises
     ------
@@ -420,11 +420,9 @@ def common_speed(recordings: Sequence[Recording], input_speed_hz: float | None =
         If a recording states one so far beside it that the lobe map's search would not find it.
     """
     stated = [one.input_speed_hz for one in recordings if one.input_speed_hz is not None]
-    speed = input_speed_hz
-    if speed is None:
-        if not stated:
-            return None
-        speed = float(np.median(stated))
+    if not stated:
+        return None
+    speed = float(np.median(stated))
     off = [one for one in stated if abs(one / speed - 1) > SPEED_TOLERANCE]
     if off:
         raise ValueError(

@@ -235,9 +235,8 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
 
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
-    # Without a stated speed the recording was counted at the model's.
-    nominal = 60 * model.speed_of(recording)
-    described = describe(recording.replace(speed_rpm=nominal), reduction=model.n_lobes)
+    speed_hz = model.speed_of(recording)
+    described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes)
     return {
         "heading": _capital(count_text(count.defect_count, ())),
         "reason": count.reason,
@@ -257,7 +256,7 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
         "relative": bool(count.lobe_probability) and not count.absolute,
         "recorded": _recorded(model, item, described),
         "window_table": _window_table(count),
-        **_evidence(model, item, most_samples),
+        **_evidence(model, item, speed_hz, most_samples),
     }
 
 
@@ -330,7 +329,7 @@ def _recorded(
     return [(label, str(value)) for label, value in lines.items() if value is not None]
 
 
-def _evidence(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
+def _evidence(model: LobeModel, item: CountedRecording, speed_hz: float, most_samples: int) -> dict[str, Any]:
     """Pictures of a recording, and of its features if the model has a training domain."""
     from cyclofeat.plotting import (
         LobeMapDisplay,
@@ -352,7 +351,7 @@ def _evidence(model: LobeModel, item: CountedRecording, most_samples: int) -> di
     if _speed_known(item):
         lobe_map = LobeMapDisplay.from_recording(
             recording,
-            input_speed_hz=model.speed_of(recording),
+            input_speed_hz=speed_hz,
             n_lobes=model.n_lobes,
             marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
             outline=_outline(model.n_lobes, count.lobes),
