@@ -34,7 +34,7 @@ $(INSTALLED): pyproject.toml
 	@touch $@
 
 demo: $(INSTALLED)  ## simulate, train, count worn lobes from files; writes demo/count.html and demo/evaluation.html
-	$(BIN)/python -m cyclofeat demo --out demo
+	$(BIN)/python -m cyclofeat demo --out demo --force
 
 # One BLAS thread: same sums on every machine, and no threads that fight with joblib's workers.
 test test-slow test-nojit test-browser test-array-api coverage: export OPENBLAS_NUM_THREADS = 1

@@ -37,6 +37,7 @@ from collections.abc import Collection, Sequence
 from io import TextIOWrapper
 
 from cyclofeat import __version__
+from cyclofeat.cli._idle import CommandParser
 from cyclofeat.cli._printing import run_and_print, show_warning, warn
 from cyclofeat.cli._table import COMMANDS
 
@@ -97,11 +98,12 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
         description="Count and locate the worn lobes of a cycloidal disc from windows of output torque.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    parsers = parser.add_subparsers(required=True, metavar="COMMAND", dest="command")
+    parsers = parser.add_subparsers(
+        required=True, metavar="COMMAND", dest="command", parser_class=CommandParser
+    )
     for name, command in COMMANDS.items():
         subparser = parsers.add_parser(name, help=command.text, description=command.text)
         subparser.add_argument("--json", action="store_true", help="print JSON for programs")
         if name in complete:
             command.module().add_arguments(subparser)
-            subparser.set_defaults(default_of=subparser.get_default)
     return parser

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import number
-from cyclofeat.cli._idle import refuse_idle
-from cyclofeat.cli._reading import READING, read_all
+from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._reading import read_all
 from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
@@ -18,12 +18,8 @@ if TYPE_CHECKING:
     from cyclofeat.gap.posterior import EffectPosterior
     from cyclofeat.recordings import Recording
 
-__all__ = ["CHECKING", "add_check", "check", "printed_check"]
+__all__ = ["add_check", "check", "printed_check"]
 
-_IDLE = (
-    "hold_out", "out", "save_simulator", "simulated", "alpha", "one_assembly", "cache", "machines", "effects",
-)  # fmt: skip
-CHECKING = ("recordings", "rigs")
 _RECORDINGS, _RIGS = 12, 240
 
 
@@ -51,19 +47,22 @@ def add_check(parser: argparse.ArgumentParser) -> None:
         help=f"simulated rigs with known effects that --check asks about (default {_RIGS}); more of them "
         "give surer sizes",
     )
+    add_idle(parser, "--recordings", beside=["MEASURED"])
+    add_idle(parser, "--recordings", "--rigs", without=["--check"])
+    add_idle(
+        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha", "--one-assembly",
+        "--cache", beside=["--check"],
+    )  # fmt: skip
 
 
 def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck:
     """Check the recordings named, or as many planned ones."""
     from cyclofeat.gap import check_recordings
 
-    refuse_idle(arguments, _IDLE, "with --check")
     recordings: list[Recording] | list[Condition]
     if arguments.measured:
-        refuse_idle(arguments, ["recordings"], "beside MEASURED")
         recordings = read_all(arguments.measured, arguments)
     else:
-        refuse_idle(arguments, [*READING, "sampling_rate"], "without MEASURED")
         recordings = _planned(whole("--recordings", arguments.recordings, 1), posterior)
     return check_recordings(
         recordings,

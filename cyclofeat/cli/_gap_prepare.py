@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import different_names
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import read_all
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Prepared", "add_preparation", "prepare", "printed_preparation"]
 
-_IDLE = (
-    "hold_out", "out", "save_simulator", "posterior", "simulated", "alpha", "one_assembly", "check",
-    "recordings", "rigs",
-)  # fmt: skip
 _MACHINES = 4000  # about an hour of two cores
 _TRAINED_BY = ("jax", "optax")
 
@@ -61,11 +57,15 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
         "cores); more of them later go on in the same --cache",
     )
+    add_idle(parser, "--machines", "--effects", without=["--prepare"])
+    add_idle(
+        parser, "--hold-out", "--out", "--save-simulator", "--posterior", "--simulated", "--alpha",
+        "--one-assembly", "--check", beside=["--prepare"],
+    )  # fmt: skip
 
 
 def prepare(arguments: argparse.Namespace) -> Prepared:
     """Simulate rigs of the model, learn from them, and write the posterior."""
-    refuse_idle(arguments, _IDLE, "with --prepare")
     if arguments.cache is None:
         raise ValueError(
             "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"

@@ -7,6 +7,8 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
+from cyclofeat.cli._idle import add_idle
+
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
     from cyclofeat.recordings import Recording
@@ -39,6 +41,9 @@ def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) ->
         metavar="NAME",
         help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
     )
+    add_idle(parser, "--trust", beside=["--model *.skops"])
+    if not required:
+        add_idle(parser, "--trust", "--allow", without=["--model"])
 
 
 def read_model(arguments: argparse.Namespace) -> LobeModel:

@@ -8,6 +8,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
+from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._reading import error_text
 from cyclofeat.cli._rigs import load_own_effects
 from cyclofeat.cli._table import Command, Printed
@@ -47,6 +48,7 @@ def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
     try:
         if sys.stdout is None:
             raise OSError("standard output is closed: direct it to a file, or to the null device")
+        refuse_idle(arguments)
         check_targets(arguments)
         load_own_effects(arguments)
         module = command.module()

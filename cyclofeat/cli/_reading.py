@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
@@ -50,17 +51,16 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
         if argument != "sampling_rate" or sampling_rate:
             group.add_argument(option, dest=argument, **parsing)
     group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+    add_idle(parser, "--angle-channel", "--angle-unit", "--angle-absolute", beside=["--no-angle"])
 
 
-READING = (*(name for name in _OPTIONS if name != "sampling_rate"), "no_angle")
+READING = (*(option for option, _ in _OPTIONS.values()), "--no-angle")
 
 
 def reading_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of ``read_recording`` that were typed."""
     typed = {argument: getattr(arguments, argument) for argument in _OPTIONS}
     if arguments.no_angle:
-        if typed["angle_channel"] or typed["angle_unit"] or typed["angle_is_absolute"]:
-            raise ValueError("--no-angle goes without --angle-channel, --angle-unit and --angle-absolute")
         typed["angle_channel"] = False
     if typed["delimiter"] is not None:
         typed["delimiter"] = _DELIMITERS[typed["delimiter"]]

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._idle import add_idle
 
 if TYPE_CHECKING:
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
 
 _RIGS = ("r0", "r1", "r2", "published")
+_FROM_A_RIG = ("--rig", "--simulator")
+_LOBES = ("--worn-count", "--worn-lobes", "--removed-lobes")
 
 
-def add_machine(parser: argparse.ArgumentParser) -> None:
-    """Add the options that state which gearbox is simulated, with which lobes worn."""
+def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = _FROM_A_RIG) -> None:
+    """Add the options that state which gearbox is simulated, with which lobes worn.
+
+    ``drawn`` are the options that make ``--seed`` draw something.
+    """
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--worn-count", type=int, metavar="N", help="number of worn lobes, side by side")
     kind.add_argument("--worn-lobes", metavar="LOBES", help="worn lobes, counted from 1, like 1,5")
@@ -31,6 +37,11 @@ def add_machine(parser: argparse.ArgumentParser) -> None:
         "--material", choices=("steel", "abs"), default="steel", help="of the gearbox (default: steel)"
     )
     parser.add_argument("--seed", type=int, default=1000, help="of assembly, drift and noise (default 1000)")
+    add_idle(parser, "--depth", "--wear-um", beside=["--removed-lobes"])
+    add_idle(parser, "--depth", beside=["--wear-um"])
+    add_idle(parser, "--depth", "--wear-um", "--wheels", without=_LOBES)
+    add_idle(parser, "--material", beside=_FROM_A_RIG)  # which state their own gearbox
+    add_idle(parser, "--seed", without=drawn)
     add_rig(parser, "the papers' free output without errors")
 
 
@@ -46,6 +57,8 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
     )
     group.add_argument("--simulator", metavar="FILE", help="the same, as a file only")
     add_effects(parser)
+    add_idle(parser, "--effects-from", without=_FROM_A_RIG)
+    add_idle(parser, "--effects-from", beside=[f"--rig {name}" for name in _RIGS])  # they name none
 
 
 def add_effects(parser: argparse.ArgumentParser) -> None:
@@ -74,20 +87,15 @@ def defects_of(arguments: argparse.Namespace) -> LobeDefects:
 
     wheels = {"both": (0, 1), "1": (0,), "2": (1,)}[arguments.wheels]
     if arguments.removed_lobes is not None:
-        refuse_idle(arguments, ("depth", "wear_um"), "with --removed-lobes")
         return LobeDefects.removed(_lobes("--removed-lobes", arguments.removed_lobes), wheels=wheels)
     severity = {"depth": arguments.depth}
     if arguments.wear_um is not None:
-        refuse_idle(arguments, ("depth",), "with --wear-um")
         severity = {"wear_um": arguments.wear_um}
     if arguments.worn_lobes is not None:
         worn = _lobes("--worn-lobes", arguments.worn_lobes)
         return LobeDefects.worn(worn, wheels=wheels, **severity)
     if arguments.worn_count is not None:
         return LobeDefects.worn(arguments.worn_count, wheels=wheels, **severity)
-    refuse_idle(
-        arguments, ("depth", "wear_um", "wheels"), "without --worn-count, --worn-lobes or --removed-lobes"
-    )
     return LobeDefects.healthy()
 
 
@@ -116,9 +124,7 @@ def rig_of_machine(arguments: argparse.Namespace) -> Rig | None:
             from cyclofeat.simulators import Rig
 
             return Rig(gearbox_of(arguments), name="nominal")
-        refuse_idle(arguments, ("seed", "effects_from"), "without --rig or --simulator")
         return None
-    refuse_idle(arguments, ("material",), "with --rig and --simulator, which state their own gearbox")
     return rig_of(arguments)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
+from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -33,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(parser, "--example", metavar="FILE", help="write a design to edit, and do nothing else")
     parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")
     add_effects(parser)
+    simulation = ("DESIGN", "--out", "--jobs", "--scheduler", "--kernel")
+    add_idle(parser, *simulation, "--verify", "--effects-from", beside=["--example"])
+    add_idle(parser, *simulation, beside=["--verify"])
 
 
 def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
@@ -40,12 +44,6 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
     from cyclofeat.datasets import rig_preset
     from cyclofeat.simulators import Campaign, load_campaign, run_campaign
 
-    for alone in ("example", "verify"):
-        if getattr(arguments, alone) is None:
-            continue
-        for other in ("example", "verify", "design", "out", "scheduler", "kernel"):
-            if other != alone and (given := getattr(arguments, other)) is not None:
-                raise ValueError(f"--{alone} goes alone, got {other} {given!r} too")
     if arguments.example is not None:
         campaign = example()
         campaign.to_json(arguments.example)

@@ -11,6 +11,7 @@ from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._table import Printed
+from cyclofeat.cli._targets import add_target
 from cyclofeat.cli.evaluate import cross_validated
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class Demonstration(NamedTuple):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", default="demo", help="folder to write (default: demo)")
+    add_target(parser, "--out", "folder", default="demo", help="folder to write (default: demo)")
     parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
 
 

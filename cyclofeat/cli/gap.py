@@ -7,12 +7,12 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.cli._gap_check import CHECKING, add_check, check, printed_check
+from cyclofeat.cli._gap_check import add_check, check, printed_check
 from cyclofeat.cli._gap_prepare import Prepared, add_preparation, prepare, printed_preparation
 from cyclofeat.cli._gap_printing import gap_lines
-from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import add_reading_options, option_of, read_all
+from cyclofeat.cli._reading import READING, add_reading_options, option_of, read_all
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -73,6 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of all simulations (default 0)")
     parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     add_reading_options(parser)
+    add_idle(
+        parser, "--simulator", "--posterior", "--hold-out", "--save-simulator", "--one-assembly", "--cache",
+        "--jobs", beside=["--simulated"],
+    )  # fmt: skip
+    add_idle(parser, "--effects-from", without=["--simulator", "--posterior"])
+    add_idle(parser, *READING, without=["MEASURED"])
 
 
 def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
@@ -81,8 +87,6 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
         return prepare(arguments)
     if arguments.check:
         return check(arguments, _posterior(arguments))
-    refuse_idle(arguments, ("machines", "effects"), "without --prepare")
-    refuse_idle(arguments, CHECKING, "without --check")
     if not arguments.measured:
         raise ValueError("MEASURED must name recordings, or folders of them")
     recordings = read_all(arguments.measured, arguments)
@@ -127,8 +131,6 @@ def _compared(arguments: argparse.Namespace, recordings: list[Recording]) -> tup
     """Return where the recordings differ from those of another simulator."""
     from cyclofeat.gap import compare_recordings
 
-    idle = ("simulator", "posterior", "hold_out", "save_simulator", "one_assembly", "cache")
-    refuse_idle(arguments, idle, "with --simulated")
     simulated = read_all([arguments.simulated], arguments)
     result = compare_recordings(recordings, simulated, settings=_settings(arguments))
     return result, {

@@ -18,7 +18,7 @@ __all__ = ["add_arguments", "printed", "run"]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(parser, "--out", required=True, help="file to write, .csv or .npz")
-    add_machine(parser)
+    add_machine(parser, drawn=("--rig", "--simulator", "--quantity motor_current"))
     parser.add_argument("--duration", type=float, default=3.0, help="seconds (default 3)")
     parser.add_argument("--sampling-rate", type=float, default=25_600.0, help="Hz (default 25600)")
     parser.add_argument(

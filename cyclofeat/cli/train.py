@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.progress import Progress
-from cyclofeat.cli._idle import refuse_idle
+from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._ranges import range_of
 from cyclofeat.cli._reading import READING, add_reading_options, read_all
@@ -21,18 +21,11 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "printed", "run"]
 
 _SIMULATION = (
-    "assemblies",
-    "windows",
-    "speeds",
-    "loads",
-    "max_count",
-    "lobes",
-    "kernel",
-    "jobs",
-    "rig",
-    "simulator",
-    "effects_from",
-)
+    "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--kernel", "--jobs",
+    "--rig", "--simulator",
+)  # fmt: skip
+# The rig states the rest.
+_OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
 
 
 # Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
@@ -75,6 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--jobs", type=int, default=-1, help="threads of the simulation (default: all cores)")
     add_rig(parser, "r2")
     add_reading_options(parser, sampling_rate=False)
+    add_idle(parser, *_SIMULATION, beside=["recordings"])
+    add_idle(parser, *_OF_FILES, without=["recordings"])
 
 
 def run(arguments: argparse.Namespace) -> LobeModel:
@@ -83,7 +78,6 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     from cyclofeat.models import save_model
 
     if arguments.recordings:
-        refuse_idle(arguments, _SIMULATION, "with recordings from files")
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
     else:
@@ -100,8 +94,6 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.simulators import Solver
 
-    of_files = [name for name in READING if name != "quantity"]
-    refuse_idle(arguments, of_files, "without recordings: it is the rig's")
     rig = rig_of(arguments, default="r2")
     if arguments.windows < 1:
         raise ValueError(f"--windows must be at least 1, got {arguments.windows}")

@@ -98,9 +98,6 @@ def test_the_example_is_a_design_to_edit(capsys, tmp_path):
         (["campaign", "d.json"], "campaign needs a design and --out FOLDER"),
         (["campaign", "none.json", "--out", "o"], "none.json: no such file"),
         (["campaign", "--verify", "nowhere"], "nowhere: holds no campaign"),
-        (["campaign", "--verify", "a", "--out", "b"], "--verify goes alone, got out 'b' too"),
-        (["campaign", "--verify", "a", "--kernel", "exact"], "--verify goes alone, got kernel 'exact' too"),
-        (["campaign", "--example", "a", "--verify", "b"], "--example goes alone, got verify 'b' too"),
     ],
 )
 def test_mistakes_in_the_call(capsys, monkeypatch, tmp_path, arguments, message):

@@ -206,7 +206,7 @@ def test_options_without_effect_on_a_check_are_refused(asked, tmp_path, capsys):
         (["--check", "--hold-out", "0.4"], "--hold-out has no effect with --check"),
         (["--check", "--cache", str(tmp_path)], "--cache has no effect with --check"),
         (["--check", "--speed", "500"], "--speed has no effect without MEASURED"),
-        (["--check", str(tmp_path), "--recordings", "6"], "--recordings has no effect beside MEASURED"),
+        (["--check", str(tmp_path), "--recordings", "6"], "--recordings has no effect with MEASURED"),
         (["--check", "--recordings", "0"], "--recordings must be at least 1, got 0"),
         (["--rigs", "9", str(tmp_path)], "--rigs has no effect without --check"),
         (["--check", "--prepare", str(tmp_path / "p.npz")], "--check has no effect with --prepare"),

@@ -28,6 +28,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from scipy.io import savemat
 
 from cyclofeat.cli import main, make_parser
+from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import write_recording
 from cyclofeat.models import save_model
@@ -131,7 +132,7 @@ def test_blocks_are_code_of_this_toolkit(path):
             for words, _ in commands(block):
                 if words[0] == "cyclofeat":
                     try:
-                        make_parser().parse_args(words[1:])
+                        refuse_idle(make_parser().parse_args(words[1:]))
                     except SystemExit:
                         pytest.fail(f"{where}: {' '.join(words)} is not understood")
         else:

@@ -1,0 +1,174 @@
+"""Options of all commands: beside which others each has no effect, and which of them name files to write."""
+
+import pytest
+
+from cyclofeat.cli import COMMANDS, main, make_parser
+from cyclofeat.cli._idle import name_of
+
+PARSERS = make_parser()._subparsers._group_actions[0].choices
+ACTIONS = {
+    command: {name_of(action): action for action in parser._actions} for command, parser in PARSERS.items()
+}
+
+COMMON = {"-h", "--json"}
+READING = {
+    "--channel", "--quantity", "--sampling-rate", "--time-channel", "--speed", "--n-lobes", "--scale",
+    "--delimiter", "--no-angle",
+}  # fmt: skip
+MACHINE = {"--worn-count", "--worn-lobes", "--removed-lobes", "--rig", "--simulator", "--force"}
+# Arguments that have an effect beside all others that the parser allows: a new one is thought about here.
+ALWAYS = {
+    "simulate": MACHINE | {"--out", "--duration", "--sampling-rate", "--quantity", "--no-angle"},
+    "animate": MACHINE | {"--out", "--duration", "--frames"},
+    "inspect": READING | {"FILE"},
+    "train": {"--out", "--force", "recordings", "--sampling-rate", "--seed", "--quantity"},
+    "count": READING | {"FILE", "--model", "--allow", "--skip", "--report", "--csv", "--strict"},
+    "watch": READING
+    | {"FOLDER", "--model", "--allow", "--skip", "--once", "--done", "--interval", "--settle", "--strict"},
+    "evaluate": READING | {"FILE", "--folds", "--seed", "--jobs", "--report"},
+    "plan": {"--worn-count", "--noise", "--confidence", "--depth", "--speed"},
+    "campaign": {"--example"},
+    "gap": {"MEASURED", "--prepare", "--seed"},
+    "serve": {"--model", "--port", "--no-browser"},
+    "demo": {"--out", "--force", "--jobs"},
+}
+
+# Options that take a text and name no new file: what is read, words, and what a later call goes on with.
+NO_TARGETS = {
+    "--channel", "--time-channel", "--angle-channel",  # names of channels
+    "--worn-lobes", "--removed-lobes", "--effects", "--allow", "--scheduler", "--hold-out",  # words
+    "--model", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior", "--verify",  # read
+    "--done", "--cache",  # gone on with
+}  # fmt: skip
+GONE_ON_WITH = {("campaign", "--out")}  # a campaign that does not suit the folder is refused
+
+
+@pytest.fixture(autouse=True)
+def no_work(monkeypatch):
+    """Let no command do anything: what gets as far as its work is an error that says so."""
+
+    def reached(arguments):
+        raise ValueError("the work is reached")
+
+    for command in COMMANDS.values():
+        monkeypatch.setattr(command.module(), "run", reached)
+
+
+def words_of(action, value="x"):
+    """An argument as it is typed, with a value that it takes."""
+    if action.nargs == 0:
+        return action.option_strings[:1]
+    if action.choices:
+        value = next(iter(action.choices)) if value == "x" else value
+    elif action.type is not None:
+        value = "1"
+    return [*action.option_strings[:1], value]
+
+
+def said(capsys, command, *given, **values):
+    """What a call with the arguments named says, and those without which it is not understood."""
+    given = dict(one.partition(" ")[::2] for one in given)
+    words = [command]
+    for name, action in sorted(ACTIONS[command].items(), key=lambda item: not item[1].option_strings):
+        if name in given or (action.required and action.nargs != "*"):
+            words += words_of(action, given.get(name, "").replace("*", "x") or values.get(name, "x"))
+    code = main(words)
+    assert code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_argument_without_effect_is_refused_by_name_before_any_work(capsys, command):
+    for names, beside, without in PARSERS[command].get_default("idle") or ():
+        for name in names:
+            for other in beside:
+                reason = f"with {other.replace('*', 'x')}"
+                assert f"error: {name} has no effect {reason}: leave it out" in said(
+                    capsys, command, name, other
+                )
+            if without:
+                text = said(capsys, command, name)
+                assert f"error: {name} has no effect without " in text
+                assert all(other in text for other in without)
+            for other in without:
+                assert f"{name} has no effect without" not in said(capsys, command, name, other)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_argument_is_known_to_have_an_effect_always_or_not(command):
+    idle = {name for rule in PARSERS[command].get_default("idle") or () for name in rule.names}
+    known = ALWAYS[command] | COMMON
+    assert not known & idle
+    assert set(ACTIONS[command]) == known | idle
+    mentioned = {
+        other.split()[0]
+        for rule in PARSERS[command].get_default("idle") or ()
+        for other in (*rule.beside, *rule.without)
+    }
+    assert mentioned <= set(ACTIONS[command])
+
+
+def test_a_value_that_is_the_default_is_typed_too(capsys):
+    assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--depth=1"]) == 2
+    assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
+    assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--dep", "1"]) == 2
+    assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
+
+
+def test_what_is_typed_leaves_the_defaults_alone():
+    arguments = make_parser(["simulate"]).parse_args(["simulate", "--out", "x.npz", "--worn-count", "3"])
+    assert arguments.typed == {"--out": "x.npz", "--worn-count": 3}
+    assert (arguments.duration, arguments.effects_from, arguments.force) == (3.0, [], False)
+
+
+def test_an_argument_of_any_spelling_may_be_refused(capsys):
+    for words in (["--rig", "R1"], ["--rig=published"]):
+        assert main(["train", "--out", "x", *words, "--effects-from", "a.py", "--effects-from", "b.py"]) == 2
+        assert "--effects-from has no effect with --rig " in capsys.readouterr().err
+
+
+# -- files to write
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_that_names_something_is_known_to_be_written_or_not(command):
+    targets = PARSERS[command].get_default("targets") or {}
+    for name, action in ACTIONS[command].items():
+        names_something = action.option_strings and action.nargs != 0 and not (action.type or action.choices)
+        if names_something and (command, name) not in GONE_ON_WITH:
+            assert (name in targets) != (name in NO_TARGETS), name
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "kind"),
+    [
+        (command, option, kind)
+        for command, parser in PARSERS.items()
+        for option, kind in (parser.get_default("targets") or {}).items()
+    ],
+)
+def test_nothing_is_overwritten_unasked(capsys, tmp_path, command, option, kind):
+    path = tmp_path / {"page": "a.html", "model": "a.joblib", "file": "a.csv", "folder": "a"}[kind]
+    content = path
+    if kind == "folder":
+        path.mkdir()
+        content = path / "kept"
+    content.write_text("kept", encoding="utf-8")
+    refused = f"{path} exists: give {option} another name, or --force to overwrite it"
+    assert refused in said(capsys, command, option, **{option: str(path)})
+    assert content.read_text(encoding="utf-8") == "kept"
+    assert "the work is reached" in said(capsys, command, option, "--force", **{option: str(path)})
+    content.unlink()
+    assert "the work is reached" in said(capsys, command, option, **{option: str(path)})
+
+
+def test_the_card_of_another_model_is_not_overwritten(capsys, tmp_path):
+    (tmp_path / "m.joblib.card.json").write_text("{}", encoding="utf-8")
+    assert main(["train", "--out", str(tmp_path / "m.joblib")]) == 2
+    assert "m.joblib.card.json exists: give --out another name" in capsys.readouterr().err
+
+
+def test_two_options_name_two_files(capsys, tmp_path):
+    page = str(tmp_path / "a.html")
+    assert main(["count", "x", "--model", "m.skops", "--report", page, "--csv", page]) == 2
+    assert f"--report and --csv must name different files, both are {page}" in capsys.readouterr().err
