@@ -68,3 +68,17 @@ def small_model(counts=(0, 1, 3), per_count=12):
     domain = TrainingDomain().fit(features, windows.y, groups=windows.groups)
     counter = Pipeline([("lobe_map", lobe_map), ("trees", trees)])
     return LobeModel(counter, locator, 15, card, domain, RATE, SPEED)
+
+
+@functools.cache
+def shaft_model(counts=(0, 1, 3), per_count=8):
+    """What ``LobeModel.train`` makes of such recordings: it counts at any sampling rate, near their speed."""
+    return LobeModel.train(labelled(counts, per_count), n_splits=2, n_trees=20)
+
+
+def labelled(counts=(0, 1, 3), per_count=8, **labels):
+    """Recordings of one assembly each, with rows of worn lobes."""
+    return [
+        recording(tuple((seed + lobe) % 15 for lobe in range(count)), seed=seed, **labels)
+        for seed, count in enumerate(counts * per_count)
+    ]

@@ -17,6 +17,9 @@ name                         job
 ``noise_sweep``              evaluation against noise
 ``LobeLocator``              probability per lobe of being worn
 ``LobeModel``                counter and locator for whole recordings
+``LobeStream``               the same for samples that arrive in pieces
+``RecordingCounter``         estimator that trains a ``LobeModel`` in ``fit``
+``REFUSED``                  what ``predict`` returns for a refused recording: -1
 ``counts_frame``             answers for many recordings as a data frame
 ``plan_recording``           length of a recording that tells n worn lobes from n + 1
 ``Protocol``                 choice of what is held out, and of how intervals are computed
@@ -58,10 +61,14 @@ from cyclofeat.counting._plan import RecordingPlan, plan_recording
 from cyclofeat.counting._plan import Trial as Trial
 from cyclofeat.counting._plan import detection_table as detection_table
 from cyclofeat.counting._pooling import pool_weights as pool_weights
+from cyclofeat.counting._predictions import REFUSED
 from cyclofeat.counting._protocols import Protocol
+from cyclofeat.counting._recording_counter import RecordingCounter
 from cyclofeat.counting._speed import other_speed as other_speed
+from cyclofeat.counting._stream import LobeStream
 
 __all__ = [
+    "REFUSED",
     "ConformalCounter",
     "CountSet",
     "EntropyLadder",
@@ -71,8 +78,10 @@ __all__ = [
     "LobeCounter",
     "LobeLocator",
     "LobeModel",
+    "LobeStream",
     "OrdinalCounter",
     "Protocol",
+    "RecordingCounter",
     "RecordingCounts",
     "RecordingPlan",
     "TrainingDomain",

@@ -55,9 +55,10 @@ class LobeCount:
     probability : dict
         Probability of each count.
     lobes : tuple of int
-        The ``defect_count`` lobes most probably worn, counted from 0; empty where the model has no locator.
+        The ``defect_count`` lobes most probably worn, counted from 0; empty where the model has no locator,
+        and of blocks of a stream.
     lobe_probability : tuple of float
-        Probability of each lobe of being worn; empty where the model has no locator.
+        Probability of each lobe of being worn; empty where ``lobes`` are not known.
     absolute : bool
         Whether lobes are numbered as on the disc. Otherwise lobe 0 is the one under load at the recording's
         first sample.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +16,24 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import number
-from cyclofeat.counting._answers import LobeCount, WindowCount
+from cyclofeat.counting._answers import LobeCount
 from cyclofeat.counting._assembly_folds import fewest_assemblies
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import combine_proba
-from cyclofeat.counting._conformal import NO_CLASS, OUTSIDE, features_seen
+from cyclofeat.counting._conformal import OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
 from cyclofeat.counting._evaluation_summary import score_text
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
+from cyclofeat.counting._predictions import RecordingPredictions
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
+from cyclofeat.counting._stream import LobeStream
 from cyclofeat.counting._turning import Turning, turning_of
 from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
+from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import (
     Recording,
@@ -43,18 +46,25 @@ from cyclofeat.recordings import (
 from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
 from cyclofeat.signal.windows import Float
 
+# Samples of windows that are counted together.
+_BATCH_SAMPLES = 2**20
 # Share by which a speed may lie outside those of training.
 _SPEED_MARGIN = 0.05
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
 
-@dataclass(frozen=True)
-class LobeModel:
+@dataclass(eq=False)
+class LobeModel(RecordingPredictions):
     """Counter and locator of worn lobes of recordings.
 
     Build it with :meth:`train`, for recordings of any sampling rate at the speeds of the training, or of a
     counter that is fitted already with :meth:`of_counter`, for one sampling rate and speed.
+
+    A model is a fitted classifier of recordings for scikit-learn too (``predict``, ``predict_proba``,
+    ``score``, last step of a ``Pipeline``), and frozen like ``sklearn.frozen.FrozenEstimator``: ``fit``
+    changes nothing and ``clone`` returns the model itself. :class:`RecordingCounter` is the estimator that
+    learns in ``fit``.
 
     Attributes
     ----------
@@ -209,6 +219,24 @@ class LobeModel:
         domain = getattr(counter, "domain_", None)
         return cls(counter, None, n_lobes, card, domain, sampling_rate, input_speed_hz)
 
+    @property
+    def classes_(self) -> NDArray[Any]:  # type: ignore[override]
+        """Counts that the model knows, shape (n_classes,)."""
+        return np.asarray(self.counter.classes_)
+
+    def fit(self, recordings: object, y: object = None) -> Self:
+        """Return the model unchanged, since it is trained; see :class:`RecordingCounter`."""
+        return self
+
+    def __sklearn_clone__(self) -> Self:
+        return self
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return True
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        return {"text/plain": repr(self), "text/html": self._repr_html_()}
+
     def _repr_html_(self) -> str:
         stated, scores = self.card, self.card.get("cross_validation")
         rows = {
@@ -316,10 +344,80 @@ class LobeModel:
         ValueError
             Where the recording does not suit the model or is shorter than one output turn.
         """
+        return self._counts([self._prepared(recording)])[0]
+
+    def count_all(self, recordings: Iterable[Recording]) -> list[LobeCount]:
+        """Count and locate the worn lobes of many recordings.
+
+        Windows of several recordings are counted together, which is faster than :meth:`count` one by one and
+        gives the same answers up to rounding. Of a generator, windows of one batch are in memory at a time,
+        8 MB of them and what is computed from these.
+
+        Parameters
+        ----------
+        recordings : iterable of Recording
+
+        Returns
+        -------
+        list of LobeCount
+            In order; see also :func:`counts_frame`.
+
+        Raises
+        ------
+        TypeError
+            Where something else than recordings is given.
+        ValueError
+            Where a recording does not suit the model or is shorter than one output turn; the message states
+            its place.
+        """
+        if isinstance(recordings, Recording):
+            raise TypeError("recordings must be a list of Recording objects, got one: use count")
+        answers: list[LobeCount] = []
+        batch: list[PreparedWindows] = []
+        n_samples = 0
+        for place, recording in enumerate(recordings):
+            if not isinstance(recording, Recording):
+                raise TypeError(
+                    f"recordings must be Recording objects, got {type(recording).__name__} at {place}"
+                )
+            try:
+                batch.append(self._prepared(recording))
+            except ValueError as error:
+                raise ValueError(f"recording {place}: {error}") from error
+            n_samples += batch[-1].windows.X.size
+            if n_samples >= _BATCH_SAMPLES:
+                answers += self._counts(batch)
+                batch, n_samples = [], 0
+        return answers + self._counts(batch)
+
+    def stream(
+        self,
+        sampling_rate: float,
+        *,
+        speed_rpm: float | None = None,
+        angle_is_absolute: bool = False,
+        block_turns: int | None = None,
+    ) -> LobeStream:
+        """Return a counter of samples that arrive in pieces.
+
+        Parameters
+        ----------
+        sampling_rate, speed_rpm, angle_is_absolute, block_turns
+            See :class:`LobeStream`.
+
+        Returns
+        -------
+        LobeStream
+        """
+        return LobeStream(
+            self, sampling_rate, speed_rpm=speed_rpm, angle_is_absolute=angle_is_absolute,
+            block_turns=block_turns,
+        )  # fmt: skip
+
+    def _prepared(self, recording: Recording) -> PreparedWindows:
+        """Cut a recording that suits the model into windows, and look for faults."""
         self.check(recording)
         windows, turning = self._cut(recording)
-        proba, dependence, features, lines = self._window_answers(windows.X)
-        classes = np.asarray(self.counter.classes_)
         notes = []
         if turning is not None and turning.note:
             notes.append(turning.note)
@@ -328,30 +426,49 @@ class LobeModel:
             notes.append(
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
-        distances = self._distances(windows.X, features)
-        distance, n_outside = float(np.median(distances)), int(np.sum(distances > 1))
-        doubt = self._doubted(recording, windows, turning)
         stops = _stops(windows, recording, turning)
         faults = window_faults(recording, windows, stops, self.n_lobes)
-        reason, reasons = self._refusals(windows.X, distances > 1, doubt, faults)
-        reason = reason or disagreement(proba, faults)
+        doubt = self._doubted(recording, windows, turning)
+        return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
+
+    def _counts(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
+        """Count recordings, their windows together."""
+        return [
+            self._count_of(answered, one.doubt, one.notes, absolute=_is_absolute(one))
+            for one, answered in zip(batch, self._answered(batch), strict=True)
+        ]
+
+    def _count_of(
+        self, answered: AnsweredWindows, doubt: str, first_notes: Sequence[str], *, absolute: bool
+    ) -> LobeCount:
+        """Combine the answers for all windows of a recording."""
+        notes = list(first_notes)
+        classes = self.classes_
+        distance, n_outside = float(np.median(answered.distance)), int(np.sum(answered.distance > 1))
+        reason, reasons = answered.refusals(doubt)
+        reason = reason or disagreement(answered.proba, answered.faults)
         used = np.array([not one for one in reasons])
         used |= not used.any()
-        probability = combine_proba(proba[used], np.zeros(used.sum(), dtype=int), dependence)[0]
+        learned = getattr(self._deciding(), "dependence_", None)
+        member = np.zeros(used.sum(), dtype=int)
+        probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         count = int(classes[probability.argmax()])
-        if any(faults) and not reason:
-            left_out = f"{sum(map(bool, faults))} of {number(len(windows), 'window')} left out"
-            notes.append(f"{left_out}: {most_frequent(faults)}")
+        n_windows = len(answered)
+        if any(answered.faults) and not reason:
+            left_out = f"{sum(map(bool, answered.faults))} of {number(n_windows, 'window')} left out"
+            notes.append(f"{left_out}: {most_frequent(answered.faults)}")
         if n_outside:
             notes.append(
-                f"{n_outside} of {len(windows)} window{'s' if len(windows) > 1 else ''} {OUTSIDE}: "
-                f"{distance:.2f} times the largest distance inside{' (median)' if len(windows) > 1 else ''}"
+                f"{n_outside} of {n_windows} window{'s' if n_windows > 1 else ''} {OUTSIDE}: "
+                f"{distance:.2f} times the largest distance inside{' (median)' if n_windows > 1 else ''}"
             )
         lobes: list[int] = []
         share: Float = np.zeros(0)
-        absolute = self.locator is not None and bool(windows.absolute.all())
-        if self.locator is not None:
-            share = self._lobe_probability(windows, lines, absolute, used)
+        if answered.lobe_proba is not None:
+            # Where between two lobes the recording begins may be unknown: take the place with the most
+            # decided answer.
+            places = answered.lobe_proba[:, used].mean(axis=1)
+            share = places[np.abs(places - 0.5).sum(axis=1).argmax()]
             lobes = sorted(np.argsort(-share, kind="stable")[:count].tolist())
             if not absolute and lobes:
                 notes.append(
@@ -367,76 +484,79 @@ class LobeModel:
             probability={int(c): float(p) for c, p in zip(classes, probability, strict=True)},
             lobes=tuple(lobes),
             lobe_probability=tuple(share.tolist()),
-            absolute=absolute,
+            absolute=answered.lobe_proba is not None and absolute,
             n_windows=int(used.sum()),
             warnings=tuple(notes),
             refused=bool(reason),
             reason=reason,
             distance=distance,
-            windows=tuple(
-                WindowCount(*answer)
-                for answer in zip(
-                    windows.start_s.tolist(),
-                    stops.tolist(),
-                    classes[proba.argmax(axis=1)].tolist(),
-                    proba.max(axis=1).tolist(),
-                    distances.tolist(),
-                    reasons,
-                    strict=True,
-                )
-            ),
+            windows=answered.counts(classes, reasons),
         )
 
-    def _window_answers(self, X: Float) -> tuple[Float, float, Float | None, LobeLines | None]:
-        """Return the probabilities of each count for each window, and how much windows err together.
+    def _answered(self, batch: Sequence[PreparedWindows]) -> list[AnsweredWindows]:
+        """Answer for the windows of several recordings together."""
+        if not batch:
+            return []
+        X = np.concatenate([one.windows.X for one in batch])
+        proba, features, lines = self._window_answers(X)
+        distances = self._distances(X, features)
+        empty = np.zeros(len(X), dtype=bool)
+        if hasattr(self.counter, "predict_set"):
+            empty = ~self.counter.predict_set(X).any(axis=1)
+        ends = np.cumsum([len(one.windows) for one in batch])
+        rows = [slice(end - len(one.windows), end) for end, one in zip(ends.tolist(), batch, strict=True)]
+        located: Sequence[Float | None] = [None] * len(batch)
+        if self.locator is not None:
+            if lines is None:
+                lines = self.locator.lobe_map_.lines(X)
+            located = self._lobe_proba(batch, lines, rows)
+        return [
+            AnsweredWindows(
+                one.windows.start_s, one.stop_s, proba[row], distances[row], empty[row], one.faults, lobes
+            )
+            for one, row, lobes in zip(batch, rows, located, strict=True)
+        ]
+
+    def _deciding(self) -> Any:
+        """Return the part of the counter that decides: behind the lobe map, which other parts reuse."""
+        if isinstance(self.counter, Pipeline) and isinstance(self.counter[0], LobeMap):
+            rest = self.counter[1:]
+            return rest[0] if len(rest) == 1 else rest
+        return self.counter
+
+    def _window_answers(self, X: Float) -> tuple[Float, Float | None, LobeLines | None]:
+        """Return the probabilities of each count for each window.
 
         Also return the features in which the domain measures distances, and the lobe lines: they take most of
         the time, so that locator and domain reuse those of the counter. None where the counter has none.
         """
         lines, features = None, None
-        deciding, seen = self.counter, X
-        if isinstance(self.counter, Pipeline) and isinstance(self.counter[0], LobeMap):
+        deciding, seen = self._deciding(), X
+        if deciding is not self.counter:
             lines = self.counter[0].lines(X)
-            features = self.counter[0].from_lines(lines)
-            deciding, seen = self.counter[1:], features
-            if len(deciding) == 1:
-                deciding = deciding[0]
-            elif self.domain is not None:
+            features = seen = self.counter[0].from_lines(lines)
+            if isinstance(deciding, Pipeline) and self.domain is not None:
                 features = np.asarray(deciding[:-1].transform(features))
         elif isinstance(self.counter, LobeCounter):
             lines = self.counter.lobe_map_.lines(X)
             features = self.counter.lobe_map_.from_lines(lines)
         elif self.domain is not None:
             features = features_seen(self.counter, X)
-        learned = getattr(deciding, "dependence_", None)
-        proba = np.asarray(deciding.predict_proba(seen))
-        return proba, 1.0 if learned is None else learned, features, lines
+        return np.asarray(deciding.predict_proba(seen)), features, lines
 
     def _doubted(self, recording: Recording, windows: WindowSet, turning: Turning | None) -> str:
         """Return why the speed of the recording is doubted, or not one of training; else empty."""
         if turning is None:
             return "" if recording.angle is not None else self._another_speed(windows.X)
-        if turning.doubt:
-            return turning.doubt
+        return turning.doubt or self._untrained_speed(turning.speed_hz)
+
+    def _untrained_speed(self, speed_hz: float) -> str:
+        """Return why a mean speed is not one of training; else empty."""
         low, high = self.card["speeds_rpm"]
-        rpm = 60 * turning.speed_hz
+        rpm = 60 * speed_hz
         if low * (1 - _SPEED_MARGIN) <= rpm <= high * (1 + _SPEED_MARGIN):
             return ""
         return f"it turns at {rpm:.5g} RPM, but the model was trained at {_range_text((low, high))} RPM"
-
-    def _refusals(
-        self, X: Float, outside: NDArray[np.bool_], doubt: str, faults: Sequence[str]
-    ) -> tuple[str, list[str]]:
-        """Return why the recording is refused, and why each window is; empty where it is not."""
-        # A faulty signal explains that the speed is not found, a wrong speed that windows lie outside.
-        if doubt and sum(map(bool, faults)) <= len(X) / 2:
-            return doubt, [doubt] * len(X)
-        empty = np.zeros(len(X), dtype=bool)
-        if hasattr(self.counter, "predict_set"):
-            empty = ~self.counter.predict_set(X).any(axis=1)
-        unknown = np.select([outside, empty], [OUTSIDE, NO_CLASS], "").tolist()
-        reasons = [fault or one for fault, one in zip(faults, unknown, strict=True)]
-        return most_frequent(reasons) if sum(map(bool, reasons)) > len(X) / 2 else "", reasons
 
     def _another_speed(self, X: Float) -> str:
         """Return why the torque cannot come from the model's speed; empty if there is no evidence."""
@@ -460,23 +580,30 @@ class LobeModel:
         largest = max(self.domain.threshold_, np.finfo(float).tiny)
         return np.asarray(self.domain.distance(features) / largest)
 
-    def _lobe_probability(
-        self, windows: WindowSet, lines: LobeLines | None, absolute: bool, used: NDArray[np.bool_]
-    ) -> Float:
-        """Return the mean probability of each lobe, numbered as on the disc or from the first sample."""
+    def _lobe_proba(
+        self, batch: Sequence[PreparedWindows], lines: LobeLines, rows: Sequence[slice]
+    ) -> list[Float]:
+        """Return the probability of each lobe, numbered as on the disc or from the first sample.
+
+        Each of shape (n_places, n_windows, n_lobes), see :class:`AnsweredWindows`.
+        """
         assert self.locator is not None
-        if lines is None:
-            lines = self.locator.lobe_map_.lines(windows.X)
-        if absolute:
-            passage = passage_of_lobe_zero(windows.start_angle, self.n_lobes)
-            return np.asarray(self.locator._from_lines(lines, passage)[used].mean(axis=0))
-        # Windows are aligned by the turns between them. Where between two lobes the recording begins is
-        # unknown: take the place with the most decided answer.
-        again = -lobe_frequency(1.0, self.n_lobes) * _turned(windows, lines.input_speed_hz)
-        begins = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes) + again
-        shares = self.locator._from_lines(lines.repeated(_BEGINNINGS), begins.ravel())
-        answers = shares.reshape(_BEGINNINGS, len(windows), -1)[:, used].mean(axis=1)
-        return np.asarray(answers[np.abs(answers - 0.5).sum(axis=1).argmax()])
+        begins: list[Float] = []
+        for one, row in zip(batch, rows, strict=True):
+            if _is_absolute(one):
+                begins.append(passage_of_lobe_zero(one.windows.start_angle, self.n_lobes)[np.newaxis])
+                continue
+            # Windows are aligned by the turns between them.
+            turned = _turned(one, lines.input_speed_hz[row])
+            places = np.arange(_BEGINNINGS)[:, np.newaxis] / (_BEGINNINGS * self.n_lobes)
+            begins.append(places - lobe_frequency(1.0, self.n_lobes) * turned)
+        repeated = [
+            np.tile(np.arange(row.start, row.stop), len(b)) for b, row in zip(begins, rows, strict=True)
+        ]
+        passages = np.concatenate([places.ravel() for places in begins])
+        proba = self.locator._from_lines(lines.part(np.concatenate(repeated)), passages)
+        parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
+        return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
 
 def _range(values: Sequence[float]) -> list[float] | None:
@@ -547,10 +674,16 @@ def _cross_validation(
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
 
 
-def _turned(windows: WindowSet, speed_hz: Float) -> Float:
+def _is_absolute(prepared: PreparedWindows) -> bool:
+    """Return True if lobes of the recording are numbered as on the disc."""
+    return bool(prepared.windows.absolute.all())
+
+
+def _turned(prepared: PreparedWindows, speed_hz: Float) -> Float:
     """Return the input turns from the start of a recording's first window to the start of each."""
+    windows = prepared.windows
     if np.isfinite(windows.start_angle).all():
-        return np.asarray((windows.start_angle - windows.start_angle[0]) / (2 * np.pi))
+        return np.asarray((windows.start_angle - prepared.first_angle) / (2 * np.pi))
     between = np.diff(windows.start_s) * (speed_hz[1:] + speed_hz[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(between)])
 

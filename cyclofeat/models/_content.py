@@ -131,7 +131,7 @@ def estimators_in(value: Any, seen: set[int] | None = None) -> Iterator[Any]:
         inside = list(value)
     elif isinstance(value, dict):
         inside = list(value.values())
-    elif isinstance(value, (BaseEstimator, LobeModel)):
+    elif isinstance(value, BaseEstimator):
         if id(value) in seen:
             return
         seen.add(id(value))

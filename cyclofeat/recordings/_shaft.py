@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import resample_poly
@@ -13,7 +14,7 @@ from cyclofeat.recordings._windower import Cut, WindowSet, window_set
 from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.windows import Float
 
-__all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "shaft_windows"]
+__all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows"]
 
 #: Samples per input turn of the windows. They hold 44 lobe lines.
 SAMPLES_PER_TURN = 128
@@ -25,6 +26,13 @@ WINDOW_TURNS = 0.98
 _DENSE = 2.5
 # Turns by which a recording is continued at either end, where the filters settle.
 _MARGIN_TURNS = 0.35
+# Turns beside a window that decide about it: more than the filters reach.
+_BESIDE_TURNS = 0.5
+_STEP = 2 * math.pi / SAMPLES_PER_TURN
+# Rounding must not cost the point of the grid at which a record begins or ends.
+_ROUNDING = 1e-9
+# Pieces of samples from which they are joined.
+_MOST_PIECES = 1024
 
 
 def shaft_windows(recordings: Sequence[Recording], angles: Sequence[Float], n_lobes: int) -> WindowSet:
@@ -54,39 +62,179 @@ def shaft_windows(recordings: Sequence[Recording], angles: Sequence[Float], n_lo
     return window_set(recordings, cuts, float(SAMPLES_PER_TURN))
 
 
+@dataclass(frozen=True, eq=False)
+class ShaftWindow:
+    """One window of a stream, with the samples from which it was made.
+
+    Attributes
+    ----------
+    torque, angle : ndarray, shape (n,)
+        Samples of the window and of half an input turn before and after it, where there are any.
+    first_sample : int
+        Number of samples before these.
+    cut : tuple of ndarray
+        The window, shape (1, n_samples), its start in s from the first of these samples, and in rad.
+    """
+
+    torque: Float
+    angle: Float
+    first_sample: int
+    cut: Cut
+
+
+class ShaftCutter:
+    """Cut samples that arrive in pieces into the windows of :func:`shaft_windows`.
+
+    A window is cut when half an input turn behind it has arrived. Its samples do not depend on the sizes of
+    the pieces. They are those of :func:`shaft_windows` up to rounding while the speed is steady; where the
+    speed varies, that function may choose another rate of its filters by the whole record (errors of 0.1 %).
+    Samples of at most one window, one input turn and the last piece are kept.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        In Hz.
+    n_lobes : int
+        Input turns per output turn.
+    """
+
+    def __init__(self, sampling_rate: float, n_lobes: int) -> None:
+        self._rate = sampling_rate
+        self._length = _window_length(n_lobes)
+        self._turns = WINDOW_TURNS * n_lobes
+        self._pieces: list[tuple[Float, Float]] = []
+        self._first_sample = 0  # of those kept
+        self._first_point: int | None = None  # of the next window, in steps of the grid
+        self._thinning = 0  # until the first window
+        self._sign = 1.0
+
+    def push(self, torque: Float, angle: Float) -> Iterator[ShaftWindow]:
+        """Take the next samples and yield the windows that they complete.
+
+        Parameters
+        ----------
+        torque, angle : ndarray, shape (n,)
+            Angle of the input shaft in rad, strictly increasing.
+
+        Raises
+        ------
+        ValueError
+            If a window is constant, or its samples are too few. It is left out then.
+        """
+        self._take(torque, angle)
+        beside = 2 * math.pi * _BESIDE_TURNS
+        while self._pieces and self._last_angle() >= (last := self._end_of_window() + beside):
+            angles = self._joined()[1]
+            yield self._window(int(np.searchsorted(angles, last)) + 1)
+
+    def finish(self) -> Iterator[ShaftWindow]:
+        """Yield the windows that are whole without what may have come behind them."""
+        while self._pieces and self._last_angle() + _ROUNDING >= self._end_of_window():
+            yield self._window(self._joined()[1].size)
+
+    def _take(self, torque: Float, angle: Float) -> None:
+        if not angle.size:
+            return
+        if self._first_point is None:
+            self._first_point = math.ceil((angle[0] - _ROUNDING) / _STEP)
+        self._pieces.append((torque, angle))
+        if len(self._pieces) > _MOST_PIECES:
+            self._joined()
+
+    def _last_angle(self) -> float:
+        return float(self._pieces[-1][1][-1])
+
+    def _end_of_window(self) -> float:
+        assert self._first_point is not None
+        return (self._first_point + self._length - 1) * _STEP
+
+    def _joined(self) -> tuple[Float, Float]:
+        if len(self._pieces) > 1:
+            torque, angle = (np.concatenate(parts) for parts in zip(*self._pieces, strict=True))
+            self._pieces = [(torque, angle)]
+        return self._pieces[0]
+
+    def _window(self, stop: int) -> ShaftWindow:
+        """Cut the next window from the samples before ``stop``, and forget what no later one needs."""
+        torque, angle = (values[:stop].copy() for values in self._joined())
+        per_turn = angle.size * 2 * math.pi / float(np.ptp(angle))
+        if not self._thinning:
+            _check_density(per_turn, self._rate)
+            self._thinning, self._sign = _thinning(per_turn), -1.0 if torque.mean() < 0 else 1.0
+        first, first_sample = self._first_point, self._first_sample
+        assert first is not None
+        self._first_point = first + self._length
+        self._forget()
+        values, grid = _on_grid(torque, angle, self._rate, per_turn, self._thinning, self._sign)
+        begin = first - round(grid[0] / _STEP)
+        window, start = values[np.newaxis, begin : begin + self._length], grid[begin : begin + 1]
+        _check_constant(window, torque)
+        at = np.interp(start, angle, np.arange(angle.size))
+        return ShaftWindow(torque, angle, first_sample, (window, at / self._rate, start))
+
+    def _forget(self) -> None:
+        assert self._first_point is not None
+        torque, angle = self._joined()
+        needed = self._first_point * _STEP - 2 * math.pi * _BESIDE_TURNS
+        before = max(0, int(np.searchsorted(angle, needed)) - 1)
+        # The filter takes every so many samples from the first on.
+        before -= (self._first_sample + before) % self._thinning
+        if before > 0:
+            self._pieces = [(torque[before:].copy(), angle[before:].copy())]
+            self._first_sample += before
+
+
+def _window_length(n_lobes: int) -> int:
+    return round(WINDOW_TURNS * n_lobes * SAMPLES_PER_TURN)
+
+
 def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
     rate = recording.sampling_rate
     turns = float(np.ptp(angle)) / (2 * np.pi)
-    length = round(WINDOW_TURNS * n_lobes * SAMPLES_PER_TURN)
+    length = _window_length(n_lobes)
     if turns * SAMPLES_PER_TURN < length:
         raise ValueError(
             f"the recording is too short: it lasts {recording.duration:.4g} s and holds {turns:.4g} input "
             f"turns, a window of one output turn needs {WINDOW_TURNS * n_lobes:g}"
         )
     per_turn = angle.size / turns
+    _check_density(per_turn, rate)
+    # Conventions of the torque's sign differ between rigs.
+    sign = -1.0 if recording.torque.mean() < 0 else 1.0
+    torque, grid = _on_grid(recording.torque, angle, rate, per_turn, _thinning(per_turn), sign)
+    starts = np.arange(torque.size // length) * length
+    windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
+    _check_constant(windows, recording.torque)
+    at = np.interp(grid[starts], angle, np.arange(angle.size))
+    return windows, at / rate, grid[starts]
+
+
+def _check_density(per_turn: float, rate: float) -> None:
     if per_turn < SAMPLES_PER_TURN:
         raise ValueError(
             f"sampling_rate must be at least {SAMPLES_PER_TURN * rate / per_turn:.5g} Hz at "
             f"{60 * rate / per_turn:.5g} RPM ({SAMPLES_PER_TURN} samples per input turn hold the lobe "
             f"lines), got {rate:g} Hz"
         )
-    torque, grid = _on_grid(recording.torque, angle, rate, per_turn)
-    starts = np.arange(torque.size // length) * length
-    windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
+
+
+def _check_constant(windows: Float, torque: Float) -> None:
     if np.any(np.ptp(windows, axis=1) == 0):
         raise ValueError(
-            f"the recording is constant ({recording.torque[0]:g} Nm) over a whole window: nothing can be "
-            "diagnosed from it (sensor dead or not connected?)"
+            f"the recording is constant ({torque[0]:g} Nm) over a whole window: nothing can be diagnosed "
+            "from it (sensor dead or not connected?)"
         )
-    at = np.interp(grid[starts], angle, np.arange(angle.size))
-    return windows, at / rate, grid[starts]
 
 
-def _on_grid(torque: Float, angle: Float, rate: float, per_turn: float) -> tuple[Float, Float]:
+def _thinning(per_turn: float) -> int:
+    return max(1, int(per_turn / (SAMPLES_PER_TURN * _DENSE)))
+
+
+def _on_grid(
+    torque: Float, angle: Float, rate: float, per_turn: float, thinning: int, sign: float
+) -> tuple[Float, Float]:
     """Return torque without its mean, and positive for a load that brakes, on the grid of the angle."""
-    mean = float(torque.mean())
-    centred = (torque - mean) * (-1.0 if mean < 0 else 1.0)
-    thinning = max(1, int(per_turn / (SAMPLES_PER_TURN * _DENSE)))
+    centred = (torque - float(torque.mean())) * sign
     margin = math.ceil(_MARGIN_TURNS * per_turn / thinning) * thinning
     margin = min(margin, (torque.size - 1) // thinning * thinning)
     longer, turning = _continued(centred, margin), _continued(angle, margin)
@@ -94,7 +242,7 @@ def _on_grid(torque: Float, angle: Float, rate: float, per_turn: float) -> tuple
         longer = resample_poly(longer, 1, thinning)
         turning = turning[::thinning]
     even, grid = resample_by_angle(longer, turning, SAMPLES_PER_TURN, rate / thinning)
-    inside = (grid >= angle[0] - 1e-9) & (grid <= angle[-1] + 1e-9)
+    inside = (grid >= angle[0] - _ROUNDING) & (grid <= angle[-1] + _ROUNDING)
     return even[inside], grid[inside]
 
 

@@ -82,17 +82,9 @@ class LobeLines:
     lines: Complex
     floor: Float
 
-    def part(self, windows: slice) -> LobeLines:
+    def part(self, windows: slice | NDArray[np.int64]) -> LobeLines:
         """Return the lines of some of the windows."""
         return LobeLines(self.input_speed_hz[windows], self.lines[windows], self.floor[windows])
-
-    def repeated(self, times: int) -> LobeLines:
-        """The windows one after the other, several times over."""
-        return LobeLines(
-            np.tile(self.input_speed_hz, times),
-            np.tile(self.lines, (times, 1)),
-            np.tile(self.floor, (times, 1)),
-        )
 
 
 def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
