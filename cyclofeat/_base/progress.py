@@ -1,52 +1,182 @@
-"""Progress of longer work, on standard error."""
+"""Progress of longer work, as one line on standard error."""
 
 from __future__ import annotations
 
+import shutil
 import sys
+import threading
 import time
-from typing import TextIO
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Self, TextIO
 
 _QUIET_S = 2.0
 _TERMINAL_PERIOD_S = 0.2
 _LOG_PERIOD_S = 10.0
+_TICK_S = 0.5
+_TRUSTED_S = 3.0  # for which a pace must hold
+_SMOOTHING = 0.3
+_ERASE = "\r\x1b[K"
+
+_hidden: ContextVar[bool] = ContextVar("hidden", default=False)
+_open_line: Progress | None = None
+
+
+@contextmanager
+def progress_hidden(hidden: bool = True) -> Iterator[None]:
+    """Show no progress of what begins inside the block, if ``hidden``."""
+    token = _hidden.set(hidden)
+    try:
+        yield
+    finally:
+        _hidden.reset(token)
+
+
+def is_hidden() -> bool:
+    """Return True where no progress is shown."""
+    return _hidden.get()
+
+
+def erase_progress() -> None:
+    """Take the line off the terminal, to print something else; the next report brings it back."""
+    if _open_line is not None:
+        _open_line.erase()
 
 
 class Progress:
     """Callable ``progress(done, total)`` that stays silent for the first two seconds.
 
     On a terminal it rewrites one line; elsewhere it prints a line every ten seconds. The default stream is
-    standard error. The time left follows from the pace since the first report: what comes before it, such as
-    compilation or what an earlier run finished, does not repeat. It is stated once that
-    pace spans two seconds.
+    standard error. As a context manager it also keeps the time of the line going between reports, and of work
+    that reports nothing.
+
+    The time left follows from the pace since the first report: what comes before it, such as compilation or
+    what an earlier run finished, does not repeat. It is stated once that pace spans three seconds, and the
+    end that it predicts is smoothed.
     """
 
     def __init__(self, label: str, stream: TextIO | None = None) -> None:
         self.label = label
         self.stream = sys.stderr if stream is None else stream
-        self._began = time.monotonic()
-        self._first: tuple[float, int] | None = None
-        self._last_shown: float | None = None
         self._terminal = self.stream.isatty()
+        self._hidden = is_hidden()
+        self._began = time.monotonic()
+        self._done = self._total = 0
+        self._first: tuple[float, int] | None = None
+        self._end: float | None = None
+        self._last_shown: float | None = None
+        self._lock = threading.RLock()
+        self._stop = threading.Event()
 
     def __call__(self, done: int, total: int) -> None:
-        now = time.monotonic()
+        with self._lock:
+            now = time.monotonic()
+            self._done, self._total = done, total
+            self._predict(now)
+            self._show(now, finished=done >= total)
+
+    def __enter__(self) -> Self:
+        if self._terminal and not self._hidden:
+            threading.Thread(target=self._keep_going, daemon=True).start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._stop.set()
+        with self._lock:
+            if kind is not None:
+                self.erase()
+            elif not self._finished:
+                self._done = self._total
+                self._show(time.monotonic(), finished=True)
+
+    def tick(self) -> None:
+        """Show the time that has passed."""
+        with self._lock:
+            if not self._finished:
+                self._show(time.monotonic())
+
+    def erase(self) -> None:
+        """Take the line off the terminal."""
+        global _open_line
+        with self._lock:
+            if _open_line is self:
+                self.stream.write(_ERASE)
+                self.stream.flush()
+                _open_line = None
+
+    def _keep_going(self) -> None:
+        while not self._stop.wait(_TICK_S):
+            self.tick()
+
+    @property
+    def _finished(self) -> bool:
+        return 0 < self._total <= self._done
+
+    def _predict(self, now: float) -> None:
+        """Update the time at which the work ends; None while the pace is not to be trusted."""
+        began, before = self._first = self._first or (now, self._done)
+        made = self._done - before
+        if made > 0 and now - began >= _TRUSTED_S:
+            end = now + (now - began) / made * (self._total - self._done)
+            self._end = end if self._end is None else self._end + _SMOOTHING * (end - self._end)
+
+    def _show(self, now: float, *, finished: bool = False) -> None:
+        global _open_line
         elapsed = now - self._began
-        began, before = self._first = self._first or (now, done)
         period = _TERMINAL_PERIOD_S if self._terminal else _LOG_PERIOD_S
-        finished = done >= total
         if self._last_shown is None:
-            quiet = finished or elapsed < _QUIET_S
+            silent = finished or elapsed < _QUIET_S
         else:
-            quiet = not finished and now - self._last_shown < period
-        if quiet:
+            silent = not finished and now - self._last_shown < period
+        if silent or self._hidden:
             return
         self._last_shown = now
+        count = f"{self._done} of {self._total}, " if self._total > 1 else ""
         left = ""
-        if not finished and done > before and now - began >= _QUIET_S:
-            left = f", about {(now - began) / (done - before) * (total - done):.0f} s left"
-        line = f"{self.label}: {done} of {total}, {elapsed:.0f} s{left}"
+        if self._end is not None and not finished:
+            left = f", about {_time_text(max(self._end - now, 0.0))} left"
+        line = f"{self.label}: {count}{_time_text(elapsed)}{left}"
         if self._terminal:
-            self.stream.write(f"\r\x1b[K{line}" + ("\n" if finished else ""))
+            # A longer line would wrap, and only its last part be rewritten.
+            line = line[: shutil.get_terminal_size().columns - 1]
+            self.stream.write(f"{_ERASE}{line}" + ("\n" if finished else ""))
+            _open_line = None if finished else self
         else:
             self.stream.write(line + "\n")
         self.stream.flush()
+
+
+class Steps:
+    """Callable ``steps(text)`` that names the step that begins, a context manager that ends the last one.
+
+    On a terminal each step is a line of :class:`Progress`, elsewhere the text is printed at once.
+    """
+
+    def __init__(self, label: str = "", stream: TextIO | None = None) -> None:
+        self.label = label
+        self.stream = sys.stderr if stream is None else stream
+        self._step: Progress | None = None
+
+    def __call__(self, text: str) -> None:
+        self.__exit__(None)
+        line = f"{self.label}: {text}" if self.label else text
+        if self.stream.isatty():
+            self._step = Progress(line, self.stream).__enter__()
+        elif not is_hidden():
+            self.stream.write(line + "\n")
+            self.stream.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._step is not None:
+            self._step.__exit__(kind)
+            self._step = None
+
+
+def _time_text(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

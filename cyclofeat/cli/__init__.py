@@ -104,6 +104,11 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
     for name, command in COMMANDS.items():
         subparser = parsers.add_parser(name, help=command.text, description=command.text)
         subparser.add_argument("--json", action="store_true", help="print JSON for programs")
+        subparser.add_argument(
+            "--quiet",
+            action="store_true",
+            help="print results, warnings and errors, but no progress or notes",
+        )
         if name in complete:
             command.module().add_arguments(subparser)
     return parser

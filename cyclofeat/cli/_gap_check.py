@@ -64,14 +64,15 @@ def check(arguments: argparse.Namespace, posterior: EffectPosterior) -> GapCheck
         recordings = read_all(arguments.measured, arguments)
     else:
         recordings = _planned(whole("--recordings", arguments.recordings, 1), posterior)
-    return check_recordings(
-        recordings,
-        posterior=posterior,
-        n_rigs=whole("--rigs", arguments.rigs, 1),
-        random_state=arguments.seed,
-        n_jobs=arguments.jobs,
-        progress=Progress("cyclofeat gap: simulating rigs"),
-    )
+    with Progress("cyclofeat gap: simulating rigs") as progress:
+        return check_recordings(
+            recordings,
+            posterior=posterior,
+            n_rigs=whole("--rigs", arguments.rigs, 1),
+            random_state=arguments.seed,
+            n_jobs=arguments.jobs,
+            progress=progress,
+        )
 
 
 def _planned(n: int, posterior: EffectPosterior) -> list[Condition]:

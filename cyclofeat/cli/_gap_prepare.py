@@ -78,15 +78,18 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
     from cyclofeat.simulators import Rig
 
     model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
-    rigs = prepare_world(
-        world_of(arguments, model),
-        Path(arguments.cache) / "world",
-        arguments.machines,
-        n_jobs=arguments.jobs,
-        progress=Progress("cyclofeat gap: simulating machines, four at a time"),
-    )
+    world = world_of(arguments, model)
+    with Progress("cyclofeat gap: simulating machines, four at a time") as progress:
+        rigs = prepare_world(
+            world,
+            Path(arguments.cache) / "world",
+            arguments.machines,
+            n_jobs=arguments.jobs,
+            progress=progress,
+        )
     posterior = EffectPosterior(random_state=arguments.seed)
-    posterior.fit(rigs, progress=Progress("cyclofeat gap: learning from them"))
+    with Progress("cyclofeat gap: learning from them") as progress:
+        posterior.fit(rigs, progress=progress)
     return Prepared(posterior.save(arguments.prepare), posterior)
 
 

@@ -8,6 +8,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
+from cyclofeat._base.progress import erase_progress, is_hidden, progress_hidden
 from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._reading import error_text
 from cyclofeat.cli._rigs import load_own_effects
@@ -21,12 +22,18 @@ def run_and_print(command: Command, arguments: Namespace) -> int:
     Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
     traceback.
     """
+    with progress_hidden(arguments.quiet):
+        return _run_and_print(command, arguments)
+
+
+def _run_and_print(command: Command, arguments: Namespace) -> int:
     failed = refused = False
     documents = []
     try:
         for printed in _results(command, arguments):
             failed = failed or printed.failed
             refused = refused or printed.refused
+            erase_progress()
             if printed.error:
                 warn(printed.error)
             if not arguments.json:
@@ -68,14 +75,20 @@ def _expected_errors() -> tuple[type[Exception], ...]:
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without the place in the code."""
-    note(f"cyclofeat: warning: {' '.join(str(message).split())}")
+    _say(f"cyclofeat: warning: {' '.join(str(message).split())}")
 
 
 def note(message: str) -> None:
-    """Print a line on standard error."""
-    print(message, file=sys.stderr, flush=True)
+    """Print a line on standard error, unless ``--quiet`` was given."""
+    if not is_hidden():
+        _say(message)
 
 
 def warn(error: str) -> None:
     """Print an error as one line on standard error."""
-    note(f"cyclofeat: error: {error}")
+    _say(f"cyclofeat: error: {error}")
+
+
+def _say(message: str) -> None:
+    erase_progress()
+    print(message, file=sys.stderr, flush=True)

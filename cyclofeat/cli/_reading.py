@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._table import Printed
@@ -120,7 +121,13 @@ def entries(paths: Sequence[str]) -> list[Entry | UnreadableFolder]:
 def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Recording]:
     """Return all recordings that the paths name, read as the options state."""
     options = reading_arguments(arguments)
-    return [entry.read(**options) for entry in entries(paths)]
+    files = entries(paths)
+    recordings: list[Recording] = []
+    with Progress("reading recordings") as progress:
+        for entry in files:
+            recordings.append(entry.read(**options))
+            progress(len(recordings), len(files))
+    return recordings
 
 
 def nominal_speed(recordings: Sequence[Recording]) -> float:
@@ -155,19 +162,34 @@ class FileResult(Generic[T]):
 
 
 def each_recording(
-    files: Iterable[Entry | UnreadableFolder], options: dict[str, Any], work: Callable[[Recording], T]
+    doing: str,
+    files: Sequence[Entry | UnreadableFolder],
+    options: dict[str, Any],
+    work: Callable[[Recording], T],
 ) -> Iterator[FileResult[T]]:
-    """Read file by file and yield what ``work`` makes of each; a file that fails does not stop the others."""
+    """Read file by file and yield what ``work`` makes of each; a file that fails does not stop the others.
+
+    ``doing`` says in the line of progress what is done, such as "counting".
+    """
+    with Progress(doing) as progress:
+        for done, entry in enumerate(files, 1):
+            result = _of_file(entry, options, work)
+            progress(done, len(files))
+            yield result
+
+
+def _of_file(
+    entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Recording], T]
+) -> FileResult[T]:
     from cyclofeat.datasets import one_line
 
-    for entry in files:
-        title = ""
-        try:
-            recording = entry.read(**options)
-            title = placed(entry.path, one_line(recording))
-            yield FileResult(entry.path, title, work(recording))
-        except UNREADABLE as error:
-            yield FileResult(entry.path, title, error=error_text(error))
+    title = ""
+    try:
+        recording = entry.read(**options)
+        title = placed(entry.path, one_line(recording))
+        return FileResult(entry.path, title, work(recording))
+    except UNREADABLE as error:
+        return FileResult(entry.path, title, error=error_text(error))
 
 
 def placed(path: Path, message: str) -> str:

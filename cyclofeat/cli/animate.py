@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cyclofeat._base.progress import Progress
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 from cyclofeat.cli._table import Printed
@@ -40,17 +41,18 @@ def run(arguments: argparse.Namespace) -> SimulationRun:
         duration = machine.gearbox.n_lobes / machine.gearbox.input_speed_hz
     if not 0 < duration <= _LONGEST:
         raise ValueError(f"--duration must be above 0 and up to {_LONGEST:g} s, got {duration:g}")
-    shown = machine.simulate(
-        defects_of(arguments),
-        duration=duration,
-        sampling_rate=_SAMPLING_RATE,
-        random_state=0 if rig is None else rig.seed_of(arguments.seed, 0),
-        start_angle=0.0 if rig is None else None,
-        forces=True,
-        points=True,
-    )
-    source = "simulated" if rig is None else "surrogate"
-    write_animation(shown, arguments.out, frames=arguments.frames, source=source)
+    with Progress(f"simulating {duration:.4g} s and drawing"):
+        shown = machine.simulate(
+            defects_of(arguments),
+            duration=duration,
+            sampling_rate=_SAMPLING_RATE,
+            random_state=0 if rig is None else rig.seed_of(arguments.seed, 0),
+            start_angle=0.0 if rig is None else None,
+            forces=True,
+            points=True,
+        )
+        source = "simulated" if rig is None else "surrogate"
+        write_animation(shown, arguments.out, frames=arguments.frames, source=source)
     note("open the page in a browser; it needs no network")
     return shown
 

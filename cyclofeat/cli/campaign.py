@@ -49,7 +49,8 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
         campaign.to_json(arguments.example)
         return campaign
     if arguments.verify is not None:
-        return load_campaign(arguments.verify, verify=True)
+        with Progress("verifying the campaign"):
+            return load_campaign(arguments.verify, verify=True)
     if arguments.design is None or arguments.out is None:
         raise ValueError(
             "campaign needs a design and --out FOLDER; 'cyclofeat campaign --example design.json' writes a "
@@ -58,13 +59,14 @@ def run(arguments: argparse.Namespace) -> Campaign | CampaignData:
     campaign = Campaign.from_json(arguments.design, preset=rig_preset)
     if arguments.kernel is not None:
         campaign = campaign.replace(kernel=arguments.kernel)
-    return run_campaign(
-        campaign,
-        arguments.out,
-        n_jobs=arguments.jobs,
-        scheduler=arguments.scheduler,
-        progress=Progress("simulating assemblies"),
-    )
+    with Progress("simulating assemblies") as progress:
+        return run_campaign(
+            campaign,
+            arguments.out,
+            n_jobs=arguments.jobs,
+            scheduler=arguments.scheduler,
+            progress=progress,
+        )
 
 
 def example() -> Campaign:

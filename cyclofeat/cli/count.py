@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
+from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._count_table import count_table
 from cyclofeat.cli._models import add_model_options, read_model, without_start
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
 
     results = []
     with count_table(arguments.csv) as add_row:
-        for result in each_recording(files, options, counted_of):
+        for result in each_recording("counting", files, options, counted_of):
             results.append(result)
             add_row(result, result.value and result.value.answer)
             yield result
@@ -84,7 +85,8 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
         if result.value is not None
     )
     failures = {str(result.path): result.error for result in results if result.error}
-    path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
+    with Progress("writing the report"):
+        path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
     note(f"report: {path}")
 
 

@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from cyclofeat._base.progress import Progress
+from cyclofeat._base.progress import Progress, Steps
 from cyclofeat._base.words import lobes_text
-from cyclofeat.cli._printing import note
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
 from cyclofeat.cli.evaluate import cross_validated
@@ -75,15 +74,18 @@ def demonstrate(
         files.append(folder / "recordings" / f"{recording.assembly}.npz")
         write_recording(files[-1], recording)
     origin = f"{len(training)} simulated assemblies of rig R1"
-    note(f"training on {origin}")
-    save_model(model_file, LobeModel.train(training, n_splits=0, description=origin))
-    # Count as a user would: from files, with the stored model.
-    model = load_model(model_file)
-    counted = [
-        CountedRecording(file.name, recording, model.count(recording))
-        for file, recording in zip(files, map(read_recording, files), strict=True)
-    ]
-    write_count_report(model, counted, pages[0], settings={"model file": model_file}, most_sections=_SECTIONS)
+    with Steps() as step:
+        step(f"training on {origin}")
+        save_model(model_file, LobeModel.train(training, n_splits=0, description=origin))
+        step("counting recordings from files")
+        # Count as a user would: from files, with the stored model.
+        model = load_model(model_file)
+        counted = [
+            CountedRecording(file.name, recording, model.count(recording))
+            for file, recording in zip(files, map(read_recording, files), strict=True)
+        ]
+        settings = {"model file": model_file}
+        write_count_report(model, counted, pages[0], settings=settings, most_sections=_SECTIONS)
     scores = cross_validated(training, Protocol(n_jobs=n_jobs), page=pages[1], files=f"none: {origin}")
     return Demonstration(model_file, pages, counted, scores, time.monotonic() - began)
 
@@ -92,10 +94,11 @@ def _simulated(assemblies: int, seed: int, jobs: int) -> list[Recording]:
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.simulators import Rig
 
-    return make_rig_recordings(
-        assemblies, range(8), rig=Rig.r1(), random_state=seed, n_jobs=jobs, with_angle=True,
-        progress=Progress("simulating assemblies"),
-    )  # fmt: skip
+    with Progress("simulating assemblies") as progress:
+        return make_rig_recordings(
+            assemblies, range(8), rig=Rig.r1(), random_state=seed, n_jobs=jobs, with_angle=True,
+            progress=progress,
+        )  # fmt: skip
 
 
 def printed(arguments: argparse.Namespace, result: Demonstration) -> Printed:

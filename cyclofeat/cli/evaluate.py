@@ -94,14 +94,15 @@ def cross_validated(
     results: dict[str, Evaluation] = {}
 
     def add(name: str, counter: Any, X: Any, **more: Any) -> None:
-        results[name] = evaluate(
-            counter, X, labels, windows.groups, protocol=replace(protocol, progress=Progress(name)), **more
-        )
+        with Progress(name) as progress:
+            timed = replace(protocol, progress=progress)
+            results[name] = evaluate(counter, X, labels, windows.groups, protocol=timed, **more)
 
     machine: dict[str, Any] = {"input_speed_hz": speed, "n_lobes": n_lobes}
     counter = make_lobe_counter(windows.sampling_rate, **machine)
     # A lobe map learns nothing from other windows: made once, it serves every fold.
-    features = counter["lobe_map"].fit_transform(windows.X)
+    with Progress("mapping lobes"):
+        features = counter["lobe_map"].fit_transform(windows.X)
     # Calibrated as train does; it changes no count.
     add(_MAIN, GroupCalibratedCounter(counter["trees"]) if thorough else counter["trees"], features)
     worn = windows.worn_table(n_lobes) if thorough else None
@@ -115,19 +116,20 @@ def cross_validated(
 
         n_splits, seed = protocol.n_splits, protocol.random_state
         n_samples = windows.X.shape[1]
-        written = write_evaluation_report(
-            results,
-            page,
-            sources=[recording.source for recording in recordings],
-            folds=f"{n_splits} folds, assemblies of every count shared out by the seed {seed}",
-            settings={
-                "files": files,
-                "recordings": len(recordings),
-                "one window": f"one output turn, {n_samples} samples at {windows.sampling_rate:g} Hz",
-                "nominal speed": f"{60 * speed:g} RPM",
-                f"probabilities of the {_MAIN}": ("" if thorough else "not ") + "calibrated",
-            },
-        )
+        with Progress("writing the report"):
+            written = write_evaluation_report(
+                results,
+                page,
+                sources=[recording.source for recording in recordings],
+                folds=f"{n_splits} folds, assemblies of every count shared out by the seed {seed}",
+                settings={
+                    "files": files,
+                    "recordings": len(recordings),
+                    "one window": f"one output turn, {n_samples} samples at {windows.sampling_rate:g} Hz",
+                    "nominal speed": f"{60 * speed:g} RPM",
+                    f"probabilities of the {_MAIN}": ("" if thorough else "not ") + "calibrated",
+                },
+            )
         note(f"report: {written}")
     return results
 

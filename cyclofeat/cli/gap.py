@@ -7,11 +7,11 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.progress import Progress, Steps
 from cyclofeat.cli._gap_check import add_check, check, printed_check
 from cyclofeat.cli._gap_prepare import Prepared, add_preparation, prepare, printed_preparation
 from cyclofeat.cli._gap_printing import gap_lines
 from cyclofeat.cli._idle import add_idle
-from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import READING, add_reading_options, option_of, read_all
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
@@ -100,7 +100,8 @@ def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
         from cyclofeat.report import write_gap_report
 
         sources = [recording.source for recording in recordings]
-        write_gap_report(result, arguments.out, sources=sources, settings=settings)
+        with Progress("cyclofeat gap: writing the report"):
+            write_gap_report(result, arguments.out, sources=sources, settings=settings)
     return result
 
 
@@ -110,13 +111,10 @@ def _found(arguments: argparse.Namespace, recordings: list[Recording]) -> tuple[
 
     posterior = _posterior(arguments)
     fitted, held_out = _split(arguments, recordings)
-    result = find_gap(
-        fitted,
-        held_out,
-        posterior=posterior,
-        settings=_settings(arguments),
-        progress=lambda text: note(f"cyclofeat gap: {text}"),
-    )
+    with Steps("cyclofeat gap") as steps:
+        result = find_gap(
+            fitted, held_out, posterior=posterior, settings=_settings(arguments), progress=steps
+        )
     settings = {
         "model": arguments.simulator or arguments.posterior or "paper B's gearbox",
         "effects considered": ", ".join(posterior.names_),
@@ -132,7 +130,8 @@ def _compared(arguments: argparse.Namespace, recordings: list[Recording]) -> tup
     from cyclofeat.gap import compare_recordings
 
     simulated = read_all([arguments.simulated], arguments)
-    result = compare_recordings(recordings, simulated, settings=_settings(arguments))
+    with Progress("cyclofeat gap: comparing recordings"):
+        result = compare_recordings(recordings, simulated, settings=_settings(arguments))
     return result, {
         "recordings": f"{len(recordings)}",
         "simulated recordings": f"{len(simulated)} of {arguments.simulated}",

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
     from cyclofeat.datasets import describe
 
-    return each_recording(entries(arguments.files), reading_arguments(arguments), describe)
+    return each_recording("inspecting", entries(arguments.files), reading_arguments(arguments), describe)
 
 
 def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cyclofeat._base.progress import Progress
 from cyclofeat._base.quantities import QUANTITIES
 from cyclofeat.cli._rigs import add_machine, defects_of, gearbox_of, rig_of_machine
 from cyclofeat.cli._table import Printed
@@ -38,15 +39,17 @@ def run(arguments: argparse.Namespace) -> Recording:
     defects = defects_of(arguments)
     rig = rig_of_machine(arguments)
     length = {"duration": arguments.duration, "sampling_rate": arguments.sampling_rate}
-    if rig is None:
-        simulated = simulate(gearbox_of(arguments), defects, **length)
-        recording = Recording.from_run(
-            simulated, quantity=arguments.quantity, assembly="nominal", run="simulated"
-        )
-    else:
-        recording = make_rig_recording(
-            rig, defects, **length, quantity=arguments.quantity, random_state=arguments.seed, with_angle=True
-        )
+    with Progress(f"simulating {arguments.duration:g} s"):
+        if rig is None:
+            simulated = simulate(gearbox_of(arguments), defects, **length)
+            recording = Recording.from_run(
+                simulated, quantity=arguments.quantity, assembly="nominal", run="simulated"
+            )
+        else:
+            recording = make_rig_recording(
+                rig, defects, **length, quantity=arguments.quantity, random_state=arguments.seed,
+                with_angle=True,
+            )  # fmt: skip
     if arguments.no_angle:
         recording = recording.replace(angle=None, angle_is_absolute=False)
     write_recording(arguments.out, recording)

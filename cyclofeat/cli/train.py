@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from cyclofeat._base.progress import Progress
+from cyclofeat._base.progress import Progress, Steps
 from cyclofeat.cli._idle import add_idle
-from cyclofeat.cli._printing import note
 from cyclofeat.cli._ranges import range_of
 from cyclofeat.cli._reading import READING, add_reading_options, read_all
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -83,8 +82,9 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     else:
         recordings, name = _simulated(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
-    note(f"training on {origin}")
-    model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
+    with Steps() as step:
+        step(f"training on {origin}")
+        model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
     save_model(arguments.out, model)
     return model
 
@@ -99,24 +99,25 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
         raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
-    recordings = make_rig_recordings(
-        arguments.assemblies,
-        range(arguments.max_count + 1),
-        rig=rig,
-        lobes=arguments.lobes,
-        speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
-        load_nm=arguments.loads or _around(gearbox.load_torque),
-        output_turns=arguments.windows,
-        sampling_rate=sampling_rate,
-        random_state=arguments.seed,
-        n_jobs=arguments.jobs,
-        with_angle=True,
-        quantity=arguments.quantity or "output_torque",
-        kernel=arguments.kernel,
-        # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
-        solver=Solver(integrator="adams_bashforth"),
-        progress=Progress("simulating assemblies"),
-    )
+    with Progress("simulating assemblies") as progress:
+        recordings = make_rig_recordings(
+            arguments.assemblies,
+            range(arguments.max_count + 1),
+            rig=rig,
+            lobes=arguments.lobes,
+            speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
+            load_nm=arguments.loads or _around(gearbox.load_torque),
+            output_turns=arguments.windows,
+            sampling_rate=sampling_rate,
+            random_state=arguments.seed,
+            n_jobs=arguments.jobs,
+            with_angle=True,
+            quantity=arguments.quantity or "output_torque",
+            kernel=arguments.kernel,
+            # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
+            solver=Solver(integrator="adams_bashforth"),
+            progress=progress,
+        )
     return recordings, rig.name
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from cyclofeat import __version__
-from cyclofeat._base.progress import Progress
 from cyclofeat.cli import COMMANDS, main, make_parser
 from cyclofeat.cli._reading import add_reading_options, option_of
 from cyclofeat.counting import LobeModel, evaluate, make_lobe_counter
@@ -705,53 +704,3 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
     code, _, err = run(capsys, "inspect", tmp_path)
     assert code == 2
     assert "recordings.csv: line 5: no such file: x.csv" in err
-
-
-class Terminal(list):
-    """A stream that remembers, and says what it is."""
-
-    def __init__(self, is_terminal):
-        super().__init__()
-        self.is_terminal = is_terminal
-
-    def isatty(self):
-        return self.is_terminal
-
-    def write(self, text):
-        self.append(text)
-
-    def flush(self):
-        pass
-
-
-@pytest.mark.parametrize("is_terminal", [True, False])
-def test_progress_is_silent_for_two_seconds_then_says_what_is_left(monkeypatch, is_terminal):
-    now = iter([0.0, 1.0, 3.0, 3.1, 30.0, 40.0])
-    monkeypatch.setattr("cyclofeat._base.progress.time.monotonic", lambda: next(now))
-    stream = Terminal(is_terminal)
-    progress = Progress("working", stream)
-    progress(1, 40)
-    assert stream == []
-    progress(10, 40)
-    assert "working: 10 of 40, 3 s, about 7 s left" in stream[-1]
-    progress(11, 40)
-    assert len(stream) == 1
-    progress(39, 40)
-    progress(40, 40)
-    assert "working: 40 of 40, 40 s\n" in stream[-1]
-
-
-def test_the_time_left_is_neither_that_of_a_slow_first_step_nor_of_finished_work(monkeypatch):
-    # Compilation takes nine seconds, then sixteen come at a time, every second; 100 were there before.
-    times = [9.0, 9.01, *np.arange(10.0, 62.0)]
-    now = iter([0.0, *times])
-    monkeypatch.setattr("cyclofeat._base.progress.time.monotonic", lambda: next(now))
-    stream = Terminal(True)
-    progress = Progress("working", stream)
-    for step, _ in enumerate(times):
-        progress(min(101 + 16 * step, 999), 1000)
-    assert "left" not in "".join(stream[:2])
-    shown = [re.search(r"(\d+) of 1000, .* about (\d+) s left", line) for line in stream[2:-1]]
-    assert len(shown) > 40
-    done, left = np.array([[int(number) for number in match.groups()] for match in shown]).T
-    np.testing.assert_allclose(left, (1000 - done) / 16, rtol=0.4)

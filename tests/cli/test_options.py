@@ -10,7 +10,7 @@ ACTIONS = {
     command: {name_of(action): action for action in parser._actions} for command, parser in PARSERS.items()
 }
 
-COMMON = {"-h", "--json"}
+COMMON = {"-h", "--json", "--quiet"}
 READING = {
     "--channel", "--quantity", "--sampling-rate", "--time-channel", "--speed", "--n-lobes", "--scale",
     "--delimiter", "--no-angle",

@@ -1,0 +1,225 @@
+"""The line of progress, with a clock that the tests move."""
+
+import contextlib
+import re
+import time
+
+import numpy as np
+import pytest
+
+from cyclofeat._base import progress as progress_module
+from cyclofeat._base.progress import Progress, Steps, erase_progress, progress_hidden
+from cyclofeat.cli import main
+from cyclofeat.cli._printing import note, warn
+
+ERASE = "\r\x1b[K"
+
+
+class Clock:
+    """Time that passes when it is told to."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(progress_module, "time", clock)
+    return clock
+
+
+class Stream(list):
+    """A stream that remembers, and says what it is."""
+
+    def __init__(self, is_terminal=True):
+        super().__init__()
+        self.is_terminal = is_terminal
+
+    def isatty(self):
+        return self.is_terminal
+
+    def write(self, text):
+        self.append(text)
+
+    def flush(self):
+        pass
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_silent_for_two_seconds_then_says_what_is_left(clock, is_terminal):
+    stream = Stream(is_terminal)
+    progress = Progress("working", stream)
+    clock.now = 1.0
+    progress(1, 40)
+    assert stream == []
+    clock.now = 4.0
+    progress(10, 40)
+    assert "working: 10 of 40, 4 s, about 10 s left" in stream[-1]
+    clock.now = 4.1
+    progress(11, 40)
+    assert len(stream) == 1
+    clock.now = 30.0
+    progress(39, 40)
+    clock.now = 40.0
+    progress(40, 40)
+    assert stream[-1] == (ERASE if is_terminal else "") + "working: 40 of 40, 40 s\n"
+    assert ("\n" in stream[0]) == (not is_terminal)
+
+
+def test_what_is_soon_done_shows_nothing(clock):
+    stream = Stream()
+    with Progress("working", stream) as progress:
+        progress(1, 2)
+        clock.now = 1.9
+        progress(2, 2)
+    assert stream == []
+
+
+def test_the_time_left_waits_for_a_pace_to_be_trusted(clock):
+    stream = Stream()
+    progress = Progress("working", stream)
+    for now, done in ((2.0, 0), (3.0, 1), (4.0, 2), (4.9, 3)):
+        clock.now = now
+        progress(done, 1000)
+    assert ["left" in line for line in stream] == [False] * 4
+    clock.now = 6.0
+    progress(4, 1000)
+    assert "about 17 min left" in stream[-1]  # 996 s
+
+
+def test_the_time_left_is_neither_that_of_a_slow_first_step_nor_of_finished_work(clock):
+    # Compilation takes nine seconds, then sixteen come at a time, every second; 100 were there before.
+    times = [9.0, 9.01, *np.arange(10.0, 62.0)]
+    stream = Stream()
+    progress = Progress("working", stream)
+    for step, clock.now in enumerate(times):
+        progress(min(101 + 16 * step, 999), 1000)
+    assert "left" not in "".join(stream[:3])
+    shown = [re.search(r"(\d+) of 1000, .* about (\d+) s left", line) for line in stream[4:-1]]
+    assert len(shown) > 40
+    done, left = np.array([[int(number) for number in match.groups()] for match in shown]).T
+    np.testing.assert_allclose(left, (1000 - done) / 16, rtol=0.4)
+
+
+def test_the_time_left_hardly_jumps_with_the_pace(clock):
+    """Files of one and of nine seconds in turn: the predicted end moves less than the mean pace says."""
+    stream = Stream()
+    progress = Progress("working", stream)
+    ends = []
+    for done in range(40):
+        clock.now += 9.0 if done % 2 else 1.0
+        progress(done + 1, 200)
+        found = re.search(r"about (\d+) (s|min) left", stream[-1]) if stream else None
+        if found:
+            ends.append(clock.now + int(found[1]) * (60 if found[2] == "min" else 1))
+    assert len(ends) > 30
+    np.testing.assert_allclose(ends[10:], 5 * 200, rtol=0.1)
+
+
+def test_between_reports_the_time_goes_on(clock):
+    stream = Stream()
+    progress = Progress("counting", stream)
+    for now, done in ((1.0, 1), (11.0, 2)):
+        clock.now = now
+        progress(done, 4)
+    assert stream[-1].endswith("2 of 4, 11 s, about 20 s left")
+    clock.now = 16.0
+    progress.tick()
+    assert stream[-1].endswith("2 of 4, 16 s, about 15 s left")
+    clock.now = 99.0
+    progress.tick()
+    assert stream[-1].endswith("2 of 4, 99 s, about 0 s left")
+
+
+def test_work_that_reports_nothing_has_a_line_that_ends_with_its_time(clock):
+    stream = Stream()
+    with Progress("training", stream) as progress:
+        clock.now = 5.0
+        progress.tick()
+        clock.now = 8.0
+    assert stream == [f"{ERASE}training: 5 s", f"{ERASE}training: 8 s\n"]
+    stream.clear()
+    with contextlib.suppress(KeyboardInterrupt), Progress("training", stream) as progress:
+        clock.now = 12.0
+        progress.tick()
+        raise KeyboardInterrupt
+    assert stream == [f"{ERASE}training: 4 s", ERASE]
+
+
+def test_the_line_is_kept_going_without_being_asked(monkeypatch):
+    monkeypatch.setattr(progress_module, "_QUIET_S", 0.0)
+    monkeypatch.setattr(progress_module, "_TICK_S", 0.01)
+    stream = Stream()
+    with Progress("training", stream):
+        latest = time.monotonic() + 10
+        while not stream and time.monotonic() < latest:
+            time.sleep(0.01)
+    assert stream[0] == f"{ERASE}training: 0 s"
+    assert stream[-1].endswith("\n")
+
+
+def test_messages_take_the_line_away(clock, capsys, monkeypatch):
+    stream = Stream()
+    progress = Progress("counting", stream)
+    clock.now = 5.0
+    progress(1, 4)
+    warn("bad")
+    note("good")
+    assert stream[1:] == [ERASE]
+    assert capsys.readouterr().err == "cyclofeat: error: bad\ngood\n"
+    erase_progress()
+    assert stream[1:] == [ERASE]
+
+
+def test_a_long_line_does_not_wrap(clock, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "20")
+    stream = Stream()
+    progress = Progress("a label that is longer than the terminal", stream)
+    clock.now = 5.0
+    progress(1, 4)
+    assert stream == [f"{ERASE}a label that is lon"]
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_hidden_progress_writes_nothing(clock, capsys, is_terminal):
+    stream = Stream(is_terminal)
+    with progress_hidden():
+        with Progress("working", stream) as progress, Steps(stream=stream) as step:
+            step("training")
+            clock.now = 99.0
+            progress(1, 4)
+            step("counting")
+        note("done")
+        warn("bad")
+    assert stream == []
+    assert capsys.readouterr().err == "cyclofeat: error: bad\n"
+
+
+def test_steps_are_lines_of_a_log_or_a_line_of_progress_each(clock):
+    log, terminal = Stream(False), Stream()
+    for stream in (log, terminal):
+        with Steps("cyclofeat gap", stream) as step:
+            step("comparing")
+            clock.now += 5.0
+            if step._step:
+                step._step.tick()
+            step("confirming")
+            clock.now += 1.0
+    assert log == ["cyclofeat gap: comparing\n", "cyclofeat gap: confirming\n"]
+    assert terminal == [f"{ERASE}cyclofeat gap: comparing: 5 s", f"{ERASE}cyclofeat gap: comparing: 5 s\n"]
+
+
+def test_quiet_prints_results_and_errors_alone(capsys, tmp_path):
+    quick = ["animate", "--duration", "0.01", "--frames", "2", "--out", str(tmp_path / "a.html")]
+    assert main(quick) == 0
+    assert "open the page" in capsys.readouterr().err
+    assert main([*quick, "--force", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert "0.01 s of the machine" in out
+    assert err == ""
+    assert main([*quick, "--quiet"]) == 2
+    assert "a.html exists" in capsys.readouterr().err
