@@ -70,7 +70,8 @@ def make_rig_recordings(
         ``(0, 1)``.
     wear_um : float or (low, high), optional
         Radial wear of the worn lobes in um, 0 to 200, or a range from which each assembly draws its own
-        (:class:`cyclofeat.simulators.LobeDefects`). Default: the papers' chord.
+        (:class:`cyclofeat.simulators.LobeDefects`), log-uniform unless the range begins at 0. Default: the
+        papers' chord.
     speed_rpm, load_nm : float or (low, high), optional
         Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
         draws its own (log-uniform). Default: those of the rig's gearbox. Below the gearbox's load, the load
@@ -266,7 +267,13 @@ def _drawn_defects(
     drawn = LobeDefects.drawn(
         counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
     )
-    return drawn if wear_um is None else replace(drawn, depth=0.0, wear_um=random.uniform(*wear_um))
+    if wear_um is None:
+        return drawn
+    low, high = wear_um
+    share = random.random()
+    # Rounding must not leave the range.
+    depth = low + (high - low) * share if low == 0 else min(low * (high / low) ** share, high)
+    return replace(drawn, depth=0.0, wear_um=depth)
 
 
 def _recordings(

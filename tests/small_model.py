@@ -19,7 +19,7 @@ SAMPLES = 3600  # of an output turn
 LINES = 44
 
 
-def recording(lobes, seed=0, turns=1, slowing=0.0, **labels):
+def recording(lobes, seed=0, turns=1, slowing=0.0, height=1.0, **labels):
     """Whole output turns with a burst at each worn lobe, by a tachometer; slower at the end by a share."""
     random = np.random.default_rng(seed)
     done = np.arange(turns * SAMPLES) / (turns * SAMPLES)
@@ -27,7 +27,7 @@ def recording(lobes, seed=0, turns=1, slowing=0.0, **labels):
     cam = (16 * phi + np.pi) / (2 * np.pi)  # in lobes
     torque = 22 + random.normal(0, 0.05, phi.size)
     for lobe in lobes:
-        torque += random.uniform(0.8, 1.2) * np.exp(-((((cam - lobe + 7.5) % 15 - 7.5) / 0.15) ** 2))
+        torque += height * random.uniform(0.8, 1.2) * np.exp(-((((cam - lobe + 7.5) % 15 - 7.5) / 0.15) ** 2))
     known = {
         "angle": phi, "angle_is_absolute": True, "assembly": f"A{seed}", "source": "surrogate",
         "worn_lobes": lobes, "speed_rpm": 500,
@@ -82,3 +82,21 @@ def labelled(counts=(0, 1, 3), per_count=8, **labels):
         recording(tuple((seed + lobe) % 15 for lobe in range(count)), seed=seed, **labels)
         for seed, count in enumerate(counts * per_count)
     ]
+
+
+def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0):
+    """Recordings of two output turns whose bursts are as high as the wear is deep: 1 Nm at 200 um."""
+    random = np.random.default_rng(seed)
+    made = []
+    for k, count in enumerate(np.tile(counts, n)):
+        depth = float(5 * 40 ** random.random())
+        lobes = tuple(int(lobe) for lobe in (random.integers(15) + np.arange(count)) % 15)
+        meta = {"wear_um": depth if count else 0.0}
+        made.append(recording(lobes, seed=1000 * seed + k, turns=2, height=depth / 200, meta=meta))
+    return made
+
+
+@functools.cache
+def wear_model():
+    """A model that learned the depth of the wear."""
+    return LobeModel.train(recordings_with_wear(), n_splits=0, n_trees=25, wear_um=(5, 200))

@@ -16,6 +16,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from cyclofeat.counting import (
     ConformalCounter,
+    ConformalRegressor,
     EntropyLadder,
     GroupCalibratedCounter,
     LobeCounter,
@@ -100,6 +101,7 @@ def estimators() -> list[BaseEstimator]:
         GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
         ConformalCounter(OrdinalCounter()),
         ConformalCounter(OrdinalCounter(), per_class=True, method="cross", nonconformity="aps", domain=None),
+        ConformalRegressor(n_trees=10),
         TrainingDomain(),
     ]
 

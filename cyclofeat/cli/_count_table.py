@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",
     "refused_defect_count", "reason", "n_windows", "distance", "warnings", "error",
+    "wear_um", "wear_um_low", "wear_um_high",
 )  # fmt: skip
 
 

@@ -100,6 +100,8 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
         lines = [f"refused:    {count.reason}", f"would be:   {answer}"]
     elif count.lobes:
         lines.append(f"positions:  {lobes_text(count.lobes)} (counted from 1)")
+    if count.wear_um is not None:
+        lines.append(f"wear:       {count.wear_um}")
     length = f"one output turn ({window:.4g} s)"
     lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]

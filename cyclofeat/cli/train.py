@@ -14,7 +14,7 @@ from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeModel
+    from cyclofeat.counting import LobeModel, RadialWear
     from cyclofeat.recordings import Recording
 
 __all__ = ["add_arguments", "printed", "run"]
@@ -29,6 +29,8 @@ _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "
 
 # Simulated speeds and loads reach from the nominal ones over this to the nominal ones times this.
 _RANGE = 1.25
+# Output turns of a simulated assembly; early wear hardly shows in one turn.
+_WINDOWS, _WINDOWS_OF_WEAR = 2, 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", nargs="*", help="labelled recordings or folders (default: simulated ones)"
     )
     parser.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
-    parser.add_argument("--windows", type=int, default=2, help="output turns of each simulated assembly (2)")
+    parser.add_argument(
+        "--windows", type=int, help="output turns of each simulated assembly (default: 2; 5 with --wear)"
+    )
     parser.add_argument(
         "--speeds", type=range_of("RPM"), metavar="LOW:HIGH",
         help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
@@ -54,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lobes", choices=("consecutive", "random", "mixed"), default="consecutive",
         help="worn lobes of the simulated assemblies: neighbours (default), any, or half of each",
+    )  # fmt: skip
+    parser.add_argument(
+        "--wear", type=range_of("um"), metavar="LOW:HIGH",
+        help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
+        "once; simulated lobes then have such wear in place of the papers' chord",
     )  # fmt: skip
     parser.add_argument(
         "--sampling-rate", type=float, metavar="HZ", help="in Hz; of simulated recordings 25600 by default"
@@ -84,7 +93,9 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
     with Steps() as step:
         step(f"training on {origin}")
-        model = LobeModel.train(recordings, random_state=arguments.seed, description=origin)
+        model = LobeModel.train(
+            recordings, random_state=arguments.seed, description=origin, wear_um=arguments.wear
+        )
     save_model(arguments.out, model)
     return model
 
@@ -95,8 +106,11 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
-    if arguments.windows < 1:
-        raise ValueError(f"--windows must be at least 1, got {arguments.windows}")
+    windows = arguments.windows
+    if windows is None:
+        windows = _WINDOWS if arguments.wear is None else _WINDOWS_OF_WEAR
+    if windows < 1:
+        raise ValueError(f"--windows must be at least 1, got {windows}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     with Progress("simulating assemblies") as progress:
@@ -107,7 +121,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
             lobes=arguments.lobes,
             speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
             load_nm=arguments.loads or _around(gearbox.load_torque),
-            output_turns=arguments.windows,
+            wear_um=arguments.wear,
+            output_turns=windows,
             sampling_rate=sampling_rate,
             random_state=arguments.seed,
             n_jobs=arguments.jobs,
@@ -138,9 +153,23 @@ def printed(arguments: argparse.Namespace, model: LobeModel) -> Printed:
         accuracy = "too few assemblies per count to cross-validate (5 needed): accuracy unknown"
     else:
         accuracy = f"cross-validated over {scores['n_assemblies']} assemblies: {score_text(scores)}"
+    if model.wear is not None:
+        accuracy += f"\n{_of_wear(model.wear)}"
     text = (
         f"{arguments.out}: counts {card['classes']}, trained on {card['description']}\n"
         f"for recordings {model.made_for()}; {located}\n"
         f"{accuracy}"
     )
     return Printed(text, {"file": arguments.out, **card})
+
+
+def _of_wear(wear: RadialWear) -> str:
+    """Return what the training says of depths, and of counts from all windows at once."""
+    known = wear.summary()
+    error, accuracy = known["median_relative_error"], known["accuracy"]
+    lines = [f"depth of wear: {wear.made_for()}"]
+    if error is not None:
+        lines.append(f"  median error of depths that show, on assemblies held out: {100 * error:.0f} %")
+    if accuracy is not None:
+        lines.append(f"  counts right with all windows at once, of all depths: {accuracy:.3f}")
+    return "\n".join(lines)

@@ -10,6 +10,7 @@ name                         job
 ``OrdinalCounter``           cumulative logit: ordinal regression on features
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
 ``ConformalCounter``         sets of counts at a chosen coverage, and refusals
+``ConformalRegressor``       a number with an interval of a chosen coverage
 ``TrainingDomain``           test of whether windows resemble those of training
 ``predict_recordings``       one count from the windows of each recording
 ``evaluate``                 test with whole assemblies, or whole conditions, held out
@@ -20,6 +21,7 @@ name                         job
 ``LobeStream``               the same for samples that arrive in pieces
 ``RecordingCounter``         estimator that trains a ``LobeModel`` in ``fit``
 ``REFUSED``                  what ``predict`` returns for a refused recording: -1
+``RadialWear``               count and depth of radial wear from several windows in a row
 ``counts_frame``             answers for many recordings as a data frame
 ``plan_recording``           length of a recording that tells n worn lobes from n + 1
 ``Protocol``                 choice of what is held out, and of how intervals are computed
@@ -44,6 +46,7 @@ from cyclofeat.counting._combine import combine_proba as combine_proba
 from cyclofeat.counting._combine import learn_dependence as learn_dependence
 from cyclofeat.counting._conformal import ConformalCounter, CountSet, features_seen
 from cyclofeat.counting._conformal import conformal_threshold as conformal_threshold
+from cyclofeat.counting._conformal_regressor import ConformalRegressor
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep, train_and_test
 from cyclofeat.counting._evaluation_summary import Evaluation, score_text
@@ -66,10 +69,13 @@ from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._recording_counter import RecordingCounter
 from cyclofeat.counting._speed import other_speed as other_speed
 from cyclofeat.counting._stream import LobeStream
+from cyclofeat.counting._wear import RadialWear, WearDepth
+from cyclofeat.counting._wear import wear_features as wear_features
 
 __all__ = [
     "REFUSED",
     "ConformalCounter",
+    "ConformalRegressor",
     "CountSet",
     "EntropyLadder",
     "Evaluation",
@@ -81,10 +87,12 @@ __all__ = [
     "LobeStream",
     "OrdinalCounter",
     "Protocol",
+    "RadialWear",
     "RecordingCounter",
     "RecordingCounts",
     "RecordingPlan",
     "TrainingDomain",
+    "WearDepth",
     "WindowCount",
     "counts_frame",
     "evaluate",

@@ -12,6 +12,7 @@ from cyclofeat._base import plots, svg
 from cyclofeat._base.card import card
 from cyclofeat._base.frames import frame
 from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat.counting._wear import WearDepth
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -77,6 +78,9 @@ class LobeCount:
         inside; NaN where the model has no domain.
     windows : tuple of WindowCount
         The answer of each window.
+    wear_um : WearDepth or None
+        Depth of the wear, where the model learned it (:meth:`LobeModel.train`), the recording holds as many
+        output turns as that takes, and it is not refused.
     """
 
     defect_count: int
@@ -90,12 +94,15 @@ class LobeCount:
     reason: str = ""
     distance: float = float("nan")
     windows: tuple[WindowCount, ...] = ()
+    wear_um: WearDepth | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1.
 
-        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be.
+        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be. The depth
+        of the wear is there where the model states it (:meth:`WearDepth.to_dict`).
         """
+        depth = {} if self.wear_um is None else self.wear_um.to_dict()
         return {
             "defect_count": None if self.refused else self.defect_count,
             "refused_defect_count": self.defect_count if self.refused else None,
@@ -108,6 +115,7 @@ class LobeCount:
             "reason": self.reason,
             # JSON has no NaN
             "distance": None if np.isnan(self.distance) else self.distance,
+            **depth,
             "warnings": list(self.warnings),
         }
 
@@ -145,6 +153,7 @@ class LobeCount:
         rows = {
             "probability": f"{self.probability[self.defect_count]:.3f}",
             "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
+            "depth of wear": None if self.wear_um is None else str(self.wear_um),
             "combined": number(self.n_windows, "window"),
             "distance": distance,
             "refused": self.reason,
@@ -178,7 +187,8 @@ def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.Da
         One row per recording, its name as the index: ``defect_count`` and ``refused_defect_count`` (one of
         them missing, see :meth:`LobeCount.to_dict`), ``probability`` (of that count),
         ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
-        ``warnings``, and ``probability_<count>`` of each count.
+        ``warnings``, ``probability_<count>`` of each count, and the depth of the wear
+        (:meth:`WearDepth.to_dict`) where a model states it.
 
     Raises
     ------

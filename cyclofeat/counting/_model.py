@@ -33,6 +33,7 @@ from cyclofeat.counting._speed import other_speed
 from cyclofeat.counting._stream import LobeStream
 from cyclofeat.counting._turning import Turning, turning_of
 from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
+from cyclofeat.counting._wear import RadialWear, stated_depths
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import (
@@ -83,6 +84,9 @@ class LobeModel(RecordingPredictions):
     sampling_rate, input_speed_hz : float or None
         Hz, and nominal turns per second, of the windows in time that the counter takes. None where it takes
         windows over the angle of the shaft, of any rate and speed.
+    wear : RadialWear or None
+        Count and depth from several windows in a row, where the model was trained with the depth of radial
+        wear; else None.
     """
 
     counter: BaseEstimator
@@ -92,6 +96,7 @@ class LobeModel(RecordingPredictions):
     domain: TrainingDomain | None = None
     sampling_rate: float | None = None
     input_speed_hz: float | None = None
+    wear: RadialWear | None = None
 
     @classmethod
     def train(
@@ -102,6 +107,7 @@ class LobeModel(RecordingPredictions):
         n_splits: int = 5,
         n_trees: int = 300,
         description: str = "",
+        wear_um: tuple[float, float] | None = None,
     ) -> LobeModel:
         """Train on labelled recordings, of any speeds, loads and sampling rates.
 
@@ -125,6 +131,10 @@ class LobeModel(RecordingPredictions):
             Trees of the counter.
         description : str
             Where the recordings come from, for the card.
+        wear_um : (low, high), optional
+            Range of radial wear in um whose depth is learned, that of ``meta["wear_um"]`` of all recordings
+            with worn lobes. Counts are then made from as many windows in a row as the shortest recording
+            holds, at most five, because early wear hardly shows in one. Default: no depth.
 
         Returns
         -------
@@ -132,13 +142,15 @@ class LobeModel(RecordingPredictions):
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
-            are shorter than an output turn, or state neither angle nor speed.
+            are shorter than an output turn, or state neither angle nor speed; with ``wear_um`` also where a
+            recording with worn lobes states no depth within the range.
         """
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
+        stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
         windows = shaft_windows(recordings, [one.angle for one in turnings], n_lobes)
         assert windows.y is not None
@@ -168,7 +180,13 @@ class LobeModel(RecordingPredictions):
             "cross_validation": scores,
             "versions": package_versions(*MODEL_PACKAGES),
         }
-        return cls(counter, locator, n_lobes, card, domain)
+        wear = None
+        if stated is not None:
+            wear = RadialWear.train(
+                windows, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state
+            )
+            card["wear"] = wear.summary()
+        return cls(counter, locator, n_lobes, card, domain, wear=wear)
 
     @classmethod
     def of_counter(
@@ -249,6 +267,7 @@ class LobeModel(RecordingPredictions):
             "probabilities": "calibrated" if stated.get("calibrated") else "not calibrated",
             "locates lobes": "no" if self.locator is None else "yes",
             "refuses": "no" if self.domain is None else "what is unlike the training",
+            "depth of wear": None if self.wear is None else self.wear.made_for(),
         }
         drawn = svg.confusion(np.array(scores["confusion"]), scores["classes"]) if scores else ""
         return card("Counter of worn lobes", rows, pictures=[drawn], code="model.count(recording)")
@@ -452,6 +471,14 @@ class LobeModel(RecordingPredictions):
         learned = getattr(self._deciding(), "dependence_", None)
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
+        runs = None if self.wear is None or reason else answered.wear
+        if self.wear is not None and runs is not None:
+            probability = self.wear.probability(runs)
+        elif self.wear is not None and not reason:
+            turns = number(self.wear.n_windows, "output turn")
+            notes.append(
+                f"no depth of wear, and a less accurate count: {turns} in a row of one recording are needed"
+            )
         count = int(classes[probability.argmax()])
         n_windows = len(answered)
         if any(answered.faults) and not reason:
@@ -491,6 +518,7 @@ class LobeModel(RecordingPredictions):
             reason=reason,
             distance=distance,
             windows=answered.counts(classes, reasons),
+            wear_um=None if self.wear is None or runs is None else self.wear.depth_of(runs, count),
         )
 
     def _answered(self, batch: Sequence[PreparedWindows]) -> list[AnsweredWindows]:
@@ -512,7 +540,14 @@ class LobeModel(RecordingPredictions):
             located = self._lobe_proba(batch, lines, rows)
         return [
             AnsweredWindows(
-                one.windows.start_s, one.stop_s, proba[row], distances[row], empty[row], one.faults, lobes
+                one.windows.start_s,
+                one.stop_s,
+                proba[row],
+                distances[row],
+                empty[row],
+                one.faults,
+                lobes,
+                None if self.wear is None else self.wear.features(one.windows.X, one.faults),
             )
             for one, row, lobes in zip(batch, rows, located, strict=True)
         ]

@@ -34,6 +34,9 @@ class LobeStream:
     The stream keeps the samples of at most one window and one input turn (one block without an angle) and the
     last piece, and some hundred bytes per window until :meth:`result`: call it from time to time.
 
+    A model that learned the depth of wear states none of single windows, and counts them less accurately:
+    that takes blocks of as many turns as the model needs.
+
     Parameters
     ----------
     model : LobeModel

@@ -60,6 +60,9 @@ class AnsweredWindows:
     lobe_proba : ndarray, shape (n_places, n_windows, n_lobes), or None
         Probability of each lobe of being worn, for each place at which the recording may begin between two
         lobes; None where positions are not known.
+    wear : ndarray, shape (n_runs, n_features), or None
+        Features of the runs of windows without a fault (:class:`RadialWear`); None where the model learned no
+        depth of wear, or there is no run.
     """
 
     start_s: Float
@@ -69,6 +72,7 @@ class AnsweredWindows:
     empty: NDArray[np.bool_]
     faults: tuple[str, ...]
     lobe_proba: Float | None
+    wear: Float | None = None
 
     def __len__(self) -> int:
         """Number of windows."""
@@ -80,6 +84,7 @@ class AnsweredWindows:
         if len(parts) == 1:
             return parts[0]
         located = [part.lobe_proba for part in parts if part.lobe_proba is not None]
+        runs = [part.wear for part in parts if part.wear is not None]
 
         def column(name: str) -> Any:
             return np.concatenate([getattr(part, name) for part in parts])
@@ -88,6 +93,7 @@ class AnsweredWindows:
             column("start_s"), column("stop_s"), column("proba"), column("distance"), column("empty"),
             faults=tuple(fault for part in parts for fault in part.faults),
             lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
+            wear=np.concatenate(runs) if runs else None,
         )  # fmt: skip
 
     def refusals(self, doubt: str) -> tuple[str, list[str]]:

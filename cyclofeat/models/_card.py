@@ -27,7 +27,7 @@ _COMPARED_BY_FORMAT = {".joblib": {"joblib": 1}, ".skops": {"skops": 2}}
 FEATURES = "features"
 ALLOWED = (*_COMPARED, "joblib", "skops", "sklearn", FEATURES)
 # Entries of a model's own card that are repeated.
-_OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm")
+_OF_TRAINING = ("n_recordings", "n_windows", "sources", "quantity", "speeds_rpm", "loads_nm", "wear")
 # What each entry of a card must be.
 _CARD: dict[str, Callable[[Any], bool]] = {
     "format": lambda value: value == FORMAT,

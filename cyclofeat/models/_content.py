@@ -36,8 +36,10 @@ PLAIN_TYPES: tuple[str, ...] = (
     "sklearn.isotonic.IsotonicRegression",
     "sklearn.neural_network._multilayer_perceptron.MLPClassifier",
     "sklearn.tree._classes.ExtraTreeClassifier",
+    "sklearn.tree._classes.ExtraTreeRegressor",
     "sklearn.tree._classes.DecisionTreeClassifier",
     "sklearn.ensemble._forest.ExtraTreesClassifier",
+    "sklearn.ensemble._forest.ExtraTreesRegressor",
     "sklearn.ensemble._forest.RandomForestClassifier",
     "sklearn.linear_model._logistic.LogisticRegression",
     "sklearn.discriminant_analysis.LinearDiscriminantAnalysis",
@@ -53,6 +55,8 @@ TRUSTED_TYPES: tuple[str, ...] = (
         counting.OrdinalCounter,
         counting.GroupCalibratedCounter,
         counting.ConformalCounter,
+        counting.ConformalRegressor,
+        counting.RadialWear,
         counting.TrainingDomain,
         CountingTrees,
         TreeTable,
@@ -131,7 +135,7 @@ def estimators_in(value: Any, seen: set[int] | None = None) -> Iterator[Any]:
         inside = list(value)
     elif isinstance(value, dict):
         inside = list(value.values())
-    elif isinstance(value, BaseEstimator):
+    elif isinstance(value, (BaseEstimator, counting.RadialWear)):
         if id(value) in seen:
             return
         seen.add(id(value))

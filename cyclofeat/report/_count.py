@@ -129,8 +129,9 @@ def summarise_count(
     -------
     dict
         ``title``, ``version``, ``surrogate``, ``origin``, ``several``, ``tiles`` (summary), ``rows`` (one per
-        recording), ``with_stated``, ``failures``, ``sections``, ``n_more`` (recordings without section),
-        ``features`` (definitions of those drawn), ``n_lobes``, ``calibrated``, ``model`` and ``provenance``.
+        recording), ``with_stated``, ``with_wear``, ``failures``, ``sections``, ``n_more`` (recordings without
+        section), ``features`` (definitions of those drawn), ``n_lobes``, ``calibrated``, ``model`` and
+        ``provenance``.
     """
     if most_sections < 0:
         raise ValueError(f"most_sections must not be negative, got {most_sections!r}")
@@ -160,6 +161,7 @@ def summarise_count(
         "tiles": _tiles(rows, failed),
         "rows": rows,
         "with_stated": any(row["stated"] for row in rows),
+        "with_wear": any(row["wear"] for row in rows),
         "failures": [{"name": name, "reason": reason} for name, reason in failed.items()],
         "sections": sections,
         "n_more": len(rows) - len(sections),
@@ -225,6 +227,7 @@ def _row(item: CountedRecording) -> dict[str, Any]:
         "probability": probability_text(count.probability[count.defect_count]),
         "refused": count.refused,
         "n_warnings": len(count.warnings),
+        "wear": None if count.wear_um is None else count.wear_um.in_words(),
         "stated": "" if stated is None else str(stated),
         "wrong": stated is not None and stated != count.defect_count,
     }
@@ -432,6 +435,7 @@ def _of_model(model: LobeModel) -> list[tuple[str, str]]:
         "windows": card.get("n_windows"),
         "counts": ", ".join(map(str, card["classes"])),
         "for recordings": model.made_for(),
+        "depth of wear": None if model.wear is None else model.wear.made_for(),
         "cross-validation": "none: accuracy unknown"
         if scores is None
         else f"{score_text(scores)}; window by window, {scores['n_assemblies']} assemblies held out in turn, "

@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import small_model
 
 from cyclofeat import __version__
 from cyclofeat.cli import COMMANDS, main, make_parser
@@ -269,6 +270,50 @@ def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
     assert len(result["lobe_probability"]) == 15
     assert all(isinstance(lobe, int) for lobe in result["worn_lobes_from_1"])
     assert result["warnings"] == []
+
+
+def test_train_learns_the_depth_of_the_wear(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(LobeModel, "train", partial(LobeModel.train, n_trees=10, n_splits=0))
+    (tmp_path / "known").mkdir()
+    for one in small_model.recordings_with_wear(8, counts=(0, 3)):
+        write_recording(tmp_path / "known" / f"{one.assembly}.npz", one)
+    model = tmp_path / "wear.joblib"
+    code, out, err = run(capsys, "train", tmp_path / "known", "--wear", "5:200", "--out", model)
+    assert code == 0, err
+    assert "depth of wear: 5 to 200 um in 2 output turns" in out
+    assert "counts right with all windows at once" in out
+    deep = small_model.recording((4, 5, 6), seed=77, turns=2, height=0.7)
+    write_recording(tmp_path / "deep.npz", deep)
+    counting = ["count", tmp_path / "deep.npz", "--model", model, "--trust"]
+    code, out, _ = run(capsys, *counting, "--csv", tmp_path / "counts.csv")
+    assert code == 0
+    assert re.search(r"wear:  .* um \(90 % interval", out)
+    (row,) = csv.DictReader((tmp_path / "counts.csv").read_text(encoding="utf-8-sig").splitlines())
+    (facts,) = json.loads(run(capsys, *counting, "--json")[1])
+    assert facts["wear_um"] == float(row["wear_um"])
+    assert 20 < facts["wear_um"] <= 200
+    code, _, err = run(
+        capsys, "train", tmp_path / "known", "--wear", "100:200", "--out", tmp_path / "n.joblib"
+    )
+    assert code == 2
+    assert "must state one depth from 100 to 200 um" in err
+
+
+def test_simulated_training_with_wear_takes_five_turns(capsys, tmp_path, monkeypatch):
+    asked = {}
+
+    def stop(*arguments, **options):
+        asked.update(options)
+        raise ValueError("enough")
+
+    monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", stop)
+    for options, expected in (
+        (["--wear", "5:200"], (5, (5.0, 200.0))),
+        (["--wear", "5:200", "--windows", "3"], (3, (5.0, 200.0))),
+        ([], (2, None)),
+    ):
+        assert run(capsys, "train", "--out", tmp_path / "m.joblib", *options)[0] == 2
+        assert (asked["output_turns"], asked["wear_um"]) == expected
 
 
 def test_a_refused_recording_has_no_count(capsys, folder, tmp_path):

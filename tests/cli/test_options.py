@@ -21,7 +21,7 @@ ALWAYS = {
     "simulate": MACHINE | {"--out", "--duration", "--sampling-rate", "--quantity", "--no-angle"},
     "animate": MACHINE | {"--out", "--duration", "--frames"},
     "inspect": READING | {"FILE"},
-    "train": {"--out", "--force", "recordings", "--sampling-rate", "--seed", "--quantity"},
+    "train": {"--out", "--force", "recordings", "--sampling-rate", "--seed", "--quantity", "--wear"},
     "count": READING | {"FILE", "--model", "--allow", "--skip", "--report", "--csv", "--strict"},
     "watch": READING
     | {"FOLDER", "--model", "--allow", "--skip", "--once", "--done", "--interval", "--settle", "--strict"},

@@ -1,5 +1,6 @@
 """The report of a count: the answer first, escaped, whole, and honest about what it rests on."""
 
+import dataclasses
 import json
 import re
 import time
@@ -11,7 +12,7 @@ from numpy.testing import assert_allclose
 from pages import parse, unpacked, without_pictures, words
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
-from cyclofeat.counting import ConformalCounter, LobeModel
+from cyclofeat.counting import ConformalCounter, LobeModel, WearDepth
 from cyclofeat.recordings import Windower
 from cyclofeat.report import CountedRecording, summarise_count, write_count_report
 from cyclofeat.report._recording_plots import window_spans
@@ -50,6 +51,21 @@ def page(model, counted, tmp_path_factory):
     path = tmp_path_factory.mktemp("count") / "count.html"
     write_count_report(model, counted[:1], path, settings={"model file": "<model>"})
     return path.read_text(encoding="utf-8")
+
+
+def test_the_depth_of_the_wear_is_beside_the_count(model, counted, drawn, tmp_path):
+    depths = [WearDepth(52.4, 41.0, 66.0, 0.9, 12.0), WearDepth(None, 0.0, 12.0, 0.9, 12.0)]
+    worn, healthy = (
+        dataclasses.replace(one, count=dataclasses.replace(one.count, wear_um=depth))
+        for one, depth in zip(counted, depths, strict=False)
+    )
+    write_count_report(model, [worn, healthy], tmp_path / "count.html")
+    text = words(parse((tmp_path / "count.html").read_text(encoding="utf-8")))
+    assert "52.4 um; 90 % interval 41 to 66 um" in text  # in the table
+    assert "Depth of the wear 52.4 um 90 % interval 41 to 66 um" in text  # beside the count
+    assert "Depth of the wear below what can be seen up to 12 um may be there" in text
+    write_count_report(model, counted[:2], tmp_path / "count.html")
+    assert "Depth of the wear" not in (tmp_path / "count.html").read_text(encoding="utf-8")
 
 
 def test_the_count_comes_before_all_evidence(page):

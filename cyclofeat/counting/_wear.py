@@ -1,0 +1,297 @@
+"""Radial wear: its depth, and the count of faint wear, from whole runs of windows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.isotonic import IsotonicRegression
+
+from cyclofeat._base.checks import is_number, pair, short
+from cyclofeat._base.words import number
+from cyclofeat.counting._assembly_folds import Float, assemblies_of, grouped_folds, held_out_proba
+from cyclofeat.counting._calibration import GroupCalibratedCounter
+from cyclofeat.counting._combine import combine_proba
+from cyclofeat.counting._conformal_regressor import ConformalRegressor
+from cyclofeat.counting.trees import CountingTrees
+from cyclofeat.features import LobeMap
+from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet
+from cyclofeat.signal.lobes import line_contrast, lobe_frequency
+
+#: Windows of a run at most: more turns lower the noise, but assemblies then differ by more than noise.
+MOST_WINDOWS = 5
+# Share of worn assemblies that are not counted as healthy at the least visible depth.
+_SEEN = 0.9
+# Lobe lines reach up to this share of the highest frequency that the windows hold.
+_SHARE_OF_BAND = 0.93
+# Torque below this amplitude in Nm is nothing.
+_LEAST_NM = 1e-5
+
+
+@dataclass(frozen=True)
+class WearDepth:
+    """Depth of the radial wear of a recording's worn lobes, in um.
+
+    Attributes
+    ----------
+    depth_um : float or None
+        Estimate; None where no wear was seen.
+    low_um, high_um : float
+        Ends of the interval. Where no wear was seen, wear up to ``high_um`` may be there.
+    coverage : float
+        Share of assemblies with visible wear whose interval holds the true depth.
+    limit_um : float or None
+        Least depth at which 9 of 10 worn assemblies of the training were not counted as healthy; None where
+        not even the deepest wear of the training was seen so often, or none of its assemblies was healthy.
+    """
+
+    depth_um: float | None
+    low_um: float
+    high_um: float
+    coverage: float
+    limit_um: float | None
+
+    def in_words(self) -> tuple[str, str]:
+        """Return the depth, and what is said about it."""
+        if self.depth_um is None:
+            return "below what can be seen", f"up to {self.high_um:.3g} um may be there"
+        interval = f"{100 * self.coverage:.3g} % interval {self.low_um:.3g} to {self.high_um:.3g} um"
+        return f"{self.depth_um:.3g} um", interval
+
+    def __str__(self) -> str:
+        depth, about = self.in_words()
+        return f"{depth} ({about})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the depth in plain types, as columns of a table."""
+        return {
+            "wear_um": self.depth_um,
+            "wear_um_low": self.low_um,
+            "wear_um_high": self.high_um,
+            "wear_um_coverage": self.coverage,
+            "wear_um_limit": self.limit_um,
+        }
+
+
+@dataclass(frozen=True)
+class RadialWear:
+    """Count and depth of radial wear from runs of windows; part of a :class:`LobeModel`.
+
+    Early wear changes the torque by less than the noise in one window. The lobe lines of several windows in a
+    row are narrower by as many times: they stand out of the noise, and apart from the lines of the shaft.
+
+    Attributes
+    ----------
+    counter : GroupCalibratedCounter
+        Fitted to the features of runs, classes are defect counts.
+    depth : ConformalRegressor
+        Fitted to the logarithm of the depth in um.
+    n_windows, n_lobes : int
+        Windows of a run; lobes of a disc.
+    range_um : tuple of float
+        Least and largest depth of the training.
+    limit_um : float or None
+        As in :class:`WearDepth`.
+    accuracy : float or None
+        Share of runs counted right by trees that have not seen their assembly; None where assemblies are too
+        few.
+    """
+
+    counter: GroupCalibratedCounter
+    depth: ConformalRegressor
+    n_windows: int
+    n_lobes: int
+    range_um: tuple[float, float]
+    limit_um: float | None
+    accuracy: float | None
+
+    @classmethod
+    def train(
+        cls,
+        windows: WindowSet,
+        depths_um: Float,
+        range_um: tuple[float, float],
+        *,
+        n_lobes: int,
+        n_trees: int = 300,
+        random_state: int = 0,
+    ) -> RadialWear:
+        """Train on windows over the angle of the shaft.
+
+        Parameters
+        ----------
+        windows : WindowSet
+            Labelled windows of recordings, those of each recording in a row.
+        depths_um : ndarray, shape (n_recordings,)
+            Depth of the wear in um; of recordings without worn lobes it is not used.
+        range_um : tuple of float
+            Least and largest depth.
+        n_lobes, n_trees, random_state : int
+            As of :meth:`LobeModel.train`.
+
+        Returns
+        -------
+        RadialWear
+
+        Raises
+        ------
+        ValueError
+            If the wear of fewer than two runs shows.
+        """
+        assert windows.y is not None
+        n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
+        of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
+        runs = [runs_of(windows.X[rows], n_windows) for rows in of_recordings]
+        recording = np.repeat(np.arange(len(runs)), [len(one) for one in runs])
+        first = np.array([rows[0] for rows in of_recordings])[recording]
+        member = recording if windows.groups is None else windows.groups[first]
+        features = np.vstack([wear_features(one, n_lobes) for one in runs])
+        count = windows.y[first]
+        trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
+        counter = GroupCalibratedCounter(trees, random_state=random_state).fit(features, count, groups=member)
+        log_depth = np.log(depths_um[recording])
+        limit, accuracy = None, None
+        # Depths are stated, and so learned and judged, where wear is seen.
+        worn = seen = count > 0
+        folds = grouped_folds(count, assemblies_of(member, len(count)), counter.n_splits, random_state)
+        if folds:
+            proba = held_out_proba(trees, features, count, member, counter.classes_, folds)
+            answer = counter.classes_[proba.argmax(axis=1)]
+            accuracy = float(np.mean(answer == count))
+            seen = worn & (answer > 0)
+            if not worn.all():
+                limit = _visible_from(log_depth[worn], seen[worn])
+        if seen.sum() < 2:
+            raise ValueError(
+                "recordings must hold at least two whose wear shows, to learn its depth, got "
+                f"{seen.sum()} of {worn.sum()} with wear of {range_um[0]:g} to {range_um[1]:g} um"
+            )
+        depth = ConformalRegressor(n_trees, random_state=random_state)
+        depth.fit(features[seen], log_depth[seen], groups=member[seen])
+        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy)
+
+    def made_for(self) -> str:
+        """Return in words which depths the model was trained for and which it sees."""
+        low, high = self.range_um
+        seen = "" if self.limit_um is None else f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
+        return f"{low:g} to {high:g} um in {number(self.n_windows, 'output turn')}{seen}"
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the training says of depths and counts, for the card of a model."""
+        error = np.nanmedian(np.abs(self.depth.held_out_ - self.depth.values_))
+        return {
+            "range_um": list(self.range_um),
+            "output_turns": self.n_windows,
+            "limit_um": self.limit_um,
+            "coverage": self.depth.coverage,
+            "median_relative_error": None if np.isnan(error) else float(np.expm1(error)),
+            "accuracy": self.accuracy,
+        }
+
+    def features(self, X: Float, faults: Sequence[str]) -> Float | None:
+        """Return the features of the runs of a recording's windows without a fault; None if there is none."""
+        runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
+        return wear_features(runs, self.n_lobes) if len(runs) else None
+
+    def probability(self, features: Float) -> Float:
+        """Return the probability of each count from all runs of a recording, shape (n_classes,)."""
+        proba = np.asarray(self.counter.predict_proba(features))
+        learned = self.counter.dependence_
+        same = np.zeros(len(proba), dtype=np.int64)
+        return np.asarray(combine_proba(proba, same, 1.0 if learned is None else learned)[0])
+
+    def depth_of(self, features: Float, count: int) -> WearDepth:
+        """Return the depth of a recording's wear, from the features of its runs and its count."""
+        low, high = self.range_um
+        if count == 0:
+            most = high if self.limit_um is None else self.limit_um
+            return WearDepth(None, 0.0, most, self.depth.coverage, self.limit_um)
+        # Runs of one recording err together: the interval of their mean is as wide as that of one.
+        logs = self.depth.predict(features), *self.depth.predict_interval(features)
+        depth, least, most = (float(np.clip(np.exp(values.mean()), low, high)) for values in logs)
+        return WearDepth(depth, least, most, self.depth.coverage, self.limit_um)
+
+
+def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float, tuple[float, float]]:
+    """Return the depth that each recording states, 1 where no lobe is worn, and the checked range.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the range is none, or a recording with worn lobes states no depth within it.
+    """
+    low, high = pair("wear_um", range_um)
+    if not 0 < low < high:
+        raise ValueError(f"wear_um must be a range (low, high) in um with 0 < low < high, got {range_um!r}")
+    depths = np.ones(len(recordings))
+    for k, recording in enumerate(recordings):
+        if not recording.defect_count:
+            continue
+        depth = (recording.meta or {}).get("wear_um")
+        if depth is None or not is_number(depth) or not low <= depth <= high:
+            raise ValueError(
+                f"recordings with worn lobes must state one depth from {low:g} to {high:g} um in "
+                f'meta["wear_um"], that of assembly {recording.assembly} is {short(depth)}'
+            )
+        depths[k] = depth
+    return depths, (low, high)
+
+
+def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> Float:
+    """Join windows that follow each other to runs, shape (n_runs, n_windows * n_samples).
+
+    Parameters
+    ----------
+    X : ndarray, shape (n, n_samples)
+        Windows of one recording, each beginning where the last one ends.
+    n_windows : int
+        Windows of a run.
+    used : ndarray of bool, shape (n,), optional
+        Windows that may be part of a run. Default: all.
+    """
+    usable = np.ones(len(X), dtype=bool) if used is None else used
+    rows, at = [], 0
+    while at + n_windows <= len(X):
+        if usable[at : at + n_windows].all():
+            rows.append(X[at : at + n_windows].ravel())
+            at += n_windows
+        else:
+            at += 1
+    return np.array(rows).reshape(len(rows), n_windows * X.shape[1])
+
+
+def wear_features(runs: Float, n_lobes: int) -> Float:
+    """Features of runs over the angle of the shaft, for count and depth of radial wear.
+
+    Parameters
+    ----------
+    runs : ndarray, shape (n_runs, n_samples)
+        Torque in Nm at :data:`~cyclofeat.recordings.SAMPLES_PER_TURN` samples per input turn.
+    n_lobes : int
+
+    Returns
+    -------
+    ndarray, shape (n_runs, n_features)
+        Those of a :class:`~cyclofeat.features.LobeMap`: the disturbance of each lobe, and each lobe line over
+        its surroundings, without the resonance. Then contrast and level (logarithm of the power in Nm^2) of
+        each line with the resonance: the depth needs the level.
+    """
+    n_lines = int(_SHARE_OF_BAND * SAMPLES_PER_TURN / 2 / lobe_frequency(1.0, n_lobes))
+    white = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, n_lines, speed_tolerance=0.0)
+    plain = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, n_lines, ar_order=0, speed_tolerance=0.0)
+    lines = plain.lines(runs)
+    # Lines are in units of the run's standard deviation.
+    amplitude = np.abs(lines.lines) * runs.std(axis=1, keepdims=True)
+    level = np.log(amplitude**2 + _LEAST_NM**2)
+    return np.hstack([white.from_lines(white.lines(runs)), line_contrast(lines), level])
+
+
+def _visible_from(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:
+    """Return the least depth from which 9 of 10 worn assemblies are seen; None if there is none."""
+    order = np.argsort(log_depth, kind="stable")
+    share = IsotonicRegression().fit_transform(log_depth[order], seen[order].astype(float))
+    enough = np.flatnonzero(share >= _SEEN)
+    return float(np.exp(log_depth[order][enough[0]])) if enough.size else None

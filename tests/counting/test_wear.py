@@ -1,0 +1,176 @@
+"""Depth of radial wear: intervals, runs of windows, visible depths, and models that state them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_model import recording, recordings_with_wear, wear_model
+
+from cyclofeat.counting import ConformalRegressor, LobeModel, counts_frame, wear_features
+from cyclofeat.counting._wear import _visible_from, runs_of
+from cyclofeat.models import load_model, read_card, save_model
+from cyclofeat.recordings import SAMPLES_PER_TURN
+
+
+@pytest.fixture(scope="module")
+def model():
+    return wear_model()
+
+
+@pytest.fixture(scope="module")
+def unseen(model):
+    """Recordings of assemblies that the model has not seen, and their answers."""
+    recordings = recordings_with_wear(16, seed=1)
+    return recordings, [model.count(one) for one in recordings]
+
+
+def test_intervals_cover_new_assemblies_and_widen_where_values_scatter():
+    random = np.random.default_rng(3)
+    assembly = np.repeat(np.arange(240), 2)
+    place = np.repeat(random.uniform(size=240), 2)
+    # What assemblies differ by is shared by both samples of each.
+    y = np.repeat(random.normal(size=240), 2) * (0.1 + place) + place
+    X = place[:, np.newaxis]
+    train, test = assembly < 120, assembly >= 120
+    regressor = ConformalRegressor(n_trees=60, coverage=0.8).fit(X[train], y[train], groups=assembly[train])
+    low, high = regressor.predict_interval(X[test])
+    covered = (low <= y[test]) & (y[test] <= high)
+    assert 0.7 < covered.mean() < 0.9
+    width = high - low
+    assert width[place[test] > 0.7].mean() > 1.5 * width[place[test] < 0.3].mean()
+    # Without the assemblies each sample is predicted with the help of its twin.
+    alone = ConformalRegressor(n_trees=60, coverage=0.8).fit(X[train], y[train])
+    assert alone.ratio_ < 0.8 * regressor.ratio_
+
+
+def test_too_few_assemblies_promise_nothing():
+    X, y = np.arange(6.0)[:, np.newaxis], np.arange(6.0)
+    low, high = ConformalRegressor(n_trees=5, coverage=0.9).fit(X, y).predict_interval(X)
+    assert np.all(np.isinf(low) & np.isinf(high))
+
+
+def test_runs_are_windows_that_follow_each_other():
+    X = np.arange(7)[:, np.newaxis] + np.array([0.0, 0.5])
+    assert_allclose(runs_of(X, 3), [np.r_[0:3:0.5], np.r_[3:6:0.5]])
+    used = np.array([1, 1, 0, 1, 1, 1, 1], dtype=bool)
+    assert_allclose(runs_of(X, 3, used), [np.r_[3:6:0.5]])
+    assert runs_of(X, 3, ~used).shape == (0, 6)
+
+
+def test_levels_are_those_of_the_torque_in_nm():
+    """A line of known amplitude beside one of the shaft, in five output turns."""
+    turns = np.arange(5 * 15 * SAMPLES_PER_TURN) / SAMPLES_PER_TURN
+    torque = 0.02 * np.cos(2 * np.pi * 9 * 16 / 15 * turns) + 0.5 * np.cos(2 * np.pi * 10 * turns)
+    torque = torque + np.random.default_rng(0).normal(0, 0.01, turns.size)
+    features = wear_features(np.stack([torque, 3 * torque]), 15)
+    n_lines = (features.shape[1] - 30) // 4
+    level = features[:, -n_lines:]
+    assert level[0, 8] == pytest.approx(np.log(0.02**2), abs=0.1)
+    strong = level[0] > np.log(3e-4**2)  # far above the least amplitude
+    assert strong.sum() > 10
+    assert_allclose(level[1, strong], level[0, strong] + 2 * np.log(3), atol=2e-3)
+    assert_allclose(features[1, :-n_lines], features[0, :-n_lines], atol=1e-6)  # of ratios only
+
+
+def test_visible_is_what_nine_of_ten_assemblies_show():
+    log_depth = np.log(np.arange(1.0, 101.0))
+    seen = np.arange(100) >= 40
+    seen[45] = False
+    assert _visible_from(log_depth, seen) == pytest.approx(47.0, abs=7)
+    assert _visible_from(log_depth, np.zeros(100, dtype=bool)) is None
+
+
+def test_counts_and_depths_of_assemblies_never_seen(unseen):
+    recordings, counts = unseen
+    pairs = [(r.meta["wear_um"], c.wear_um) for r, c in zip(recordings, counts, strict=True)]
+    assert all(depth is not None for _, depth in pairs)
+    deep = [(r, c) for r, c in zip(recordings, counts, strict=True) if r.meta["wear_um"] > 50]
+    assert np.mean([c.defect_count == r.defect_count for r, c in deep]) >= 0.9
+    worn = [(true, depth) for true, depth in pairs if true > 0 and depth.depth_um is not None]
+    error = np.median([abs(np.log(depth.depth_um / true)) for true, depth in worn])
+    assert error < 0.25
+    covered = np.mean([depth.low_um <= true <= depth.high_um for true, depth in worn])
+    assert covered >= 0.75  # some 30 assemblies, 90 % promised
+    assert all(depth.low_um <= depth.depth_um <= depth.high_um for _, depth in worn)
+
+
+def test_where_no_wear_is_seen_the_answer_says_what_may_be_there(model, unseen):
+    for count in unseen[1]:
+        assert (count.wear_um.depth_um is None) == (count.defect_count == 0)
+    healthy = next(count.wear_um for count in unseen[1] if count.defect_count == 0)
+    assert healthy.low_um == 0
+    assert healthy.high_um == model.wear.limit_um
+    assert 5 < model.wear.limit_um < 100
+    assert str(healthy) == f"below what can be seen (up to {model.wear.limit_um:.3g} um may be there)"
+
+
+def test_one_window_is_counted_without_a_depth(model):
+    made = recording((4, 5, 6), seed=77, height=0.7)
+    count = model.count(made)
+    assert count.wear_um is None
+    assert (
+        "no depth of wear, and a less accurate count: 2 output turns in a row of one recording are needed"
+        in count.warnings
+    )
+    assert "wear_um" not in count.to_dict()
+
+
+def test_a_window_with_a_fault_is_no_part_of_a_run(model):
+    """In the middle one of three windows the sensor fails: no two sound ones follow each other."""
+    made = recording((4, 5, 6), seed=78, turns=3, height=0.7)
+    assert model.count(made).wear_um is not None
+    torque = made.torque.copy()
+    torque[4500:5500] = torque[4500]
+    count = model.count(made.replace(torque=torque))
+    assert not count.refused
+    assert count.wear_um is None
+
+
+def test_models_without_wear_say_nothing():
+    model = LobeModel.train(recordings_with_wear(4, counts=(0, 3)), n_splits=0, n_trees=10)
+    assert model.wear is None
+    assert "wear" not in model.card
+    count = model.count(recording((4, 5, 6), seed=77, turns=2))
+    assert count.wear_um is None
+    assert not any(key.startswith("wear_um") for key in count.to_dict())
+
+
+def test_tables_and_json_hold_the_depth(unseen):
+    frame = counts_frame(unseen[1])
+    first = next(k for k, count in enumerate(unseen[1]) if count.defect_count)
+    depth = unseen[1][first].wear_um
+    assert frame["wear_um"][first] == depth.depth_um
+    assert json.loads(json.dumps(unseen[1][first].to_dict()))["wear_um_low"] == depth.low_um
+
+
+@pytest.mark.parametrize("suffix", ["skops", "joblib"])
+def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
+    if suffix == "skops":
+        pytest.importorskip("skops")
+    file = save_model(tmp_path / f"model.{suffix}", model)
+    assert read_card(file)["training"]["wear"] == model.card["wear"]
+    assert model.card["wear"]["output_turns"] == 2
+    loaded = load_model(file, trusted=True)
+    recordings, counts = unseen
+    assert loaded.count(recordings[1]).to_dict() == counts[1].to_dict()
+
+
+@pytest.mark.parametrize(
+    ("wear_um", "message"),
+    [
+        ((0, 200), r"wear_um must be a range \(low, high\) in um with 0 < low < high, got \(0, 200\)"),
+        ((50, 50), "with 0 < low < high"),
+        ((50, 200), r"must state one depth from 50 to 200 um in meta\[.wear_um.\], that of assembly A1 is 3"),
+        ((1, 2, 3), "wear_um must be a pair of numbers"),
+    ],
+)
+def test_depths_must_be_stated_and_within_the_range(wear_um, message):
+    shallow = recording((3,), seed=1, turns=2, meta={"wear_um": 30.0})
+    healthy = recording((), seed=2, turns=2)
+    with pytest.raises(ValueError, match=message):
+        LobeModel.train([healthy, shallow], wear_um=wear_um)
+    with pytest.raises(ValueError, match="that of assembly A1 is None"):
+        LobeModel.train([healthy, shallow.replace(meta={})], wear_um=(5, 200))
