@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import loguniform, norm
 
 from cyclofeat._base.checks import one_of, whole
+from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators._lines import between
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
 from cyclofeat.simulators.effects._numbers import EffectParameter
@@ -20,10 +21,8 @@ from cyclofeat.simulators.effects._numbers import EffectParameter
 # The error is below 1e-5 of a wave up to 0.9 of the Nyquist frequency.
 _HALF_WIDTH = 48
 _BETA = 10.0
-# Fractions of a sample at which the weights are tabulated (linear interpolation has an error of 2e-6), and
-# instants that are computed together, so that their weights stay in the processor's cache.
+# Fractions of a sample at which the weights are tabulated: linear interpolation has an error of 2e-6.
 _FRACTIONS = 512
-_BLOCK = 2048
 
 
 class ClockError(Effect):
@@ -68,21 +67,7 @@ class ClockError(Effect):
     ) -> Float:
         if self.relative == 0:
             return torque
-        instants = self._instants(torque.size)
-        # Samples beyond the ends get no weight, and the other weights are scaled to a sum of 1.
-        padded = np.pad(torque, _HALF_WIDTH)
-        inside = np.pad(np.ones(torque.size), _HALF_WIDTH)
-        near_end = (instants < _HALF_WIDTH) | (instants > torque.size - 1 - _HALF_WIDTH)
-        result = np.empty(instants.size)
-        for begin in range(0, instants.size, _BLOCK):
-            block = slice(begin, begin + _BLOCK)
-            nearest = np.floor(instants[block]).astype(int)
-            weights = _weights(instants[block] - nearest)
-            result[block] = np.einsum("ij,ij->i", weights, _neighbours(padded, nearest))
-            if near_end[block].any():
-                weights *= _neighbours(inside, nearest)
-            result[block] /= weights.sum(axis=1)
-        return result
+        return np.asarray(_interpolated(torque, self._instants(torque.size), _weight_table()))
 
     def resample(self, values: Float, sampling_rate: float) -> Float:
         if self.relative == 0:
@@ -98,17 +83,23 @@ def _weight_table() -> Float:
     return np.asarray(np.sinc(distance) * np.i0(_BETA * np.sqrt(inside)))
 
 
-def _weights(fraction: Float) -> Float:
-    """Weights of the samples around an instant, shape (n, 2 * half width)."""
-    table = _weight_table()
-    row = np.minimum((fraction * _FRACTIONS).astype(int), _FRACTIONS - 1)
-    share = (fraction * _FRACTIONS - row)[:, None]
-    return np.asarray((1 - share) * table[row] + share * table[row + 1])
-
-
-def _neighbours(padded: Float, nearest: NDArray[np.int_]) -> Float:
-    """The samples around each instant, shape (n, 2 * half width)."""
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * _HALF_WIDTH)[nearest + 1])
+@njit(fastmath={"reassoc", "contract"})  # sums in any order
+def _interpolated(torque: Float, instants: Float, table: Float) -> Float:
+    """Torque at instants in samples; samples beyond the ends get no weight."""
+    result = np.empty(instants.size)
+    for i in range(instants.size):
+        nearest = math.floor(instants[i])
+        place = (instants[i] - nearest) * _FRACTIONS
+        row = min(int(place), _FRACTIONS - 1)
+        share = place - row
+        first = nearest + 1 - _HALF_WIDTH
+        total = weights = 0.0
+        for j in range(max(0, -first), min(2 * _HALF_WIDTH, torque.size - first)):
+            weight = (1 - share) * table[row, j] + share * table[row + 1, j]
+            total += weight * torque[first + j]
+            weights += weight
+        result[i] = total / weights
+    return result
 
 
 class Quantisation(Effect):

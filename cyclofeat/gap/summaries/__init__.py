@@ -12,11 +12,13 @@ from cyclofeat.gap.summaries._summarise import (
     SPEED_TOLERANCE,
     Cell,
     Conditions,
+    hann_lines,
     left_out,
     level,
     signed_log,
     smallest_spreads,
     summarise,
+    thinned,
 )
 from cyclofeat.gap.summaries._whitening import uncorrelating
 from cyclofeat.gap.summaries._windows import (
@@ -37,6 +39,7 @@ __all__ = [
     "Measured",
     "PhaseMap",
     "class_means",
+    "hann_lines",
     "left_out",
     "less_class_means",
     "level",
@@ -47,5 +50,6 @@ __all__ = [
     "signed_log",
     "smallest_spreads",
     "summarise",
+    "thinned",
     "uncorrelating",
 ]

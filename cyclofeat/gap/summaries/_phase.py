@@ -101,7 +101,7 @@ def _folded(X: NDArray[Any], turns_per_sample: Float) -> Float:
     """Mean of each bin of the turn, less the window's mean: (n_windows, _BINS)."""
     waves = []
     for x, step in zip(X, turns_per_sample, strict=True):
-        mean, slot = synchronous_average(x - x.mean(), float(step), _BINS)
+        mean, slot, _ = synchronous_average(x - x.mean(), float(step), _BINS)
         filled = np.unique(slot)
         # If a turn has few samples, always at the same phases, some bins are empty: interpolate.
         waves.append(np.interp(np.arange(_BINS), filled, mean[filled], period=_BINS))

@@ -14,9 +14,11 @@ from cyclofeat.gap.summaries import (
     SPEED_TOLERANCE,
     Cell,
     Conditions,
+    hann_lines,
     level,
     signed_log,
     summarise,
+    thinned,
 )
 
 Float = NDArray[np.float64]
@@ -75,8 +77,10 @@ def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Flo
 
 def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[Float, list[Cell]]:
     """Modulation of the mesh lines, and its regression on the slow torque."""
+    highest = _MESH_LINES * (conditions.n_lobes + 1) * conditions.input_speed_hz * (1 + SPEED_TOLERANCE)
+    ripple, sampling_rate = thinned(ripple, conditions.sampling_rate, highest)
     n_windows, n_samples = ripple.shape
-    box = max(round(_BOX_S * conditions.sampling_rate), 1)
+    box = max(round(_BOX_S * sampling_rate), 1)
     weights = np.hanning(_BOXES + 2)[1:-1]
     weights /= weights.sum()
 
@@ -95,7 +99,7 @@ def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[F
     columns, cells = [level(slow_power + RESOLUTION_NM**2)], [Cell("modulation", "slow torque", "dB")]
     # Without the slow torque, which is up to a thousand times a mesh line and would leak into it.
     light = (ripple - _between(means, box, n_samples)).astype(np.float32)
-    turns = (conditions.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / conditions.sampling_rate
+    turns = (conditions.n_lobes + 1) * speeds[:, None] * np.arange(n_samples) / sampling_rate
     first = np.exp(-2j * np.pi * turns).astype(np.complex64)
     carrier = np.ones_like(first)
     for line in range(1, _MESH_LINES + 1):
@@ -137,13 +141,12 @@ def _without_line(values: Float) -> Float:
 
 def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     """Mains lines over their surroundings, and the slow part."""
+    ripple, sampling_rate = thinned(ripple, sampling_rate, 2 * _MAINS_HZ[-1])
     n = ripple.shape[1]
     hz = np.fft.rfftfreq(n, 1 / sampling_rate)
     lines = rfft(ripple, axis=1)[:, : np.searchsorted(hz, 2 * _MAINS_HZ[-1])]
     hz = hz[: lines.shape[1]]
-    hann = lines.copy()  # the Hann window as a sum over neighbouring lines
-    hann[:, 1:-1] -= (lines[:, 2:] + lines[:, :-2]) / 2
-    power = 2 * np.abs(hann / 2) ** 2 / (n * 3 / 8 * n) + 2 * RESOLUTION_NM**2 / n
+    power = 2 * np.abs(hann_lines(lines)) ** 2 / (n * 3 / 8 * n) + 2 * RESOLUTION_NM**2 / n
     columns, cells = [], []
     for mains in _MAINS_HZ:
         distance = np.abs(hz - mains)
@@ -175,18 +178,19 @@ def _course(ripple: Float) -> tuple[Float, list[Cell]]:
 
 def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
     """Values that repeat, runs of equal values, and values at the ends of the range."""
-    ordered = np.sort(X, axis=1).astype(np.float64)
+    ordered = np.sort(X, axis=1)
     steps = np.diff(ordered, axis=1)
     distinct = np.sum(steps > 0, axis=1) + 1
-    smallest = np.where(steps > 0, steps, np.inf).min(axis=1)
+    smallest = steps.min(axis=1, where=steps > 0, initial=np.inf)
     equal = np.diff(X, axis=1) == 0
+    lowest, highest = ordered[:, :1], ordered[:, -1:]
     columns = [
         np.log10(distinct),
         np.log10(np.clip(smallest, 1e-9, 1e3)),
-        np.log10((ordered[:, -1] - ordered[:, 0] + RESOLUTION_NM) / distinct),
+        np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
         np.log1p(np.array([_longest_run(row) for row in equal])),
-        np.log10(np.mean(X.max(axis=1, keepdims=True) == X, axis=1)),
-        np.log10(np.mean(X.min(axis=1, keepdims=True) == X, axis=1)),
+        np.log10(np.mean(highest == X, axis=1)),
+        np.log10(np.mean(lowest == X, axis=1)),
         np.mean(X == 0, axis=1),
     ]
     names = ("number of values", "smallest step", "range over the number of values", "longest run of a value",
