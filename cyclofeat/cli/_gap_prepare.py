@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from cyclofeat.gap.world import World
     from cyclofeat.simulators import Rig
 
-__all__ = ["Prepared", "add_preparation", "prepare", "printed_preparation"]
+PACKAGED = "packaged"  # word for the posterior that comes with the package
+
+__all__ = ["PACKAGED", "Prepared", "add_preparation", "prepare", "printed_preparation", "read_posterior"]
 
 _MACHINES = 4000  # about an hour of two cores
 _TRAINED_BY = ("jax", "optax")
@@ -42,7 +44,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         "--prepare",
         metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
-        "there are some, and write it to FILE, .npz",
+        "there are some, and write it to FILE, .npz; with --posterior, what that one knows is the start",
     )
     parser.add_argument(
         "--effects",
@@ -59,7 +61,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
     )
     add_idle(parser, "--machines", "--effects", without=["--prepare"])
     add_idle(
-        parser, "--hold-out", "--out", "--save-simulator", "--posterior", "--simulated", "--alpha",
+        parser, "--hold-out", "--out", "--save-simulator", "--simulated", "--alpha",
         "--one-assembly", "--check", beside=["--prepare"],
     )  # fmt: skip
 
@@ -79,7 +81,10 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
 
     model = Rig() if arguments.simulator is None else Rig.from_json(arguments.simulator)
     world = world_of(arguments, model)
-    with Progress("cyclofeat gap: simulating machines, four at a time") as progress:
+    start = None if arguments.posterior is None else read_posterior(arguments.posterior)
+    if start is not None:  # before the simulations, which take an hour
+        start.check_goes_on(world.cells, world.defect_counts)
+    with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
         rigs = prepare_world(
             world,
             Path(arguments.cache) / "world",
@@ -89,8 +94,20 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
         )
     posterior = EffectPosterior(random_state=arguments.seed)
     with Progress("cyclofeat gap: learning from them") as progress:
-        posterior.fit(rigs, progress=progress)
+        posterior.fit(rigs, start=start, progress=progress)
     return Prepared(posterior.save(arguments.prepare), posterior)
+
+
+def read_posterior(named: str | None) -> EffectPosterior:
+    """Return the posterior of a file, or the one that comes with the package."""
+    from cyclofeat.gap.posterior import load_posterior
+
+    try:
+        return load_posterior() if named in (None, PACKAGED) else load_posterior(named)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(
+            f"no such posterior: {error.filename}; write one with --prepare FILE, and give --posterior FILE"
+        ) from None
 
 
 def world_of(arguments: argparse.Namespace, model: Rig) -> World:

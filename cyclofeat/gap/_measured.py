@@ -300,8 +300,14 @@ class MeasuredRig:
             assemblies=np.unique(names, return_inverse=True)[1].astype(np.int64),
         )
 
-    def session(self) -> Session:
+    def session(self, *, one_assembly: bool = False) -> Session:
         """Return the summaries of the first output turn of each recording, for a posterior.
+
+        Parameters
+        ----------
+        one_assembly : bool
+            Whether all are of one assembly. Default: as the recordings state; an assembly each where one
+            states none.
 
         Raises
         ------
@@ -328,8 +334,15 @@ class MeasuredRig:
             [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
             counts=[one.defect_count or 0 for one in self.recordings] if self.has_counts else None,
             speeds_rpm=speeds,
+            assemblies=[0] * len(self.recordings) if one_assembly else self._assemblies(),
             n_lobes=self.n_lobes,
         )
+
+    def _assemblies(self) -> NDArray[np.int64] | None:
+        names = [recording.assembly for recording in self.recordings]
+        if None in names:
+            return None
+        return np.unique([str(name) for name in names], return_inverse=True)[1].astype(np.int64)
 
     def _angles(self, recordings: Iterable[Recording]) -> list[Float]:
         """Angles of the input shaft; the tachometer may have been on a disc."""

@@ -75,7 +75,7 @@ def find_gap(
     posterior = posterior or load_posterior()
     world = posterior.world
     rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
-    session = rig.session()
+    session = rig.session(one_assembly=settings.one_assembly)
     presence = posterior.presence(session)
     held = None
     if held_out is not None:

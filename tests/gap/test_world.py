@@ -10,6 +10,8 @@ from scipy import stats
 
 from cyclofeat.gap import Conditions
 from cyclofeat.gap.world import (
+    DrawnMachine,
+    DrawnSession,
     EffectPrior,
     Rigs,
     Session,
@@ -17,6 +19,7 @@ from cyclofeat.gap.world import (
     load_rigs,
     prepare_world,
     recording_cells,
+    simulate_drawn,
     turn_samples,
 )
 from cyclofeat.simulators import (
@@ -48,7 +51,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rigs(folder):
-    return prepare_world(SMALL, folder, 7)
+    return prepare_world(SMALL, folder, 15)
 
 
 def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
@@ -83,12 +86,12 @@ def test_what_the_model_has_is_not_missing():
 
 
 def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
-    assert len(rigs) == 8 * 2
-    assert rigs.machines.tolist() == [k // 2 for k in range(16)]
-    assert rigs.values.shape == (16, 4, len(SMALL.cells))
+    assert len(rigs) == 16 * 2
+    assert rigs.machines.tolist() == [k // 2 for k in range(32)]
+    assert rigs.values.shape == (32, 4, len(SMALL.cells))
     assert rigs.values.dtype == np.float32
     assert np.isfinite(rigs.values).all()
-    assert rigs.present.shape == (16, 4)
+    assert rigs.present.shape == (32, 4)
     assert rigs.present.sum(axis=1).max() <= 3
     assert rigs.logarithmic == (False, True, True, True)
     sizes = dict(zip(rigs.size_names, np.nan_to_num(rigs.sizes.T), strict=True))
@@ -108,9 +111,9 @@ def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
 
 def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path, folder):
     few = prepare_world(SMALL, tmp_path, 3)
-    np.testing.assert_array_equal(few.numbers, rigs.numbers[:8])
+    np.testing.assert_array_equal(few.numbers, rigs.numbers[:16])
     for name in ("values", "conditions", "counts", "sizes", "speeds"):
-        np.testing.assert_array_equal(getattr(few, name), getattr(rigs, name)[:8])
+        np.testing.assert_array_equal(getattr(few, name), getattr(rigs, name)[:16])
 
 
 def test_an_interrupted_preparation_goes_on(rigs, folder):
@@ -120,7 +123,7 @@ def test_an_interrupted_preparation_goes_on(rigs, folder):
     shards[1].unlink()
     (folder / ".shard-00001.npz.0000.part").write_bytes(before[:100])
     done = []
-    again = prepare_world(SMALL, folder, 7, progress=lambda *args: done.append(args))
+    again = prepare_world(SMALL, folder, 15, progress=lambda *args: done.append(args))
     assert done == [(2, 2)]
     assert shards[0].stat().st_mtime_ns == kept
     assert sorted(path.name for path in folder.iterdir()) == [*(s.name for s in shards), "world.json"]
@@ -146,9 +149,26 @@ def test_rigs_of_one_machine_share_its_runs(tmp_path):
         speeds_rpm=(900, 901), n_recordings=1, n_rigs_per_machine=3,
     )  # fmt: skip
     rigs = prepare_world(world, tmp_path, 1)
-    of_machine = rigs.values.reshape(4, 3, -1)
+    of_machine = rigs.values.reshape(8, 3, -1)
     np.testing.assert_array_equal(of_machine[:, 0], of_machine[:, 1])
-    assert np.unique(of_machine[:, 0], axis=0).shape[0] == 4
+    assert np.unique(of_machine[:, 0], axis=0).shape[0] == 8
+
+
+def test_recordings_of_one_assembly_and_of_a_better_rig_differ_less():
+    world = World(may_differ=(PinErrors(2e-5),), sampling_rate=RATE, speeds_rpm=(600, 900))
+    shaft = [cell.startswith("shaft lines") for cell in world.cells]
+    ones, seeds = np.ones(6, dtype=np.int64), np.random.SeedSequence(3).spawn(6)
+
+    def levels(assemblies, tolerance):
+        session = DrawnSession(ones * 900.0, ones * 20.0, ones, ones * 0, assemblies, tolerance)
+        made = simulate_drawn(world, [DrawnMachine((), [()], session, seeds)])[0]["values"][0]
+        return made[:, shaft]
+
+    each, one = levels(np.arange(6), 1.0), levels(ones, 1.0)
+    assert levels(np.arange(6), 0.1).mean() < each.mean() - 5  # dB
+    assert one.std(axis=0).mean() < 0.8 * each.std(axis=0).mean()
+    two = levels(np.array([4, 4, 4, 2, 2, 2]), 1.0)
+    assert two[:3].std(axis=0).mean() < 0.8 * two.std(axis=0).mean()
 
 
 def test_a_recording_that_cannot_be_made_is_left_out(tmp_path):
@@ -160,7 +180,7 @@ def test_a_recording_that_cannot_be_made_is_left_out(tmp_path):
 
     world = World(effects=(TooHigh(),), sampling_rate=RATE, most=1, speeds_rpm=(900, 901), n_recordings=1)
     rigs = prepare_world(world, tmp_path, 1)
-    assert 0 < len(rigs) < 24
+    assert 0 < len(rigs) < 8 * world.n_rigs_per_machine
     assert not rigs.present.any()
 
 

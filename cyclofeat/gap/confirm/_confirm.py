@@ -20,7 +20,7 @@ from cyclofeat.gap.confirm._sessions import (
 )
 from cyclofeat.gap.confirm._sizes import Gaussian, size_posterior
 from cyclofeat.gap.posterior import EffectPosterior
-from cyclofeat.gap.world import Session
+from cyclofeat.gap.world import TOLERANCES, Session
 from cyclofeat.simulators import Effect
 
 Float = NDArray[np.float64]
@@ -28,8 +28,6 @@ Float = NDArray[np.float64]
 _WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
-# A rig may be made better than the world states, or somewhat worse: factor on what differs anyway.
-_TOLERANCES = (0.0, 1.5)
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generat
 
 
 def _drawn_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
-    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *_TOLERANCES))
+    return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:
@@ -150,7 +148,7 @@ def _prior(effects: Sequence[Effect]) -> Gaussian:
         [
             [
                 *(value for effect in effects for value in effect.draw_parameters(random).to_vector()),
-                random.uniform(*_TOLERANCES),
+                random.uniform(*TOLERANCES),
             ]
             for _ in range(_PRIOR_DRAWS)
         ]

@@ -57,7 +57,7 @@ def simulate_sessions(
     ----------
     world : World
     template : Session
-        Whose conditions, counts and tachometer they have; unknown counts are drawn.
+        Whose conditions, assemblies, counts and tachometer they have; unknown counts are drawn.
     draw : callable
         Returns effects with random sizes; of those that share a machine, the first's effects on the gearbox
         are used.
@@ -75,7 +75,7 @@ def simulate_sessions(
         return in_machine, [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
 
     machines = [
-        dataclasses.replace(machine, may_differ=tuple(_in_proportion(e, factor) for e in world.may_differ))
+        dataclasses.replace(machine, session=dataclasses.replace(machine.session, tolerance=factor))
         for machine, factor in zip(
             _machines(world, template, rigs, n_sessions, random_state), factors, strict=True
         )
@@ -90,6 +90,7 @@ def simulate_sessions(
                     values.astype(np.float64), template.conditions,
                     None if template.counts is None else counts,
                     None if template.speeds_rpm is None else speeds,
+                    template.assemblies,
                 )  # fmt: skip
                 sessions.append(session)
                 sizes.append(drawn)
@@ -99,17 +100,6 @@ def simulate_sessions(
         np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)),
         np.array(tolerances[:n_sessions]),
     )
-
-
-def _in_proportion(effect: Effect, factor: float) -> Effect:
-    """Return an effect with its parameters' distances from neutral changed by a factor, but distributions."""
-    changed = {}
-    for name, parameter in effect.parameters.items():
-        value, neutral = getattr(effect, name), parameter.neutral
-        if neutral is not None and isinstance(value, int | float | tuple):
-            ends = neutral + factor * (np.array(value) - neutral)
-            changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
-    return effect.with_parameters(**changed)
 
 
 def simulate_prior(
@@ -127,7 +117,7 @@ def simulate_prior(
     ----------
     world : World
     template : Session
-        Whose conditions and counts they have; unknown counts are drawn.
+        Whose conditions, assemblies and counts they have; unknown counts are drawn.
     n_rigs : int
         Two at a time share the runs of a machine.
     random_state, n_jobs : int
@@ -180,6 +170,7 @@ def _machines(
     """Draw machines with the conditions of a session; ``rigs`` draws effects on gearbox and torque."""
     n = len(template.values)
     speeds, loads, directions = template.conditions.T
+    assemblies = np.arange(n) if template.assemblies is None else template.assemblies
     machines = []
     for seed in np.random.SeedSequence(random_state).spawn(-(-n_rigs // _RIGS_PER_MACHINE)):
         for_draws, *for_runs = seed.spawn(n + 1)
@@ -187,7 +178,7 @@ def _machines(
         counts = template.counts
         if counts is None:
             counts = random.choice(np.array(world.defect_counts), n)
-        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts)
+        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies)
         machines.append(DrawnMachine(*rigs(random), session, for_runs))
     return machines
 

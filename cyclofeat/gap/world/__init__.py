@@ -7,13 +7,14 @@ result. A :class:`Session` holds the recordings of one rig, measured or simulate
 from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._machine import FEWEST, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world._prepare import load_rigs, prepare_world
-from cyclofeat.gap.world._prior import FLOOR, DrawnSession, EffectPrior
+from cyclofeat.gap.world._prior import FLOOR, TOLERANCES, DrawnSession, EffectPrior
 from cyclofeat.gap.world._rigs import Rigs, Session, present_effects
 from cyclofeat.gap.world._world import World
 
 __all__ = [
     "FEWEST",
     "FLOOR",
+    "TOLERANCES",
     "DrawnMachine",
     "DrawnSession",
     "EffectPrior",

@@ -39,15 +39,12 @@ class DrawnMachine:
         Conditions of the recordings.
     seeds : list of numpy.random.SeedSequence
         Of the recordings.
-    may_differ : tuple of Effect, or None
-        What differs between recordings anyway; None stands for what the world states.
     """
 
     effects: tuple[Effect, ...]
     chains: list[tuple[Effect, ...]]
     session: DrawnSession
     seeds: list[np.random.SeedSequence]
-    may_differ: tuple[Effect, ...] | None = None
 
 
 def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, NDArray[Any]]]:
@@ -102,8 +99,8 @@ def _draw(world: World, number: int) -> DrawnMachine:
 def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]:
     """Plan the recordings of a machine, without simulating them."""
     session = machine.session
-    may_differ = world.may_differ if machine.may_differ is None else machine.may_differ
-    rig = with_floor(world.rig, may_differ).with_added(*machine.effects)
+    rig = with_floor(world.rig, world.may_differ, session.tolerance).with_added(*machine.effects)
+    first_of = {number: machine.seeds[i] for i, number in reversed([*enumerate(session.assemblies.tolist())])}
     plans: list[PlannedRun | ValueError] = []
     for i, seed in enumerate(machine.seeds):
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
@@ -111,7 +108,8 @@ def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]
         n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
         population = Population(at, n_samples, world.sampling_rate, world.wheels)
         try:
-            plans.append(population.plan_run(int(session.counts[i]), seed, spare=SPARE))
+            assembly = first_of[int(session.assemblies[i])]
+            plans.append(population.plan_run(int(session.counts[i]), seed, assembly, spare=SPARE))
         except ValueError as error:
             plans.append(error)
     return plans

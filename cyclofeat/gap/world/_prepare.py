@@ -20,7 +20,7 @@ from cyclofeat.gap.world._machine import FEWEST, simulate_machines
 from cyclofeat.gap.world._rigs import Rigs
 from cyclofeat.gap.world._world import World
 
-_MACHINES_PER_SHARD = 4
+_MACHINES_PER_SHARD = 8  # their runs fill the lanes of some batches
 _SETTINGS = "world.json"
 _FORMAT = "cyclofeat world 1"
 _SIMULATED_BY = ("signal", "gap/summaries", "gap/simulations", "gap/world")
@@ -36,7 +36,7 @@ def prepare_world(
 ) -> Rigs:
     """Simulate machines of a world into a folder, and return their rigs.
 
-    Shards of four machines appear whole or not at all: an interrupted preparation goes on where it stopped,
+    Shards of eight machines appear whole or not at all: an interrupted preparation goes on where it stopped,
     and a larger ``n_machines`` adds to what is there.
 
     Parameters

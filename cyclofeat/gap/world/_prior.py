@@ -17,6 +17,10 @@ Float = NDArray[np.float64]
 
 # Assumption: no rig is free of noise, and no brake free of drift.
 FLOOR: tuple[Effect, ...] = (Noise(0.02), LoadDrift(0.05, 1.5))
+# Assumptions: a rig may be made better than ``MAY_DIFFER`` states, or somewhat worse (a factor on all of it),
+# and its recordings may all be of one assembly, whose pins they share.
+TOLERANCES = (0.0, 1.5)
+_ONE_ASSEMBLY = 1 / 3
 _REVERSED = 1 / 3  # share of the conditions in reverse
 
 
@@ -32,12 +36,18 @@ class DrawnSession:
         1, or -1 in reverse.
     counts : ndarray of int, shape (n_recordings,)
         Worn lobes.
+    assemblies : ndarray of int, shape (n_recordings,)
+        Recordings with equal numbers are of one assembly.
+    tolerance : float
+        Factor on all that differs between assemblies and recordings anyway.
     """
 
     speeds_rpm: Float = field(repr=False)
     loads_nm: Float = field(repr=False)
     directions: NDArray[np.int64] = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
+    assemblies: NDArray[np.int64] = field(repr=False)
+    tolerance: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -100,9 +110,20 @@ def missing_effects(rig: Rig) -> tuple[Effect, ...]:
     )
 
 
-def with_floor(rig: Rig, may_differ: Sequence[Effect]) -> Rig:
-    """Return the rig with what may differ anyway, and with noise and drift where it has none."""
-    return with_may_differ(rig, (*may_differ, *FLOOR))
+def with_floor(rig: Rig, may_differ: Sequence[Effect], tolerance: float = 1.0) -> Rig:
+    """Return the rig with so much of what may differ anyway, and with noise and drift where it has none."""
+    return with_may_differ(rig, (*(_in_proportion(one, tolerance) for one in may_differ), *FLOOR))
+
+
+def _in_proportion(effect: Effect, factor: float) -> Effect:
+    """Return an effect with its parameters' distances from neutral changed by a factor, but distributions."""
+    changed = {}
+    for name, parameter in effect.parameters.items():
+        value, neutral = getattr(effect, name), parameter.neutral
+        if neutral is not None and isinstance(value, int | float | tuple):
+            ends = neutral + factor * (np.array(value) - neutral)
+            changed[name] = tuple(ends.tolist()) if ends.ndim else float(ends)
+    return effect.with_parameters(**changed)
 
 
 def draw_session(
@@ -112,10 +133,13 @@ def draw_session(
     n_recordings: int,
     random: np.random.Generator,
 ) -> DrawnSession:
-    """Draw one or three conditions, which the recordings take in turn, and the counts of worn lobes."""
+    """Draw one or three conditions, which the recordings take in turn, and what differs between them."""
     speeds, loads = random.uniform(*speeds_rpm, 3), random.uniform(*loads_nm, 3)
     directions = np.where(random.random(3) < _REVERSED, -1, 1)
     n_conditions = 3 if random.random() < 0.5 else 1
     at = np.arange(n_recordings) % n_conditions
     counts = random.choice(np.array(defect_counts), n_recordings)
-    return DrawnSession(speeds[at], loads[at], directions[at], counts)
+    one_assembly = random.random() < _ONE_ASSEMBLY
+    assemblies = np.zeros(n_recordings, dtype=np.int64) if one_assembly else np.arange(n_recordings)
+    tolerance = random.uniform(*TOLERANCES)
+    return DrawnSession(speeds[at], loads[at], directions[at], counts, assemblies, tolerance)

@@ -30,12 +30,15 @@ class Session:
         Worn lobes, where they are known.
     speeds_rpm : ndarray, shape (n_recordings,), or None
         Mean speed of the input by a tachometer.
+    assemblies : ndarray of int, shape (n_recordings,), or None
+        Recordings with equal numbers are of one assembly; None stands for an assembly each.
     """
 
     values: Float = field(repr=False)
     conditions: Float
     counts: NDArray[np.int64] | None = None
     speeds_rpm: Float | None = None
+    assemblies: NDArray[np.int64] | None = None
 
     @classmethod
     def of(
@@ -46,6 +49,7 @@ class Session:
         *,
         counts: ArrayLike | None = None,
         speeds_rpm: ArrayLike | None = None,
+        assemblies: ArrayLike | None = None,
         n_lobes: int = 15,
     ) -> Session:
         """Summarise recordings; of each, some 3 % more than the first output turn is used.
@@ -60,6 +64,8 @@ class Session:
             Speed in RPM, load in Nm and direction (1 or -1) of each.
         counts, speeds_rpm : array-like, shape (n_recordings,), optional
             Worn lobes, and mean speed by a tachometer.
+        assemblies : array-like of int, shape (n_recordings,), optional
+            Equal numbers for recordings of one assembly. Default: an assembly each.
         n_lobes : int, default=15
 
         Raises
@@ -97,6 +103,7 @@ class Session:
             np.array(rows), at,
             None if counts is None else np.asarray(counts, dtype=np.int64),
             None if speeds_rpm is None else np.asarray(speeds_rpm, dtype=float),
+            None if assemblies is None else np.asarray(assemblies, dtype=np.int64),
         )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ class World:
         Wheels that may carry the wear, with equal chances.
     n_recordings : int, default=12
         Largest number of recordings of a rig; the smallest is 4.
-    n_rigs_per_machine : int, default=6
+    n_rigs_per_machine : int, default=8
         Rigs that share the runs of one machine, with other effects on the torque signal.
     random_state : int, default=0
 
@@ -76,7 +76,7 @@ class World:
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
     n_recordings: int = 12
-    n_rigs_per_machine: int = 6
+    n_rigs_per_machine: int = 8
     random_state: int = 0
 
     def __post_init__(self) -> None:
