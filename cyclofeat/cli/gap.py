@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat.cli._gap_check import add_check, check, printed_check
-from cyclofeat.cli._gap_prepare import Prepared, add_preparation, prepare, printed_preparation
+from cyclofeat.cli._gap_prepare import (
+    PACKAGED,
+    Prepared,
+    add_preparation,
+    prepare,
+    printed_preparation,
+    read_posterior,
+)
 from cyclofeat.cli._gap_printing import gap_lines
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import READING, add_reading_options, option_of, read_all
@@ -36,7 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--posterior",
         metavar="FILE",
-        help="what --prepare has learned from the model, .npz (default: that of paper B's gearbox)",
+        help="what --prepare has learned from the model, .npz, or the word 'packaged' (the default): that of "
+        "paper B's gearbox, which comes with the package",
     )
     parser.add_argument(
         "--simulated",
@@ -153,23 +161,18 @@ def _settings(arguments: argparse.Namespace) -> GapSettings:
 
 def _posterior(arguments: argparse.Namespace) -> EffectPosterior:
     """Return the posterior named, or the one that comes with the package, of the model."""
-    from cyclofeat.gap.posterior import load_posterior
     from cyclofeat.simulators import Rig
 
-    try:
-        posterior = load_posterior() if arguments.posterior is None else load_posterior(arguments.posterior)
-    except FileNotFoundError as error:
-        raise FileNotFoundError(
-            f"no such posterior: {error.filename}; write one with --prepare FILE, and give --posterior FILE"
-        ) from None
+    posterior = read_posterior(arguments.posterior)
     if arguments.simulator is None:
         return posterior
     learned, model = posterior.world.rig, Rig.from_json(arguments.simulator)
     # Speed and load are those of the recordings; a name is no property.
     set_points = {name: getattr(learned.gearbox, name) for name in ("input_speed", "load_torque")}
     if model.replace(gearbox=model.gearbox.replace(**set_points), name=learned.name) != learned:
+        packaged = arguments.posterior in (None, PACKAGED)
         raise ValueError(
-            f"{arguments.posterior or 'the posterior that comes with the package'} was learned from another "
+            f"{'the packaged posterior' if packaged else arguments.posterior} was learned from another "
             f"model than {arguments.simulator}: write its own with --prepare FILE, and give --posterior FILE"
         )
     return posterior

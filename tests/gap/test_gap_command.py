@@ -143,7 +143,7 @@ def test_a_posterior_belongs_to_its_model(given: Any, tmp_path: Path, capsys: An
     rig.with_added(Hum(0.1)).to_json(tmp_path / "b.json")
     code, _, err = run(capsys, folder, "--simulator", tmp_path / "b.json")
     assert code == 2
-    assert "the posterior that comes with the package was learned from another model" in err
+    assert "the packaged posterior was learned from another model" in err
     code, _, err = run(capsys, folder, "--simulator", tmp_path / "b.json", "--posterior", "mine.npz")
     assert "mine.npz was learned from another model" in err
     assert "--prepare FILE" in err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -173,6 +174,44 @@ def test_networks_are_averaged_and_progress_is_told(rigs):
     assert len(posterior.networks_) == 2
     weights = [network["answer"] for network in posterior.networks_]
     assert not np.allclose(*weights)
+
+
+def test_a_posterior_goes_on_from_another_one(posterior, rigs, held_out):
+    few = rigs.of(rigs.machines < 120)
+    anew = EffectPosterior(1, epochs=2).fit(few)
+    gone_on = EffectPosterior(1, epochs=2).fit(few, start=posterior)
+    assert gone_on.n_rigs_ == posterior.n_rigs_ + len(few)
+    before, after = (score_posterior(one, held_out) for one in (anew, gone_on))
+    assert after.between(0, 4, ties=True) > before.between(0, 4, ties=True) + 0.1
+    assert after.effect_recall["hum"] > 0.95
+
+
+def test_a_posterior_goes_on_with_other_effects(posterior, rigs, held_out):
+    """Without the gain, in another order, and with one that the first has not learned."""
+
+    def other(some):
+        return dataclasses.replace(
+            some, names=("new", "offset", "hum"), size_names=("new.size", SIZES[1], SIZES[0]),
+            logarithmic=(False, False, True), sizes=some.sizes[:, [3, 1, 0]],
+        )  # fmt: skip
+
+    gone_on = EffectPosterior(1, epochs=2).fit(other(rigs.of(rigs.machines < 120)), start=posterior)
+    assert score_posterior(gone_on, other(held_out)).effect_recall["hum"] > 0.95
+    place = (posterior.size_names_.index(SIZES[0]), gone_on.size_names_.index(SIZES[0]))
+    before, after = (one.size_mean_[k] for one, k in zip((posterior, gone_on), place, strict=True))
+    assert before == after
+
+
+def test_a_start_that_does_not_fit_is_refused(posterior, rigs):
+    few = rigs.of(rigs.machines < 120)
+    with pytest.raises(ValueError, match=r"start must have the 5 summaries .* got one with 5, 4 of them"):
+        EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=posterior)
+    with pytest.raises(ValueError, match=r"start must have learned counts of \[0, 2, 4, 6\], .* \[0, 1"):
+        EffectPosterior(1).fit(dataclasses.replace(few, counts=few.counts // 2 * 2), start=posterior)
+    with pytest.raises(ValueError, match="start must have 2 networks, got 1"):
+        EffectPosterior(2).fit(few, start=posterior)
+    with pytest.raises(NotFittedError):
+        EffectPosterior(1).fit(few, start=EffectPosterior())
 
 
 def test_an_effect_that_too_few_machines_have_is_left_out(rigs):

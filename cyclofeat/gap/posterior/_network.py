@@ -46,6 +46,16 @@ def initial_weights(
     return weights
 
 
+def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.Generator) -> dict[str, Any]:
+    """Return weights whose outputs are some of those that there are; -1 stands for a new one."""
+    layer, bias = weights["answer"], weights["answer_bias"]
+    new = random.normal(0, layer.std(), (len(layer), columns.size)).astype(np.float32)
+    return dict(weights) | {
+        "answer": np.where(columns < 0, new, layer[:, columns]),
+        "answer_bias": np.where(columns < 0, np.float32(0), bias[columns]),
+    }
+
+
 def pools(xp: Any, weights: Weights, recordings: Array, shown: Array, many: Array, whole: Array) -> Array:
     """Mean (on both scales, and uncorrelated), spread and extremes of deviations, and difference by count."""
     n_cells = weights["uncorrelating"].shape[0]

@@ -23,7 +23,7 @@ from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._inputs import Inputs, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior._reference import Reference
-from cyclofeat.gap.posterior._train import Targets, random_inputs, train
+from cyclofeat.gap.posterior._train import Targets, Weights, random_inputs, train
 from cyclofeat.gap.world import Rigs, Session, World
 
 Float = NDArray[np.float64]
@@ -66,7 +66,7 @@ class EffectPosterior(DocumentedEstimator):
     learned_ : ndarray of bool, shape (n_effects,)
         False for an effect that fewer than 20 machines have, or lack.
     n_rigs_ : int
-        Simulated rigs that it has learned from.
+        Simulated rigs that it has learned from, those of what it started from included.
 
     See Also
     --------
@@ -86,7 +86,12 @@ class EffectPosterior(DocumentedEstimator):
         self.random_state = random_state
 
     def fit(
-        self, rigs: Rigs, y: None = None, *, progress: Callable[[int, int], object] | None = None
+        self,
+        rigs: Rigs,
+        y: None = None,
+        *,
+        start: EffectPosterior | None = None,
+        progress: Callable[[int, int], object] | None = None,
     ) -> EffectPosterior:
         """Learn from simulated rigs.
 
@@ -95,6 +100,9 @@ class EffectPosterior(DocumentedEstimator):
         rigs : Rigs
         y : None
             Not used.
+        start : EffectPosterior, optional
+            Its networks go on learning, in the place of random ones: what they know of effects that both have
+            is kept, and fewer rigs suffice. Summaries and counts must be the same.
         progress : callable, optional
             Called after each epoch with the number done and their total.
 
@@ -107,7 +115,8 @@ class EffectPosterior(DocumentedEstimator):
         ImportError
             If JAX or Optax is not installed.
         ValueError
-            If there are too few rigs without an effect.
+            If there are too few rigs without an effect, or ``start`` has other summaries, counts or fewer
+            networks.
         """
         n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
         self.names_, self.size_names_, self.cells_ = rigs.names, rigs.size_names, rigs.cells
@@ -118,6 +127,10 @@ class EffectPosterior(DocumentedEstimator):
         held = np.isin(rigs.machines, calibrating)
         self.reference_ = Reference().fit(rigs)
         self._standardise(rigs)
+        begun: list[Weights | None] = [None] * n_networks
+        if start is not None:
+            begun[:] = self._begun(start, random)
+            self.n_rigs_ += start.n_rigs_
         made = recordings_of_rigs(rigs, self.reference_)
         sizes = (rigs.sizes - self.size_mean_) / self.size_spread_
         rows = np.flatnonzero(~held)
@@ -130,7 +143,7 @@ class EffectPosterior(DocumentedEstimator):
         self.networks_ = [
             train(
                 made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
-                random_state=self.random_state + k, progress=done(k),
+                random_state=self.random_state + k, start=begun[k], progress=done(k),
             )
             for k in range(n_networks)
         ]  # fmt: skip
@@ -138,6 +151,29 @@ class EffectPosterior(DocumentedEstimator):
         logits, mean, spread = self._outputs(random_inputs(made.of(rows), self.reference_, random))
         self._calibrate(logits, (sizes[rows] - mean) / spread, rigs.present[rows])
         return self
+
+    def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Weights]:
+        """Return the networks of another posterior, with the outputs of this one; take over its scales."""
+        start.check_goes_on(self.cells_, self.reference_.counts_.tolist())
+        if len(start.networks_) < self.n_networks:
+            raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
+        places = {name: k for k, name in enumerate(start.names_)}
+        of_sizes = {name: k for k, name in enumerate(start.size_names_)}
+        sizes = np.array([of_sizes.get(name, -1) for name in self.size_names_])
+        known = sizes >= 0
+        self.size_mean_[known] = start.size_mean_[sizes[known]]
+        self.size_spread_[known] = start.size_spread_[sizes[known]]
+        n, n_sizes = len(start.names_), len(start.size_names_)
+        columns = np.concatenate(
+            [
+                [places.get(name, -1) for name in self.names_],
+                np.where(known, n + sizes, -1),
+                np.where(known, n + n_sizes + sizes, -1),
+            ]
+        )
+        return [
+            _network.with_outputs(weights, columns, random) for weights in start.networks_[: self.n_networks]
+        ]
 
     def _standardise(self, rigs: Rigs) -> None:
         present = rigs.present
@@ -165,6 +201,20 @@ class EffectPosterior(DocumentedEstimator):
         for size, z in enumerate(residuals.T):
             if enough[size]:
                 self.size_quantiles_[size] = _quantiles(z)
+
+    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int]) -> None:
+        """Raise ValueError unless it can go on learning from rigs with these summaries and counts."""
+        check_is_fitted(self, "networks_")
+        if tuple(cells) != tuple(self.cells_):
+            raise ValueError(
+                f"start must have the {len(cells)} summaries of the rigs, got one with {len(self.cells_)}, "
+                f"{len({*cells} & {*self.cells_})} of them the same: it needs equal lobes and sampling rates"
+            )
+        known = self.reference_.counts_.tolist()
+        if sorted(counts) != known:
+            raise ValueError(
+                f"start must have learned counts of {sorted(counts)}, like the rigs, got one of {known}"
+            )
 
     @property
     def world(self) -> World:

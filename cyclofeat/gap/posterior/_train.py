@@ -44,12 +44,16 @@ def train(
     *,
     epochs: int,
     random_state: int,
+    start: Weights | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Weights:
-    """Train one network on simulated rigs, each shown in every epoch as another random session."""
+    """Train one network on simulated rigs, each shown in every epoch as another random session.
+
+    It begins with random weights, or with those of ``start``.
+    """
     jax, jnp, _ = _libraries()
     random = np.random.default_rng(random_state)
-    weights = _first_weights(made, targets, reference, random)
+    weights = _first_weights(made, targets, reference, random) if start is None else dict(start)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in _network.FIXED}
     n, n_effects = targets.present.shape
     present = targets.present.astype(np.float32)
