@@ -7,6 +7,7 @@ module              job
 ``_printing``       printing of results, for people or as JSON, and the exit code
 ``_reading``        options of commands that read recordings, and their work file by file
 ``_rigs``           options of commands that simulate
+``_history``        options of commands that keep a history
 ``_models``         options of commands that count with a stored model
 ``_targets``        options that name files to write, checked before any work
 ``_idle``           errors for options that have no effect
@@ -103,7 +104,12 @@ def make_parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.Argumen
     )
     for name, command in COMMANDS.items():
         subparser = parsers.add_parser(name, help=command.text, description=command.text)
-        subparser.add_argument("--json", action="store_true", help="print JSON for programs")
+        printing = subparser.add_mutually_exclusive_group()
+        printing.add_argument("--json", action="store_true", help="print JSON for programs")
+        if command.output == "list":
+            printing.add_argument(
+                "--jsonl", action="store_true", help="print one line of JSON per result, at once"
+            )
         subparser.add_argument(
             "--quiet",
             action="store_true",

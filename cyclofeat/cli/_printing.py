@@ -28,6 +28,8 @@ def run_and_print(command: Command, arguments: Namespace) -> int:
 
 def _run_and_print(command: Command, arguments: Namespace) -> int:
     failed = refused = False
+    # Results of "lines" are lines of JSON anyway, a list on request.
+    in_lines = arguments.json if command.output == "lines" else getattr(arguments, "jsonl", False)
     documents = []
     try:
         for printed in _results(command, arguments):
@@ -36,10 +38,10 @@ def _run_and_print(command: Command, arguments: Namespace) -> int:
             erase_progress()
             if printed.error:
                 warn(printed.error)
-            if not arguments.json:
+            if not (arguments.json or in_lines):
                 if printed.text:
                     print(printed.text, flush=True)
-            elif command.output == "lines":
+            elif in_lines:
                 print(json.dumps(printed.json), flush=True)
             else:
                 documents.append(printed.json)

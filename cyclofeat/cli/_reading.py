@@ -165,10 +165,11 @@ def each_recording(
     doing: str,
     files: Sequence[Entry | UnreadableFolder],
     options: dict[str, Any],
-    work: Callable[[Recording], T],
+    work: Callable[[Path, Recording], T],
 ) -> Iterator[FileResult[T]]:
-    """Read file by file and yield what ``work`` makes of each; a file that fails does not stop the others.
+    """Read file by file and yield what ``work`` makes of path and recording.
 
+    A file that fails does not stop the others.
     ``doing`` says in the line of progress what is done, such as "counting".
     """
     with Progress(doing) as progress:
@@ -179,7 +180,7 @@ def each_recording(
 
 
 def _of_file(
-    entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Recording], T]
+    entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Path, Recording], T]
 ) -> FileResult[T]:
     from cyclofeat.datasets import one_line
 
@@ -187,7 +188,7 @@ def _of_file(
     try:
         recording = entry.read(**options)
         title = placed(entry.path, one_line(recording))
-        return FileResult(entry.path, title, work(recording))
+        return FileResult(entry.path, title, work(entry.path, recording))
     except UNREADABLE as error:
         return FileResult(entry.path, title, error=error_text(error))
 

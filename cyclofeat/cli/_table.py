@@ -58,6 +58,7 @@ COMMANDS = {
     "train": Command("train a model and write it to a file", "train"),
     "count": Command("count the worn lobes of recordings", "count", "list"),
     "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
+    "history": Command("show what was counted of each gearbox over time, and alarms", "history", "list"),
     "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
     "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
     "campaign": Command("simulate thousands of assemblies to files; a broken run is completed", "campaign"),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._count_table import count_table
+from cyclofeat.cli._history import add_history_options, history_writer
 from cyclofeat.cli._models import add_model_options, read_model, without_start
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import (
@@ -24,17 +26,22 @@ from cyclofeat.cli._targets import add_target
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount
+    from cyclofeat.history import GearboxState
     from cyclofeat.recordings import Recording
 
 __all__ = ["Counted", "add_arguments", "printed", "run"]
 
 
 class Counted(NamedTuple):
-    """Answer for one recording, length of a window, and time at the end that fills no window (both in s)."""
+    """Answer for one recording, length of a window, and time at the end that fills no window (both in s).
+
+    With a history, also the state of its gearbox.
+    """
 
     answer: LobeCount
     window: float
     unused: float
+    state: GearboxState | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_target(parser, "--csv", metavar="FILE.csv", help="table to write: one row per recording")
     parser.add_argument("--strict", action="store_true", help="exit with code 3 if a recording is refused")
+    add_history_options(parser, "")
     add_reading_options(parser)
 
 
@@ -53,16 +61,22 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     model = read_model(arguments)
     files, options = entries(arguments.files), reading_arguments(arguments)
 
-    def counted_of(recording: Recording) -> Counted:
-        recording = without_start(recording, arguments.skip)
-        count = model.count(recording)
-        first, last = count.windows[0], count.windows[-1]
-        # Rounding of a window to whole samples leaves a residue that is no time.
-        unused = max(0.0, round(recording.duration - last.stop_s, 6))
-        return Counted(count, round(first.stop_s - first.start_s, 9), unused)
-
     results = []
-    with count_table(arguments.csv) as add_row:
+    with count_table(arguments.csv) as add_row, history_writer(arguments, model) as writer:
+
+        def counted_of(path: Path, recording: Recording) -> Counted:
+            recording = without_start(recording, arguments.skip)
+            count = model.count(recording)
+            first, last = count.windows[0], count.windows[-1]
+            # Rounding of a window to whole samples leaves a residue that is no time.
+            unused = max(0.0, round(recording.duration - last.stop_s, 6))
+            counted = Counted(count, round(first.stop_s - first.start_s, 9), unused)
+            if writer is None:
+                return counted
+            name = writer.add(path, recording, count)
+            writer.write()
+            return counted._replace(state=writer.state(name))
+
         for result in each_recording("counting", files, options, counted_of):
             results.append(result)
             add_row(result, result.value and result.value.answer)
@@ -93,7 +107,7 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
 def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:
     if result.value is None:
         return result.printed()
-    count, window, unused = result.value
+    count, window, unused, state = result.value
     answer = f"{count.defect_count} (probability {count.probability[count.defect_count]:.2f})"
     lines = [f"worn lobes: {answer}"]
     if count.refused:
@@ -106,4 +120,7 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
     lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
     facts = {**count.to_dict(), "window_s": window, "unused_s": unused}
+    if state is not None:
+        lines.append(f"{state.gearbox}: {state}")
+        facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
     return result.printed(lines, facts, refused=count.refused and arguments.strict)

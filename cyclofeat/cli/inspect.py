@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Iterator[FileResult[dict[str, Any]]]:
     from cyclofeat.datasets import describe
 
-    return each_recording("inspecting", entries(arguments.files), reading_arguments(arguments), describe)
+    files, options = entries(arguments.files), reading_arguments(arguments)
+    return each_recording("inspecting", files, options, lambda _, recording: describe(recording))
 
 
 def printed(arguments: argparse.Namespace, result: FileResult[dict[str, Any]]) -> Printed:

@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.words import lobes_text, number
+from cyclofeat.cli._history import HistoryWriter, add_history_options, history_writer
 from cyclofeat.cli._models import add_model_options, read_model, without_start
 from cyclofeat.cli._printing import note, warn
 from cyclofeat.cli._reading import (
@@ -28,10 +29,18 @@ from cyclofeat.cli.folder_watch import DoneList, FolderWatch
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeCount, LobeModel
+    from cyclofeat.history import GearboxState
 
-__all__ = ["add_arguments", "printed", "run"]
+__all__ = ["Watched", "add_arguments", "printed", "run"]
 
 _DAY_S = 86_400
+
+
+class Watched(NamedTuple):
+    """Answer for one recording, and the state of its gearbox where there is a history that could be read."""
+
+    answer: LobeCount
+    state: GearboxState | None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,10 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--strict", action=argparse.BooleanOptionalAction, default=True,
         help="exit with code 3 at the end if a recording was refused (default)",
     )  # fmt: skip
+    add_history_options(parser, ", else the name of the folder")
     add_reading_options(parser)
 
 
-def run(arguments: argparse.Namespace) -> Iterator[FileResult[LobeCount]]:
+def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
     """Count until asked to stop; with ``--once`` the files of the folder."""
     from cyclofeat.datasets.readers import MANIFEST, SOURCES
 
@@ -75,10 +85,11 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[LobeCount]]:
         if not arguments.once:
             note(f"cyclofeat: watching {folder}, stop with Ctrl-C")
         counted = failed = 0
-        for arrival in _arrivals(arguments, watch, model, options, stop):
-            counted += not arrival.error
-            failed += bool(arrival.error)
-            yield arrival
+        with history_writer(arguments, model, folder.resolve().name) as writer:
+            for arrival in _arrivals(arguments, watch, model, writer, options, stop):
+                counted += not arrival.error
+                failed += bool(arrival.error)
+                yield arrival
     if arguments.once and watch.unsettled:
         note(f"cyclofeat: {', '.join(sorted(watch.unsettled))}: still being written, left out")
     ended = "done" if arguments.once else "stopped"
@@ -106,15 +117,21 @@ class _Stop:
 
 
 def _arrivals(
-    arguments: argparse.Namespace, watch: FolderWatch, model: LobeModel, options: dict[str, Any], stop: _Stop
-) -> Iterator[FileResult[LobeCount]]:
+    arguments: argparse.Namespace,
+    watch: FolderWatch,
+    model: LobeModel,
+    writer: HistoryWriter | None,
+    options: dict[str, Any],
+    stop: _Stop,
+) -> Iterator[FileResult[Watched]]:
     """Look, count, wait."""
     from cyclofeat.datasets import read_recording
 
     began = now = time.monotonic()
-    lost, unwritten = (
+    lost, unwritten, unsaved = (
         _Trouble("folder cannot be read"),
         _Trouble(f"--done {arguments.done} cannot be written"),
+        _Trouble(f"--history {arguments.history} cannot be written"),
     )
     while not stop.is_asked():
         ready: list[Path] = []
@@ -123,20 +140,30 @@ def _arrivals(
         for path in ready:
             if stop.is_asked():
                 break
+            name = ""
             try:
-                count = model.count(without_start(read_recording(path, **options), arguments.skip))
+                recording = without_start(read_recording(path, **options), arguments.skip)
+                count = model.count(recording)
+                if writer is not None:
+                    name = writer.add(path, recording, count)
             except FileNotFoundError:
                 continue  # removed since
             except Exception as error:  # one bad file must not end the watch, whatever is wrong with it
                 name = "" if isinstance(error, UNREADABLE) else f"{type(error).__name__}: "
                 watch.failed(path, placed(path, name + error_text(error)))
                 continue
-            yield FileResult(path, value=count)
+            state = None
+            with unsaved:
+                if writer is not None:
+                    writer.write()
+                    state = writer.state(name)
+            yield FileResult(path, value=Watched(count, state))
             watch.counted(path)
-            with unwritten:
-                watch.done.write()
-        with unwritten:
-            watch.done.write()
+            _write_done(watch, writer, unwritten)
+        with unsaved:
+            if writer is not None:
+                writer.write()
+        _write_done(watch, writer, unwritten)
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle
         for path, message in watch.bad(now, at_once=last):
@@ -145,6 +172,13 @@ def _arrivals(
             break
         stop.wait(min(arguments.interval, arguments.settle) if arguments.once else arguments.interval)
         now = time.monotonic()
+
+
+def _write_done(watch: FolderWatch, writer: HistoryWriter | None, unwritten: _Trouble) -> None:
+    """Write the list of files that are done, unless counts of them are not in the history yet."""
+    with unwritten:
+        if writer is None or not writer.history.pending:
+            watch.done.write()
 
 
 class _Trouble:
@@ -182,12 +216,12 @@ def _stop_on_signals() -> Iterator[_Stop]:
             signal.signal(name, handler)
 
 
-def printed(arguments: argparse.Namespace, result: FileResult[LobeCount]) -> Printed:
+def printed(arguments: argparse.Namespace, result: FileResult[Watched]) -> Printed:
     time_text = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     facts: dict[str, Any] = {"time": time_text, "file": str(result.path)}
-    count = result.value
-    if count is None:
+    if result.value is None:
         return Printed("", facts | {"error": result.error}, result.error, failed=arguments.once)
+    count, state = result.value
     probability = count.probability[count.defect_count]
     line = f"{number(count.defect_count, 'worn lobe')} (probability {probability:.2f})"
     if count.refused:
@@ -196,8 +230,12 @@ def printed(arguments: argparse.Namespace, result: FileResult[LobeCount]) -> Pri
         line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
     line += f", {number(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
+    facts |= count.to_dict()
+    if state is not None:
+        line += f"; {state.gearbox}: {state}"
+        facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}
     return Printed(
         f"{time_text} {result.path.name}: {line}",
-        facts | count.to_dict(),
+        facts,
         refused=count.refused and arguments.strict,
     )

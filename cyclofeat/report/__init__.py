@@ -5,6 +5,7 @@ function                       page
 =============================  ================================================================
 ``write_count_report``         answers of a model for recordings, with their evidence
 ``write_evaluation_report``    scores of counters on assemblies that they have not seen
+``write_history_report``       counts of gearboxes over time, and their alarms
 ``write_gap_report``           where model and measurement disagree, and what is missing
 ``write_animation``            the gearbox turning, with its forces and its torque
 ``Report``                     a page of your own, with text, figures, tables and the pages above
@@ -19,6 +20,7 @@ from cyclofeat.report._animation import summarise_animation, write_animation
 from cyclofeat.report._count import CountedRecording, summarise_count, write_count_report
 from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
 from cyclofeat.report._gap import summarise_gap, write_gap_report
+from cyclofeat.report._history import summarise_history, write_history_report
 from cyclofeat.report._page import check_page_path
 from cyclofeat.report._report import Report
 
@@ -30,8 +32,10 @@ __all__ = [
     "summarise_count",
     "summarise_evaluation",
     "summarise_gap",
+    "summarise_history",
     "write_animation",
     "write_count_report",
     "write_evaluation_report",
     "write_gap_report",
+    "write_history_report",
 ]

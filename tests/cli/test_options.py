@@ -20,11 +20,15 @@ MACHINE = {"--worn-count", "--worn-lobes", "--removed-lobes", "--rig", "--simula
 ALWAYS = {
     "simulate": MACHINE | {"--out", "--duration", "--sampling-rate", "--quantity", "--no-angle"},
     "animate": MACHINE | {"--out", "--duration", "--frames"},
-    "inspect": READING | {"FILE"},
+    "inspect": READING | {"FILE", "--jsonl"},
     "train": {"--out", "--force", "recordings", "--sampling-rate", "--seed", "--quantity", "--wear"},
-    "count": READING | {"FILE", "--model", "--allow", "--skip", "--report", "--csv", "--strict"},
+    "count": READING
+    | {"FILE", "--jsonl", "--model", "--allow", "--skip", "--report", "--csv", "--history", "--strict"},
     "watch": READING
-    | {"FOLDER", "--model", "--allow", "--skip", "--once", "--done", "--interval", "--settle", "--strict"},
+    | {"FOLDER", "--model", "--allow", "--skip", "--once", "--done", "--interval", "--settle", "--history"}
+    | {"--strict"},
+    "history": {"FILE", "--jsonl", "--gearbox", "--report", "--strict"}
+    | {"--false-alarms-per-month", "--recordings-per-month"},
     "evaluate": READING | {"FILE", "--folds", "--seed", "--jobs", "--report"},
     "plan": {"--worn-count", "--noise", "--confidence", "--depth", "--speed"},
     "campaign": {"--example"},
@@ -38,7 +42,8 @@ NO_TARGETS = {
     "--channel", "--time-channel", "--angle-channel",  # names of channels
     "--worn-lobes", "--removed-lobes", "--effects", "--allow", "--scheduler", "--hold-out",  # words
     "--model", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior", "--verify",  # read
-    "--done", "--cache",  # gone on with
+    "--done", "--cache", "--history",  # gone on with
+    "--gearbox",  # names
 }  # fmt: skip
 GONE_ON_WITH = {("campaign", "--out")}  # a campaign that does not suit the folder is refused
 

@@ -37,6 +37,7 @@ PACKAGES = (
     "cyclofeat.gap.summaries",
     "cyclofeat.gap.where",
     "cyclofeat.gap.world",
+    "cyclofeat.history",
     "cyclofeat.models",
     "cyclofeat.plotting",
     "cyclofeat.plotting.drawing",

@@ -1,0 +1,103 @@
+"""Options of commands that keep a history of the counts, and the rows that they add."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cyclofeat.cli._idle import add_idle
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeCount, LobeModel
+    from cyclofeat.history import GearboxState, History
+    from cyclofeat.recordings import Recording
+
+__all__ = ["HistoryWriter", "add_alarm_options", "add_history_options", "history_writer"]
+
+
+def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
+    """Add the options that name a history and the gearbox whose recordings are counted."""
+    parser.add_argument(
+        "--history", metavar="FILE.sqlite", help="file to which each count is added, made where there is none"
+    )
+    parser.add_argument(
+        "--gearbox",
+        metavar="NAME",
+        help=f"name of the gearbox in the history (default the assembly that a file states{default_name})",
+    )
+    add_alarm_options(parser)
+    add_idle(
+        parser,
+        "--gearbox",
+        "--false-alarms-per-month",
+        "--recordings-per-month",
+        without=["--history"],
+    )
+
+
+def add_alarm_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options from which the rule of the alarm follows."""
+    parser.add_argument(
+        "--false-alarms-per-month", type=float, default=0.1, metavar="N",
+        help="false alarms to be put up with, per gearbox and month (default 0.1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recordings-per-month", type=float, metavar="N",
+        help="recordings of a gearbox in a month (default: as frequent as they were)",
+    )  # fmt: skip
+
+
+class HistoryWriter:
+    """Adds counts to a history."""
+
+    def __init__(
+        self, arguments: argparse.Namespace, model: LobeModel, history: History, default_name: str
+    ) -> None:
+        self.arguments, self.model, self.history, self.default_name = arguments, model, history, default_name
+
+    def add(self, path: Path, recording: Recording, count: LobeCount) -> str:
+        """Add a count, for :meth:`write`, and return the name of the gearbox."""
+        name: str | None = self.arguments.gearbox
+        if name is None:
+            name = self.default_name if recording.assembly is None else str(recording.assembly)
+        if not name:
+            raise ValueError("the file states no assembly: give --gearbox NAME with --history")
+        stated = (recording.meta or {}).get("start_time")
+        # Else the best that is known of when it was recorded.
+        time = (
+            path.stat().st_mtime
+            if stated is None
+            else datetime.fromisoformat(stated).replace(tzinfo=UTC).timestamp()
+        )
+        self.history.add(name, str(path.resolve()), time, count, recording, self.model.card)
+        return name
+
+    def write(self) -> None:
+        """Write what was added; after an OSError the next call tries again."""
+        self.history.write()
+
+    def state(self, name: str) -> GearboxState:
+        """Return the state of a gearbox."""
+        return self.history.state(
+            name,
+            false_alarms_per_month=self.arguments.false_alarms_per_month,
+            recordings_per_month=self.arguments.recordings_per_month,
+        )
+
+
+@contextmanager
+def history_writer(
+    arguments: argparse.Namespace, model: LobeModel, default_name: str = ""
+) -> Iterator[HistoryWriter | None]:
+    """Open the history that the options name; None without one."""
+    if arguments.history is None:
+        yield None
+        return
+    from cyclofeat.history import History
+
+    with History(arguments.history) as history:
+        yield HistoryWriter(arguments, model, history, default_name)

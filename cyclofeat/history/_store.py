@@ -1,0 +1,315 @@
+"""SQLite file with the counts of gearboxes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sqlite3
+import time as clock
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from cyclofeat.history._state import GearboxState, Point, state_of
+
+if TYPE_CHECKING:
+    from cyclofeat.counting import LobeCount
+    from cyclofeat.recordings import Recording
+
+SCHEMA_VERSION = 1
+# "cycf": says whose file it is.
+_APPLICATION_ID = 0x63796366
+_WAIT_S = 30.0
+_TABLES = """
+CREATE TABLE model (
+    id INTEGER PRIMARY KEY,
+    card_sha256 TEXT NOT NULL UNIQUE,
+    description TEXT NOT NULL,
+    scores TEXT  -- JSON of its cross-validation, or NULL
+);
+CREATE TABLE recording (
+    id INTEGER PRIMARY KEY,
+    time REAL NOT NULL,  -- s since 1970, UTC
+    gearbox TEXT NOT NULL,
+    file TEXT NOT NULL,
+    model INTEGER NOT NULL REFERENCES model (id),
+    counted_at REAL NOT NULL,
+    defect_count INTEGER,  -- NULL where refused
+    reason TEXT NOT NULL,  -- why refused
+    mean REAL NOT NULL,
+    deviation REAL NOT NULL,
+    unit TEXT NOT NULL,
+    answer TEXT NOT NULL,  -- JSON, as cyclofeat count prints it
+    UNIQUE (gearbox, file, time, model)
+);
+CREATE INDEX recording_by_gearbox ON recording (gearbox, time, id);
+"""
+_ADD_MODEL = """
+INSERT INTO model (card_sha256, description, scores) VALUES (?, ?, ?) ON CONFLICT (card_sha256) DO NOTHING
+"""
+_ADD = """
+INSERT INTO recording
+    (model, time, gearbox, file, counted_at, defect_count, reason, mean, deviation, unit, answer)
+VALUES ((SELECT id FROM model WHERE card_sha256 = ?), ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+ON CONFLICT DO UPDATE SET counted_at = excluded.counted_at
+"""
+
+
+@dataclass(frozen=True)
+class HistoryRow:
+    """One recording of a history.
+
+    Attributes
+    ----------
+    time : float
+        Of the recording, in s since 1970.
+    gearbox, file : str
+    model : int
+        Number of the model that counted.
+    defect_count : int or None
+        None where it was refused.
+    reason : str
+        Why it was refused, else empty.
+    mean, deviation : float
+        Mean and standard deviation of its samples.
+    unit : str
+        Of these two.
+    answer : dict
+        :meth:`LobeCount.to_dict`: probabilities, lobes, warnings.
+    """
+
+    time: float
+    gearbox: str
+    file: str
+    model: int
+    defect_count: int | None
+    reason: str
+    mean: float
+    deviation: float
+    unit: str
+    answer: dict[str, Any]
+
+
+class History:
+    """SQLite file with one row per recording.
+
+    Several processes can write to one file, and be killed while they do: a row is there whole or not at all.
+    The file must lie on a local disk, since the journal of the write-ahead log is shared memory. A file that
+    was counted again by the same model keeps its one row.
+
+    Parameters
+    ----------
+    path : path-like
+        Made where it does not exist.
+    create : bool, default=True
+        False: ``FileNotFoundError`` where it does not exist.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    ValueError
+        If it is no history, or of a newer version.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from cyclofeat import Recording
+    >>> from cyclofeat.counting import LobeCount
+    >>> count = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
+    >>> recording = Recording([22.0, 22.4, 21.8], 2.0)
+    >>> with tempfile.TemporaryDirectory() as folder, History(pathlib.Path(folder, "a.sqlite")) as history:
+    ...     history.add("press 4", "monday.csv", 1.7e9, count, recording, {})
+    ...     history.write()
+    ...     history.state("press 4").defect_count, history.rows("press 4")[0].answer["probability"]
+    (1, {'0': 0.1, '1': 0.9})
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, create: bool = True) -> None:
+        self.path = Path(path)
+        if not create and not self.path.exists():
+            raise FileNotFoundError(f"no such history: {self.path}")
+        if not self.path.parent.is_dir():
+            raise FileNotFoundError(
+                f"folder {self.path.parent} for the history does not exist: make it first"
+            )
+        self._pending: list[tuple[tuple[Any, ...], tuple[Any, ...]]] = []
+        with self._errors():
+            self._connection = sqlite3.connect(self.path, timeout=_WAIT_S, isolation_level=None)
+        try:
+            with self._errors():
+                self._prepare()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; rows that were not written are lost."""
+        self._connection.close()
+
+    @property
+    def pending(self) -> int:
+        """Rows that were added and are not written."""
+        return len(self._pending)
+
+    def add(
+        self,
+        gearbox: str,
+        file: str,
+        time: float,
+        count: LobeCount,
+        recording: Recording,
+        card: Mapping[str, Any],
+    ) -> None:
+        """Add a recording, for the next :meth:`write`.
+
+        Parameters
+        ----------
+        gearbox, file : str
+            Names of the gearbox and of the recording's file.
+        time : float
+            Of the recording, in s since 1970.
+        count : LobeCount
+            Answer of a model.
+        recording : Recording
+        card : mapping
+            :attr:`LobeModel.card` of that model.
+        """
+        if not gearbox:
+            raise ValueError("gearbox must be a name, got an empty one")
+        text = json.dumps(card, sort_keys=True, default=str)
+        key = hashlib.sha256(text.encode()).hexdigest()
+        scores = card.get("cross_validation")
+        model = (key, str(card.get("description", "")), None if scores is None else json.dumps(scores))
+        row = (
+            key, float(time), gearbox, file, clock.time(), None if count.refused else count.defect_count,
+            count.reason, float(recording.torque.mean()), float(recording.torque.std()), recording.unit,
+            json.dumps(count.to_dict(), allow_nan=False),
+        )  # fmt: skip
+        self._pending.append((model, row))
+
+    def write(self) -> None:
+        """Write the rows added since the last call; after an OSError the next call tries again."""
+        if not self._pending:
+            return
+        with self._errors(), self._transaction():
+            self._connection.executemany(_ADD_MODEL, [model for model, _ in self._pending])
+            self._connection.executemany(_ADD, [row for _, row in self._pending])
+        self._pending.clear()
+
+    def gearboxes(self) -> list[str]:
+        """Return the names of all gearboxes, sorted."""
+        return [name for (name,) in self._select("SELECT DISTINCT gearbox FROM recording ORDER BY gearbox")]
+
+    def rows(self, gearbox: str, last: int | None = None) -> list[HistoryRow]:
+        """Return the recordings of a gearbox in the order of time: all, or the last ones."""
+        columns = [column.name for column in fields(HistoryRow)]
+        found = self._select(
+            f"SELECT {', '.join(columns)} FROM recording WHERE gearbox = ? "
+            "ORDER BY time DESC, id DESC LIMIT ?",
+            (gearbox, -1 if last is None else last),
+        )
+        named = [dict(zip(columns, row, strict=True)) for row in reversed(found)]
+        return [HistoryRow(**row | {"answer": json.loads(row["answer"])}) for row in named]
+
+    def state(
+        self,
+        gearbox: str,
+        *,
+        false_alarms_per_month: float = 0.1,
+        recordings_per_month: float | None = None,
+    ) -> GearboxState:
+        """Return the state of a gearbox, by the recordings of the model that counted last.
+
+        Parameters
+        ----------
+        gearbox : str
+        false_alarms_per_month : float, default=0.1
+            From which the rule of the alarm follows, see :func:`choose_rule`.
+        recordings_per_month : float, optional
+            Default: as frequent as they were.
+
+        Returns
+        -------
+        GearboxState
+
+        Raises
+        ------
+        ValueError
+            If there is no recording of this gearbox, or a number is not positive.
+        """
+        model = self._select(
+            "SELECT m.id, m.scores FROM recording r JOIN model m ON m.id = r.model WHERE r.gearbox = ? "
+            "ORDER BY r.time DESC, r.id DESC LIMIT 1",
+            (gearbox,),
+        )
+        if not model:
+            known = ", ".join(self.gearboxes()) or "none"
+            raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
+        ((model_id, scores),) = model
+        points = self._select(
+            "SELECT time, defect_count FROM recording WHERE gearbox = ? AND model = ? ORDER BY time, id",
+            (gearbox, model_id),
+        )
+        return state_of(
+            gearbox, [Point(*point) for point in points], None if scores is None else json.loads(scores),
+            false_alarms_per_month=false_alarms_per_month, recordings_per_month=recordings_per_month,
+        )  # fmt: skip
+
+    def _prepare(self) -> None:
+        """Make the tables in a new file, and check those of an old one."""
+        execute = self._connection.execute
+        if self._is_new():
+            # Before the first transaction: this setting belongs to the file.
+            execute("PRAGMA journal_mode = WAL")
+            with self._transaction():
+                if self._is_new():  # no other process has been faster
+                    for statement in _TABLES.split(";")[:-1]:
+                        execute(statement)
+                    execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+                    execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+        version = execute("PRAGMA user_version").fetchone()[0]
+        if execute("PRAGMA application_id").fetchone()[0] != _APPLICATION_ID:
+            raise ValueError(f"{self.path} is a database of something else: name another file")
+        if version != SCHEMA_VERSION:
+            raise ValueError(
+                f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: update "
+                "cyclofeat"
+            )
+
+    def _is_new(self) -> bool:
+        return not self._connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
+
+    def _select(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
+        with self._errors():
+            return self._connection.execute(statement, values).fetchall()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """Write all or nothing, after other processes that write."""
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._connection.execute("COMMIT")
+        except BaseException:
+            self._connection.rollback()  # nothing to do where SQLite has done so already
+            raise
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Raise errors of SQLite as OSError, and ValueError for a file that is no database."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise OSError(f"history {self.path}: {error}") from error
+        except sqlite3.DatabaseError as error:
+            raise ValueError(f"{self.path} is no history ({error}): name another file") from error

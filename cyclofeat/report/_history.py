@@ -1,0 +1,235 @@
+"""Report of a history: the counts of gearboxes over time, and their alarms."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cyclofeat import __version__
+from cyclofeat.history import GearboxState, History, HistoryRow, when
+from cyclofeat.plotting.drawing import require_matplotlib
+from cyclofeat.report._page import check_page_path, count_text, probability_text, versions, write_page
+from cyclofeat.report._plot import Axis, Line, Plot, Span
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from cyclofeat.report._figures import Picture
+
+_N_LAST, _MOST_ROWS = 10, 20_000
+_DAY_S, _HOUR_S = 86_400.0, 3600.0
+_SIZE = (11.0, 2.6)
+
+
+def write_history_report(
+    history: History, path: str | os.PathLike[str], *, states: Sequence[GearboxState] | None = None
+) -> Path:
+    """Write the counts of gearboxes over time as one HTML file.
+
+    Alarms come first, then a section for each gearbox: its counts, the standard deviation of its torque, the
+    rule of its alarm and how often it errs, past alarms, and the last recordings. A file of that name is
+    replaced.
+
+    Parameters
+    ----------
+    history : cyclofeat.history.History
+    path : path-like
+        File to write, ``*.html``.
+    states : sequence of cyclofeat.history.GearboxState, optional
+        Of the gearboxes to show; default, all with the default rate of false alarms.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+
+    Raises
+    ------
+    ImportError
+        If jinja2 or matplotlib is not installed.
+    FileNotFoundError
+        If the folder does not exist.
+    ValueError
+        If there is no recording.
+
+    Examples
+    --------
+    >>> from cyclofeat.history import History
+    >>> from cyclofeat.report import write_history_report
+    >>> write_history_report(History("press.sqlite"), "press.html")  # doctest: +SKIP
+    """
+    target = check_page_path(path)
+    return write_page(target, "history.html", summarise_history(history, states=states))
+
+
+def summarise_history(history: History, *, states: Sequence[GearboxState] | None = None) -> dict[str, Any]:
+    """Summarise a history in plain values that JSON can hold.
+
+    Parameters and errors are those of :func:`write_history_report`; pictures are data URIs.
+
+    Returns
+    -------
+    dict
+        ``title``, ``version``, ``tiles``, ``gearboxes`` (one per gearbox) and ``provenance``.
+    """
+    require_matplotlib()
+    shown = [history.state(name) for name in history.gearboxes()] if states is None else list(states)
+    if not shown:
+        raise ValueError(f"history {history.path} holds no recording")
+    return {
+        "title": "Worn lobes over time" if len(shown) > 1 else f"Worn lobes over time: {shown[0].gearbox}",
+        "version": __version__,
+        "tiles": _tiles(shown),
+        "gearboxes": [_section(history, state) for state in sorted(shown, key=lambda one: not one.alarm)],
+        "provenance": [("history", str(history.path)), ("made with", versions())],
+    }
+
+
+def _tiles(states: Sequence[GearboxState]) -> list[dict[str, Any]]:
+    alarmed = [state.gearbox for state in states if state.alarm]
+    total, refused = (sum(getattr(state, name) for state in states) for name in ("n_recordings", "n_refused"))
+    unguarded = [state.gearbox for state in states if state.rule is None]
+    tiles = [
+        (
+            "Alarm",
+            f"{len(alarmed)} of {len(states)}",
+            ", ".join(alarmed) or "no count has risen",
+            bool(alarmed),
+        ),
+        ("Recordings", str(total), f"{refused} refused", False),
+        ("Last recording", when(max(state.last for state in states))[:10], "day, UTC", False),
+    ]
+    if unguarded:
+        tiles.append(("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
+    return [
+        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in tiles
+    ]
+
+
+def _section(history: History, state: GearboxState) -> dict[str, Any]:
+    rows = history.rows(state.gearbox, _MOST_ROWS)
+    return {
+        "name": state.gearbox,
+        "answer": "Never counted"
+        if state.defect_count is None
+        else _capital(count_text(state.defect_count, ())),
+        "alarm": state.alarm,
+        "state": str(state),
+        "rates": state.rates,
+        "facts": _facts(state),
+        "n_more": state.n_recordings - len(rows) if len(rows) == _MOST_ROWS else 0,
+        "pictures": _pictures(state, rows),
+        "alarms": [
+            {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
+        ],
+        "last": [_row(row) for row in reversed(rows[-_N_LAST:])],
+    }
+
+
+def _facts(state: GearboxState) -> list[tuple[str, str]]:
+    rule, period = state.rule, f"from {when(state.first)} to {when(state.last)}"
+    facts = {
+        "recordings": f"{state.n_recordings} {period}, {state.n_refused} refused",
+        "baseline": "none yet" if state.baseline is None else count_text(state.baseline, ()),
+    }
+    if rule is not None:
+        facts |= {
+            "counts above it by error": f"up to {rule.error_rate:.1%}, by cross-validation and the baseline",
+            "counts above it with a further worn lobe": f"{rule.detection_rate:.1%}",
+        }
+    return [*facts.items()]
+
+
+def _row(row: HistoryRow) -> dict[str, Any]:
+    refused = row.defect_count is None
+    count = row.answer["refused_defect_count"] if refused else row.defect_count
+    return {
+        "time": when(row.time),
+        "file": Path(row.file).name,
+        "count": "refused" if refused else str(count),
+        "refused": refused,
+        "probability": probability_text(row.answer["probability"][str(count)]),
+        "reason": row.reason,
+    }
+
+
+def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
+    """Draw counts and deviation over time; nothing of a single moment."""
+    from cyclofeat.report._figures import picture
+
+    first, last = rows[0].time, rows[-1].time
+    if first == last:
+        return []
+    unit, name = (_DAY_S, "days") if last - first > 3 * _DAY_S else (_HOUR_S, "hours")
+    at = np.array([row.time - first for row in rows]) / unit
+    axis = Axis(f"time since {when(first)}", name)
+    spans = [
+        Span(
+            max(0.0, (begin - first) / unit), ((last if end is None else end) - first) / unit, "alarm",
+            f"alarm from {when(begin)}{'' if end is None else f' to {when(end)}'}", amiss=True,
+        )
+        for begin, end in state.alarms
+        if end is None or end > first
+    ]  # fmt: skip
+    lines = _count_lines(state, rows)
+    note = f"The page holds the last {len(rows)} recordings." if len(rows) == _MOST_ROWS else ""
+    counts = Plot(at, lines, (axis, Axis("worn lobes", "")), spans=spans, note=note)
+    deviations = np.array([row.deviation if row.unit == rows[-1].unit else np.nan for row in rows])
+    spread = Line("standard deviation of the samples", deviations, style="points")
+    deviation = Plot(at, [spread], (axis, Axis("deviation", rows[-1].unit)), spans=spans)
+
+    def draw(plot: Plot) -> Any:
+        def on(ax: Axes, _: str) -> None:
+            for k, line in enumerate(plot.lines):
+                style = "." if line.style == "points" else "--"
+                ax.plot(at, np.asarray(line.values), style, color=f"C{k}", label=line.name)
+            for span in plot.spans:
+                ax.axvspan(span.start, span.stop, color="r", alpha=0.15, lw=0)
+            ax.set_xlabel(f"{plot.axes[0].quantity} ({name})")
+            ax.set_ylabel(
+                f"{plot.axes[1].quantity}" + (f" ({plot.axes[1].unit})" if plot.axes[1].unit else "")
+            )
+            if len(plot.lines) > 1:
+                ax.legend(loc="upper left", fontsize="small")
+
+        return on
+
+    of = f"of {state.gearbox} over time"
+    return [
+        picture(draw(counts), _SIZE, f"Counts of worn lobes {of}, with the baseline and alarms", plot=counts),
+        picture(draw(deviation), _SIZE, f"Standard deviation of the samples {of}", plot=deviation),
+    ]
+
+
+def _count_lines(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Line]:
+    """Return the counts of the last model, those of others, refused ones and the baseline."""
+    present = np.array([row.model == rows[-1].model for row in rows])
+    refused = np.array([row.defect_count is None for row in rows])
+    values = np.array(
+        [
+            row.answer["refused_defect_count"] if row.defect_count is None else row.defect_count
+            for row in rows
+        ],
+        dtype=float,
+    )
+    kinds: list[tuple[str, Any, Any]] = [
+        ("count", present & ~refused, "accent"),
+        ("count of an earlier model", ~present & ~refused, "third"),
+        ("refused, would be", refused, "wrong"),
+    ]
+    lines = [
+        Line(name, np.where(chosen, values, np.nan), colour, "points")
+        for name, chosen, colour in kinds
+        if chosen.any()
+    ]
+    if state.baseline is not None:
+        lines.append(Line("baseline", np.where(present, float(state.baseline), np.nan), "faint", "dashed"))
+    return lines
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]

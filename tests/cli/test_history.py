@@ -1,0 +1,154 @@
+"""Counts of gearboxes over time, by the command line."""
+
+import json
+import os
+import sqlite3
+
+import pytest
+from pages import parse, without_pictures, words
+from small_model import recording, shaft_model
+
+from cyclofeat.cli import main
+from cyclofeat.datasets import write_recording
+from cyclofeat.history import History
+from cyclofeat.models import save_model
+
+COUNTS = [0] * 8 + [None] + [0] * 2 + [3] * 7
+WATCH = ["--once", "--no-strict", "--settle", "0.01"]
+START, HOUR = 1_790_000_000, 3600
+RATES = ["--false-alarms-per-month", "5", "--recordings-per-month", "730"]
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory):
+    return save_model(tmp_path_factory.mktemp("model") / "m.joblib", shaft_model())
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Eleven sound discs, one an hour, of which one is refused, then seven with three worn lobes."""
+    folder = tmp_path_factory.mktemp("press-4")
+    paths = []
+    for k in range(18):
+        worn = (2, 3, 4) if k >= 11 else ()
+        path = folder / f"{k:02}.npz"
+        write_recording(path, recording(worn, seed=200 + k, assembly=None))
+        os.utime(path, (START + k * HOUR,) * 2)
+        paths.append(str(path))
+    return paths
+
+
+@pytest.fixture(scope="module")
+def history(tmp_path_factory, model_file, files):
+    """What count has kept of all of them."""
+    file = tmp_path_factory.mktemp("history") / "a.sqlite"
+    words = ["--model", str(model_file), "--trust", "--history", str(file), "--gearbox", "press 4"]
+    assert main(["count", *files, *words, *RATES, "--jsonl"]) == 0
+    return file
+
+
+def test_count_keeps_each_recording_and_prints_a_line(history, model_file, files, tmp_path, capsys):
+    again = ["--model", str(model_file), "--trust", "--history", str(history), "--gearbox", "press 4"]
+    assert main(["count", *files[-2:], *again, *RATES, "--jsonl"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["file"] for line in lines] == files[-2:]
+    assert [line["defect_count"] for line in lines] == [3, 3]
+    assert [line["alarm"] for line in lines] == [True, True]
+    with History(history) as read:
+        rows = read.rows("press 4")
+    assert [row.defect_count for row in rows] == COUNTS
+    assert [row.time for row in rows] == [START + k * HOUR for k in range(18)]
+    assert main(["count", files[-1], *again, *RATES]) == 0
+    assert "press 4: ALARM since 2026-" in capsys.readouterr().out
+
+
+def test_the_gearbox_has_a_name(model_file, files, tmp_path, capsys):
+    to = ["--model", str(model_file), "--trust", "--history", str(tmp_path / "a.sqlite")]
+    assert main(["count", files[0], *to]) == 2
+    assert "00.npz: the file states no assembly: give --gearbox NAME" in capsys.readouterr().err
+    write_recording(tmp_path / "b.npz", recording((), seed=300, assembly="lathe"))
+    assert main(["count", str(tmp_path / "b.npz"), *to]) == 0
+    with History(tmp_path / "a.sqlite") as read:
+        assert read.gearboxes() == ["lathe"]
+
+
+def test_watch_keeps_what_arrives(model_file, files, tmp_path, capsys):
+    file = tmp_path / "a.sqlite"
+    folder = os.path.dirname(files[0])
+    to = [
+        "--once",
+        "--no-strict",
+        "--settle",
+        "0.01",
+        "--model",
+        str(model_file),
+        "--trust",
+        "--history",
+        str(file),
+    ]
+    assert main(["watch", folder, *to, *RATES, "--json"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["defect_count"] for line in lines] == COUNTS
+    name = os.path.basename(folder)
+    assert {line["gearbox"] for line in lines} == {name}
+    alarms = [line["alarm"] for line in lines]
+    assert alarms == sorted(alarms)
+    assert alarms[-1]
+    assert not alarms[11]
+    assert main(["watch", folder, *to, *RATES]) == 0  # without --done all are counted again
+    assert f"; {name}: ALARM since " in capsys.readouterr().out
+    with History(file) as read:
+        assert len(read.rows(name)) == 18
+
+
+def test_watch_goes_on_where_the_history_cannot_be_written(model_file, files, tmp_path, capsys):
+    file, done = tmp_path / "a.sqlite", tmp_path / "done.txt"
+    History(file).close()
+    connection = sqlite3.connect(file)
+    connection.execute("ALTER TABLE recording RENAME TO away")
+    connection.close()
+    to = [
+        "--once",
+        "--no-strict",
+        "--settle",
+        "0.01",
+        "--model",
+        str(model_file),
+        "--trust",
+        "--history",
+        str(file),
+    ]
+    assert main(["watch", os.path.dirname(files[0]), *to, "--done", str(done)]) == 0
+    printed = capsys.readouterr()
+    assert len(printed.out.splitlines()) == 18
+    assert printed.err.count("cannot be written, retrying") == 1
+    # What is not in the history is not done.
+    assert done.read_text(encoding="utf-8") == ""
+
+
+def test_history_states_the_alarm_and_writes_the_page(history, tmp_path, capsys):
+    page = tmp_path / "h.html"
+    assert main(["history", str(history), *RATES, "--report", str(page), "--strict"]) == 3
+    text = capsys.readouterr().out
+    assert text.startswith("press 4: 3 worn lobes\n  18 recordings from 2026-")
+    assert "  ALARM since 2026-" in text
+    assert "false alarms per month at 730 recordings; a rise is noticed after" in text
+    assert main(["history", str(history), *RATES, "--json"]) == 0
+    (facts,) = json.loads(capsys.readouterr().out)
+    assert (facts["gearbox"], facts["defect_count"], facts["baseline"], facts["alarm"]) == (
+        "press 4",
+        3,
+        0,
+        True,
+    )
+    assert facts["n_refused"] == 1
+    assert facts["rule"]["recordings_to_false_alarm"] >= 730 / 5
+    parsed = parse(without_pictures(page.read_text(encoding="utf-8")))
+    said = words(parsed)
+    assert "press 4: 3 worn lobes" in said
+    assert "Alarm 1 of 1" in said
+    assert "17.npz 3" in said
+    assert main(["history", str(history), *RATES, "--gearbox", "lathe"]) == 2
+    assert "gearbox must be one of the history, press 4, got 'lathe'" in capsys.readouterr().err
+    assert main(["history", str(tmp_path / "no.sqlite")]) == 2
+    assert "no such history" in capsys.readouterr().err

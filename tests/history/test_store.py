@@ -1,0 +1,184 @@
+"""The file of a history: whole rows, whatever happens to its writers."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+
+import pytest
+
+from cyclofeat import Recording
+from cyclofeat.counting import LobeCount
+from cyclofeat.history import History
+
+HOUR = 3600.0
+SCORES = {"classes": [0, 1], "confusion": [[60, 0], [1, 59]], "n_windows": 120, "n_assemblies": 120}
+CARD = {"description": "made up", "cross_validation": SCORES}
+RECORDING = Recording([21.0, 23.0], 2.0)
+
+
+def count(n, refused=False):
+    proba = {0: 0.1, 1: 0.9} if n else {0: 0.9, 1: 0.1}
+    return LobeCount(n, proba, (), (), False, 1, refused=refused, reason="too noisy" if refused else "")
+
+
+def filled(path, counts, card=CARD, gearbox="press", start=0.0):
+    """A history of counts, one an hour; None is a refused recording."""
+    history = History(path)
+    for k, n in enumerate(counts):
+        answer = count(n or 0, refused=n is None)
+        history.add(gearbox, f"{k}.csv", start + HOUR * k, answer, RECORDING, card)
+    history.write()
+    return history
+
+
+def test_rows_come_back(tmp_path):
+    with filled(tmp_path / "a.sqlite", [0, None]) as history:
+        history.add("lathe", "b.csv", 5.0, count(1), RECORDING, CARD)
+        assert history.pending == 1
+        assert history.gearboxes() == ["press"]
+        history.write()
+    with History(tmp_path / "a.sqlite", create=False) as history:
+        assert history.gearboxes() == ["lathe", "press"]
+        sound, refused = history.rows("press")
+        assert history.rows("press", last=1) == [refused]
+    assert (sound.time, sound.file, sound.defect_count, sound.reason) == (0.0, "0.csv", 0, "")
+    assert (sound.mean, sound.deviation, sound.unit) == (22.0, 1.0, "Nm")
+    assert sound.answer == count(0).to_dict()
+    assert (refused.defect_count, refused.reason) == (None, "too noisy")
+
+
+def test_a_file_that_is_counted_again_keeps_its_row(tmp_path):
+    filled(tmp_path / "a.sqlite", [0, 1]).close()
+    with filled(tmp_path / "a.sqlite", [0, 1, 1]) as history:
+        assert [row.file for row in history.rows("press")] == ["0.csv", "1.csv", "2.csv"]
+
+
+def test_the_alarm_follows_the_counts(tmp_path):
+    options = {"false_alarms_per_month": 0.5}
+    series = [0] * 9 + [1, 0, 0, None, 1, 0, 0, 1, 1, 1, 1, 0, 1]
+    with filled(tmp_path / "a.sqlite", series) as history:
+        state = history.state("press", **options)
+        assert (state.n_recordings, state.n_refused, state.baseline, state.defect_count) == (22, 1, 0, 1)
+        assert state.recordings_per_month == pytest.approx(730.5)
+        assert state.rule.error_rate == 0.1  # one of the ten of the baseline, more than on the card
+        assert state.rule.recordings_to_false_alarm >= 730.5 / 0.5
+        assert state.alarm
+        ((begin, end),) = state.alarms
+        assert (begin, end) == (19 * HOUR, None)
+        assert str(state).startswith("ALARM since 1970-01-01 19:00 UTC: 4 of the last 5 counts above 0")
+        facts = state.to_dict()
+        assert (facts["alarm"], facts["alarm_since"]) == (True, "1970-01-01T19:00:00Z")
+        # More is put up with where recordings are rare.
+        rare = history.state("press", recordings_per_month=4.0, **options)
+        assert rare.rule.k < state.rule.k
+        with pytest.raises(ValueError, match="gearbox must be one of the history, press, got 'lathe'"):
+            history.state("lathe")
+        with pytest.raises(ValueError, match="false_alarms_per_month must be positive"):
+            history.state("press", false_alarms_per_month=0)
+    with filled(tmp_path / "a.sqlite", [0] * 8, start=30 * HOUR) as history:
+        assert not history.state("press", **options).alarm
+        assert history.state("press", **options).alarms[0][1] is not None
+    # Another model may count otherwise: its counts make a baseline of their own.
+    with filled(tmp_path / "a.sqlite", [1] * 3, CARD | {"description": "new"}, start=90 * HOUR) as history:
+        state = history.state("press", **options)
+        assert (state.n_recordings, state.baseline, state.alarm) == (3, None, False)
+        assert str(state) == "no alarm possible: 3 of the 10 counts that make a baseline"
+
+
+@pytest.mark.parametrize(
+    ("counts", "card", "text"),
+    [
+        ([0] * 12, {"description": "x"}, "the model's card states no cross-validation"),
+        ([1] * 12, CARD, "the model knows no count above 1"),
+        ([None] * 12, CARD, "0 of the 10 counts that make a baseline"),
+    ],
+)
+def test_where_no_alarm_is_possible_it_is_said(tmp_path, counts, card, text):
+    with filled(tmp_path / "a.sqlite", counts, card) as history:
+        assert text in history.state("press").no_rule
+
+
+def test_what_is_no_history_is_left_alone(tmp_path):
+    letter = tmp_path / "letter.sqlite"
+    letter.write_text("to a friend, of many words " * 50, encoding="utf-8")
+    other, newer = tmp_path / "other.sqlite", tmp_path / "newer.sqlite"
+    filled(newer, [0]).close()
+    for file, statement in ((other, "CREATE TABLE mine (a)"), (newer, "PRAGMA user_version = 99")):
+        connection = sqlite3.connect(file)
+        connection.execute(statement)
+        connection.close()
+    for file, text in (
+        (letter, "is no history"),
+        (other, "is a database of something else"),
+        (newer, "is a history of version 99, but 1 can be read"),
+    ):
+        before = file.read_bytes()
+        with pytest.raises(ValueError, match=text):
+            History(file)
+        assert file.read_bytes() == before
+    with pytest.raises(FileNotFoundError, match="no such history"):
+        History(tmp_path / "absent.sqlite", create=False)
+    with pytest.raises(FileNotFoundError, match="folder .* does not exist"):
+        History(tmp_path / "absent" / "a.sqlite")
+    with pytest.raises(OSError, match="unable to open"):
+        History(tmp_path)
+
+
+def test_what_cannot_be_written_is_written_later(tmp_path):
+    file = tmp_path / "a.sqlite"
+    with filled(file, [0]) as history:
+        other = sqlite3.connect(file, isolation_level=None)
+        other.execute("ALTER TABLE recording RENAME TO away")
+        history.add("press", "1.csv", HOUR, count(1), RECORDING, CARD)
+        with pytest.raises(OSError, match="no such table"):
+            history.write()
+        assert history.pending == 1
+        other.execute("ALTER TABLE away RENAME TO recording")
+        other.close()
+        history.write()
+        assert [row.file for row in history.rows("press")] == ["0.csv", "1.csv"]
+
+
+WRITER = """
+import sys
+sys.path.insert(0, sys.argv[3])
+from test_store import CARD, RECORDING, count
+from cyclofeat.history import History
+sys.stdin.readline()
+with History(sys.argv[1]) as history:
+    for k in range(int(sys.argv[4])):
+        history.add(sys.argv[2], f"{k}.csv", float(k), count(k % 2), RECORDING, CARD)
+        history.write()
+        print(k, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="processes are killed by signal")
+def test_two_writers_and_a_kill_lose_no_row(tmp_path):
+    file = tmp_path / "a.sqlite"
+    run = [sys.executable, "-c", WRITER, str(file)]
+    here = os.path.dirname(__file__)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with (
+        subprocess.Popen([*run, "killed", here, "100000"], **pipes) as killed,
+        subprocess.Popen([*run, "whole", here, "200"], **pipes) as whole,
+    ):
+        for process in (killed, whole):  # both make the file at once
+            process.stdin.write("\n")
+            process.stdin.flush()
+        said = [killed.stdout.readline() for _ in range(50)]
+        killed.send_signal(signal.SIGKILL)
+        said += killed.stdout.readlines()
+        assert len(whole.stdout.readlines()) == 200
+    assert whole.returncode == 0
+    with History(file, create=False) as history:
+        assert len(history.rows("whole")) == 200
+        rows = history.rows("killed")
+        assert [row.time for row in rows] == [float(k) for k in range(len(rows))]
+        whole_lines = [line for line in said if line.endswith("\n")]
+        assert len(whole_lines) <= len(rows) <= len(whole_lines) + 1
+    connection = sqlite3.connect(file)
+    assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    connection.close()
