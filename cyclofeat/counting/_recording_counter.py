@@ -33,6 +33,8 @@ class RecordingCounter(RecordingPredictions):
         Folds of the cross-validation whose result goes on the model's card; 0 for none.
     random_state : int
         Seed of the trees.
+    wear_um : (low, high), optional
+        Range of radial wear in um whose depth is learned, see :meth:`LobeModel.train`.
 
     Attributes
     ----------
@@ -53,6 +55,7 @@ class RecordingCounter(RecordingPredictions):
     n_trees: int = 300
     n_splits: int = 0
     random_state: int = 0
+    wear_um: tuple[float, float] | None = None
 
     def fit(self, recordings: Sequence[Recording], y: ArrayLike | None = None) -> Self:
         """Train a model.
@@ -91,7 +94,11 @@ class RecordingCounter(RecordingPredictions):
         if again != labels.tolist() or len({*again}) < len(label_of):
             raise ValueError("y contradicts the defect_count of recordings: leave one of them out")
         self.model_ = LobeModel.train(
-            known, n_trees=self.n_trees, n_splits=self.n_splits, random_state=self.random_state
+            known,
+            n_trees=self.n_trees,
+            n_splits=self.n_splits,
+            random_state=self.random_state,
+            wear_um=self.wear_um,
         )
         self.classes_ = np.array([label_of[count] for count in self.model_.classes_.tolist()])
         return self

@@ -32,7 +32,8 @@ class LobeStream:
     bit, for any sizes of the pieces.
 
     The stream keeps the samples of at most one window and one input turn (one block without an angle) and the
-    last piece, and some hundred bytes per window until :meth:`result`: call it from time to time.
+    last piece, the last windows that a depth of wear needs, and some hundred bytes per window until
+    :meth:`result`: call it from time to time.
 
     A model that learned the depth of wear states none of single windows, and counts them less accurately:
     that takes blocks of as many turns as the model needs.
@@ -105,6 +106,7 @@ class LobeStream:
         self._angles: tuple[float, float] | None = None  # first and last
         self._first_angle = np.nan
         self._answers: list[AnsweredWindows] = []
+        self._run: list[Float] = []  # of windows without a fault
 
     @property
     def n_samples(self) -> int:
@@ -206,7 +208,19 @@ class LobeStream:
             self._first_angle = float(window.cut[2][0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
         (answered,) = self.model._answered([prepared])
+        answered = dataclasses.replace(answered, wear=self._wear_features(windows.X[0], faults[0]))
         return self._counted(answered.shifted(window.first_sample / self.sampling_rate))
+
+    def _wear_features(self, window: Float, fault: str) -> Float | None:
+        """Return the features of the run that a window completes; None where it completes none."""
+        wear = self.model.wear
+        if wear is None:
+            return None
+        self._run = [] if fault else [*self._run, window]
+        if len(self._run) < wear.n_windows:
+            return None
+        run, self._run = np.array(self._run), []
+        return wear.features(run, [""] * len(run))
 
     def _from_blocks(self, torque: Float) -> Iterator[AnsweredWindows]:
         """Yield the answers for the blocks that the samples complete."""

@@ -105,8 +105,8 @@ class ShaftCutter:
         self._pieces: list[tuple[Float, Float]] = []
         self._first_sample = 0  # of those kept
         self._first_point: int | None = None  # of the next window, in steps of the grid
-        self._thinning = 0  # until the first window
-        self._sign = 1.0
+        self._thinning = 0  # until the first window, which also gives level and sign
+        self._level, self._sign = 0.0, 1.0
 
     def push(self, torque: Float, angle: Float) -> Iterator[ShaftWindow]:
         """Take the next samples and yield the windows that they complete.
@@ -160,12 +160,14 @@ class ShaftCutter:
         per_turn = angle.size * 2 * math.pi / float(np.ptp(angle))
         if not self._thinning:
             _check_density(per_turn, self._rate)
-            self._thinning, self._sign = _thinning(per_turn), -1.0 if torque.mean() < 0 else 1.0
+            self._thinning = _thinning(per_turn)
+            self._level, self._sign = _level_and_sign(torque)
         first, first_sample = self._first_point, self._first_sample
         assert first is not None
         self._first_point = first + self._length
         self._forget()
-        values, grid = _on_grid(torque, angle, self._rate, per_turn, self._thinning, self._sign)
+        centred = (torque - self._level) * self._sign
+        values, grid = _on_grid(centred, angle, self._rate, per_turn, self._thinning)
         begin = first - round(grid[0] / _STEP)
         window, start = values[np.newaxis, begin : begin + self._length], grid[begin : begin + 1]
         _check_constant(window, torque)
@@ -199,9 +201,8 @@ def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
         )
     per_turn = angle.size / turns
     _check_density(per_turn, rate)
-    # Conventions of the torque's sign differ between rigs.
-    sign = -1.0 if recording.torque.mean() < 0 else 1.0
-    torque, grid = _on_grid(recording.torque, angle, rate, per_turn, _thinning(per_turn), sign)
+    level, sign = _level_and_sign(recording.torque)
+    torque, grid = _on_grid((recording.torque - level) * sign, angle, rate, per_turn, _thinning(per_turn))
     starts = np.arange(torque.size // length) * length
     windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
     _check_constant(windows, recording.torque)
@@ -230,14 +231,17 @@ def _thinning(per_turn: float) -> int:
     return max(1, int(per_turn / (SAMPLES_PER_TURN * _DENSE)))
 
 
-def _on_grid(
-    torque: Float, angle: Float, rate: float, per_turn: float, thinning: int, sign: float
-) -> tuple[Float, Float]:
-    """Return torque without its mean, and positive for a load that brakes, on the grid of the angle."""
-    centred = (torque - float(torque.mean())) * sign
+def _level_and_sign(torque: Float) -> tuple[float, float]:
+    """Return the mean, and the sign that makes it positive: a load that brakes, whatever the convention."""
+    mean = float(torque.mean())
+    return mean, -1.0 if mean < 0 else 1.0
+
+
+def _on_grid(torque: Float, angle: Float, rate: float, per_turn: float, thinning: int) -> tuple[Float, Float]:
+    """Return torque without its mean on the grid of the angle."""
     margin = math.ceil(_MARGIN_TURNS * per_turn / thinning) * thinning
     margin = min(margin, (torque.size - 1) // thinning * thinning)
-    longer, turning = _continued(centred, margin), _continued(angle, margin)
+    longer, turning = _continued(torque, margin), _continued(angle, margin)
     if thinning > 1:
         longer = resample_poly(longer, 1, thinning)
         turning = turning[::thinning]
