@@ -30,7 +30,6 @@ from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._predictions import RecordingPredictions
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
-from cyclofeat.counting._stream import LobeStream
 from cyclofeat.counting._turning import Turning, turning_of
 from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
 from cyclofeat.counting._wear import RadialWear, stated_depths
@@ -65,7 +64,7 @@ class LobeModel(RecordingPredictions):
     A model is a fitted classifier of recordings for scikit-learn too (``predict``, ``predict_proba``,
     ``score``, last step of a ``Pipeline``), and frozen like ``sklearn.frozen.FrozenEstimator``: ``fit``
     changes nothing and ``clone`` returns the model itself. :class:`RecordingCounter` is the estimator that
-    learns in ``fit``.
+    learns in ``fit``; :class:`LobeStream` counts samples as they arrive.
 
     Attributes
     ----------
@@ -408,30 +407,6 @@ class LobeModel(RecordingPredictions):
                 answers += self._counts(batch)
                 batch, n_samples = [], 0
         return answers + self._counts(batch)
-
-    def stream(
-        self,
-        sampling_rate: float,
-        *,
-        speed_rpm: float | None = None,
-        angle_is_absolute: bool = False,
-        block_turns: int | None = None,
-    ) -> LobeStream:
-        """Return a counter of samples that arrive in pieces.
-
-        Parameters
-        ----------
-        sampling_rate, speed_rpm, angle_is_absolute, block_turns
-            See :class:`LobeStream`.
-
-        Returns
-        -------
-        LobeStream
-        """
-        return LobeStream(
-            self, sampling_rate, speed_rpm=speed_rpm, angle_is_absolute=angle_is_absolute,
-            block_turns=block_turns,
-        )  # fmt: skip
 
     def _prepared(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""

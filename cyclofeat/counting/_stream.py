@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat._base import checks
 from cyclofeat._base.words import number
 from cyclofeat.counting._answers import LobeCount, WindowCount
+from cyclofeat.counting._model import LobeModel
 from cyclofeat.counting._verdicts import window_faults
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, ShaftCutter, ShaftWindow, window_set
 from cyclofeat.signal.windows import Float
-
-if TYPE_CHECKING:
-    from cyclofeat.counting._model import LobeModel
 
 
 class LobeStream:
@@ -59,7 +56,7 @@ class LobeStream:
 
     Examples
     --------
-    >>> stream = model.stream(25_600)  # doctest: +SKIP
+    >>> stream = LobeStream(model, 25_600)  # doctest: +SKIP
     >>> for torque, angle in meter:  # doctest: +SKIP
     ...     for window in stream.push(torque, angle):
     ...         print(window.stop_s, window.defect_count, window.reason)

@@ -110,3 +110,14 @@ def test_the_estimator_learns_in_fit():
     for wrong in ([2] * len(known), [0, *counts[:-1]]):
         with pytest.raises(ValueError, match="y contradicts the defect_count of recordings"):
             counter.fit(known, wrong)
+
+
+def test_more_recordings_than_fit_a_batch_are_all_counted():
+    """Three recordings of 150 windows, of which two fill a batch."""
+    long = recording((2, 3, 4), seed=83, turns=150)
+    last = recording((7,), seed=84)
+    *same, other = small_model().count_all(one for one in (long, long, long, last))
+    assert [len(one.windows) for one in same] == [150] * 3
+    assert same[0] == same[1]
+    assert [one.defect_count for one in same] == [3] * 3
+    assert other.defect_count == 1

@@ -5,6 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from small_model import RATE, recording, shaft_model, small_model, wear_model
 
+from cyclofeat.counting import LobeStream
+
 
 def resampled(record, factor):
     """The same at a multiple of the sampling rate, with the noise of a meter of that rate."""
@@ -16,9 +18,9 @@ def resampled(record, factor):
     )  # fmt: skip
 
 
-def streamed(record, cuts=(), **options):
+def streamed(record, cuts=()):
     """Push a recording in pieces; return the windows and the result."""
-    stream = shaft_model().stream(record.sampling_rate, angle_is_absolute=record.angle_is_absolute, **options)
+    stream = LobeStream(shaft_model(), record.sampling_rate, angle_is_absolute=record.angle_is_absolute)
     windows = []
     for torque, angle in zip(np.split(record.torque, cuts), np.split(record.angle, cuts), strict=True):
         windows += stream.push(torque, angle)
@@ -63,7 +65,7 @@ def test_the_sizes_of_the_pieces_change_no_bit(seed):
 
 def test_a_stream_keeps_a_window_and_begins_anew():
     record = recording((2, 3, 4), seed=72, turns=9)
-    stream = shaft_model().stream(RATE)
+    stream = LobeStream(shaft_model(), RATE)
     counts, kept = [], []
     for k in range(0, record.n_samples, 100):
         stream.push(record.torque[k : k + 100], record.angle[k : k + 100])
@@ -91,7 +93,7 @@ def test_the_depth_of_wear_is_that_of_the_file():
     rising = record.torque + np.linspace(0, 1, record.n_samples)  # the load drifts from window to window
     spoiled = np.where(abs(np.arange(record.n_samples) - 6000) < 60, 22.0, rising)
     for torque in (rising, spoiled):
-        stream = model.stream(RATE, angle_is_absolute=True)
+        stream = LobeStream(model, RATE, angle_is_absolute=True)
         for cut in range(0, record.n_samples, 500):
             stream.push(torque[cut : cut + 500], record.angle[cut : cut + 500])
         mine, theirs = stream.result(), model.count(record.replace(torque=torque))
@@ -104,7 +106,7 @@ def test_the_depth_of_wear_is_that_of_the_file():
 def test_blocks_are_counted_as_recordings():
     record = recording((2, 3, 4), seed=74, turns=4).replace(angle=None, angle_is_absolute=False)
     for model in (shaft_model(), small_model()):
-        stream = model.stream(RATE, speed_rpm=500, block_turns=2)
+        stream = LobeStream(model, RATE, speed_rpm=500, block_turns=2)
         cuts = random_cuts(record.n_samples, 5)
         windows = [one for piece in np.split(record.torque, cuts) for one in stream.push(piece)]
         halves = [model.count(record.part(*ends)) for ends in ((0.0, 3.6), (3.6, 7.2))]
@@ -120,14 +122,14 @@ def test_blocks_are_counted_as_recordings():
 def test_what_is_wrong_with_a_stream_is_said():
     model, record = shaft_model(), recording((), turns=2)
     with pytest.raises(ValueError, match="block_turns must be given: the model takes windows over time"):
-        small_model().stream(RATE)
+        LobeStream(small_model(), RATE)
     with pytest.raises(ValueError, match="sampling_rate of the recording is 1000 Hz, but the model was"):
-        small_model().stream(1000.0, block_turns=1)
+        LobeStream(small_model(), 1000.0, block_turns=1)
     with pytest.raises(ValueError, match="speed_rpm must be given"):
-        model.stream(RATE, block_turns=1)
+        LobeStream(model, RATE, block_turns=1)
     with pytest.raises(ValueError, match="angle_is_absolute must be False with block_turns"):
-        model.stream(RATE, block_turns=1, speed_rpm=500, angle_is_absolute=True)
-    stream = model.stream(RATE)
+        LobeStream(model, RATE, block_turns=1, speed_rpm=500, angle_is_absolute=True)
+    stream = LobeStream(model, RATE)
     with pytest.raises(ValueError, match="angle must be given .input shaft, rad."):
         stream.push(record.torque)
     with pytest.raises(ValueError, match="angle must have the length of samples, 3600, got 7"):
@@ -143,13 +145,13 @@ def test_what_is_wrong_with_a_stream_is_said():
     stream.push(record.torque[100:], record.angle[100:])  # none of it has harmed the stream
     assert len(stream.result().windows) == 2
     with pytest.raises(ValueError, match="angle has no effect with block_turns"):
-        model.stream(RATE, block_turns=1, speed_rpm=500).push([22.0], [0.0])
+        LobeStream(model, RATE, block_turns=1, speed_rpm=500).push([22.0], [0.0])
 
 
 def test_a_dead_sensor_costs_its_windows_only():
     record = recording((7,), seed=75, turns=4)
     torque = np.where(np.arange(record.n_samples) < 5000, 22.0, record.torque)
-    stream = shaft_model().stream(RATE)
+    stream = LobeStream(shaft_model(), RATE)
     with pytest.raises(ValueError, match="constant .22 Nm. over a whole window"):
         stream.push(torque[:7000], record.angle[:7000])
     stream.push(torque[7000:], record.angle[7000:])
