@@ -8,7 +8,7 @@ import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.recordings import Recording
-from cyclofeat.signal.orders import mean_speed
+from cyclofeat.signal.orders import mean_speed, samples_at
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, follow_speed
 from cyclofeat.signal.windows import Float
 
@@ -36,7 +36,7 @@ class Turning:
 
     def times(self, angle: Float, sampling_rate: float) -> Float:
         """Return when the shaft passed angles, in s from the first sample."""
-        return np.interp(angle, self.angle, np.arange(self.angle.size)) / sampling_rate
+        return samples_at(angle, self.angle) / sampling_rate
 
 
 def turning_of(recording: Recording, n_lobes: int) -> Turning:

@@ -25,7 +25,9 @@ def samples(name: str, values: Any) -> Float:
         raise ValueError(f"{name} must be 1-D, got shape {array.shape}")
     if array.size < 2:
         raise ValueError(f"{name} must hold at least 2 samples, got {array.size}")
-    array = array.astype(np.float64)  # a copy: what was checked must not change afterwards
+    # What was checked must not change afterwards: a copy, except of what nobody writes to.
+    fixed = array.dtype == np.float64 and array.flags.owndata and not array.flags.writeable
+    array = array if fixed else array.astype(np.float64)
     if not np.all(np.isfinite(array)):
         where = int(np.argmax(~np.isfinite(array)))
         raise ValueError(f"{name} must be finite, got {array[where]} at sample {where}")

@@ -11,7 +11,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat.recordings._recording import Recording
 from cyclofeat.recordings._windower import Cut, WindowSet, window_set
-from cyclofeat.signal.orders import resample_by_angle
+from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
 
 __all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows"]
@@ -166,12 +166,12 @@ class ShaftCutter:
         assert first is not None
         self._first_point = first + self._length
         self._forget()
-        centred = (torque - self._level) * self._sign
-        values, grid = _on_grid(centred, angle, self._rate, per_turn, self._thinning)
+        level_sign = self._level, self._sign
+        values, grid = _on_grid(torque, level_sign, angle, self._rate, per_turn, self._thinning)
         begin = first - round(grid[0] / _STEP)
         window, start = values[np.newaxis, begin : begin + self._length], grid[begin : begin + 1]
         _check_constant(window, torque)
-        at = np.interp(start, angle, np.arange(angle.size))
+        at = samples_at(start, angle)
         return ShaftWindow(torque, angle, first_sample, (window, at / self._rate, start))
 
     def _forget(self) -> None:
@@ -201,12 +201,12 @@ def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
         )
     per_turn = angle.size / turns
     _check_density(per_turn, rate)
-    level, sign = _level_and_sign(recording.torque)
-    torque, grid = _on_grid((recording.torque - level) * sign, angle, rate, per_turn, _thinning(per_turn))
+    level_sign = _level_and_sign(recording.torque)
+    torque, grid = _on_grid(recording.torque, level_sign, angle, rate, per_turn, _thinning(per_turn))
     starts = np.arange(torque.size // length) * length
     windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
     _check_constant(windows, recording.torque)
-    at = np.interp(grid[starts], angle, np.arange(angle.size))
+    at = samples_at(grid[starts], angle)
     return windows, at / rate, grid[starts]
 
 
@@ -237,14 +237,19 @@ def _level_and_sign(torque: Float) -> tuple[float, float]:
     return mean, -1.0 if mean < 0 else 1.0
 
 
-def _on_grid(torque: Float, angle: Float, rate: float, per_turn: float, thinning: int) -> tuple[Float, Float]:
-    """Return torque without its mean on the grid of the angle."""
+def _on_grid(
+    torque: Float, level_sign: tuple[float, float], angle: Float, rate: float, per_turn: float, thinning: int
+) -> tuple[Float, Float]:
+    """Return torque on the grid of the angle, without its level and of the sign given."""
     margin = math.ceil(_MARGIN_TURNS * per_turn / thinning) * thinning
     margin = min(margin, (torque.size - 1) // thinning * thinning)
-    longer, turning = _continued(torque, margin), _continued(angle, margin)
+    # One long array after the other: a record may fill a good part of the memory.
+    longer = torque - level_sign[0]
+    longer *= level_sign[1]
+    longer = _continued(longer, margin)
     if thinning > 1:
         longer = resample_poly(longer, 1, thinning)
-        turning = turning[::thinning]
+    turning = _continued(angle, margin)[::thinning].copy()
     even, grid = resample_by_angle(longer, turning, SAMPLES_PER_TURN, rate / thinning)
     inside = (grid >= angle[0] - _ROUNDING) & (grid <= angle[-1] + _ROUNDING)
     return even[inside], grid[inside]

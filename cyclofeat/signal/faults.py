@@ -5,6 +5,8 @@ What is measured is compared with the record itself, so that it holds for any ri
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
@@ -44,29 +46,46 @@ def clipped(torque: Float) -> float:
     A converter or amplifier at its end repeats one value, far more often than the next one; the crest of a
     quantised wave does not.
     """
-    at_ends = max(np.sum(torque == torque.min()), np.sum(torque == torque.max())) if torque.size else 0
-    if at_ends < _SHORTEST_CLIP:
+    if not torque.size:
         return 0.0
-    starts, lengths = _runs(torque)
     share = 0.0
-    values, counts = np.unique(torque, return_counts=True)
-    for extreme, next_to in ((0, 1), (-1, -2)):
-        if values.size < 2 or counts[extreme] < _PILE * counts[next_to]:
+    for extreme, beyond in ((np.min, np.inf), (np.max, -np.inf)):
+        at_end = torque == extreme(torque)
+        count = np.count_nonzero(at_end)
+        if count < _SHORTEST_CLIP or count == torque.size:
             continue
-        if lengths[torque[starts] == values[extreme]].max() >= _SHORTEST_CLIP:
-            share += float(counts[extreme]) / torque.size
+        beside = extreme(torque, where=~at_end, initial=beyond)
+        if count < _PILE * np.count_nonzero(torque == beside):
+            continue
+        if _runs(at_end)[1].max() >= _SHORTEST_CLIP:
+            share += count / torque.size
     return share
 
 
 def dropped(torque: Float) -> NDArray[np.bool_]:
     """Mark samples that repeat one value or follow a straight line for long, or are 0 far from others."""
-    starts, lengths = _runs(torque)
+    # One after the other: each needs some arrays as long as the record.
+    return _held(torque) | _bridged(torque)
+
+
+def _held(torque: Float) -> NDArray[np.bool_]:
+    """Mark samples that repeat one value for long, or are 0 far from others."""
+    same = torque[1:] == torque[:-1]
+    starts, lengths = _runs(same)
+    lengths += 1  # of two equal samples or more
+    limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
+    alone = torque == 0
+    alone[1:] &= ~same
+    alone[:-1] &= ~same
+    zeros = np.flatnonzero(alone)
+    starts, lengths = np.append(starts, zeros), np.append(lengths, np.ones_like(zeros))
     # At the ends of the range a held value is a clipped one.
     inner = (torque[starts] > torque.min()) & (torque[starts] < torque.max())
-    stuck = inner & _unusually_long(lengths)
-    step = float(np.median(np.abs(np.diff(torque))))
-    if step == 0:  # coarse steps: their mean, since most samples repeat
-        step = float(np.mean(np.abs(np.diff(torque))))
+    stuck = inner & (lengths >= limit)
+    steps = np.diff(torque)
+    np.abs(steps, out=steps)
+    # Of coarse steps the mean, since most samples repeat.
+    step = float(np.median(steps, overwrite_input=True)) or float(np.mean(steps))
     ends = starts + lengths
     before = np.abs(torque[np.maximum(starts - 1, 0)])
     after = np.abs(torque[np.minimum(ends, torque.size - 1)])
@@ -74,26 +93,50 @@ def dropped(torque: Float) -> NDArray[np.bool_]:
     before[starts == 0] = np.inf
     after[ends == torque.size] = np.inf
     zero = (torque[starts] == 0) & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
-    return np.repeat(stuck | zero, lengths) | _bridged(torque)
+    return _marked(starts, lengths, stuck | zero, torque.size)
 
 
 def _bridged(torque: Float) -> NDArray[np.bool_]:
     """Mark samples on long straight lines that rise or fall."""
-    bend = np.abs(np.diff(torque, 2))
-    straight = np.r_[False, (bend <= _STRAIGHT * torque.std()) & (np.diff(torque)[1:] != 0), False]
+    most = _STRAIGHT * torque.std()
+    bend = np.diff(torque)
+    moves = bend[1:] != 0
+    bend = np.diff(bend)
+    np.abs(bend, out=bend)
+    straight = np.pad((bend <= most) & moves, 1)
+    starts, lengths = _runs(straight)
     # Each sample that is on no line is a run of its own.
-    starts, lengths = _runs(np.where(straight, 0, np.arange(1, torque.size + 1)))
-    return np.repeat(straight[starts] & _unusually_long(lengths), lengths)
+    limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
+    return _marked(starts, lengths, lengths >= limit, torque.size)
 
 
-def _runs(values: NDArray[np.generic]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First samples and lengths of the runs of equal values."""
-    starts = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1])
-    return starts, np.diff(np.concatenate([starts, [values.size]]))
+def _runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First samples and lengths of the runs of marked samples; few even where the record is long."""
+    edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
+    return edges[::2], edges[1::2] - edges[::2]
 
 
-def _unusually_long(lengths: NDArray[np.int64]) -> NDArray[np.bool_]:
-    return np.asarray(lengths >= max(_SHORTEST_HOLD, _HOLD_RATIO * float(np.quantile(lengths, 0.99))))
+def _marked(
+    starts: NDArray[np.int64], lengths: NDArray[np.int64], which: NDArray[np.bool_], size: int
+) -> NDArray[np.bool_]:
+    """Mark the samples of some of the runs."""
+    turns = np.zeros(size + 1, dtype=np.int8)
+    turns[starts[which]] += 1
+    turns[(starts + lengths)[which]] -= 1
+    return np.cumsum(turns[:-1], dtype=np.int8).astype(bool)
+
+
+def _unusually_long(lengths: NDArray[np.int64], n_single: int) -> float:
+    """Return the length from which a run is unusually long, beside others and so many single samples."""
+    n_runs = lengths.size + n_single
+    # The quantile 0.99 of all lengths; the single ones come first.
+    place = 0.99 * (n_runs - 1)
+    below = math.floor(place)
+    ordered = np.sort(lengths)
+    low, high = (
+        1 if at < n_single else int(ordered[at - n_single]) for at in (below, min(below + 1, n_runs - 1))
+    )
+    return max(_SHORTEST_HOLD, _HOLD_RATIO * (low + (high - low) * (place - below)))
 
 
 def fresh_rate(torque: Float, sampling_rate: float) -> float:

@@ -76,6 +76,34 @@ def input_angle_from_disc(angle: ArrayLike, reduction: int = 15) -> Float:
     return np.asarray(-reduction * np.asarray(angle, dtype=np.float64) - math.pi, dtype=np.float64)
 
 
+def samples_at(angles: Float, angle: Float) -> Float:
+    """Return between which samples the shaft passes angles.
+
+    Parameters
+    ----------
+    angles : ndarray of shape (m,)
+        In rad; outside the record its first or last sample is returned.
+    angle : ndarray of shape (n,)
+        Angle of the shaft in rad at the samples, strictly increasing.
+
+    Returns
+    -------
+    ndarray of shape (m,)
+        Fractional numbers of samples from 0, by linear interpolation. ``numpy.interp`` gives the same, but
+        takes two more arrays as long as the record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> samples_at(np.array([0.5, 2.0]), np.array([0.0, 1.0, 3.0]))
+    array([0.5, 1.5])
+    """
+    angles = np.clip(angles, angle[0], angle[-1])
+    before = np.clip(np.searchsorted(angle, angles, side="right") - 1, 0, angle.size - 2)
+    start = angle[before]
+    return np.asarray(1.0 / (angle[before + 1] - start) * (angles - start) + before)
+
+
 def resample_by_angle(
     torque: ArrayLike, angle: ArrayLike, samples_per_turn: int, sampling_rate: float
 ) -> tuple[Float, Float]:
@@ -142,7 +170,7 @@ def resample_by_angle(
         )
     spline = CubicSpline(np.arange(torque.size), torque)
     fine_grid = np.arange(first * fine, last * fine + 1) * (step / fine)
-    values: Float = spline(np.interp(fine_grid, angle, np.arange(angle.size)))
+    values: Float = spline(samples_at(fine_grid, angle))
     grid = np.arange(first + margin, last - margin + 1) * step
     if fine == 1:
         return values, grid

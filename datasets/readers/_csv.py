@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -82,7 +84,7 @@ class CsvSource(Source):
         self.first_line = n_before + 1  # as editors count
         names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
         super().__init__(path, names, units)
-        self._check_width()
+        self._checked_rows(islice(self._rows(), 1))  # of the others once they are read
 
     def _rows(self) -> Iterator[str]:
         """Yield the rows of samples, read anew."""
@@ -108,9 +110,16 @@ class CsvSource(Source):
         units = [clean_unit(cell) for cell in cells]
         return units if any(unit in UNITS for unit in units) else None
 
-    def _check_width(self) -> None:
+    @cached_property
+    def n_rows(self) -> int:
+        """Number of rows of samples."""
+        return self._checked_rows(self._rows())
+
+    def _checked_rows(self, rows: Iterable[str]) -> int:
+        """Return the number of rows, which must have as many columns as the file's first one."""
         width = len(self.names)
-        for index, row in enumerate(self._rows()):
+        index = -1
+        for index, row in enumerate(rows):
             cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._cells(row))
             if cells != width or not row.strip():
                 came = "1 column" if cells == 1 else f"{cells} columns"
@@ -121,6 +130,7 @@ class CsvSource(Source):
                     file=self.file, where=self.where(index), width=width,
                     came=came if row.strip() else "an empty line",
                 )  # fmt: skip
+        return index + 1
 
     def where(self, sample: int) -> str:
         return f"line {self.first_line + sample}"
@@ -129,11 +139,16 @@ class CsvSource(Source):
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
-        rows = (row.replace(",", ".") for row in self._rows()) if self.decimal_comma else self._rows()
+        rows: Iterable[str] | str = self._rows()
+        options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
+        if self.decimal_comma:
+            rows = (row.replace(",", ".") for row in rows)
+        elif isinstance(self.lines, TextLines) and not self.lines.packed:
+            # Read by NumPy itself, in half the time.
+            rows, options["encoding"] = os.fspath(self.path), self.lines.encoding
+            options["skiprows"] = self.first_line - 1
         try:
-            return np.loadtxt(
-                rows, delimiter=self.delimiter, usecols=index, comments=None, quotechar='"', ndmin=1
-            )
+            return np.loadtxt(rows, comments=None, quotechar='"', ndmin=1, **options)
         except ValueError as error:
             raise self._not_numbers(index, error) from None
 

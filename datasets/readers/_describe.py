@@ -79,7 +79,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         unused = max(0.0, recording.duration * (1 - whole / turns))
     constant = facts["constant"]
     drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
-    clips = 0.0 if constant else clipped(recording.torque[~drops]) * float(np.mean(~drops))
+    kept = recording.torque[~drops] if drops.any() else recording.torque
+    clips = 0.0 if constant else clipped(kept) * float(np.mean(~drops))
     facts |= {
         "clipped_share": clips,
         "dropout_share": float(np.mean(drops)),

@@ -209,6 +209,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
     elif labels.get("defect_count") is not None:
         parameters.pop("worn_lobes", None)
+    for name in {"torque", "angle"} & parameters.keys():
+        parameters[name].flags.writeable = False  # so that it is not copied
     try:
         recording = Recording(**(parameters | labels), meta=meta)
     except TypeError as error:

@@ -38,6 +38,7 @@ class TextLines:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.packed = path.suffix.lower() == ".gz"
         with self._opened() as file:
             start = file.read(_LONGEST_LINE + 1)
         _check_first_line(path, start)
@@ -65,7 +66,7 @@ class TextLines:
 
     @contextmanager
     def _opened(self) -> Iterator[IO[bytes]]:
-        if self.path.suffix.lower() != ".gz":
+        if not self.packed:
             with self.path.open("rb") as file:
                 yield file
             return
@@ -73,7 +74,7 @@ class TextLines:
             yield cast("IO[bytes]", packed)
 
     def _check_content(self, *, may_hold_zeros: bool) -> None:
-        limit = largest_unpacked(self.path) if self.path.suffix.lower() == ".gz" else None
+        limit = largest_unpacked(self.path) if self.packed else None
         size = 0
         with self._opened() as file:
             while block := file.read(_BLOCK):

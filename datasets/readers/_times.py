@@ -45,6 +45,7 @@ def rate_of(
             raise
         return float(given), {"rate_from": "argument"}  # a clock in text: not needed where the rate is given
     seconds, note = _seconds(source, time, values)
+    del values  # each is as long as the record
     if given is not None:
         span = float(seconds[-1] - seconds[0])
         by_time = (seconds.size - 1) / span if span > 0 else 0.0
@@ -75,7 +76,9 @@ def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, st
             f"got {unit!r}"
         )
     # From the first: dates in ns would lose the digits that matter.
-    return (values - values[0]) * TIME_UNITS[unit], note
+    seconds = values - values[0]
+    seconds *= TIME_UNITS[unit]
+    return seconds, note
 
 
 def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
@@ -85,19 +88,23 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
         raise ValueError(
             f"{called} must rise, from its first to its last sample it goes by {seconds[-1] - seconds[0]:g} s"
         )
-    steps = np.diff(seconds)
-    if np.any(steps < 0):
-        where = int(np.argmax(steps < 0)) + 1
+    falls = seconds[1:] < seconds[:-1]
+    if np.any(falls):
+        where = int(np.argmax(falls)) + 1
         raise ValueError(
-            f"{called} must rise, it falls by {-steps[where - 1]:.3g} s at {source.where(where)}"
+            f"{called} must rise, it falls by {seconds[where - 1] - seconds[where]:.3g} s at "
+            f"{source.where(where)}"
         )
     rate = count / float(seconds[-1] - seconds[0])
-    off = np.abs((seconds - seconds[0]) * rate - np.arange(seconds.size))
+    off = seconds - seconds[0]
+    off *= rate
+    off -= np.arange(seconds.size)
+    np.abs(off, out=off)
     worst = int(np.argmax(off))
     if off[worst] > _MOST_JITTER:
         raise ArgumentError(
             "{called} is not evenly spaced: {problem}; if the samples are even, give {sampling_rate:=}",
-            called=called, problem=_unevenness(steps, off, worst, rate, source),
+            called=called, problem=_unevenness(np.diff(seconds), off, worst, rate, source),
         )  # fmt: skip
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
     slack = rate * (2 * float(off[worst]) / count + 1e-9)

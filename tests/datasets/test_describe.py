@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
 
 from cyclofeat.datasets import describe
 from cyclofeat.recordings import Recording
+from cyclofeat.signal.faults import dropped
 
 RATE = 25_600.0
 N = 102_400  # 4 s
@@ -123,3 +126,51 @@ def test_what_else_would_spoil_a_count():
         assert warned(assumed, words)
     with pytest.raises(ValueError, match="reduction must be at least 2"):
         describe(Recording(geared(), RATE), reduction=1)
+
+
+def runs(values):
+    """Slices of equal values."""
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1), values.size]
+    return [slice(*ends) for ends in itertools.pairwise(edges)]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_held_lost_and_bridged_samples_against_brute_force(seed):
+    random = np.random.default_rng(seed)
+    torque = random.normal(size=400)
+    if seed % 3 == 0:
+        torque = torque.round(1)
+    torque[40:75] = torque[40]
+    torque[120 : 121 + seed] = 0
+    torque[200:240] = np.linspace(torque[200], 9, 40)
+    torque[-1] = 0
+    expected = np.zeros(torque.size, dtype=bool)
+    step = np.median(np.abs(np.diff(torque)))
+    bend = np.r_[1, np.abs(np.diff(torque, 2)), 1] <= 1e-9 * torque.std()
+    bend &= np.r_[np.diff(torque), 0] != 0
+    for found, straight in ((runs(torque), False), (runs(np.where(bend, 0, np.arange(1, 401))), True)):
+        limit = max(10, 5 * np.quantile([one.stop - one.start for one in found], 0.99))
+        for one in found:
+            value, long = torque[one.start], one.stop - one.start >= limit
+            if straight:
+                expected[one] |= long and bend[one.start]
+                continue
+            beside = [abs(torque[at]) for at in (one.start - 1, one.stop) if 0 <= at < torque.size]
+            expected[one] |= long and torque.min() < value < torque.max()
+            expected[one] |= value == 0 and min(beside) > 10 * step
+    assert expected.any()
+    np.testing.assert_array_equal(dropped(torque), expected)
+
+
+def test_a_long_recording_is_described_with_little_memory():
+    torque = np.random.default_rng(0).normal(size=400_000)
+    torque.flags.writeable = False
+    recording = Recording(torque, 25_600)
+    describe(recording)  # its imports
+    tracemalloc.start()
+    try:
+        describe(recording)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2.8 * torque.nbytes

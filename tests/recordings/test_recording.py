@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
@@ -751,3 +752,31 @@ def test_a_recording_that_is_short_of_a_window_by_a_sample_is_too_short():
         shaft_windows([Recording(torque, 25_600, angle=angle)], [angle], 15)
     longer = angle * (14.71 / 14.7)
     assert len(shaft_windows([Recording(torque, 25_600, angle=longer)], [longer], 15)) == 1
+
+
+def test_an_array_is_copied_unless_nobody_writes_to_it():
+    torque = np.arange(1000.0)
+    assert not np.shares_memory(Recording(torque, 1000).torque, torque)
+    view = torque[:500]
+    view.flags.writeable = False  # and yet the array below is written to
+    assert not np.shares_memory(Recording(view, 1000).torque, torque)
+    torque.flags.writeable = False
+    recording = Recording(torque, 1000)
+    assert recording.torque is torque
+    assert recording.replace(speed_rpm=500).torque is torque
+
+
+def test_a_long_recording_is_cut_with_the_memory_of_three():
+    angle = np.linspace(0, 2 * np.pi * 100, 400_000)
+    angle.flags.writeable = False
+    torque = np.sin(16 * angle) + np.random.default_rng(0).normal(0, 0.1, angle.size)
+    recording = Recording(torque, 25_600, angle=angle)
+    shaft_windows([recording], [angle], 15)  # its imports
+    tracemalloc.start()
+    try:
+        windows = shaft_windows([recording], [angle], 15)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(windows) == 6
+    assert peak < 3 * torque.nbytes

@@ -16,6 +16,7 @@ from cyclofeat.signal.orders import (
     estimate_input_speed,
     lines_per_input_turn,
     order_lines,
+    samples_at,
     synchronous_average,
 )
 
@@ -247,3 +248,10 @@ def test_amplitudes_grow_with_the_scale_and_do_not_see_the_mean(scale, offset, s
 def test_constant_windows_have_no_lines():
     for n_samples in (1, 2, 100, N_SAMPLES):
         assert_array_equal(OrderSpectrum(RATE).fit_transform(np.full((2, n_samples), 22.1)), 0)
+
+
+def test_samples_at_an_angle_are_those_of_numpy():
+    random = np.random.default_rng(3)
+    angle = np.cumsum(random.uniform(0.1, 2.0, 500))
+    angles = np.concatenate([random.uniform(angle[0] - 5, angle[-1] + 5, 900), angle])
+    assert_array_equal(samples_at(angles, angle), np.interp(angles, angle, np.arange(angle.size)))
