@@ -33,7 +33,11 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "sampling_rate": ("--sampling-rate", {"type": float, "metavar": "HZ", "help": "sampling rate in Hz"}),
     "time_channel": ("--time-channel", {"help": "channel of times, from which the sampling rate follows"}),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
-    "angle_unit": ("--angle-unit", {"choices": ("rad", "deg"), "help": "unit of the angle"}),
+    "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
+    "pulses_per_turn": (
+        "--pulses-per-turn",
+        {"type": int, "metavar": "N", "help": "the angle's channel holds N pulses per turn (1: an index)"},
+    ),
     "angle_is_absolute": (
         "--angle-absolute",
         {"action": "store_true", "default": None, "help": "the angle is zero where cam 0 is at pin 0"},
@@ -52,7 +56,9 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
         if argument != "sampling_rate" or sampling_rate:
             group.add_argument(option, dest=argument, **parsing)
     group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
-    add_idle(parser, "--angle-channel", "--angle-unit", "--angle-absolute", beside=["--no-angle"])
+    of_angle = ("--angle-channel", "--angle-unit", "--angle-absolute", "--pulses-per-turn")
+    add_idle(parser, *of_angle, beside=["--no-angle"])
+    add_idle(parser, "--angle-unit", beside=["--pulses-per-turn"])
 
 
 READING = (*(option for option, _ in _OPTIONS.values()), "--no-angle")

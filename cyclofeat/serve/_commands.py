@@ -16,7 +16,7 @@ _READING = {
     "channel": "--channel", "quantity": "--quantity", "speed": "--speed", "scale": "--scale",
     "sampling_rate": "--sampling-rate",
     "time_channel": "--time-channel", "angle_channel": "--angle-channel", "angle_unit": "--angle-unit",
-    "n_lobes": "--n-lobes", "delimiter": "--delimiter",
+    "pulses_per_turn": "--pulses-per-turn", "n_lobes": "--n-lobes", "delimiter": "--delimiter",
 }  # fmt: skip
 _SWITCHES = {"no_angle": "--no-angle", "angle_is_absolute": "--angle-absolute"}
 _LONGEST_VALUE = 200

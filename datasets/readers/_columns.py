@@ -33,6 +33,11 @@ ANGLE_NAMES = DISC_ANGLE_NAMES | {
     "eingangswinkel",
 }  # fmt: skip
 
+PULSE_NAMES = {
+    "pulse", "pulses", "tacho", "tachometer", "index", "index pulse", "z pulse", "trigger", "impulse",
+    "drehzahlimpulse",
+}  # fmt: skip
+
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi}
 UNITS = TORQUE_UNITS | CURRENT_UNITS | TIME_UNITS | ANGLE_UNITS
@@ -46,7 +51,7 @@ _OTHER_SPELLINGS = {
 _UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit != "A"}  # phase_a is the first of three
 
 # What to do about an angle of unknown unit: the end of an ArgumentError's template.
-ANGLE_REMEDY = "give {angle_unit:='rad' or 'deg'}, or {angle_channel:=False} to leave it out"
+ANGLE_REMEDY = "give {angle_unit:='rad', 'deg' or 'rev'}, or {angle_channel:=False} to leave it out"
 
 # Deflate, the strongest compression of these files, packs at most 1032:1. A small file that claims more is
 # damaged, or made to fill the memory.
@@ -262,7 +267,7 @@ class Source:
         unit = angle_unit or stated or self.angle_unit
         if unit not in ANGLE_UNITS:
             raise ArgumentError(
-                f"{{file}}: {{noun}} {{name!r}} does not say whether it is in rad or deg; {ANGLE_REMEDY}",
+                f"{{file}}: {{noun}} {{name!r}} does not state its unit (rad, deg or rev); {ANGLE_REMEDY}",
                 file=self.file, noun=self.noun, name=name,
             )  # fmt: skip
         return ANGLE_UNITS[unit], angle_unit is None and stated is None

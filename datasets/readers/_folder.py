@@ -20,7 +20,10 @@ from cyclofeat.recordings import QUANTITIES, Recording
 #: Name of the file that describes the recordings of its folder.
 MANIFEST = "recordings.csv"
 # Columns of a manifest and what they become: arguments of read_recording, or labels.
-_ARGUMENTS = ("channel", "quantity", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "scale")
+_ARGUMENTS = (
+    "channel", "quantity", "sampling_rate", "time_channel", "angle_channel", "angle_unit", "pulses_per_turn",
+    "scale",
+)  # fmt: skip
 _LABELS = {
     "defect_count": "defect_count", WORN: "worn_lobes", "n_lobes": "n_lobes", "run": "run",
     "speed": "speed_rpm", "load": "load_nm", "source": "source", "assembly": "assembly",
@@ -35,6 +38,7 @@ _RIGHT = {
     "load": "a number",
     "defect_count": "a whole number from 0",
     "n_lobes": "a whole number from 2",
+    "pulses_per_turn": "a whole number from 1",
     WORN: "lobes counted from 1 and separated by spaces, like 1 5",
     "angle_is_absolute": "true or false",
     "quantity": f"one of {', '.join(QUANTITIES)}",
@@ -45,6 +49,7 @@ _FITS: dict[str, Callable[[Any], bool]] = {
     "load": math.isfinite,
     "defect_count": lambda value: value >= 0,
     "n_lobes": lambda value: value >= 2,
+    "pulses_per_turn": lambda value: value >= 1,
     WORN: lambda lobes: all(lobe >= 0 for lobe in lobes),
 }
 _MOST_ERRORS = 10
@@ -81,11 +86,11 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
     path : path
         Folder. If it holds a file ``recordings.csv``, that is its manifest: a CSV file with one line per
         recording and the columns ``file`` (within the folder) and any of ``channel``, ``quantity``,
-        ``sampling_rate`` (Hz),
-        ``time_channel``, ``angle_channel``, ``angle_unit``, ``scale`` (Nm per unit), ``defect_count``,
-        ``worn_lobes_from_1`` (separated by spaces), ``n_lobes`` (of a disc, if not 15), ``run``,
-        ``speed`` (RPM of the input), ``load`` (Nm), ``source``, ``assembly``, ``angle_of``,
-        ``angle_is_absolute`` (true or false). An empty cell states nothing. Without a manifest all files that
+        ``sampling_rate`` (Hz), ``time_channel``, ``angle_channel``, ``angle_unit``, ``pulses_per_turn``,
+        ``scale`` (Nm per unit), ``defect_count``, ``worn_lobes_from_1`` (separated by spaces), ``n_lobes``
+        (of a disc, if not 15), ``run``, ``speed`` (RPM of the input), ``load`` (Nm), ``source``,
+        ``assembly``, ``angle_of``, ``angle_is_absolute`` (true or false). An empty cell states nothing.
+        Without a manifest all files that
         :func:`read_recording` knows are read, by name, but for ``.txt``.
     **arguments
         Arguments of :func:`read_recording` for all recordings; they precede the manifest.
@@ -256,7 +261,7 @@ def _converted(column: str, cell: str, delimiter: str) -> Any:
         return _BOOLEANS[cell.lower()]
     if column == "quantity":
         return one_of(column, cell, QUANTITIES)
-    if column in ("defect_count", "n_lobes"):
+    if column in ("defect_count", "n_lobes", "pulses_per_turn"):
         return int(cell)
     if column in _FITS:
         return float(cell.replace(",", ".") if delimiter != "," else cell)

@@ -12,14 +12,17 @@ from typing import Any, Literal
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_type, one_of
+from cyclofeat._base.checks import check_type, one_of, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat.datasets.readers._columns import (
     ANGLE_NAMES,
     ANGLE_REMEDY,
+    ANGLE_UNITS,
     DISC_ANGLE_NAMES,
+    PULSE_NAMES,
     TIME_NAMES,
     Channel,
+    Float,
     Source,
     check_rate,
     check_same_rate,
@@ -35,6 +38,7 @@ from cyclofeat.datasets.readers._times import rate_of
 from cyclofeat.datasets.readers._wav import WavSource
 from cyclofeat.datasets.readers._xlsx import XlsxSource
 from cyclofeat.recordings import QUANTITIES, QUANTITY_UNITS, Recording
+from cyclofeat.signal.tachometer import angle_from_pulses, continuous_angle
 
 SOURCES: dict[str, Callable[..., Source]] = {
     ".csv": CsvSource, ".csv.gz": CsvSource, ".npz": NpzSource, ".tdms": TdmsSource, ".mat": MatSource,
@@ -77,8 +81,12 @@ class ReadingOptions:
     angle_channel : str, int or False, optional
         Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
         like; False leaves it out.
-    angle_unit : {"rad", "deg"}, optional
-        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad.
+    angle_unit : {"rad", "deg", "rev"}, optional
+        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad. An
+        angle that starts again at each turn, or rises in an encoder's steps, is made continuous.
+    pulses_per_turn : int, optional
+        The angle's channel holds so many pulses in each turn of the shaft (1: an index). Its default is then
+        the one called "pulses", "tacho", "index" and the like.
     scale : float, optional
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
@@ -99,6 +107,7 @@ class ReadingOptions:
     time_channel: Channel | None = None
     angle_channel: Channel | Literal[False] | None = None
     angle_unit: str | None = None
+    pulses_per_turn: int | None = None
     scale: float | None = None
     delimiter: str | None = None
 
@@ -107,10 +116,17 @@ class ReadingOptions:
             check_rate(self.sampling_rate)
         if self.quantity is not None:
             one_of("quantity", self.quantity, QUANTITIES)
+        if self.pulses_per_turn is not None:
+            whole("pulses_per_turn", self.pulses_per_turn, 1)
+            if self.angle_channel is False or self.angle_unit is not None:
+                raise ArgumentError(
+                    "{pulses_per_turn:=} has no effect with "
+                    + ("{angle_channel:=False}" if self.angle_channel is False else "{angle_unit:=}")
+                )
         scale_fits = self.scale is None or (is_number(self.scale) and self.scale != 0)
         for argument, fits, expected in (
             ("scale", scale_fits, "a finite number other than 0 (Nm per unit)"),
-            ("angle_unit", self.angle_unit in (None, "rad", "deg"), "'rad' or 'deg'"),
+            ("angle_unit", self.angle_unit in (None, *ANGLE_UNITS), "'rad', 'deg' or 'rev'"),
             ("delimiter", self.delimiter in (None, ",", ";", "\t", " "), "',', ';', a tab or a space"),
         ):
             if not fits:
@@ -163,9 +179,9 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
     **options
         Parameters of :class:`ReadingOptions`: ``channel``, ``quantity``, ``sampling_rate``, ``time_channel``,
-        ``angle_channel``, ``angle_unit``, ``scale``, ``delimiter``. And labels: parameters of
-        :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence over labels in
-        the file, and ``meta`` is merged.
+        ``angle_channel``, ``angle_unit``, ``pulses_per_turn``, ``scale``, ``delimiter``. And labels:
+        parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
+        over labels in the file, and ``meta`` is merged.
 
     Returns
     -------
@@ -355,7 +371,13 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
     time = source.find("time_channel", reading.time_channel, TIME_NAMES)
     angle = None
     if reading.angle_channel is not False:
-        angle = source.find("angle_channel", reading.angle_channel, ANGLE_NAMES)
+        by_pulses = reading.pulses_per_turn is not None
+        angle = source.find("angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES)
+        if by_pulses and angle is None:
+            raise ArgumentError(
+                "{file}: {angle_channel:=} must be given, to say which {noun} holds the pulses: {listed}",
+                file=source.file, noun=source.noun, listed=source.listed(),
+            )  # fmt: skip
     labels = source.other_labels if source.labels is None else source.labels
     stated = labels.get("quantity")
     if stated is not None and reading.quantity not in (None, stated):
@@ -378,21 +400,40 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
         where = "its header" if isinstance(source, CsvSource) else "its array 'sampling_rate'"
         check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
     parameters: dict[str, Any] = {"torque": source.column(torque) * factor, "quantity": quantity}
-    angle_assumed = False
+    angle_meta: dict[str, Any] = {}
     if angle is not None:
-        angle_factor, angle_assumed = source.angle_factor(angle, reading.angle_unit)
-        parameters["angle"] = source.column(angle) * angle_factor
+        parameters["angle"], angle_meta = _angle(source, angle, reading)
         parameters["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
     scaled = {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
     if source.labels is not None:
-        meta = labels.get("meta", {}) | scaled
+        angle_meta.pop("angle_unit_assumed", None)  # by its layout it is in rad
+        meta = labels.get("meta", {}) | scaled | angle_meta
         return parameters | labels | ({"meta": meta} if meta else {})
     meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit is None} | scaled
-    meta |= {"angle_unit_assumed": True} if angle_assumed else {}
-    meta |= rate_meta | source.meta(torque)
+    meta |= angle_meta | rate_meta | source.meta(torque)
     meta |= {"scale": factor} if factor != 1 else {}
     meta |= labels.get("meta", {})
     return parameters | {"sampling_rate": rate} | labels | {"meta": meta}
+
+
+def _angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
+    """Return the angle in rad by a channel, and what was done for it."""
+    values = source.column(index)
+    try:
+        if reading.pulses_per_turn is not None:
+            return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "pulses"}
+        factor, assumed = source.angle_factor(index, reading.angle_unit)
+        meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
+        given = values * factor
+        angle = continuous_angle(given)
+    except ArgumentError:
+        raise
+    except ValueError as error:
+        raise ArgumentError(
+            "{file}: {noun} {name!r}: {error} ({angle_channel:=False} leaves the angle out)",
+            file=source.file, noun=source.noun, name=source.names[index], error=error,
+        ) from None  # fmt: skip
+    return angle, meta if angle is given else meta | {"angle_from": "an angle made continuous"}
 
 
 def _check_assumed_angle(path: Path, recording: Recording) -> None:

@@ -693,7 +693,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
     assert code == 2
     bad, good = json.loads(out)
     assert [result["file"] for result in (bad, good)] == [str(tmp_path / "rig.csv"), str(folder / "worn.csv")]
-    assert "--angle-unit 'rad' or 'deg', or --no-angle" in bad["error"]
+    assert "--angle-unit 'rad', 'deg' or 'rev', or --no-angle" in bad["error"]
     assert err.count("\n") == 1
     assert good["whole_output_turns"] >= 1
     code, out, _ = run(
@@ -712,7 +712,7 @@ def test_inspect_prints_json_and_goes_on_after_a_bad_file(capsys, folder, tmp_pa
         (["--channel", "x"], "--channel 'x' does not exist"),
         (["--sampling-rate", 0], "--sampling-rate must be a positive"),
         (["--sampling-rate", 5, "--no-angle", "--speed", -1], "--speed must be positive"),
-        (["--sampling-rate", 5], "--angle-unit 'rad' or 'deg', or --no-angle"),
+        (["--sampling-rate", 5], "--angle-unit 'rad', 'deg' or 'rev', or --no-angle"),
         (["--sampling-rate", 5, "--angle-unit", "rad"], "--no-angle leaves the angle out"),
         (["--no-angle", "--angle-unit", "rad"], "--angle-unit has no effect with --no-angle"),
     ],

@@ -14,7 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cyclofeat.datasets import describe_recording, one_line, read_folder, read_recording, write_recording
+from cyclofeat.datasets import (
+    describe,
+    describe_recording,
+    one_line,
+    read_folder,
+    read_recording,
+    write_recording,
+)
 from cyclofeat.datasets.readers import _columns, load_arrays
 from cyclofeat.recordings import Recording
 
@@ -306,7 +313,8 @@ def test_the_angle_is_read_in_its_own_unit(tmp_path):
         read_recording(path, sampling_rate=1, angle_unit="rad")
     bare = write(tmp_path / "bare.csv", "torque,disc_angle\n1,0\n2,90\n3,180\n")
     with pytest.raises(
-        ValueError, match=r"'disc_angle' does not say .* angle_unit='rad' or 'deg'.*angle_channel=False"
+        ValueError,
+        match=r"'disc_angle' does not state .* angle_unit='rad', 'deg' or 'rev'.*angle_channel=False",
     ):
         read_recording(bare, sampling_rate=1)
     recording = read_recording(bare, sampling_rate=1, angle_unit="deg")
@@ -315,10 +323,10 @@ def test_the_angle_is_read_in_its_own_unit(tmp_path):
     assert read_recording(bare, sampling_rate=1, angle_channel=False).angle is None
 
 
-def test_an_angle_that_starts_again_at_each_turn_is_an_error_with_a_way_out(tmp_path):
+def test_an_angle_that_leaps_is_an_error_with_a_way_out(tmp_path):
     path = write(tmp_path / "rig.csv", "torque,angle_deg\n1,200\n2,300\n3,40\n")
     with pytest.raises(
-        ValueError, match=r"rig.csv: angle must rise strictly.*numpy.unwrap.*angle_channel=False"
+        ValueError, match=r"'angle_deg': angle must rise .* less than a quarter .*angle_channel=False"
     ):
         read_recording(path, sampling_rate=1)
 
@@ -535,7 +543,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path):
         ({"sampling_rate": "fast"}, ValueError, "sampling_rate must be a positive, finite number.*'fast'"),
         ({"scale": 0}, ValueError, "scale must be a finite number other than 0"),
         ({"scale": np.nan}, ValueError, "scale must be a finite number other than 0"),
-        ({"angle_unit": "turns"}, ValueError, "angle_unit must be 'rad' or 'deg', got 'turns'"),
+        ({"angle_unit": "turns"}, ValueError, "angle_unit must be 'rad', 'deg' or 'rev', got 'turns'"),
         ({"delimiter": "|"}, ValueError, "delimiter must be ',', ';', a tab or a space"),
         ({"channel": True}, TypeError, "channel must be a column's name or index"),
         ({"channel": 1.0}, TypeError, "channel must be a column's name or index"),
@@ -800,3 +808,68 @@ def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
     blocks = 2**22  # of text, whatever its length
     assert n_bytes > 18e6
     assert peak <= 3 * recording.torque.nbytes + blocks
+
+
+# The shaft's angle by a tachometer
+
+
+def turned(n=25_600):
+    """Angle in rad, one sample every 1/12,800 s, at a speed that rises from 400 to 500 RPM."""
+    time = np.arange(n) / 12_800
+    return 2 * np.pi * (400 * time + 25 * time**2) / 60 + 0.1
+
+
+def tacho_file(path, channel, name):
+    np.savez(path, **{"torque": 20 + np.sin(turned()), name: channel, "sampling_rate": 12_800.0})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "of_turn", "options", "error"),
+    [
+        ("angle [deg]", lambda turn: 360 * (turn % 1), {}, 1e-9),
+        ("angle", lambda turn: turn % 1, {"angle_unit": "rev"}, 1e-9),
+        ("angle [deg]", lambda turn: np.floor(1024 * turn) % 1024 * 360 / 1024, {}, 0.01),
+        ("tacho", lambda turn: 5.0 * (60 * turn % 1 < 0.5), {"pulses_per_turn": 60}, 0.01),
+        ("Index", lambda turn: 1.0 * (turn % 1 < 0.02), {"pulses_per_turn": 1}, 0.02),
+    ],
+    ids=["starts again", "in turns", "encoder", "pulses", "index"],
+)
+def test_the_angle_follows_the_shaft(tmp_path, name, of_turn, options, error):
+    angle = turned()
+    path = tacho_file(tmp_path / "rig.npz", of_turn(angle / (2 * np.pi)), name)
+    recording = read_recording(path, **options)
+    off = (recording.angle - angle)[2000:-2000]
+    assert np.ptp(off) < error
+    assert any("the angle of the shaft is made from" in note for note in describe(recording)["warnings"])
+
+
+def test_what_is_no_angle_is_named_with_its_channel(tmp_path):
+    noise = np.random.default_rng(0).normal(size=25_600)
+    path = tacho_file(tmp_path / "rig.npz", noise, "angle")
+    with pytest.raises(ValueError, match=r"rig.npz: array 'angle': angle must rise .*angle_channel=False"):
+        read_recording(path)
+    with pytest.raises(
+        ValueError, match=r"angle_channel= must be given, to say which array holds the pulses"
+    ):
+        read_recording(path, pulses_per_turn=60)
+    lost = 1.0 * (60 * turned() / (2 * np.pi) % 1 < 0.5)
+    lost[9000:9100] = 0
+    with pytest.raises(ValueError, match=r"'tacho': signal must hold all pulses"):
+        read_recording(tacho_file(tmp_path / "lost.npz", lost, "tacho"), pulses_per_turn=60)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pulses_per_turn": 0}, "pulses_per_turn must be at least 1, got 0"),
+        ({"pulses_per_turn": 2, "angle_unit": "deg"}, "pulses_per_turn= has no effect with angle_unit="),
+        (
+            {"pulses_per_turn": 2, "angle_channel": False},
+            "pulses_per_turn= has no effect with angle_channel=False",
+        ),
+    ],
+)
+def test_pulses_need_a_number_and_a_channel(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        read_recording(tacho_file(tmp_path / "rig.npz", turned(), "angle"), **options)
