@@ -35,7 +35,7 @@ from cyclofeat.simulators import (
 NEEDED = {
     "simulate": ["--out", "x"], "animate": ["--out", "x"], "inspect": ["x"], "train": ["--out", "x"],
     "count": ["x", "--model", "m"], "watch": ["x", "--model", "m"], "gap": ["x"],
-    "plan": ["--worn-count", "1", "--noise", "1"],
+    "plan": ["--worn-count", "1", "--noise", "1"], "history": ["x"],
 }  # fmt: skip
 
 
