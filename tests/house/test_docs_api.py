@@ -55,6 +55,7 @@ PACKAGES = (
     "cyclofeat.signal.lobes",
     "cyclofeat.signal.orders",
     "cyclofeat.signal.speed",
+    "cyclofeat.signal.tachometer",
     "cyclofeat.signal.statistics",
     "cyclofeat.signal.wavelet_filters",
     "cyclofeat.signal.wavelets",
