@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
-    from matplotlib.colors import Colormap, Normalize
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure, SubFigure
     from matplotlib.text import Text
 
@@ -30,8 +30,9 @@ _NUMBERS = 0.76
 _RING = (1.06, 1.2)
 _BARS = (1.27, 1.6)
 _MARGIN = 1.03
+_BAR_LOOK: dict[str, Any] = {"facecolor": "C2", "alpha": 0.4, "linewidth": 0}  # paler than the ring
 _OUTLINE_POINTS = 900
-# Least upper end of the colour scale: a healthy disc's slots lie below 0.1, and must not look worn.
+# Least rms at the outer circle: a healthy disc's slots lie below 0.1, and must not look worn.
 _LEAST_SCALE = 0.3
 
 
@@ -55,7 +56,7 @@ class LobeMarks:
 
 
 class LobeMapDisplay:
-    """Disturbance of the torque while each lobe of the disc passes the load.
+    """Ring of a disc's lobes, as dark as they are worn, and the disturbance while each passes the load.
 
     Parameters
     ----------
@@ -83,8 +84,9 @@ class LobeMapDisplay:
 
     Notes
     -----
-    Numbers in the picture count from 1. The worn half of a lobe disturbs the torque from about two slots
-    before to one slot after the lobe: the map shows the region, the model's probabilities the lobes.
+    Numbers in the picture count from 1. The ring shows a model's probabilities, else the worn lobes that the
+    recording states, else nothing. Bars outwards show the disturbance: the worn half of a lobe disturbs the
+    torque from about two slots before to one slot after the lobe, so that the longest bar is often beside it.
 
     Examples
     --------
@@ -261,12 +263,12 @@ class LobeMapDisplay:
         kind : {"disc", "bars"}, default="disc"
             Ring of slots about the disc, or bars side by side.
         vmax : float, optional
-            Rms at the end of the scale; default, the largest, at least 0.3. Use one value for pictures that
-            are compared.
+            Rms at the outer circle; default, the largest, at least 0.3. Use one value for pictures that are
+            compared.
         cmap : str, default="Greys"
-            Name of the colour map of the rms.
+            Name of the colour map of the lobes, from sound to worn.
         colorbar : bool, default=True
-            If True, ``kind="disc"`` has a colour bar.
+            If True, ``kind="disc"`` has a colour bar of a model's probabilities.
 
         Returns
         -------
@@ -289,17 +291,16 @@ class LobeMapDisplay:
         from matplotlib.colors import Normalize
 
         end = max(float(self.slot_rms.max()), _LEAST_SCALE) if vmax is None else float(vmax)
-        norm, colours = Normalize(0.0, end), matplotlib.colormaps[cmap]
+        colours = matplotlib.colormaps[cmap]
         self.colorbar_ = None
         if kind == "bars":
-            self._bars(norm, colours, end)
+            self._bars(colours, end)
             return self
-        self._disc(norm, colours)
-        if colorbar:
+        self._disc(colours, end)
+        if colorbar and self.lobe_probability is not None:
             self.colorbar_ = self.figure_.colorbar(
-                ScalarMappable(norm, colours), ax=self.ax_, location="bottom", shrink=0.75, pad=0.02,
-                aspect=30, label="ring: " + _QUANTITY.replace(" (", "\n("),
-                extend="max" if self.slot_rms.max() > end else "neither",
+                ScalarMappable(Normalize(0.0, 1.0), colours), ax=self.ax_, location="bottom", shrink=0.75,
+                pad=0.02, aspect=30, label="ring: probability that the lobe is worn",
             )  # fmt: skip
             if self.colorbar_.solids is not None:
                 # One image instead of 256 strips with hairlines between them in vector files.
@@ -312,7 +313,14 @@ class LobeMapDisplay:
             return "as numbered on the disc"
         return "counted from the one under load at the first sample"
 
-    def _disc(self, norm: Normalize, colours: Colormap) -> None:
+    def _shades(self, colours: Colormap, unknown: str) -> list[Any]:
+        """Return the colour of each lobe, by how worn it is; ``unknown`` where nothing says that."""
+        worn = self.lobe_probability
+        if worn is None and self.worn_lobes is not None:
+            worn = np.isin(np.arange(self.n_lobes), self.worn_lobes).astype(float)
+        return [unknown] * self.n_lobes if worn is None else list(colours(worn))
+
+    def _disc(self, colours: Colormap, end: float) -> None:
         from matplotlib import rcParams
         from matplotlib.colors import to_rgba
         from matplotlib.patches import Circle, Patch, Polygon, Wedge
@@ -337,15 +345,15 @@ class LobeMapDisplay:
             counted = Wedge((0, 0), 1.1, *edges, width=1.1 - _HUB, color="C1", linewidth=0)
             ax.add_patch(counted)
             counted.set_clip_path(outline)
-        for middle, rms in zip(middles, self.slot_rms, strict=True):
+        for middle, colour in zip(middles, self._shades(colours, "none"), strict=True):
             wedge = Wedge(
                 (0, 0), _RING[1], middle - half, middle + half, width=_RING[1] - _RING[0],
-                facecolor=colours(norm(rms)), edgecolor=ink, linewidth=0.5,
+                facecolor=colour, edgecolor=ink, linewidth=0.5,
             )  # fmt: skip
             ax.add_patch(wedge)
         self._disc_numbers(middles, ink)
-        bars = self._disc_probabilities(middles, half, ink)
-        edge = _MARGIN * (_RING if self.lobe_probability is None else _BARS)[1]
+        bars = self._disc_bars(middles, half, ink, end)
+        edge = _MARGIN * _BARS[1]
         ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
         ax.set_axis_off()
         ax.set_title(f"lobes {self._numbering}", fontsize="medium")
@@ -359,23 +367,24 @@ class LobeMapDisplay:
             if lobe in worn:
                 _mark_worn(number, ink)
 
-    def _disc_probabilities(self, middles: Float, half: float, ink: str) -> Artist | None:
-        if self.lobe_probability is None:
-            return None
+    def _disc_bars(self, middles: Float, half: float, ink: str, end: float) -> Artist:
         from matplotlib.patches import Circle, Patch, Wedge
 
         inner, outer = _BARS
         look: dict[str, Any] = {"fill": False, "edgecolor": ink, "alpha": 0.4, "linewidth": 0.6}
         for radius, style in ((inner, "-"), ((inner + outer) / 2, ":"), (outer, "-")):
             self.ax_.add_patch(Circle((0, 0), radius, linestyle=style, **look))
-        for middle, probability in zip(middles, self.lobe_probability, strict=True):
-            length = (outer - inner) * float(probability)
+        for middle, rms in zip(middles, self.slot_rms, strict=True):
+            length = (outer - inner) * min(float(rms) / end, 1.0)
             edges = middle - 0.7 * half, middle + 0.7 * half
-            self.ax_.add_patch(Wedge((0, 0), inner + length, *edges, width=length, color="C2"))
-        meaning = "bar outwards: probability that the lobe is worn\n(dotted circle 0.5, outer circle 1)"
-        return Patch(color="C2", label=meaning)
+            self.ax_.add_patch(Wedge((0, 0), inner + length, *edges, width=length, **_BAR_LOOK))
+        meaning = (
+            "bar outwards: disturbance of the torque\nwhile the lobe passes (rms; dotted circle\n"
+            f"{end / 2:.2g}, outer circle {end:.2g} std of the torque)"
+        )
+        return Patch(**_BAR_LOOK, label=meaning)
 
-    def _legend(self, probability: Artist | None, **place: Any) -> None:
+    def _legend(self, more: Artist | None, **place: Any) -> None:
         """Draw the legend of the marks, outside of the axes."""
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
@@ -386,18 +395,18 @@ class LobeMapDisplay:
             marks.append(Line2D([], [], markersize=10, color="C0", label="truly worn lobe", **dot))
         if self.counted_lobes:
             marks.append(Patch(color="C1", label="counted as worn"))
-        if probability is not None:
-            marks.append(probability)
+        if more is not None:
+            marks.append(more)
         if marks:
             self.ax_.legend(handles=marks, ncols=2, fontsize="small", frameon=False, **place)
 
-    def _bars(self, norm: Normalize, colours: Colormap, end: float) -> None:
+    def _bars(self, colours: Colormap, end: float) -> None:
         from matplotlib import rcParams
 
         ax, ink = self.ax_, rcParams["text.color"]
         numbers = np.arange(1, self.n_lobes + 1)
         bars = ax.bar(
-            numbers, self.slot_rms, color=colours(norm(self.slot_rms)), edgecolor=ink, linewidth=0.5
+            numbers, self.slot_rms, color=self._shades(colours, "0.75"), edgecolor=ink, linewidth=0.5
         )
         for lobe in self.counted_lobes:
             bars[lobe].set(edgecolor="C1", linewidth=2.5)

@@ -32,7 +32,7 @@ _BESIDE_TRAINING = (6.0, 3.2)
 
 # Small values recede into the page.
 # Without a hue: the counted lobes have one.
-_RMS_COLOURS = {"light": "Greys", "dark": "gray"}
+_RING_COLOURS = {"light": "Greys", "dark": "gray"}
 _COUNT_COLOURS = {"light": "Blues", "dark": "Blues_r"}
 
 
@@ -150,8 +150,8 @@ def recording_pictures(
         )  # fmt: skip
     if lobe_map is not None:
         drawn["lobe_map"] = picture(
-            lambda ax, scheme: lobe_map.plot(ax, cmap=_RMS_COLOURS[scheme]), (6.0, 5.8),
-            "Disc with its counted lobes in colour, and a ring of slots shaded by the folded torque's rms",
+            lambda ax, scheme: lobe_map.plot(ax, cmap=_RING_COLOURS[scheme]), (6.0, 5.8),
+            "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance",
             by_scheme=True,
         )  # fmt: skip
     return drawn

@@ -282,16 +282,29 @@ def test_the_disc_has_its_numbered_lobes_and_coloured_slots(recording):
     wedges = [patch for patch in display.ax_.patches if isinstance(patch, Wedge)]
     slots, bars = wedges[:15], wedges[15:]
     assert len(bars) == 15
-    assert_allclose([bar.width for bar in bars], probability * bars[-1].width, atol=1e-12)
+    longest = bars[int(display.slot_rms.argmax())].width
+    assert_allclose([bar.width for bar in bars], display.slot_rms / display.slot_rms.max() * longest)
     assert (slots[3].theta1 + slots[3].theta2) / 2 == pytest.approx(90 + 3 * 24)
-    darkest = min(slots, key=lambda slot: sum(slot.get_facecolor()[:3]))
-    assert darkest is slots[int(display.slot_rms.argmax())]
+    light = [sum(slot.get_facecolor()[:3]) for slot in slots]
+    assert sorted(light, reverse=True) == light  # as probable as they are dark
     (disc,) = (patch for patch in display.ax_.patches if isinstance(patch, Polygon))
     assert np.hypot(*disc.get_xy().T).max() == pytest.approx(1)
-    assert "std" in display.colorbar_.ax.get_xlabel()
+    assert "probability" in display.colorbar_.ax.get_xlabel()
     legend = " ".join(text.get_text() for text in display.ax_.get_legend().get_texts())
     assert "truly worn" in legend
-    assert "probability" in legend
+    assert "std of the torque" in legend
+
+
+def test_no_sound_lobe_is_darker_than_a_worn_one():
+    rms = np.full(15, 0.2)
+    rms[5] = 0.9  # beside the worn ones, as where the load leaves them
+    display = LobeMapDisplay(slot_rms=rms, marks=LobeMarks(worn=[1, 2, 3])).plot(cmap="Greys")
+    slots = [patch for patch in display.ax_.patches if isinstance(patch, Wedge)][:15]
+    assert [slot.get_facecolor() == to_rgba("black") for slot in slots] == [k in (1, 2, 3) for k in range(15)]
+    assert display.colorbar_ is None
+    unknown = LobeMapDisplay(slot_rms=rms).plot()
+    slots = [patch for patch in unknown.ax_.patches if isinstance(patch, Wedge)][:15]
+    assert {slot.get_facecolor()[3] for slot in slots} == {0}  # nothing says which are worn
 
 
 def test_bars_have_fifteen_numbered_lobes(recording):
@@ -309,13 +322,9 @@ def test_bars_have_fifteen_numbered_lobes(recording):
 
 
 def test_a_quiet_disc_looks_quiet():
-    quiet = LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(cmap="gray", colorbar=False)
-    slot = next(patch for patch in quiet.ax_.patches if isinstance(patch, Wedge))
-    assert slot.get_facecolor()[0] == pytest.approx(0.05 / 0.3, abs=0.01)
-    compared = LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(cmap="gray", vmax=0.02)
-    slot = next(patch for patch in compared.ax_.patches if isinstance(patch, Wedge))
-    assert slot.get_facecolor() == to_rgba("white")
-    assert compared.colorbar_.extend == "max"
+    quiet, compared = (LobeMapDisplay(slot_rms=np.full(15, 0.05)).plot(vmax=vmax) for vmax in (None, 0.02))
+    bar, longest = ([one for one in of.ax_.patches if isinstance(one, Wedge)][-1] for of in (quiet, compared))
+    assert bar.width / longest.width == pytest.approx(0.05 / 0.3)
 
 
 def test_a_map_takes_the_colours_of_its_surroundings(recording):
