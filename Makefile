@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-asv papers test-gap bench-gap clean
+.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-wear bench-asv papers test-gap bench-gap clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -122,6 +122,9 @@ bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writ
 
 bench-spoiled: $(INSTALLED)  ## what becomes of spoiled recordings; writes benchmarks/spoiled.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.spoiled
+
+bench-wear: $(INSTALLED)  ## count and depth of early radial wear; writes benchmarks/wear.md
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.wear
 
 COMMITS ?= HEAD^!
 bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.2.0..HEAD); writes build/asv/html

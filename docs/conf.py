@@ -85,6 +85,7 @@ sys.path[:0] = [
 RESULTS = {
     "counting": "Counting worn lobes: the whole table",
     "operating_points": "Counts at any speed and load",
+    "wear": "Depth and count of early radial wear",
     "spoiled": "Spoiled recordings",
     "gap": "Hidden effects: names, sizes and proof",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",

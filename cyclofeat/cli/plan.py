@@ -1,4 +1,4 @@
-"""``cyclofeat plan``: the length of a recording that tells N worn lobes from N + 1."""
+"""``cyclofeat plan``: the length of a recording that tells N worn lobes from N + 1, or which wear shows."""
 
 from __future__ import annotations
 
@@ -7,29 +7,51 @@ import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.words import number
+from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._rigs import add_rig, rig_of
 from cyclofeat.cli._table import Printed
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import RecordingPlan
+    from cyclofeat.counting import RecordingPlan, WearPlan
 
 __all__ = ["add_arguments", "printed", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--worn-count", type=int, required=True, metavar="N", help="tell N worn lobes from N + 1"
-    )
+        "--worn-count", type=int, required=True, metavar="N",
+        help="tell N worn lobes from N + 1; with --wear, N worn lobes from none",
+    )  # fmt: skip
     parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
     parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
     parser.add_argument("--speed", type=float, default=500.0, metavar="RPM", help="input speed (default 500)")
+    parser.add_argument(
+        "--wear", action="store_true", help="least depth of radial wear that shows, by a short simulation"
+    )
+    parser.add_argument("--load", type=float, metavar="NM", help="load, in Nm (default: the rig's)")
+    parser.add_argument("--turns", type=int, default=5, help="output turns recorded (default 5)")
+    add_rig(parser, "r1")
+    add_idle(parser, "--depth", beside=["--wear"])
+    add_idle(parser, "--load", "--turns", "--rig", "--simulator", without=["--wear"])
 
 
-def run(arguments: argparse.Namespace) -> RecordingPlan:
-    from cyclofeat.counting import plan_recording
+def run(arguments: argparse.Namespace) -> RecordingPlan | WearPlan:
+    from cyclofeat.counting import plan_recording, plan_wear
 
     if not (math.isfinite(arguments.speed) and arguments.speed > 0):
         raise ValueError(f"--speed must be positive (RPM of the input shaft), got {arguments.speed:g}")
+    if arguments.wear:
+        return plan_wear(
+            arguments.worn_count,
+            noise_nm=arguments.noise,
+            confidence=arguments.confidence,
+            rig=rig_of(arguments, default="r1"),
+            speed_rpm=arguments.speed,
+            load_nm=arguments.load,
+            output_turns=arguments.turns,
+            n_jobs=-1,
+        )
     return plan_recording(
         arguments.worn_count,
         noise_nm=arguments.noise,
@@ -39,7 +61,30 @@ def run(arguments: argparse.Namespace) -> RecordingPlan:
     )
 
 
-def printed(arguments: argparse.Namespace, plan: RecordingPlan) -> Printed:
+def printed(arguments: argparse.Namespace, plan: RecordingPlan | WearPlan) -> Printed:
+    from cyclofeat.counting import WearPlan
+
+    lines = _of_wear(plan) if isinstance(plan, WearPlan) else _of_recording(plan)
+    return Printed("\n".join(lines), plan.to_dict())
+
+
+def _of_wear(plan: WearPlan) -> list[str]:
+    found = f"no depth up to {plan.depths_um[-1]:g} um shows"
+    if plan.least_um is not None:
+        up_to = "or less " if plan.least_um == plan.depths_um[0] else ""
+        found = f"radial wear shows from {plan.least_um:.3g} um {up_to}on"
+    shares = ", ".join(f"{d:g} um: {p:.2f}" for d, p in zip(plan.depths_um, plan.probability, strict=True))
+    at = f"{plan.noise_nm:g} Nm noise, {plan.speed_rpm:g} RPM, {plan.load_nm:g} Nm"
+    return [
+        f"{found} with {plan.confidence:g}, {number(plan.worn, 'worn lobe')} or none: {at}, "
+        f"{_length(plan.turns, plan.seconds)}",
+        f"  probability of telling worn from healthy: {shares}",
+        f"  by the lobe lines of {plan.assemblies} simulated assemblies of rig {plan.rig}, healthy and worn",
+        "  note: an ideal detector trained for this rig; counting the lobes takes deeper wear",
+    ]
+
+
+def _of_recording(plan: RecordingPlan) -> list[str]:
     pair = f"{plan.worn} from {plan.worn + 1} worn lobes at {plan.noise_nm:g} Nm noise, depth {plan.depth:g}"
     if plan.turns is not None and plan.seconds is not None:
         lines = [f"to tell {pair}: record {_length(plan.turns, plan.seconds)}"]
@@ -60,7 +105,7 @@ def printed(arguments: argparse.Namespace, plan: RecordingPlan) -> Printed:
         entry = f"noise {plan.tabulated_noise_nm:g} Nm, depth {plan.tabulated_depth:g}"
         lines.append(f"  answered by the table's next worse entry: {entry}")
     lines.append("  note: simulated, on an assumed rig that the counter was trained for; no measurement")
-    return Printed("\n".join(lines), plan.to_dict())
+    return lines
 
 
 def _length(turns: int, seconds: float) -> str:

@@ -24,6 +24,7 @@ name                         job
 ``RadialWear``               count and depth of radial wear from several windows in a row
 ``counts_frame``             answers for many recordings as a data frame
 ``plan_recording``           length of a recording that tells n worn lobes from n + 1
+``plan_wear``                least depth of radial wear that shows
 ``Protocol``                 choice of what is held out, and of how intervals are computed
 ``train_and_test``           evaluation on other windows than those of training
 ``features_seen``            features that a fitted counter uses
@@ -63,6 +64,7 @@ from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counte
 from cyclofeat.counting._plan import RecordingPlan, plan_recording
 from cyclofeat.counting._plan import Trial as Trial
 from cyclofeat.counting._plan import detection_table as detection_table
+from cyclofeat.counting._plan_wear import WearPlan, plan_wear
 from cyclofeat.counting._pooling import pool_weights as pool_weights
 from cyclofeat.counting._predictions import REFUSED
 from cyclofeat.counting._protocols import Protocol
@@ -70,6 +72,8 @@ from cyclofeat.counting._recording_counter import RecordingCounter
 from cyclofeat.counting._speed import other_speed as other_speed
 from cyclofeat.counting._stream import LobeStream
 from cyclofeat.counting._wear import RadialWear, WearDepth
+from cyclofeat.counting._wear import lobe_lines_nm as lobe_lines_nm
+from cyclofeat.counting._wear import runs_of as runs_of
 from cyclofeat.counting._wear import wear_features as wear_features
 
 __all__ = [
@@ -93,6 +97,7 @@ __all__ = [
     "RecordingPlan",
     "TrainingDomain",
     "WearDepth",
+    "WearPlan",
     "WindowCount",
     "counts_frame",
     "evaluate",
@@ -103,6 +108,7 @@ __all__ = [
     "noise_sweep",
     "passage_of_lobe_zero",
     "plan_recording",
+    "plan_wear",
     "predict_recordings",
     "score_text",
     "train_and_test",

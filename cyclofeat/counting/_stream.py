@@ -32,8 +32,8 @@ class LobeStream:
     last piece, the last windows that a depth of wear needs, and some hundred bytes per window until
     :meth:`result`: call it from time to time.
 
-    A model that learned the depth of wear states none of single windows, and counts them less accurately:
-    that takes blocks of as many turns as the model needs.
+    A model that learned the depth of wear states it of blocks only if they hold as many turns as that takes;
+    with shorter ones it also counts less accurately.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from cyclofeat.counting._conformal_regressor import ConformalRegressor
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet
-from cyclofeat.signal.lobes import line_contrast, lobe_frequency
+from cyclofeat.signal.lobes import LobeComb, LobeLines, line_contrast, lobe_frequency, lobe_lines
 
 #: Windows of a run at most: more turns lower the noise, but assemblies then differ by more than noise.
 MOST_WINDOWS = 5
@@ -98,6 +98,8 @@ class RadialWear:
     accuracy : float or None
         Share of runs counted right by trees that have not seen their assembly; None where assemblies are too
         few.
+    false_alarms : float or None
+        Share of healthy runs that these trees count as worn; None also where none is healthy.
     """
 
     counter: GroupCalibratedCounter
@@ -107,6 +109,7 @@ class RadialWear:
     range_um: tuple[float, float]
     limit_um: float | None
     accuracy: float | None
+    false_alarms: float | None
 
     @classmethod
     def train(
@@ -153,7 +156,7 @@ class RadialWear:
         trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
         counter = GroupCalibratedCounter(trees, random_state=random_state).fit(features, count, groups=member)
         log_depth = np.log(depths_um[recording])
-        limit, accuracy = None, None
+        limit, accuracy, false_alarms = None, None, None
         # Depths are stated, and so learned and judged, where wear is seen.
         worn = seen = count > 0
         folds = grouped_folds(count, assemblies_of(member, len(count)), counter.n_splits, random_state)
@@ -164,6 +167,7 @@ class RadialWear:
             seen = worn & (answer > 0)
             if not worn.all():
                 limit = _visible_from(log_depth[worn], seen[worn])
+                false_alarms = float(np.mean(answer[~worn] > 0))
         if seen.sum() < 2:
             raise ValueError(
                 "recordings must hold at least two whose wear shows, to learn its depth, got "
@@ -171,13 +175,17 @@ class RadialWear:
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
         depth.fit(features[seen], log_depth[seen], groups=member[seen])
-        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy)
+        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy, false_alarms)
 
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
         low, high = self.range_um
-        seen = "" if self.limit_um is None else f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
-        return f"{low:g} to {high:g} um in {number(self.n_windows, 'output turn')}{seen}"
+        made = f"{low:g} to {high:g} um in {number(self.n_windows, 'output turn')}"
+        if self.limit_um is not None:
+            made += f", seen in 9 of 10 assemblies from {self.limit_um:.3g} um on"
+        if self.false_alarms is not None:
+            made += f"; {100 * self.false_alarms:.2g} % of the healthy ones are taken for worn"
+        return made
 
     def summary(self) -> dict[str, Any]:
         """Return what the training says of depths and counts, for the card of a model."""
@@ -189,6 +197,7 @@ class RadialWear:
             "coverage": self.depth.coverage,
             "median_relative_error": None if np.isnan(error) else float(np.expm1(error)),
             "accuracy": self.accuracy,
+            "false_alarms": self.false_alarms,
         }
 
     def features(self, X: Float, faults: Sequence[str]) -> Float | None:
@@ -279,14 +288,22 @@ def wear_features(runs: Float, n_lobes: int) -> Float:
         its surroundings, without the resonance. Then contrast and level (logarithm of the power in Nm^2) of
         each line with the resonance: the depth needs the level.
     """
-    n_lines = int(_SHARE_OF_BAND * SAMPLES_PER_TURN / 2 / lobe_frequency(1.0, n_lobes))
-    white = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, n_lines, speed_tolerance=0.0)
-    plain = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, n_lines, ar_order=0, speed_tolerance=0.0)
-    lines = plain.lines(runs)
-    # Lines are in units of the run's standard deviation.
-    amplitude = np.abs(lines.lines) * runs.std(axis=1, keepdims=True)
-    level = np.log(amplitude**2 + _LEAST_NM**2)
+    white = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, _n_lines(n_lobes), speed_tolerance=0.0)
+    lines = lobe_lines_nm(runs, n_lobes)
+    level = np.log(np.abs(lines.lines) ** 2 + _LEAST_NM**2)
     return np.hstack([white.from_lines(white.lines(runs)), line_contrast(lines), level])
+
+
+def lobe_lines_nm(runs: Float, n_lobes: int) -> LobeLines:
+    """Return the lobe lines of runs, as for :func:`wear_features`, in Nm and with the resonance."""
+    comb = LobeComb(n_lobes, _n_lines(n_lobes), ar_order=0, speed_tolerance=0.0)
+    found = lobe_lines(np.asarray(runs, dtype=np.float64), SAMPLES_PER_TURN, 1.0, comb)
+    scale = runs.std(axis=1, keepdims=True)
+    return LobeLines(found.input_speed_hz, found.lines * scale, found.floor * scale**2)
+
+
+def _n_lines(n_lobes: int) -> int:
+    return int(_SHARE_OF_BAND * SAMPLES_PER_TURN / 2 / lobe_frequency(1.0, n_lobes))
 
 
 def _visible_from(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:

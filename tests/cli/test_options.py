@@ -30,7 +30,7 @@ ALWAYS = {
     "history": {"FILE", "--jsonl", "--gearbox", "--report", "--strict"}
     | {"--false-alarms-per-month", "--recordings-per-month"},
     "evaluate": READING | {"FILE", "--folds", "--seed", "--jobs", "--report"},
-    "plan": {"--worn-count", "--noise", "--confidence", "--depth", "--speed"},
+    "plan": {"--worn-count", "--noise", "--confidence", "--speed", "--wear"},
     "campaign": {"--example"},
     "gap": {"MEASURED", "--prepare", "--seed"},
     "serve": {"--model", "--port", "--no-browser"},
