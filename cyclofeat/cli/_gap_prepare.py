@@ -26,6 +26,7 @@ PACKAGED = "packaged"  # word for the posterior that comes with the package
 __all__ = ["PACKAGED", "Prepared", "add_preparation", "prepare", "printed_preparation", "read_posterior"]
 
 _MACHINES = 4000  # about an hour of two cores
+_EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
 _TRAINED_BY = ("jax", "optax")
 
 
@@ -92,7 +93,8 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
             n_jobs=arguments.jobs,
             progress=progress,
         )
-    posterior = EffectPosterior(random_state=arguments.seed)
+    epochs = EffectPosterior().epochs if start is None else _EPOCHS_ON
+    posterior = EffectPosterior(epochs=epochs, random_state=arguments.seed)
     with Progress("cyclofeat gap: learning from them") as progress:
         posterior.fit(rigs, start=start, progress=progress)
     return Prepared(posterior.save(arguments.prepare), posterior)

@@ -52,7 +52,7 @@ class EffectPosterior(DocumentedEstimator):
         Networks that differ in their random numbers; their answers are averaged.
     epochs : int, default=40
         In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
-        tachometer or without.
+        tachometer or without. A dozen suffices with a ``start``.
     random_state : int, default=0
 
     Attributes

@@ -23,6 +23,7 @@ _BATCH = 256
 # Learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019). Few of the 1,600 inputs tell of an
 # effect: without strong decay, those that do not tell fit single rigs.
 _RATE, _DECAY = 2e-3, 3.0
+_RATE_ON = 3e-4  # of a network that goes on: with more it forgets
 _DROPPED = 0.2  # share of the units of a hidden layer
 _BLURRED = 0.2  # noise on the inputs of the session's layers, in their spreads
 _OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
@@ -59,7 +60,8 @@ def train(
     present = targets.present.astype(np.float32)
     sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
     per_epoch = max(n // _BATCH, 1)
-    first_state, step = _steps(n_effects, epochs * per_epoch)
+    rate = _RATE if start is None else _RATE_ON
+    first_state, step = _steps(n_effects, epochs * per_epoch, rate)
     state, key = first_state(weights), jax.random.PRNGKey(random_state)
     for epoch in range(epochs):
         for rows in np.array_split(random.permutation(n), per_epoch):
@@ -75,7 +77,7 @@ def train(
 
 # Compiled once for all networks of a posterior.
 @lru_cache(maxsize=1)
-def _steps(n_effects: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
     jax, jnp, optax = _libraries()
 
@@ -99,9 +101,9 @@ def _steps(n_effects: int, n_steps: int) -> tuple[Callable[..., Any], Callable[.
     def decaying(weights: Any) -> dict[str, bool]:
         return {name: not name.endswith("_bias") for name in weights}
 
-    rate = optax.cosine_onecycle_schedule(n_steps, _RATE)
+    schedule = optax.cosine_onecycle_schedule(n_steps, rate)
     optimiser = optax.chain(
-        optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=_DECAY, mask=decaying)
+        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=_DECAY, mask=decaying)
     )
 
     @jax.jit
