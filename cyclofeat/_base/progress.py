@@ -56,8 +56,15 @@ class Progress:
     end that it predicts is smoothed.
     """
 
-    def __init__(self, label: str, stream: TextIO | None = None) -> None:
-        self.label = label
+    def __init__(
+        self,
+        label: str,
+        stream: TextIO | None = None,
+        *,
+        quiet_s: float = _QUIET_S,
+        tick_s: float = _TICK_S,
+    ) -> None:
+        self.label, self.quiet_s, self.tick_s = label, quiet_s, tick_s
         self.stream = sys.stderr if stream is None else stream
         self._terminal = self.stream.isatty()
         self._hidden = is_hidden()
@@ -106,7 +113,7 @@ class Progress:
                 _open_line = None
 
     def _keep_going(self) -> None:
-        while not self._stop.wait(_TICK_S):
+        while not self._stop.wait(self.tick_s):
             self.tick()
 
     @property
@@ -126,7 +133,7 @@ class Progress:
         elapsed = now - self._began
         period = _TERMINAL_PERIOD_S if self._terminal else _LOG_PERIOD_S
         if self._last_shown is None:
-            silent = finished or elapsed < _QUIET_S
+            silent = finished or elapsed < self.quiet_s
         else:
             silent = not finished and now - self._last_shown < period
         if silent or self._hidden:

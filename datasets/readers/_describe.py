@@ -80,7 +80,7 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     constant = facts["constant"]
     drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
     kept = recording.torque[~drops] if drops.any() else recording.torque
-    clips = 0.0 if constant else clipped(kept) * float(np.mean(~drops))
+    clips = 0.0 if constant else float(clipped(kept) * np.mean(~drops))
     facts |= {
         "clipped_share": clips,
         "dropout_share": float(np.mean(drops)),

@@ -150,11 +150,9 @@ def test_work_that_reports_nothing_has_a_line_that_ends_with_its_time(clock):
     assert stream == [f"{ERASE}training: 4 s", ERASE]
 
 
-def test_the_line_is_kept_going_without_being_asked(monkeypatch):
-    monkeypatch.setattr(progress_module, "_QUIET_S", 0.0)
-    monkeypatch.setattr(progress_module, "_TICK_S", 0.01)
+def test_the_line_is_kept_going_without_being_asked():
     stream = Stream()
-    with Progress("training", stream):
+    with Progress("training", stream, quiet_s=0.0, tick_s=0.01):
         latest = time.monotonic() + 10
         while not stream and time.monotonic() < latest:
             time.sleep(0.01)

@@ -145,6 +145,7 @@ def posterior(tmp_path_factory):
     world = World(
         effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
         speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
+        n_rigs_per_machine=6,
     )  # fmt: skip
     return EffectPosterior(1, epochs=40).fit(prepare_world(world, tmp_path_factory.mktemp("world"), 40))
 

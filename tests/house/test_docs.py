@@ -161,9 +161,11 @@ def rig_files(tmp_path_factory, surrogates):
     one = made[2]
     rate, degrees = one.sampling_rate, np.rad2deg(one.angle)
     wave = {"wf_increment": 1 / rate, "unit_string": "Nm"}
+    volts = wave | {"unit_string": "V"}
     with TdmsWriter(folder / "rig.tdms") as writer:
         torque = ChannelObject("Messung", "Drehmoment", one.torque, wave)
-        writer.write_segment([RootObject({}), torque])
+        tacho = ChannelObject("Messung", "Tacho", 5.0 * (60 * one.angle / (2 * np.pi) % 1 < 0.5), volts)
+        writer.write_segment([RootObject({}), torque, tacho])
     savemat(folder / "rig.mat", {"rig": {"torque": one.torque, "fs": rate}})
     with h5py.File(folder / "rig73.mat", "w", userblock_size=512) as file:
         for name, values in (("torque", one.torque[None]), ("fs", np.array([[rate]]))):

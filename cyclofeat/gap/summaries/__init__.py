@@ -12,13 +12,13 @@ from cyclofeat.gap.summaries._summarise import (
     SPEED_TOLERANCE,
     Cell,
     Conditions,
+    block_means,
     hann_lines,
     left_out,
     level,
     signed_log,
     smallest_spreads,
     summarise,
-    thinned,
 )
 from cyclofeat.gap.summaries._whitening import uncorrelating
 from cyclofeat.gap.summaries._windows import (
@@ -38,6 +38,7 @@ __all__ = [
     "Conditions",
     "Measured",
     "PhaseMap",
+    "block_means",
     "class_means",
     "hann_lines",
     "left_out",
@@ -50,6 +51,5 @@ __all__ = [
     "signed_log",
     "smallest_spreads",
     "summarise",
-    "thinned",
     "uncorrelating",
 ]

@@ -204,7 +204,7 @@ def _speed(by_mesh: Float, nominal_hz: float, speeds: NDArray[Any] | None) -> tu
     return np.column_stack(columns), cells
 
 
-def thinned(X: NDArray[Any], sampling_rate: float, highest_hz: float) -> tuple[NDArray[Any], float]:
+def block_means(X: NDArray[Any], sampling_rate: float, highest_hz: float) -> tuple[NDArray[Any], float]:
     """Return means of as many samples as leave 16 in a period of the highest frequency, and their rate in Hz.
 
     At that frequency they are 0.6 % smaller; what lies at the new rate less it keeps a fifteenth.
@@ -327,7 +327,7 @@ def _orders(
     # Lines below the Nyquist frequency at the highest speed: the same cells for all recordings.
     below_nyquist = int(n_lobes * sampling_rate / 2 / (nominal_hz * (1 + SPEED_TOLERANCE))) + 1
     n_bins = min((n_lobes + 1) * (_LOBE_LINES + 1), below_nyquist)
-    ripple, sampling_rate = thinned(ripple, sampling_rate, n_bins / n_lobes * nominal_hz)
+    ripple, sampling_rate = block_means(ripple, sampling_rate, n_bins / n_lobes * nominal_hz)
     of_windows = zip(ripple, speeds, strict=True)
     power = np.array([_lines_of_a_turn(x, sampling_rate, speed, n_lobes, n_bins) for x, speed in of_windows])
     per_line = n_lobes + 1  # bins from one line of the lobe comb to the next

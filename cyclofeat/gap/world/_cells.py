@@ -14,11 +14,11 @@ from cyclofeat.gap.summaries import (
     SPEED_TOLERANCE,
     Cell,
     Conditions,
+    block_means,
     hann_lines,
     level,
     signed_log,
     summarise,
-    thinned,
 )
 
 Float = NDArray[np.float64]
@@ -78,7 +78,7 @@ def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Flo
 def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[Float, list[Cell]]:
     """Modulation of the mesh lines, and its regression on the slow torque."""
     highest = _MESH_LINES * (conditions.n_lobes + 1) * conditions.input_speed_hz * (1 + SPEED_TOLERANCE)
-    ripple, sampling_rate = thinned(ripple, conditions.sampling_rate, highest)
+    ripple, sampling_rate = block_means(ripple, conditions.sampling_rate, highest)
     n_windows, n_samples = ripple.shape
     box = max(round(_BOX_S * sampling_rate), 1)
     weights = np.hanning(_BOXES + 2)[1:-1]
@@ -141,7 +141,7 @@ def _without_line(values: Float) -> Float:
 
 def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     """Mains lines over their surroundings, and the slow part."""
-    ripple, sampling_rate = thinned(ripple, sampling_rate, 2 * _MAINS_HZ[-1])
+    ripple, sampling_rate = block_means(ripple, sampling_rate, 2 * _MAINS_HZ[-1])
     n = ripple.shape[1]
     hz = np.fft.rfftfreq(n, 1 / sampling_rate)
     lines = rfft(ripple, axis=1)[:, : np.searchsorted(hz, 2 * _MAINS_HZ[-1])]
