@@ -26,8 +26,8 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
 
     Rising edges are the instants at which the signal, read between samples, passes the middle of its range;
     noise smaller than a tenth of the range makes no edges. Between edges the angle follows a monotone cubic
-    curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17,
-    1980), before the first and after the last one a straight line.
+    curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on Numerical
+    Analysis 17, 1980), before the first and after the last one a straight line.
 
     Parameters
     ----------
