@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
@@ -14,7 +16,7 @@ __all__ = ["angle_from_pulses", "continuous_angle"]
 
 # Pulses switch on above the first and off below the second share of their range.
 _ON, _OFF = 0.6, 0.4
-_FEWEST_PULSES = 3
+_FEWEST_PULSES, _FEWEST_SAMPLES = 3, 4  # in all; of a pulse, since others may be aliases of a faster shaft
 _MISSED = 1.6  # times the usual distance of pulses, from which one is missing
 _LARGEST_STEP = np.pi / 2  # of an angle that rises in steps
 # Samples on the way down at the start of a turn, at most; rad that others may lie beside the line.
@@ -27,7 +29,7 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     Rising edges are the instants at which the signal, read between samples, passes the middle of its range;
     noise smaller than a tenth of the range makes no edges. Between edges the angle follows a monotone cubic
     curve (PCHIP; Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on Numerical
-    Analysis 17, 1980), before the first and after the last one a straight line.
+    Analysis 17, 1980), before the first and after the last one a straight line, of less than one pulse.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     Raises
     ------
     ValueError
-        If the signal is constant or has fewer than three pulses, or if one is missing.
+        If the signal is constant, not finite or has fewer than three pulses, if one is missing or double, or
+        if there are fewer than four samples per pulse.
 
     Examples
     --------
@@ -53,7 +56,7 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     3.0
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
-    values = np.asarray(signal, dtype=float)
+    values = _series("signal", signal)
     low, high = float(values.min()), float(values.max())
     if low == high:
         raise ValueError(f"signal must hold pulses, got {low:g} throughout")
@@ -62,24 +65,50 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     if edges.size < _FEWEST_PULSES:
         raise ValueError(f"signal must hold at least {_FEWEST_PULSES} pulses, got {edges.size}")
     distances = np.diff(edges)
+    if np.median(distances) < _FEWEST_SAMPLES:
+        raise ValueError(
+            f"signal must have at least {_FEWEST_SAMPLES} samples per pulse, got {np.median(distances):.3g}: "
+            "sample faster, or use fewer pulses per turn"
+        )
     # Against the neighbours, since the speed may change.
     usual = np.minimum(np.r_[np.inf, distances[:-1]], np.r_[distances[1:], np.inf])
     worst = int(np.argmax(distances / usual))
     if distances[worst] > _MISSED * usual[worst]:
         raise ValueError(
-            f"signal must hold all pulses, got {distances[worst]:.4g} samples between two at sample "
+            f"signal must hold each pulse once, got {distances[worst]:.4g} samples between two at sample "
             f"{edges[worst]:.0f}, where {usual[worst]:.4g} are usual"
         )
     at = 2 * np.pi / per_turn * np.arange(edges.size)
-    curve = PchipInterpolator(edges, at, extrapolate=False)
-    place = np.arange(values.size, dtype=float)
-    angle = np.asarray(curve(place))
-    for outside, edge, slope in (
-        (place < edges[0], 0, (at[1] - at[0]) / distances[0]),
-        (place > edges[-1], -1, (at[-1] - at[-2]) / distances[-1]),
-    ):
-        angle[outside] = at[edge] + slope * (place[outside] - edges[edge])
+    angle = np.asarray(PchipInterpolator(edges, at, extrapolate=False)(np.arange(values.size, dtype=float)))
+    _extend(angle, edges, at)
     return angle
+
+
+def _series(name: str, values: ArrayLike) -> Float:
+    """Return finite samples of a series."""
+    series = np.asarray(values, dtype=float)
+    if series.ndim != 1 or not series.size:
+        raise ValueError(f"{name} must be a series of samples, got the shape {series.shape}")
+    finite = np.isfinite(series)
+    if not finite.all():
+        first = int(np.argmin(finite))
+        raise ValueError(f"{name} must be finite, got {series[first]} at sample {first}")
+    return series
+
+
+def _extend(angle: Float, known: NDArray[Any], rising: Float) -> None:
+    """Write straight lines before the first and after the last known value of a rising angle.
+
+    They rise by less than the step to the next known value: a shaft that went on would have made it, so it
+    stood or was slower.
+    """
+    place = np.arange(angle.size)
+    for outside, end, other in ((place < known[0], 0, 1), (place > known[-1], -1, -2)):
+        if outside.any():
+            away = place[outside] - known[end]
+            slope = (rising[other] - rising[end]) / (known[other] - known[end])
+            most = abs(rising[other] - rising[end]) / np.abs(away).max()
+            angle[outside] = rising[end] + min(slope, most) * away
 
 
 def _rising_edges(share: Float) -> Float:
@@ -102,8 +131,8 @@ def continuous_angle(angle: ArrayLike) -> Float:
     ----------
     angle : array-like, shape (n,)
         In rad. It rises, or falls, and may start again after each turn. Of a value that is held for several
-        samples the first one counts; the others lie on a straight line to the next value. So do up to three
-        samples on the way down.
+        samples the first one counts; the others lie on a straight line to the next value, and after the last
+        step within one more step. So do up to three samples on the way down.
 
     Returns
     -------
@@ -113,7 +142,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     Raises
     ------
     ValueError
-        If the angle does neither, or steps by more than a quarter of a turn.
+        If the angle is not finite, does neither, or steps by more than a quarter of a turn.
 
     Examples
     --------
@@ -121,7 +150,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     >>> bool(np.allclose(continuous_angle(turned % (2 * np.pi)), turned))
     True
     """
-    values = np.asarray(angle, dtype=float)
+    values = _series("angle", angle)
     steps = np.diff(values)
     if np.all(steps > 0) or np.all(steps < 0):
         return values
@@ -131,17 +160,20 @@ def continuous_angle(angle: ArrayLike) -> Float:
     before = np.maximum.accumulate(np.where(falling, -np.inf, turned))
     after = np.minimum.accumulate(np.where(falling, np.inf, turned)[::-1])[::-1]
     kept = np.flatnonzero(~falling & (turned > np.r_[-np.inf, before[:-1]]) & (turned <= after))
-    if kept.size < 2 or np.diff(turned[kept]).max() > _LARGEST_STEP:
-        raise ValueError("angle must rise or fall in steps of less than a quarter of a turn")
-    place = np.arange(values.size)
-    line = np.interp(place, kept, turned[kept])
-    for outside, end, (one, other) in (
-        (place < kept[0], kept[0], kept[:2]),
-        (place > kept[-1], kept[-1], kept[-2:]),
-    ):
-        slope = (turned[other] - turned[one]) / (other - one)
-        line[outside] = turned[end] + slope * (place[outside] - end)
-    held = np.r_[False, np.diff(turned) == 0]
+    if kept.size < 2:
+        raise ValueError("angle must rise or fall, but for its start at each turn: these samples do neither")
+    rises = np.diff(turned[kept])
+    if rises.max() > _LARGEST_STEP:
+        raise ValueError(
+            f"angle must rise or fall in steps of less than a quarter of a turn, got {rises.max():.4g} rad "
+            f"after sample {kept[int(np.argmax(rises))]}: wrong unit, or noise?"
+        )
+    same = np.diff(turned) == 0
+    held = np.r_[same[0], same]
+    if held[0] and kept.size > 2:
+        kept = kept[1:]  # when the shaft came to its first value is not known
+    line = np.interp(np.arange(values.size), kept, turned[kept])
+    _extend(line, kept, turned[kept])
     beside = ~falling & ~held & (np.abs(line - turned) > _OFF_LINE)
     if beside.any():
         raise ValueError(

@@ -52,7 +52,7 @@ def test_a_run_up_misses_no_pulse_and_a_lost_one_is_an_error():
     assert_allclose(np.ptp(angle_from_pulses(pulses(run_up, 16), 16)), np.ptp(run_up), rtol=2e-3)
     lost = pulses(wandering(), 16)
     lost[10_000:10_200] = 0
-    with pytest.raises(ValueError, match=r"signal must hold all pulses, got 38\d.* samples between two at"):
+    with pytest.raises(ValueError, match=r"hold each pulse once, got 38\d.* samples between two at"):
         angle_from_pulses(lost, 16)
 
 
@@ -61,12 +61,32 @@ def test_a_run_up_misses_no_pulse_and_a_lost_one_is_an_error():
     [
         (np.ones(100), 1, "must hold pulses, got 1 throughout"),
         (np.r_[np.zeros(50), np.ones(50)], 1, "at least 3 pulses, got 1"),
+        (np.r_[0.0, np.nan, 1.0], 1, "signal must be finite, got nan at sample 1"),
+        (pulses(wandering(), 2048), 2048, "at least 4 samples per pulse, got 3"),
         (np.ones(100), 0, "pulses_per_turn must be at least 1, got 0"),
     ],
 )
 def test_what_holds_no_pulses_is_said(signal, per_turn, message):
     with pytest.raises(ValueError, match=message):
         angle_from_pulses(signal, per_turn)
+
+
+def test_a_shaft_that_stops_or_starts_has_not_turned_by_another_pulse_or_step():
+    stops = np.minimum(wandering(), 30.0)
+    for found, step in (
+        (angle_from_pulses(pulses(stops, 60), 60), 2 * np.pi / 60),
+        (angle_from_pulses(pulses(-stops[::-1], 60), 60), 2 * np.pi / 60),
+        (continuous_angle(stops % (2 * np.pi)), 0.01),
+        (continuous_angle(np.floor(stops * 60 / (2 * np.pi)) % 60 * 2 * np.pi / 60), 2 * np.pi / 60),
+    ):
+        assert np.all(np.diff(found) > 0)
+        assert np.ptp(found) == pytest.approx(30.0, abs=2 * step)
+
+
+def test_the_first_step_may_have_begun_before_the_recording():
+    angle = wandering() + 2.5 * np.pi / 60  # starts late within a step of 12 deg
+    told = np.floor(angle * 30 / (2 * np.pi)) % 30 * 2 * np.pi / 30
+    assert np.ptp(continuous_angle(told) - angle) < 0.02
 
 
 def test_a_continuous_angle_is_unchanged():
@@ -109,3 +129,8 @@ def test_samples_on_the_way_down_are_passed_over():
 def test_what_is_no_angle_is_an_error(wrong):
     with pytest.raises(ValueError, match="angle must rise or fall"):
         continuous_angle(wrong)
+
+
+def test_a_sample_that_is_no_number_is_named():
+    with pytest.raises(ValueError, match="angle must be finite, got nan at sample 3"):
+        continuous_angle([0.0, 0.1, 0.2, np.nan, 0.4])
