@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from cyclofeat.history import GearboxState, History
     from cyclofeat.recordings import Recording
 
-__all__ = ["HistoryWriter", "add_alarm_options", "add_history_options", "history_writer"]
+__all__ = ["HistoryWriter", "add_alarm_options", "add_history_options", "alarm_rates", "history_writer"]
 
 
 def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
@@ -51,17 +52,28 @@ def add_alarm_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def alarm_rates(arguments: argparse.Namespace) -> dict[str, float | None]:
+    """Return the arguments of ``History.state`` that the options state."""
+    names = ("false_alarms_per_month", "recordings_per_month")
+    rates: dict[str, float | None] = {name: getattr(arguments, name) for name in names}
+    for name, rate in rates.items():
+        if rate is not None and not (math.isfinite(rate) and rate > 0):
+            raise ValueError(f"--{name.replace('_', '-')} must be positive and finite, got {rate:g}")
+    return rates
+
+
 class HistoryWriter:
     """Adds counts to a history."""
 
     def __init__(
         self, arguments: argparse.Namespace, model: LobeModel, history: History, default_name: str
     ) -> None:
-        self.arguments, self.model, self.history, self.default_name = arguments, model, history, default_name
+        self.gearbox, self.rates = arguments.gearbox, alarm_rates(arguments)
+        self.model, self.history, self.default_name = model, history, default_name
 
     def add(self, path: Path, recording: Recording, count: LobeCount) -> str:
         """Add a count, for :meth:`write`, and return the name of the gearbox."""
-        name: str | None = self.arguments.gearbox
+        name: str | None = self.gearbox
         if name is None:
             name = self.default_name if recording.assembly is None else str(recording.assembly)
         if not name:
@@ -82,11 +94,7 @@ class HistoryWriter:
 
     def state(self, name: str) -> GearboxState:
         """Return the state of a gearbox."""
-        return self.history.state(
-            name,
-            false_alarms_per_month=self.arguments.false_alarms_per_month,
-            recordings_per_month=self.arguments.recordings_per_month,
-        )
+        return self.history.state(name, **self.rates)
 
 
 @contextmanager
@@ -97,6 +105,9 @@ def history_writer(
     if arguments.history is None:
         yield None
         return
+    if arguments.gearbox == "":
+        raise ValueError("--gearbox must be a name, got an empty one")
+    alarm_rates(arguments)  # an error before the file is made
     from cyclofeat.history import History
 
     with History(arguments.history) as history:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.words import number
-from cyclofeat.cli._history import add_alarm_options
+from cyclofeat.cli._history import add_alarm_options, alarm_rates
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
@@ -32,10 +32,7 @@ def run(arguments: argparse.Namespace) -> Iterator[GearboxState]:
     """Yield the state of each gearbox, then write the page."""
     from cyclofeat.history import History
 
-    rates = {
-        "false_alarms_per_month": arguments.false_alarms_per_month,
-        "recordings_per_month": arguments.recordings_per_month,
-    }
+    rates = alarm_rates(arguments)
     with History(arguments.file, create=False) as history:
         names = list(dict.fromkeys(arguments.gearbox or history.gearboxes()))
         if not names:

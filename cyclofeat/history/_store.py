@@ -54,7 +54,9 @@ _ADD = """
 INSERT INTO recording
     (model, time, gearbox, file, counted_at, defect_count, reason, mean, deviation, unit, answer)
 VALUES ((SELECT id FROM model WHERE card_sha256 = ?), ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
-ON CONFLICT DO UPDATE SET counted_at = excluded.counted_at
+ON CONFLICT DO UPDATE SET
+    counted_at = excluded.counted_at, defect_count = excluded.defect_count, reason = excluded.reason,
+    mean = excluded.mean, deviation = excluded.deviation, unit = excluded.unit, answer = excluded.answer
 """
 
 
@@ -98,7 +100,7 @@ class History:
 
     Several processes can write to one file, and be killed while they do: a row is there whole or not at all.
     The file must lie on a local disk, since the journal of the write-ahead log is shared memory. A file that
-    was counted again by the same model keeps its one row.
+    is counted again by the same model keeps its one row, with the last answer.
 
     Parameters
     ----------
@@ -191,7 +193,9 @@ class History:
         scores = card.get("cross_validation")
         model = (key, str(card.get("description", "")), None if scores is None else json.dumps(scores))
         row = (
-            key, float(time), gearbox, file, clock.time(), None if count.refused else count.defect_count,
+            # A name in an old encoding, "Prüfstand" in Latin-1 for example, cannot be written as it is.
+            key, float(time), gearbox, file.encode(errors="backslashreplace").decode(), clock.time(),
+            None if count.refused else count.defect_count,
             count.reason, float(recording.torque.mean()), float(recording.torque.std()), recording.unit,
             json.dumps(count.to_dict(), allow_nan=False),
         )  # fmt: skip

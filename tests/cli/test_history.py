@@ -72,6 +72,28 @@ def test_the_gearbox_has_a_name(model_file, files, tmp_path, capsys):
         assert read.gearboxes() == ["lathe"]
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--false-alarms-per-month", "0", "--false-alarms-per-month must be positive and finite, got 0"),
+        ("--recordings-per-month", "nan", "--recordings-per-month must be positive and finite, got nan"),
+        ("--gearbox", "", "--gearbox must be a name, got an empty one"),
+    ],
+)
+@pytest.mark.parametrize("command", ["count", "watch"])
+def test_a_wrong_option_is_an_error_before_anything_is_counted(
+    command, option, value, message, model_file, files, tmp_path, capsys
+):
+    file = tmp_path / "a.sqlite"
+    what = [files[0]] if command == "count" else [os.path.dirname(files[0]), "--once"]
+    words = ["--model", str(model_file), "--trust", "--history", str(file), option, value]
+    assert main([command, *what, *words]) == 2
+    output = capsys.readouterr()
+    assert output.err == f"cyclofeat: error: {message}\n"
+    assert not output.out
+    assert not file.exists()
+
+
 def test_watch_keeps_what_arrives(model_file, files, tmp_path, capsys):
     file = tmp_path / "a.sqlite"
     folder = os.path.dirname(files[0])

@@ -53,6 +53,18 @@ def test_a_file_that_is_counted_again_keeps_its_row(tmp_path):
     filled(tmp_path / "a.sqlite", [0, 1]).close()
     with filled(tmp_path / "a.sqlite", [0, 1, 1]) as history:
         assert [row.file for row in history.rows("press")] == ["0.csv", "1.csv", "2.csv"]
+    # Read otherwise, without its start for example, a refused recording may have a count.
+    with filled(tmp_path / "a.sqlite", [None, 1, 0]) as history:
+        assert [row.defect_count for row in history.rows("press")] == [None, 1, 0]
+        assert [row.reason for row in history.rows("press")] == ["too noisy", "", ""]
+        assert history.rows("press")[2].answer["defect_count"] == 0
+
+
+def test_a_file_name_in_another_encoding_is_kept_escaped(tmp_path):
+    with History(tmp_path / "a.sqlite") as history:
+        history.add("press", os.fsdecode(b"Pr\xfcf.csv"), 0.0, count(1), RECORDING, CARD)
+        history.write()
+        assert [row.file for row in history.rows("press")] == [r"Pr\udcfcf.csv"]
 
 
 def test_the_alarm_follows_the_counts(tmp_path):
