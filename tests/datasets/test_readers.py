@@ -855,7 +855,7 @@ def test_what_is_no_angle_is_named_with_its_channel(tmp_path):
         read_recording(path, pulses_per_turn=60)
     lost = 1.0 * (60 * turned() / (2 * np.pi) % 1 < 0.5)
     lost[9000:9100] = 0
-    with pytest.raises(ValueError, match=r"'tacho': signal must hold all pulses"):
+    with pytest.raises(ValueError, match=r"'tacho': signal must hold each pulse once"):
         read_recording(tacho_file(tmp_path / "lost.npz", lost, "tacho"), pulses_per_turn=60)
 
 
