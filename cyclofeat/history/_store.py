@@ -140,7 +140,9 @@ class History:
             )
         self._pending: list[tuple[tuple[Any, ...], tuple[Any, ...]]] = []
         with self._errors():
-            self._connection = sqlite3.connect(self.path, timeout=_WAIT_S, isolation_level=None)
+            # Not as a name alone: SQLite takes some for a database in memory.
+            place = self.path.absolute()
+            self._connection = sqlite3.connect(place, timeout=_WAIT_S, isolation_level=None)
         try:
             with self._errors():
                 self._prepare()
@@ -316,4 +318,6 @@ class History:
         except sqlite3.OperationalError as error:
             raise OSError(f"history {self.path}: {error}") from error
         except sqlite3.DatabaseError as error:
-            raise ValueError(f"{self.path} is no history ({error}): name another file") from error
+            damaged = error.sqlite_errorcode == sqlite3.SQLITE_CORRUPT
+            what, way_out = ("damaged", "restore a copy") if damaged else ("no history", "name another file")
+            raise ValueError(f"{self.path} is {what} ({error}): {way_out}") from error

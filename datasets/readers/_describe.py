@@ -149,8 +149,8 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
         notes.append(f"the file states no unit of {in_words(recording.quantity)}: {facts['unit']} assumed")
     if facts["angle_unit_assumed"]:
         notes.append("the file states no unit of the angle: rad assumed")
-    if made_from := (recording.meta or {}).get("angle_from"):
-        notes.append(f"the angle of the shaft is made from {made_from}")
+    if how := (recording.meta or {}).get("angle_from"):
+        notes.append(f"the angle of the shaft {how}")
     if facts["time_jitter"]:
         notes.append(f"the times jitter by up to {facts['time_jitter']:g} samples")
     if recording.angle is None:

@@ -421,7 +421,7 @@ def _angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, 
     values = source.column(index)
     try:
         if reading.pulses_per_turn is not None:
-            return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "pulses"}
+            return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}
         factor, assumed = source.angle_factor(index, reading.angle_unit)
         meta: dict[str, Any] = {"angle_unit_assumed": True} if assumed else {}
         given = values * factor
@@ -433,7 +433,7 @@ def _angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, 
             "{file}: {noun} {name!r}: {error} ({angle_channel:=False} leaves the angle out)",
             file=source.file, noun=source.noun, name=source.names[index], error=error,
         ) from None  # fmt: skip
-    return angle, meta if angle is given else meta | {"angle_from": "an angle made continuous"}
+    return angle, meta if angle is given else meta | {"angle_from": "was made continuous"}
 
 
 def _check_assumed_angle(path: Path, recording: Recording) -> None:

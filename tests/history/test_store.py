@@ -138,6 +138,22 @@ def test_what_is_no_history_is_left_alone(tmp_path):
         History(tmp_path)
 
 
+def test_a_damaged_history_is_said_to_be_one(tmp_path):
+    file = tmp_path / "a.sqlite"
+    filled(file, list(range(8)) * 20).close()
+    content = file.read_bytes()
+    file.write_bytes(content[:4096] + b"\xff" * (len(content) - 4096))
+    with pytest.raises(ValueError, match="is damaged .* restore a copy"), History(file) as history:
+        history.rows("press")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such name there")
+def test_a_history_is_a_file_whatever_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    History(":memory:").close()
+    assert (tmp_path / ":memory:").is_file()
+
+
 def test_what_cannot_be_written_is_written_later(tmp_path):
     file = tmp_path / "a.sqlite"
     with filled(file, [0]) as history:
