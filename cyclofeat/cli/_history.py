@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cyclofeat.cli._idle import add_idle
 
@@ -52,10 +52,10 @@ def add_alarm_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def alarm_rates(arguments: argparse.Namespace) -> dict[str, float | None]:
+def alarm_rates(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of ``History.state`` that the options state."""
     names = ("false_alarms_per_month", "recordings_per_month")
-    rates: dict[str, float | None] = {name: getattr(arguments, name) for name in names}
+    rates = {name: getattr(arguments, name) for name in names}
     for name, rate in rates.items():
         if rate is not None and not (math.isfinite(rate) and rate > 0):
             raise ValueError(f"--{name.replace('_', '-')} must be positive and finite, got {rate:g}")

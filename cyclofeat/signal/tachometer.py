@@ -96,7 +96,7 @@ def _series(name: str, values: ArrayLike) -> Float:
     return series
 
 
-def _extend(angle: Float, known: NDArray[Any], rising: Float) -> None:
+def _extend(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
     """Write straight lines before the first and after the last known value of a rising angle.
 
     They rise by less than the step to the next known value: a shaft that went on would have made it, so it
