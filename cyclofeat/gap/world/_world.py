@@ -25,9 +25,10 @@ class World:
     """Prior over rigs and their sessions, from which a posterior learns.
 
     Each rig is the model with a random set of effects (none to ``most``, each number with equal probability,
-    sizes from their priors), with what may differ anyway, and with at least 0.02 Nm of noise and 0.05 Nm of
-    load drift. A session has one or three conditions of speed, load and direction; a recording is one output
-    turn. All distributions are *assumptions*.
+    sizes from their priors), with what may differ anyway (none of it to half as much again), and with at
+    least 0.02 Nm of noise and 0.05 Nm of load drift. All recordings of a third of the machines are of one
+    assembly, those of the others each of its own. A session has one or three conditions of speed, load and
+    direction; a recording is one output turn. All distributions are *assumptions*.
 
     Parameters
     ----------
