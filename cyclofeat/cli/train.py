@@ -65,8 +65,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "once; simulated lobes then have such wear in place of the papers' chord",
     )  # fmt: skip
     parser.add_argument(
-        "--sampling-rate", type=float, metavar="HZ", help="in Hz; of simulated recordings 25600 by default"
-    )
+        "--sampling-rate", type=float, metavar="HZ",
+        help="in Hz; of simulated recordings 25600 by default. The model then counts recordings of this rate "
+        "and of higher ones",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="of simulation and training (default 0)")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"), default="auto",

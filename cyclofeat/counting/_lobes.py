@@ -208,6 +208,9 @@ class LobeCounter(Counter):
         seed = drawn_seed(self.random_state)
         self.lobe_map_ = LobeMap(
             self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
+            n_lines=lobes.lines_held(
+                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
+            ),
             speed_tolerance=self.speed_tolerance,
         ).fit(windows)  # fmt: skip
         found = self.lobe_map_.lines(windows)

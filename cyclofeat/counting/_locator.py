@@ -99,6 +99,9 @@ class LobeLocator(DocumentedEstimator):
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
         self.lobe_map_ = LobeMap(
             self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
+            n_lines=lobes.lines_held(
+                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
+            ),
             speed_tolerance=self.speed_tolerance,
         ).fit(windows)  # fmt: skip
         self.trees_ = CountingTrees(

@@ -36,6 +36,7 @@ from cyclofeat.counting._wear import RadialWear, stated_depths
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import (
+    SAMPLES_PER_TURN,
     Recording,
     Windower,
     WindowSet,
@@ -43,7 +44,7 @@ from cyclofeat.recordings import (
     common_quantity,
     shaft_windows,
 )
-from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lobe_frequency
+from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lines_held, lobe_frequency
 from cyclofeat.signal.windows import Float
 
 # Samples of windows that are counted together.
@@ -58,8 +59,8 @@ _BEGINNINGS = 4
 class LobeModel(RecordingPredictions):
     """Counter and locator of worn lobes of recordings.
 
-    Build it with :meth:`train`, for recordings of any sampling rate at the speeds of the training, or of a
-    counter that is fitted already with :meth:`of_counter`, for one sampling rate and speed.
+    Build it with :meth:`train`, for recordings at the speeds of the training with enough samples per turn, or
+    of a counter that is fitted already with :meth:`of_counter`, for one sampling rate and speed.
 
     A model is a fitted classifier of recordings for scikit-learn too (``predict``, ``predict_proba``,
     ``score``, last step of a ``Pipeline``), and frozen like ``sklearn.frozen.FrozenEstimator``: ``fit``
@@ -83,6 +84,8 @@ class LobeModel(RecordingPredictions):
     sampling_rate, input_speed_hz : float or None
         Hz, and nominal turns per second, of the windows in time that the counter takes. None where it takes
         windows over the angle of the shaft, of any rate and speed.
+    samples_per_turn : int
+        Of windows over the angle: a recording must hold as many samples per input turn, and may hold more.
     wear : RadialWear or None
         Count and depth from several windows in a row, where the model was trained with the depth of radial
         wear; else None.
@@ -96,6 +99,7 @@ class LobeModel(RecordingPredictions):
     sampling_rate: float | None = None
     input_speed_hz: float | None = None
     wear: RadialWear | None = None
+    samples_per_turn: int = SAMPLES_PER_TURN
 
     @classmethod
     def train(
@@ -111,9 +115,11 @@ class LobeModel(RecordingPredictions):
         """Train on labelled recordings, of any speeds, loads and sampling rates.
 
         Windows of one output turn are cut over the angle of the input shaft: a tachometer's, or the one that
-        the lines of the torque give around the stated speed. Where all recordings state which lobes are worn
-        and some hold sets that are no row of neighbours, the counter is a :class:`LobeCounter`, which counts
-        lobe by lobe; else trees on the lobe map.
+        the lines of the torque give around the stated speed. They have 128 samples per input turn, or as many
+        as the recording with the fewest would hold at 5 % more speed.
+
+        Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
+        counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
 
         Parameters
         ----------
@@ -143,7 +149,8 @@ class LobeModel(RecordingPredictions):
         ------
         TypeError, ValueError
             Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
-            are shorter than an output turn, or state neither angle nor speed; with ``wear_um`` also where a
+            are shorter than an output turn, state neither angle nor speed, or hold too few samples per turn
+            for lobe lines up to half the number of lobes; with ``wear_um`` also where a
             recording with worn lobes states no depth within the range.
         """
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
@@ -151,7 +158,8 @@ class LobeModel(RecordingPredictions):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
-        windows = shaft_windows(recordings, [one.angle for one in turnings], n_lobes)
+        per_turn = _samples_per_turn(recordings, turnings, n_lobes)
+        windows = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
@@ -185,7 +193,7 @@ class LobeModel(RecordingPredictions):
                 windows, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state
             )
             card["wear"] = wear.summary()
-        return cls(counter, locator, n_lobes, card, domain, wear=wear)
+        return cls(counter, locator, n_lobes, card, domain, wear=wear, samples_per_turn=per_turn)
 
     @classmethod
     def of_counter(
@@ -279,7 +287,10 @@ class LobeModel(RecordingPredictions):
         parts = [f"of {quantity} at {_range_text(self.card['speeds_rpm'])} RPM"]
         if self.card["loads_nm"]:
             parts.append(f"{_range_text(self.card['loads_nm'])} Nm")
-        return " and ".join(parts)
+        made = " and ".join(parts)
+        if self.samples_per_turn < SAMPLES_PER_TURN:
+            made += f", with at least {self.samples_per_turn} samples per input turn"
+        return made
 
     def check(self, recording: Recording) -> None:
         """Raise ``ValueError`` if the recording's quantity, lobes, sampling rate or speed do not suit."""
@@ -345,7 +356,8 @@ class LobeModel(RecordingPredictions):
             windower = Windower(input_speed_hz=self.input_speed_hz, reduction=self.n_lobes)
             return windower.windows([recording]), None
         turning = turning_of(recording, self.n_lobes)
-        return shaft_windows([recording], [turning.angle], self.n_lobes), turning
+        windows = shaft_windows([recording], [turning.angle], self.n_lobes, self.samples_per_turn)
+        return windows, turning
 
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
@@ -614,6 +626,23 @@ class LobeModel(RecordingPredictions):
         proba = self.locator._from_lines(lines.part(np.concatenate(repeated)), passages)
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
+
+
+def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int) -> int:
+    """Return how many samples per input turn windows have: what all recordings hold, at most 128."""
+    held = [
+        one.sampling_rate / (turning.speed_hz * (1 + _SPEED_MARGIN))
+        for one, turning in zip(recordings, turnings, strict=True)
+    ]
+    fewest = int(np.argmin(held))
+    per_turn = min(SAMPLES_PER_TURN, int(held[fewest]))
+    if 2 * lines_held(per_turn, 1.0, n_lobes) < n_lobes:
+        raise ValueError(
+            f"sampling_rate of {recordings[fewest].sampling_rate:g} Hz is too low at "
+            f"{60 * turnings[fewest].speed_hz:.5g} RPM: {per_turn} samples per input turn do not hold lobe "
+            f"lines up to half of the {n_lobes} lobes; record at a higher rate or train on slower speeds"
+        )
+    return per_turn
 
 
 def _range(values: Sequence[float]) -> list[float] | None:

@@ -13,7 +13,7 @@ from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
-from cyclofeat.signal.lobes import SPEED_TOLERANCE
+from cyclofeat.signal.lobes import SPEED_TOLERANCE, lines_held
 
 KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
 
@@ -43,7 +43,7 @@ def make_lobe_counter(
     Parameters
     ----------
     sampling_rate : float
-        Samples per second of the windows, in Hz.
+        Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
     kind : {"lobe_map", "features", "ladder", "ordinal", "lobes"}
     input_speed_hz : float
         Nominal input speed in turns per second.
@@ -89,7 +89,11 @@ def make_lobe_counter(
             sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
         )
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
-    lobe_map = ("lobe_map", LobeMap(sampling_rate, **disc, speed_tolerance=speed_tolerance))
+    n_lines = lines_held(sampling_rate, input_speed_hz, n_lobes, speed_tolerance)
+    lobe_map = (
+        "lobe_map",
+        LobeMap(sampling_rate, **disc, n_lines=n_lines, speed_tolerance=speed_tolerance),
+    )
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],

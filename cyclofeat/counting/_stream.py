@@ -14,7 +14,7 @@ from cyclofeat.counting._answers import LobeCount, WindowCount
 from cyclofeat.counting._model import LobeModel
 from cyclofeat.counting._verdicts import window_faults
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
-from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, ShaftCutter, ShaftWindow, window_set
+from cyclofeat.recordings import Recording, ShaftCutter, ShaftWindow, window_set
 from cyclofeat.signal.windows import Float
 
 
@@ -22,11 +22,11 @@ class LobeStream:
     """Counter of worn lobes of samples that arrive in pieces of any size.
 
     With the angle of the input shaft, windows of one output turn are counted as soon as half an input turn
-    behind them has arrived. They are those of :meth:`LobeModel.count` on the whole record: equal up to
-    rounding while the speed is steady, else up to errors of interpolation of 0.1 %. Without an angle, the
-    speed can be followed in a whole record only; the stream is then cut into blocks of ``block_turns`` output
-    turns, and each is counted as a recording of its own. In either case the answers are the same, bit for
-    bit, for any sizes of the pieces.
+    behind them has arrived (more with a model of fewer than 128 samples per turn). They are those of
+    :meth:`LobeModel.count` on the whole record: equal up to rounding while the speed is steady, else up to
+    errors of interpolation of 0.1 %. Without an angle, the speed can be followed in a whole record only; the
+    stream is then cut into blocks of ``block_turns`` output turns, and each is counted as a recording of its
+    own. In either case the answers are the same, bit for bit, for any sizes of the pieces.
 
     The stream keeps the samples of at most one window and one input turn (one block without an angle) and the
     last piece, the last windows that a depth of wear needs, and some hundred bytes per window until
@@ -96,7 +96,7 @@ class LobeStream:
         self._begin()
 
     def _begin(self) -> None:
-        self._cutter = ShaftCutter(self.sampling_rate, self.model.n_lobes)
+        self._cutter = ShaftCutter(self.sampling_rate, self.model.n_lobes, self.model.samples_per_turn)
         self._pieces: list[Float] = []
         self._n_samples = 0
         self._n_kept = 0  # of a block
@@ -197,7 +197,7 @@ class LobeStream:
     def _answer(self, window: ShaftWindow) -> tuple[WindowCount, ...]:
         """Count one window: alone, so that its answer does not depend on the pieces."""
         recording = self._recording(window.torque, window.angle)
-        windows = window_set([recording], [window.cut], float(SAMPLES_PER_TURN))
+        windows = window_set([recording], [window.cut], float(self.model.samples_per_turn))
         stop = window.cut[2] + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
         stop_s = np.interp(stop, window.angle, np.arange(window.angle.size)) / self.sampling_rate
         faults = window_faults(recording, windows, stop_s, self.model.n_lobes)

@@ -89,8 +89,8 @@ class RadialWear:
         Fitted to the features of runs, classes are defect counts.
     depth : ConformalRegressor
         Fitted to the logarithm of the depth in um.
-    n_windows, n_lobes : int
-        Windows of a run; lobes of a disc.
+    n_windows, n_lobes, samples_per_turn : int
+        Windows of a run; lobes of a disc; samples per input turn of the windows.
     range_um : tuple of float
         Least and largest depth of the training.
     limit_um : float or None
@@ -110,6 +110,7 @@ class RadialWear:
     limit_um: float | None
     accuracy: float | None
     false_alarms: float | None
+    samples_per_turn: int = SAMPLES_PER_TURN
 
     @classmethod
     def train(
@@ -151,7 +152,8 @@ class RadialWear:
         recording = np.repeat(np.arange(len(runs)), [len(one) for one in runs])
         first = np.array([rows[0] for rows in of_recordings])[recording]
         member = recording if windows.groups is None else windows.groups[first]
-        features = np.vstack([wear_features(one, n_lobes) for one in runs])
+        per_turn = round(windows.sampling_rate)
+        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
         count = windows.y[first]
         trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
         counter = GroupCalibratedCounter(trees, random_state=random_state).fit(features, count, groups=member)
@@ -175,7 +177,7 @@ class RadialWear:
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
         depth.fit(features[seen], log_depth[seen], groups=member[seen])
-        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy, false_alarms)
+        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy, false_alarms, per_turn)
 
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
@@ -203,7 +205,7 @@ class RadialWear:
     def features(self, X: Float, faults: Sequence[str]) -> Float | None:
         """Return the features of the runs of a recording's windows without a fault; None if there is none."""
         runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
-        return wear_features(runs, self.n_lobes) if len(runs) else None
+        return wear_features(runs, self.n_lobes, self.samples_per_turn) if len(runs) else None
 
     def probability(self, features: Float) -> Float:
         """Return the probability of each count from all runs of a recording, shape (n_classes,)."""
@@ -272,14 +274,15 @@ def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> 
     return np.array(rows).reshape(len(rows), n_windows * X.shape[1])
 
 
-def wear_features(runs: Float, n_lobes: int) -> Float:
+def wear_features(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Float:
     """Features of runs over the angle of the shaft, for count and depth of radial wear.
 
     Parameters
     ----------
     runs : ndarray, shape (n_runs, n_samples)
-        Torque in Nm at :data:`~cyclofeat.recordings.SAMPLES_PER_TURN` samples per input turn.
-    n_lobes : int
+        Torque in Nm over the angle of the shaft.
+    n_lobes, samples_per_turn : int
+        Lobes of a disc; samples per input turn.
 
     Returns
     -------
@@ -288,22 +291,23 @@ def wear_features(runs: Float, n_lobes: int) -> Float:
         its surroundings, without the resonance. Then contrast and level (logarithm of the power in Nm^2) of
         each line with the resonance: the depth needs the level.
     """
-    white = LobeMap(SAMPLES_PER_TURN, 1.0, n_lobes, _n_lines(n_lobes), speed_tolerance=0.0)
-    lines = lobe_lines_nm(runs, n_lobes)
+    n_lines = _n_lines(n_lobes, samples_per_turn)
+    white = LobeMap(samples_per_turn, 1.0, n_lobes, n_lines, speed_tolerance=0.0)
+    lines = lobe_lines_nm(runs, n_lobes, samples_per_turn)
     level = np.log(np.abs(lines.lines) ** 2 + _LEAST_NM**2)
     return np.hstack([white.from_lines(white.lines(runs)), line_contrast(lines), level])
 
 
-def lobe_lines_nm(runs: Float, n_lobes: int) -> LobeLines:
+def lobe_lines_nm(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> LobeLines:
     """Return the lobe lines of runs, as for :func:`wear_features`, in Nm and with the resonance."""
-    comb = LobeComb(n_lobes, _n_lines(n_lobes), ar_order=0, speed_tolerance=0.0)
-    found = lobe_lines(np.asarray(runs, dtype=np.float64), SAMPLES_PER_TURN, 1.0, comb)
+    comb = LobeComb(n_lobes, _n_lines(n_lobes, samples_per_turn), ar_order=0, speed_tolerance=0.0)
+    found = lobe_lines(np.asarray(runs, dtype=np.float64), samples_per_turn, 1.0, comb)
     scale = runs.std(axis=1, keepdims=True)
     return LobeLines(found.input_speed_hz, found.lines * scale, found.floor * scale**2)
 
 
-def _n_lines(n_lobes: int) -> int:
-    return int(_SHARE_OF_BAND * SAMPLES_PER_TURN / 2 / lobe_frequency(1.0, n_lobes))
+def _n_lines(n_lobes: int, samples_per_turn: int) -> int:
+    return int(_SHARE_OF_BAND * samples_per_turn / 2 / lobe_frequency(1.0, n_lobes))
 
 
 def _visible_from(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:

@@ -16,7 +16,6 @@ from cyclofeat.counting import Evaluation, LobeModel
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.models._content import ModelFileError, estimators_in
-from cyclofeat.recordings import SAMPLES_PER_TURN
 
 FORMAT = 2
 CARD_SUFFIX = ".card.json"
@@ -139,7 +138,7 @@ def make_card(
         "versions": found,
         "sampling_rate": rate,
         "window_samples": samples,
-        "samples_per_turn": SAMPLES_PER_TURN if any_speed else None,
+        "samples_per_turn": model.samples_per_turn if model is not None and any_speed else None,
         "window_s": None if rate is None else samples / rate,
         "input_speed_hz": _parameter(counter, "input_speed_hz"),
         "n_lobes": _parameter(counter, "n_lobes"),

@@ -16,7 +16,7 @@ from cyclofeat.signal.windows import Float
 
 __all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows"]
 
-#: Samples per input turn of the windows. They hold 44 lobe lines.
+#: Samples per input turn of windows that hold all 44 lobe lines of a count.
 SAMPLES_PER_TURN = 128
 #: Share of an output turn that a window covers: a recording of whole turns at the nominal speed holds as many
 #: windows although its true speed is a per cent lower.
@@ -24,18 +24,22 @@ WINDOW_TURNS = 0.98
 
 # Samples per turn that are left to the interpolation, in multiples of the result's.
 _DENSE = 2.5
-# Turns by which a recording is continued at either end, where the filters settle.
-_MARGIN_TURNS = 0.35
-# Turns beside a window that decide about it: more than the filters reach.
-_BESIDE_TURNS = 0.5
-_STEP = 2 * math.pi / SAMPLES_PER_TURN
+# Samples of the result by which a recording is continued at either end, where the filters settle.
+_MARGIN = 44.8
+# Samples of the result beside a window that decide about it: more than the filters reach.
+_BESIDE = 64
 # Rounding must not cost the point of the grid at which a record begins or ends.
 _ROUNDING = 1e-9
 # Pieces of samples from which they are joined.
 _MOST_PIECES = 1024
 
 
-def shaft_windows(recordings: Sequence[Recording], angles: Sequence[Float], n_lobes: int) -> WindowSet:
+def shaft_windows(
+    recordings: Sequence[Recording],
+    angles: Sequence[Float],
+    n_lobes: int,
+    samples_per_turn: int = SAMPLES_PER_TURN,
+) -> WindowSet:
     """Cut recordings into windows on equal steps of the input shaft's angle.
 
     Parameters
@@ -45,6 +49,8 @@ def shaft_windows(recordings: Sequence[Recording], angles: Sequence[Float], n_lo
         Angle of the input shaft in rad at the samples of each recording, strictly increasing.
     n_lobes : int
         Input turns per output turn.
+    samples_per_turn : int
+        Samples per input turn of the windows.
 
     Returns
     -------
@@ -56,10 +62,13 @@ def shaft_windows(recordings: Sequence[Recording], angles: Sequence[Float], n_lo
     Raises
     ------
     ValueError
-        If a recording is shorter than a window or holds fewer than 128 samples per turn.
+        If a recording is shorter than a window or holds fewer samples per turn.
     """
-    cuts = [_cut(recording, angle, n_lobes) for recording, angle in zip(recordings, angles, strict=True)]
-    return window_set(recordings, cuts, float(SAMPLES_PER_TURN))
+    cuts = [
+        _cut(recording, angle, n_lobes, samples_per_turn)
+        for recording, angle in zip(recordings, angles, strict=True)
+    ]
+    return window_set(recordings, cuts, float(samples_per_turn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +78,8 @@ class ShaftWindow:
     Attributes
     ----------
     torque, angle : ndarray, shape (n,)
-        Samples of the window and of half an input turn before and after it, where there are any.
+        Samples of the window, and beside it half an input turn at 128 samples per turn (more turns at fewer),
+        where there are any.
     first_sample : int
         Number of samples before these.
     cut : tuple of ndarray
@@ -85,10 +95,10 @@ class ShaftWindow:
 class ShaftCutter:
     """Cut samples that arrive in pieces into the windows of :func:`shaft_windows`.
 
-    A window is cut when half an input turn behind it has arrived. Its samples do not depend on the sizes of
-    the pieces. They are those of :func:`shaft_windows` up to rounding while the speed is steady; where the
-    speed varies, that function may choose another rate of its filters by the whole record (errors of 0.1 %).
-    Samples of at most one window, one input turn and the last piece are kept.
+    A window is cut when the samples beside it (:class:`ShaftWindow`) have arrived. Its samples do not depend
+    on the sizes of the pieces. They are those of :func:`shaft_windows` up to rounding while the speed is
+    steady; where the speed varies, that function may choose another rate of its filters by the whole record
+    (errors of 0.1 %). Samples of at most one window, those beside it and the last piece are kept.
 
     Parameters
     ----------
@@ -96,12 +106,15 @@ class ShaftCutter:
         In Hz.
     n_lobes : int
         Input turns per output turn.
+    samples_per_turn : int
+        Samples per input turn of the windows.
     """
 
-    def __init__(self, sampling_rate: float, n_lobes: int) -> None:
+    def __init__(self, sampling_rate: float, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> None:
         self._rate = sampling_rate
-        self._length = _window_length(n_lobes)
-        self._turns = WINDOW_TURNS * n_lobes
+        self._per_turn = samples_per_turn
+        self._step = 2 * math.pi / samples_per_turn
+        self._length = _window_length(n_lobes, samples_per_turn)
         self._pieces: list[tuple[Float, Float]] = []
         self._first_sample = 0  # of those kept
         self._first_point: int | None = None  # of the next window, in steps of the grid
@@ -122,7 +135,7 @@ class ShaftCutter:
             If a window is constant, or its samples are too few. It is left out then.
         """
         self._take(torque, angle)
-        beside = 2 * math.pi * _BESIDE_TURNS
+        beside = _BESIDE * self._step
         while self._pieces and self._last_angle() >= (last := self._end_of_window() + beside):
             angles = self._joined()[1]
             yield self._window(int(np.searchsorted(angles, last)) + 1)
@@ -136,7 +149,7 @@ class ShaftCutter:
         if not angle.size:
             return
         if self._first_point is None:
-            self._first_point = math.ceil((angle[0] - _ROUNDING) / _STEP)
+            self._first_point = math.ceil((angle[0] - _ROUNDING) / self._step)
         self._pieces.append((torque, angle))
         if len(self._pieces) > _MOST_PIECES:
             self._joined()
@@ -146,7 +159,7 @@ class ShaftCutter:
 
     def _end_of_window(self) -> float:
         assert self._first_point is not None
-        return (self._first_point + self._length - 1) * _STEP
+        return (self._first_point + self._length - 1) * self._step
 
     def _joined(self) -> tuple[Float, Float]:
         if len(self._pieces) > 1:
@@ -159,16 +172,18 @@ class ShaftCutter:
         torque, angle = (values[:stop].copy() for values in self._joined())
         per_turn = angle.size * 2 * math.pi / float(np.ptp(angle))
         if not self._thinning:
-            _check_density(per_turn, self._rate)
-            self._thinning = _thinning(per_turn)
+            _check_density(per_turn, self._rate, self._per_turn)
+            self._thinning = _thinning(per_turn, self._per_turn)
             self._level, self._sign = _level_and_sign(torque)
         first, first_sample = self._first_point, self._first_sample
         assert first is not None
         self._first_point = first + self._length
         self._forget()
         level_sign = self._level, self._sign
-        values, grid = _on_grid(torque, level_sign, angle, self._rate, per_turn, self._thinning)
-        begin = first - round(grid[0] / _STEP)
+        values, grid = _on_grid(
+            torque, level_sign, angle, self._rate, per_turn, self._per_turn, self._thinning
+        )
+        begin = first - round(grid[0] / self._step)
         window, start = values[np.newaxis, begin : begin + self._length], grid[begin : begin + 1]
         _check_constant(window, torque)
         at = samples_at(start, angle)
@@ -177,7 +192,7 @@ class ShaftCutter:
     def _forget(self) -> None:
         assert self._first_point is not None
         torque, angle = self._joined()
-        needed = self._first_point * _STEP - 2 * math.pi * _BESIDE_TURNS
+        needed = (self._first_point - _BESIDE) * self._step
         before = max(0, int(np.searchsorted(angle, needed)) - 1)
         # The filter takes every so many samples from the first on.
         before -= (self._first_sample + before) % self._thinning
@@ -186,23 +201,24 @@ class ShaftCutter:
             self._first_sample += before
 
 
-def _window_length(n_lobes: int) -> int:
-    return round(WINDOW_TURNS * n_lobes * SAMPLES_PER_TURN)
+def _window_length(n_lobes: int, samples_per_turn: int) -> int:
+    return round(WINDOW_TURNS * n_lobes * samples_per_turn)
 
 
-def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
+def _cut(recording: Recording, angle: Float, n_lobes: int, samples_per_turn: int) -> Cut:
     rate = recording.sampling_rate
     turns = float(np.ptp(angle)) / (2 * np.pi)
-    length = _window_length(n_lobes)
-    if turns * SAMPLES_PER_TURN < length:
+    length = _window_length(n_lobes, samples_per_turn)
+    if turns * samples_per_turn < length:
         raise ValueError(
             f"the recording is too short: it lasts {recording.duration:.4g} s and holds {turns:.4g} input "
             f"turns, a window of one output turn needs {WINDOW_TURNS * n_lobes:g}"
         )
     per_turn = angle.size / turns
-    _check_density(per_turn, rate)
+    _check_density(per_turn, rate, samples_per_turn)
     level_sign = _level_and_sign(recording.torque)
-    torque, grid = _on_grid(recording.torque, level_sign, angle, rate, per_turn, _thinning(per_turn))
+    thinning = _thinning(per_turn, samples_per_turn)
+    torque, grid = _on_grid(recording.torque, level_sign, angle, rate, per_turn, samples_per_turn, thinning)
     starts = np.arange(torque.size // length) * length
     windows = np.lib.stride_tricks.sliding_window_view(torque, length)[starts]
     _check_constant(windows, recording.torque)
@@ -210,12 +226,12 @@ def _cut(recording: Recording, angle: Float, n_lobes: int) -> Cut:
     return windows, at / rate, grid[starts]
 
 
-def _check_density(per_turn: float, rate: float) -> None:
-    if per_turn < SAMPLES_PER_TURN:
+def _check_density(per_turn: float, rate: float, needed: int) -> None:
+    if per_turn < needed:
         raise ValueError(
-            f"sampling_rate must be at least {SAMPLES_PER_TURN * rate / per_turn:.5g} Hz at "
-            f"{60 * rate / per_turn:.5g} RPM ({SAMPLES_PER_TURN} samples per input turn hold the lobe "
-            f"lines), got {rate:g} Hz"
+            f"sampling_rate must be at least {needed * rate / per_turn:.5g} Hz at {60 * rate / per_turn:.5g} "
+            f"RPM ({needed} samples per input turn hold the lobe lines that are counted), got {rate:g} Hz: "
+            f"train a model at {rate:g} Hz (cyclofeat train --sampling-rate {rate:g})"
         )
 
 
@@ -227,8 +243,8 @@ def _check_constant(windows: Float, torque: Float) -> None:
         )
 
 
-def _thinning(per_turn: float) -> int:
-    return max(1, int(per_turn / (SAMPLES_PER_TURN * _DENSE)))
+def _thinning(per_turn: float, samples_per_turn: int) -> int:
+    return max(1, int(per_turn / (samples_per_turn * _DENSE)))
 
 
 def _level_and_sign(torque: Float) -> tuple[float, float]:
@@ -238,11 +254,17 @@ def _level_and_sign(torque: Float) -> tuple[float, float]:
 
 
 def _on_grid(
-    torque: Float, level_sign: tuple[float, float], angle: Float, rate: float, per_turn: float, thinning: int
+    torque: Float,
+    level_sign: tuple[float, float],
+    angle: Float,
+    rate: float,
+    per_turn: float,
+    samples_per_turn: int,
+    thinning: int,
 ) -> tuple[Float, Float]:
     """Return torque on the grid of the angle, without its level and of the sign given."""
-    margin = math.ceil(_MARGIN_TURNS * per_turn / thinning) * thinning
-    margin = min(margin, (torque.size - 1) // thinning * thinning)
+    longest = (torque.size - 1) // thinning
+    margin = min(math.ceil(_MARGIN / samples_per_turn * per_turn / thinning), longest) * thinning
     # One long array after the other: a record may fill a good part of the memory.
     longer = torque - level_sign[0]
     longer *= level_sign[1]
@@ -250,7 +272,7 @@ def _on_grid(
     if thinning > 1:
         longer = resample_poly(longer, 1, thinning)
     turning = _continued(angle, margin)[::thinning].copy()
-    even, grid = resample_by_angle(longer, turning, SAMPLES_PER_TURN, rate / thinning)
+    even, grid = resample_by_angle(longer, turning, samples_per_turn, rate / thinning)
     inside = (grid >= angle[0] - _ROUNDING) & (grid <= angle[-1] + _ROUNDING)
     return even[inside], grid[inside]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
-from cyclofeat.signal.lobes import LobeComb, lobe_frequency, lobe_lines
+from cyclofeat.signal.lobes import LobeComb, lines_held, lobe_frequency, lobe_lines
 from cyclofeat.signal.windows import Float, ratio
 
 __all__ = [
@@ -221,15 +221,17 @@ def local_speeds(
     speeds : ndarray, shape (n_windows, 4)
         As multiples of ``input_speed_hz``.
     evidence : ndarray, shape (n_windows, 4)
-        Mean power of lobe lines 3 to 30 over the spectrum around them, less 1. Above 0.6 the speed is right
-        within 1 % in 98 of 100 clean windows.
+        Mean power of lobe lines 3 to 30, or those that the rate holds, over the spectrum around them, less 1,
+        in units of its scatter with all of them. Above 0.6 the speed is right within 1 % in 98 of 100 clean
+        windows.
     """
     length = X.shape[1] // _QUARTERS
     quarters = X[:, : _QUARTERS * length].reshape(-1, length)
-    comb = LobeComb(
-        n_lobes, _LAST_LINE, speed_tolerance=_SEARCHED, searched=range(_FIRST_LINE, _LAST_LINE + 1)
-    )
+    last = min(_LAST_LINE, lines_held(sampling_rate, input_speed_hz, n_lobes, _SEARCHED))
+    comb = LobeComb(n_lobes, last, speed_tolerance=_SEARCHED, searched=range(_FIRST_LINE, last + 1))
     lines = lobe_lines(quarters, sampling_rate, input_speed_hz, comb)
     power = np.minimum(ratio(np.abs(lines.lines) ** 2, lines.floor), _STRONGEST)[:, _FIRST_LINE - 1 :]
     speeds = lines.input_speed_hz / input_speed_hz
-    return speeds.reshape(len(X), -1), power.mean(axis=1).reshape(len(X), -1) - 1
+    # The mean of fewer lines scatters more.
+    evidence = (power.mean(axis=1) - 1) * np.sqrt(power.shape[1] / (_LAST_LINE - _FIRST_LINE + 1))
+    return speeds.reshape(len(X), -1), evidence.reshape(len(X), -1)

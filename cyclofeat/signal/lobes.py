@@ -36,6 +36,7 @@ __all__ = [
     "highest_frequency",
     "line_contrast",
     "line_prominence",
+    "lines_held",
     "lobe_frequency",
     "lobe_lines",
     "prewhiten",
@@ -47,6 +48,9 @@ __all__ = [
 #: Largest relative deviation from the nominal speed that the search for lobe lines covers by default.
 SPEED_TOLERANCE = 0.015
 
+# Lobe lines of a count, the fewest of a lobe map, and the share of the sampling rate up to which windows hold
+# them: there the low-pass of resampled torque is flat.
+_LINES, _FEWEST_LINES, _SHARE_HELD = 44, 3, 0.4
 # The reduced sampling rate, in lobe frequencies per lobe line kept: its Nyquist is 3 times the highest line.
 _RATE_PER_LINE = 6
 # Order of the autoregressive model, where nothing else is said.
@@ -95,6 +99,22 @@ def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
 def highest_frequency(input_speed_hz: float, n_lobes: int, n_lines: int, speed_tolerance: float) -> float:
     """Frequency in Hz up to which windows must hold torque for ``n_lines`` lobe lines."""
     return n_lines * lobe_frequency(input_speed_hz, n_lobes) * (1 + speed_tolerance)
+
+
+def lines_held(
+    sampling_rate: float, input_speed_hz: float, n_lobes: int, speed_tolerance: float = 0.0
+) -> int:
+    """Return the number of lobe lines that windows hold for a count: 44, at a low rate down to 3.
+
+    Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
+
+    Examples
+    --------
+    >>> lines_held(25_600, 500 / 60, 15), lines_held(1000, 1500 / 60, 15)
+    (44, 15)
+    """
+    highest = highest_frequency(input_speed_hz, n_lobes, 1, speed_tolerance)
+    return max(_FEWEST_LINES, min(_LINES, int(_SHARE_HELD * sampling_rate / highest)))
 
 
 def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Float, float]:

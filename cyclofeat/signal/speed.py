@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from cyclofeat.signal.lobes import comb_prominence, lobe_frequency
+from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency
 from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.windows import Float
 
@@ -19,8 +19,8 @@ __all__ = ["FOLLOWED_TOLERANCE", "FollowedSpeed", "follow_speed"]
 #: shaft would be taken for those of the lobes.
 FOLLOWED_TOLERANCE = 0.055
 
-# Lobe lines that are followed: below them the load drifts. Lines of the shaft of a sound disc are even, as
-# its wheels are half a turn apart.
+# Lobe lines that are followed: below them the load drifts, and a low rate holds fewer, but at least those of
+# the mesh. Lines of the shaft of a sound disc are even, as its wheels are half a turn apart.
 _FIRST_LOBE_LINE, _LAST_LOBE_LINE, _FIRST_SHAFT_LINE, _LAST_SHAFT_LINE = 3, 36, 4, 30
 # A line's power over its floor is exponentially distributed with one of these means: absent, clear, strong.
 _MEANS = np.array([1.0, 4.0, 10.0])
@@ -49,6 +49,21 @@ class _Pass:
 _COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=4e-3)
 _FINE = _Pass(turns=9, hop=3, tolerance=8e-3, step=2.5e-4, change=1e-3)
 _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Last lobe line, and last line of the shaft, that a record holds at any speed of the search."""
+
+    n_lobes: int
+    last_lobe: int
+    last_shaft: int
+
+    @classmethod
+    def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
+        orders = sampling_rate / 2 / (nominal_hz * (1 + _COARSE.tolerance))
+        last_lobe = int(orders / lobe_frequency(1.0, n_lobes))
+        return cls(n_lobes, min(_LAST_LOBE_LINE, last_lobe), min(_LAST_SHAFT_LINE, int(orders)))
 
 
 @dataclass(frozen=True)
@@ -96,7 +111,8 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     Raises
     ------
     ValueError
-        If the record is shorter than six turns of the input, or the sampling rate is too low.
+        If the record is shorter than six turns of the input, or the sampling rate does not hold the first
+        line of the mesh.
 
     Examples
     --------
@@ -115,12 +131,13 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
             f"torque is too short to follow the speed: it holds {turns:.3g} turns of the input at the stated "
             f"speed, {_COARSE.turns:g} are needed"
         )
-    highest = (1 + _COARSE.tolerance) * lobe_frequency(nominal_hz, n_lobes) * _LAST_LOBE_LINE
+    highest = highest_frequency(nominal_hz, n_lobes, min(n_lobes, _LAST_LOBE_LINE), _COARSE.tolerance)
     if highest > sampling_rate / 2:
         raise ValueError(
             f"sampling_rate must be at least {2 * highest:.4g} Hz to follow {60 * nominal_hz:.4g} RPM by the "
             f"torque alone, got {sampling_rate:g} Hz"
         )
+    lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
     evidence = 0.0
@@ -128,37 +145,38 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
         if turns < one.turns:
             break
         if one is _COARSE:
-            course, evidence = _course(torque, sampling_rate, nominal_hz, one, n_lobes)
+            course, evidence = _course(torque, sampling_rate, nominal_hz, one, lines)
             at = np.interp(time / sampling_rate, *course) * nominal_hz
             angle = _integrated(at, sampling_rate)
             continue
         even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-        (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, n_lobes)
+        (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
         smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
         at_turn = angle / (2 * np.pi)
         low, high = smooth.x[0], smooth.x[-1]
         factors = smooth(np.clip(at_turn, low, high))
         angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
-    fits = evidence > 0 and _fits(torque, sampling_rate, angle, n_lobes)
+    fits = evidence > 0 and _fits(torque, sampling_rate, angle, lines)
     return FollowedSpeed(angle, evidence, fits)
 
 
-def _fits(torque: Float, sampling_rate: float, angle: Float, n_lobes: int) -> bool:
+def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> bool:
     """Return True if the lines over the angle are those of a worn or a sound disc.
 
     At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
     second or third only (twice or three times), or on the odd lines of the shaft, which no disc has.
     """
     even, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
+    n_lobes = lines.n_lobes
     length = min(even.size, n_lobes * _SAMPLES_PER_TURN)
     windows = even[: even.size // length * length].reshape(-1, length)
-    lobe = np.arange(_FIRST_LOBE_LINE, _LAST_LOBE_LINE + 1)
+    lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
     mesh, lobe = lobe[lobe % n_lobes == 0], lobe[lobe % n_lobes != 0]
     per_order = n_lobes / (n_lobes + 1)
     between = lobe + 0.5
     orders = between / per_order
     between = between[np.abs(orders - np.round(orders)) > _APART]  # lines of the shaft prove nothing
-    odd = np.arange(_FIRST_SHAFT_LINE + 1, _LAST_SHAFT_LINE, 2) * per_order
+    odd = np.arange(_FIRST_SHAFT_LINE + 1, lines.last_shaft, 2) * per_order
     parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd}
     numbers = np.concatenate(list(parts.values()))
     power = comb_prominence(windows, _SAMPLES_PER_TURN, 1.0, np.ones(1), numbers, n_lobes)
@@ -179,7 +197,7 @@ def _integrated(speed_hz: Float, sampling_rate: float) -> Float:
 
 
 def _course(
-    torque: Float, rate: float, speed: float, one: _Pass, n_lobes: int
+    torque: Float, rate: float, speed: float, one: _Pass, lines: _Lines
 ) -> tuple[tuple[Float, Float], float]:
     """Return times (in 1/rate samples per unit) and factors of the speed, and the evidence per turn."""
     length = min(round(one.turns / speed * rate), torque.size)
@@ -188,7 +206,7 @@ def _course(
     starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)
     blocks = np.lib.stride_tricks.sliding_window_view(torque, length)[starts].astype(float)
     factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
-    votes = _votes(blocks, rate, speed, factors, n_lobes)
+    votes = _votes(blocks, rate, speed, factors, lines)
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, one.hop / one.turns)
     path = _path(votes, one.change / one.step)
@@ -200,11 +218,12 @@ def _course(
     return (times, course), evidence
 
 
-def _votes(blocks: Float, rate: float, speed: float, factors: Float, n_lobes: int) -> Float:
+def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines) -> Float:
     """Log-likelihood ratio of the lines over noise, shape (n_blocks, n_factors)."""
-    lobe = np.arange(_FIRST_LOBE_LINE, _LAST_LOBE_LINE + 1)
+    n_lobes = lines.n_lobes
+    lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
     mesh = lobe % n_lobes == 0
-    shaft = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
+    shaft = np.arange(_FIRST_SHAFT_LINE, lines.last_shaft + 1, 2)
     shaft = shaft[shaft % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1)
     numbers = np.concatenate([lobe, shaft])
     power = np.minimum(comb_prominence(blocks, rate, speed, factors, numbers, n_lobes), _MOST)

@@ -143,7 +143,7 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
         if recording.sampling_rate <= needed:
             notes.append(
                 f"{recording.sampling_rate:g} Hz are too few for the {_LINES} lobe lines of a count, which "
-                f"need more than {needed:.0f} Hz"
+                f"need more than {needed:.0f} Hz: only a model trained at such a rate counts them"
             )
     if facts["unit_assumed"]:
         notes.append(f"the file states no unit of {in_words(recording.quantity)}: {facts['unit']} assumed")

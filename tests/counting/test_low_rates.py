@@ -1,0 +1,124 @@
+"""Recordings with fewer samples per input turn than all lobe lines need."""
+
+import functools
+import re
+
+import numpy as np
+import pytest
+from scipy.signal import resample_poly
+from small_model import RATE, SPEED, labelled, recording, recordings_with_wear, shaft_model
+
+from cyclofeat.counting import LobeModel, LobeStream
+from cyclofeat.models import load_model, read_card, save_model
+from cyclofeat.recordings import Recording, shaft_windows
+from cyclofeat.signal.lobes import lines_held
+from cyclofeat.signal.speed import follow_speed
+
+# 60 samples per turn, of which a model has 57: it may count at 5 % more speed than it was trained at.
+SLOWER, PER_TURN = 4, 57
+
+
+def slower(one: Recording) -> Recording:
+    """The same by a logger of a quarter of the rate, with its anti-alias filter."""
+    level = one.torque.mean()
+    torque = level + resample_poly(one.torque - level, 1, SLOWER)
+    return one.replace(torque=torque, angle=one.angle[::SLOWER], sampling_rate=RATE / SLOWER)
+
+
+@functools.cache
+def slow_model() -> LobeModel:
+    return LobeModel.train([slower(one) for one in labelled()], n_splits=0, n_trees=20)
+
+
+def test_a_model_has_as_many_samples_per_turn_as_its_poorest_recording():
+    assert shaft_model().samples_per_turn == 128
+    assert slow_model().samples_per_turn == PER_TURN
+    mixed = [slower(one) if one.assembly == "A7" else one for one in labelled()]
+    assert LobeModel.train(mixed, n_splits=0, n_trees=5).samples_per_turn == PER_TURN
+    n_lines = lines_held(PER_TURN, 1.0, 15)
+    assert n_lines == 21
+    assert slow_model().counter[0].n_lines == slow_model().locator.lobe_map_.n_lines == n_lines
+    assert "with at least 57 samples per input turn" in slow_model().made_for()
+    assert "samples" not in shaft_model().made_for()
+
+
+@pytest.mark.parametrize("change", [slower, lambda one: one], ids=["its rate", "a higher rate"])
+@pytest.mark.parametrize("lobes", [(), (6,), (13, 14, 0)])
+def test_it_counts_and_locates_at_its_rate_and_above(lobes, change):
+    count = slow_model().count(change(recording(lobes, seed=90, turns=2)))
+    assert (count.defect_count, count.lobes, count.refused) == (len(lobes), tuple(sorted(lobes)), False)
+
+
+def test_without_a_tachometer_the_speed_is_followed_by_fewer_lines():
+    one = slower(recording((3, 4, 5), seed=91, turns=2)).replace(angle=None, angle_is_absolute=False)
+    count = slow_model().count(one.replace(speed_rpm=510))  # the true one is 500
+    assert (count.defect_count, count.refused) == (3, False)
+    assert float(re.search(r"([\d.]+) RPM found in the torque", count.warnings[0])[1]) == pytest.approx(
+        500, 1e-4
+    )
+
+
+def test_a_stream_is_counted_as_the_file():
+    one = slower(recording((4, 5, 6), seed=92, turns=3))
+    stream = LobeStream(slow_model(), one.sampling_rate, angle_is_absolute=True)
+    for torque, angle in zip(np.array_split(one.torque, 7), np.array_split(one.angle, 7), strict=True):
+        stream.push(torque, angle)
+    pieces, whole = stream.result(), slow_model().count(one)
+    assert pieces.n_windows == whole.n_windows == 3
+    assert list(pieces.probability.values()) == pytest.approx(list(whole.probability.values()), abs=1e-9)
+    assert pieces.lobes == whole.lobes == (4, 5, 6)
+
+
+def test_too_few_samples_are_an_error_that_says_what_to_train():
+    with pytest.raises(ValueError, match=r"at least 10\d\d.* Hz at .* RPM .*train --sampling-rate 500\)"):
+        shaft_model().count(slower(recording((1,))))
+    poor = [one.replace(torque=one.torque[::12], angle=one.angle[::12], sampling_rate=RATE / 12)
+            for one in labelled()]  # fmt: skip
+    with pytest.raises(ValueError, match=r"sampling_rate of 166.667 Hz is too low .*: 19 samples per input"):
+        LobeModel.train(poor, n_splits=0)
+
+
+def test_the_file_of_a_model_keeps_the_samples_per_turn(tmp_path):
+    path = save_model(tmp_path / "slow.skops", slow_model())
+    card, loaded = read_card(path), load_model(path)
+    assert (card["samples_per_turn"], card["window_samples"]) == (PER_TURN, round(0.98 * 15 * PER_TURN))
+    one = slower(recording((8,), seed=93))
+    assert loaded.count(one).probability == slow_model().count(one).probability
+
+
+def test_the_depth_of_wear_is_learned_too():
+    model = LobeModel.train(
+        [slower(one) for one in recordings_with_wear()], n_splits=0, n_trees=25, wear_um=(5, 200)
+    )
+    deep = slower(recording((4, 5, 6), seed=94, turns=2, height=0.6))  # 120 um
+    depth = model.count(deep).wear_um
+    assert depth.low_um <= 120 <= depth.high_um
+
+
+@pytest.mark.parametrize("per_turn", [24, 40, 57, 95, 128])
+@pytest.mark.parametrize("excess", [1.05, 1.3, 2.2, 7.0, 41.0])
+def test_windows_hold_the_highest_line(per_turn, excess):
+    """A wave of its order keeps 5/6 of its amplitude, whatever the rate of the recording."""
+    order = lines_held(per_turn, 1.0, 15) * 16 / 15
+    turns = np.arange(round(16 * excess * per_turn)) / (excess * per_turn)
+    torque = 22 + np.cos(2 * np.pi * order * turns)
+    one = Recording(torque, excess * per_turn * SPEED)
+    (window,) = shaft_windows([one], [2 * np.pi * turns], 15, per_turn).X
+    at = np.arange(window.size) / per_turn
+    found = np.linalg.lstsq(
+        np.column_stack([np.cos(2 * np.pi * order * at), np.sin(2 * np.pi * order * at)]), window, rcond=None
+    )[0]
+    assert 5 / 6 < np.hypot(*found) < 1.02
+
+
+def test_a_speed_is_followed_at_36_samples_per_turn_and_not_at_30():
+    time = np.arange(1500) / 300
+    true = 2 * np.pi * (8 * time + 0.04 * np.sin(2 * np.pi * 0.3 * time))  # wanders by 1 %
+    random = np.random.default_rng(0)
+    torque = sum(np.cos(16 / 15 * k * true + random.uniform(0, 7)) for k in range(3, 16))
+    torque = torque + random.normal(size=time.size)
+    found = follow_speed(torque, 300.0, 500 / 60)
+    assert found.fits
+    assert np.std(found.angle - true) < 2 * np.pi * 0.005
+    with pytest.raises(ValueError, match="sampling_rate must be at least 281.3 Hz to follow 500 RPM"):
+        follow_speed(torque, 250.0, 500 / 60)
