@@ -55,8 +55,14 @@ def _effect(found: FoundEffect, word: str) -> Iterator[str]:
 
 
 def _remaining(remainder: Remainder) -> Iterator[str]:
-    if not remainder.unexplained:
+    if remainder.by_chance:
         yield f"left unexplained: nothing ({p_words(remainder.p)})"
+        return
+    if remainder.p_open is not None and not remainder.unexplained:
+        yield (
+            f"left unexplained: what open effects may explain ({p_words(remainder.p_open)}; without them "
+            f"{p_words(remainder.p)}); sizes are not confirmed by simulation"
+        )
         return
     yield f"left unexplained ({p_words(remainder.p)}):"
     for row in remainder.rows[:_N_REMAINING]:

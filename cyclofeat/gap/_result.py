@@ -103,14 +103,23 @@ class Remainder:
     p : float
         Chance of a remainder this large if the corrected model were right.
     unexplained : bool
-        Whether chance explains it no longer.
+        Whether neither chance nor effects that are open explain it.
     rows : tuple of RemainderRow
         The clearest first.
+    p_open : float or None
+        Chance of it if each open effect were there as often as it is probable; None where chance alone
+        explains it, or no effect is open.
     """
 
     p: float
     unexplained: bool
     rows: tuple[RemainderRow, ...] = field(default=(), repr=False)
+    p_open: float | None = None
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether chance alone explains it."""
+        return not self.unexplained and self.p_open is None
 
 
 @dataclass(frozen=True)
@@ -314,7 +323,9 @@ class GapResult(EffectRows[FoundEffect]):
             numbers = [f"probability {found.probability:.3g}", *map(str, found.sizes)]
             rows[f"missing: {found.effect}"] = "; ".join(numbers)
         if self.remainder is not None:
-            left = "something" if self.remainder.unexplained else "nothing"
+            left = "nothing" if self.remainder.by_chance else "what may be open effects"
+            if self.remainder.unexplained:
+                left = "something"
             rows["left unexplained"] = f"{left} (p = {self.remainder.p:.2g})"
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"

@@ -13,7 +13,7 @@ from cyclofeat.gap._overlays import Overlay, overlays
 from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRow, Size
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
-from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, next_measurements
+from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, simulate_possible
 from cyclofeat.gap.posterior import ABSENT, PRESENT, TIES, EffectPosterior, load_posterior, named_effects
 from cyclofeat.gap.proof import Proof, prove
 from cyclofeat.gap.simulations import as_rig
@@ -62,13 +62,15 @@ def find_gap(
     -----
     1. Where: recordings and model are compared at each condition (:func:`cyclofeat.gap.locate`).
     2. What: the posterior states the probability of each effect.
-    3. How large: sessions with the effects that are more probable than not (of look-alikes, that share their
+    3. What is possible: rigs drawn from this posterior are simulated, with further recordings, which tells
+       what to measure next.
+    4. How large: sessions with the effects that are more probable than not (of look-alikes, that share their
        probability, the most probable one) are simulated, their sizes fitted,
        and what they leave unexplained is stated (:func:`cyclofeat.gap.confirm.confirm`). If something is
-       left, the sizes stay those of the posterior.
-    4. How sure: sets of effects with sizes are drawn from all that the recordings leave possible
+       left, the sizes stay those of the posterior; open effects may explain it, or no effect does.
+    5. How sure: sets of effects with sizes are drawn from all that the recordings leave possible
        (:func:`cyclofeat.gap.confirm.draw_effects`), to train on.
-    5. How much better: the corrected model is judged on recordings held out.
+    6. How much better: the corrected model is judged on recordings held out.
     """
     began = time.monotonic()
     settings, say = settings or GapSettings(), progress or (lambda _: None)
@@ -82,17 +84,17 @@ def find_gap(
         held = MeasuredRig.of(held_out, world.rig, world.sampling_rate, conditions=rig.conditions)
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
+    say("simulating rigs that the recordings leave possible")
+    possible = simulate_possible(
+        posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
+    )
     named = named_effects(presence)
     confirmed = confirm(
-        posterior, session, named, n_sessions=settings.n_sessions, random_state=settings.random_state,
-        n_jobs=settings.n_jobs, progress=say,
+        posterior, session, named, possible=possible.sessions, n_sessions=settings.n_sessions,
+        random_state=settings.random_state, n_jobs=settings.n_jobs, progress=say,
     )  # fmt: skip
     corrected = corrected_rig(located, world.rig, confirmed.effects)
     variants = draw_effects(posterior, session, confirmed, _VARIANTS, random_state=settings.random_state)
-    say("looking for the next measurement")
-    further = next_measurements(
-        posterior, session, random_state=settings.random_state, n_jobs=settings.n_jobs
-    )
     left = _remainder(world, confirmed)
     proof: tuple[Proof, ...] = ()
     if held is not None and named:
@@ -105,7 +107,7 @@ def find_gap(
         effects=_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,
         remainder=left,
-        next_measurements=further,
+        next_measurements=possible.next_measurements(posterior),
         overlays=_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
         warnings=(*rig.warnings, *rig.doubts),
@@ -153,7 +155,8 @@ def _remainder(world: World, confirmed: Confirmed) -> Remainder:
         RemainderRow(**vars(cells[k]), difference=float(confirmed.difference[k]), z=float(left.z[k]))
         for k in np.argsort(-np.abs(left.z[: len(cells)]))[:_ROWS]
     ]
-    return Remainder(left.p, not confirmed.accepted, tuple(rows))
+    p_open = None if confirmed.accepted or not np.isfinite(left.p_open) else left.p_open
+    return Remainder(left.p, not (confirmed.accepted or confirmed.open), tuple(rows), p_open)
 
 
 def _overlays(located: Sequence[LocatedGap], corrected: Rig, settings: GapSettings) -> tuple[Overlay, ...]:

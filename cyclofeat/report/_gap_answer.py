@@ -42,7 +42,7 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
 def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
     """What a model, named in words, leaves unexplained."""
     p = unbroken(p_words(remainder.p))
-    if not remainder.unexplained:
+    if remainder.by_chance:
         text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
         return {"sentences": [text], "rows": []}
     rows = [
@@ -53,10 +53,12 @@ def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
         }
         for row in remainder.rows
     ]
+    cause = "something is missing that none of the effects considered accounts for"
+    if remainder.p_open is not None and not remainder.unexplained:
+        cause = f"effects that are still open may be the cause ({unbroken(p_words(remainder.p_open))})"
     text = (
-        f"The {model} differs from the recordings by more than chance explains ({p}): something is missing "
-        "that none of the effects considered accounts for. The clearest of what is left says where to look "
-        "for it."
+        f"The {model} differs from the recordings by more than chance explains ({p}): {cause}. The clearest "
+        "of what is left says where to look for it."
     )
     return {"sentences": [text], "rows": rows}
 
@@ -120,7 +122,7 @@ def _sentences(result: GapResult, word: str) -> list[str]:
         texts.append(
             "Effects and sizes are those that were learned from simulated rigs; simulation of this one has "
             "not confirmed them."
-            if result.remainder.unexplained
+            if not result.remainder.by_chance
             else "Simulation of the corrected model has confirmed the effects and their sizes."
         )
     return texts
@@ -173,6 +175,8 @@ def _tiles(result: GapResult) -> list[dict[str, str]]:
     tiles = [_closed(result)] if result.named else []
     if result.remainder is not None:
         value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
+        if not result.remainder.by_chance:
+            value, text = "perhaps nothing", "effects that are open may explain what is left"
         if result.remainder.unexplained:
             value, text = "something", "none of the effects considered explains all of it"
             if result.remainder.rows:

@@ -34,7 +34,8 @@ def method(result: GapResult) -> list[tuple[str, str]]:
         parts.append((
             "Left unexplained",
             "The corrected model is simulated at all conditions and compared with the recordings, number by "
-            "number and all together.",
+            "number and all together. Where they differ, so are rigs that have the open effects too, each as "
+            "often as it is probable.",
         ))  # fmt: skip
     if result.proof:
         parts.append((

@@ -47,3 +47,12 @@ def test_what_is_left_and_what_is_not_known(result):
         "measure next: a record at 44 Nm, to tell apart gain, offset",
         "held out: too little disagreement to state how far it shrank",
     ]
+
+
+def test_what_is_left_may_be_open_effects(result):
+    perhaps = dataclasses.replace(REMAINDER, unexplained=False, p_open=0.2)
+    lines = gap_lines(dataclasses.replace(result, remainder=perhaps))
+    assert (
+        "left unexplained: what open effects may explain (p = 0.2; without them p < 0.001); sizes are not "
+        "confirmed by simulation"
+    ) in lines

@@ -14,7 +14,7 @@ from cyclofeat.gap.confirm import (
     Gaussian,
     confirm,
     draw_effects,
-    next_measurements,
+    simulate_possible,
     simulate_sessions,
     size_posterior,
     unexplained,
@@ -42,7 +42,7 @@ def test_the_posterior_of_a_linear_gaussian_world_is_the_exact_one():
     _, (observed,), _ = linear_world(1, 3)
     exact = np.linalg.inv(slopes @ slopes.T / 0.04 + np.eye(N_SIZES))
     mean = exact @ slopes @ observed / 0.04
-    found, _ = size_posterior(sizes, features, features[:, :2], (observed, observed[:2]), PRIOR)
+    found, *_ = size_posterior(sizes, features, features[:, :2], (observed, observed[:2]), PRIOR)
     np.testing.assert_allclose(found.mean, mean, atol=0.03)
     np.testing.assert_allclose(found.covariance, exact, atol=0.15 * np.abs(exact).max())
 
@@ -53,7 +53,7 @@ def test_intervals_of_sizes_hold_as_often_as_they_say():
     inside = []
     for k in range(0, 300, 3):
         sizes, features, _ = linear_world(64, 100 + k)
-        found, _ = size_posterior(sizes, features, features[:, :2], (observed[k], observed[k, :2]), PRIOR)
+        found, *_ = size_posterior(sizes, features, features[:, :2], (observed[k], observed[k, :2]), PRIOR)
         inside.append(np.abs(found.mean - true[k]) < stats.norm.ppf(0.95) * found.spread)
     assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
 
@@ -64,15 +64,33 @@ def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
     both = features[:, :2]
     p, p_of_strange = [], []
     for one in observed[:30]:
-        found, fitted = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
+        found, fitted, _ = size_posterior(sizes, features, both, (one, one[:2]), PRIOR)
         p.append(unexplained(features, sizes, fitted, one, found.mean).p)
         strange = one + 2.0 * (np.arange(N_FEATURES) == 5)
-        found, fitted = size_posterior(sizes, features, both, (strange, strange[:2]), PRIOR)
+        found, fitted, _ = size_posterior(sizes, features, both, (strange, strange[:2]), PRIOR)
         left = unexplained(features, sizes, fitted, strange, found.mean)
         p_of_strange.append(left.p)
     assert np.mean(np.array(p) < 0.05) < 0.15
     assert np.mean(np.array(p_of_strange) < 0.05) > 0.9
     assert np.argmax(np.abs(left.z)) == 5
+    assert np.isnan(left.p_open)
+
+
+def test_what_open_effects_would_leave_as_well_is_told_from_what_they_would_not():
+    """Half of the rigs that are possible have an effect on summary 5, and none has one on summary 6."""
+    sizes, features, _ = linear_world(96, 7)
+    _, possible, _ = linear_world(32, 9)
+    possible[::2, 5] += np.random.default_rng(0).uniform(0.5, 3.0, 16)
+    _, (one,), _ = linear_world(1, 8)
+
+    def left(column):
+        changed = one + 2.0 * (np.arange(N_FEATURES) == column)
+        found, fitted, fit = size_posterior(sizes, features, features[:, :2], (changed, changed[:2]), PRIOR)
+        others = possible, fit(possible, possible[:, :2])
+        return unexplained(features, sizes, fitted, changed, found.mean, others)
+
+    assert left(5).p < 0.001
+    assert left(5).p_open > 0.05
 
 
 class Stated:
@@ -237,6 +255,6 @@ def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior
     assert confirmed.effects == ()
     assert confirmed.middle.size == 0
     assert confirmed.remainder.p > 0.001
-    ranked = next_measurements(posterior, session)
+    ranked = simulate_possible(posterior, session).next_measurements(posterior)
     assert [one.gain for one in ranked] == sorted((one.gain for one in ranked), reverse=True)
     assert all(one.gain > 0.1 for one in ranked)

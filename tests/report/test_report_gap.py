@@ -183,6 +183,19 @@ def test_something_unknown_is_left(result, bare, tmp_path):
         assert part in text, part
 
 
+def test_what_is_left_may_be_open_effects(result, bare, tmp_path):
+    perhaps = dataclasses.replace(REMAINDER, unexplained=False, p_open=0.2)
+    text = bare(dataclasses.replace(result, remainder=perhaps), tmp_path)
+    for part in (
+        "2 effects are missing in the model, 1 more probably",
+        "Left unexplained perhaps nothing effects that are open may explain what is left",
+        "chance explains (p < 0.001): effects that are still open may be the cause (p = 0.2).",
+        "simulation of this one has not confirmed them",
+    ):
+        assert part in text, part
+    assert "something unknown" not in text
+
+
 def test_sizes_that_leave_something_are_not_confirmed(result, bare, tmp_path):
     text = bare(dataclasses.replace(result, remainder=REMAINDER), tmp_path)
     assert "simulation of this one has not confirmed them" in text

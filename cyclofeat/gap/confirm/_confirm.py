@@ -13,7 +13,6 @@ from scipy import stats
 from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
 from cyclofeat.gap.confirm._sessions import (
     MOST_RECORDINGS,
-    SimulatedSessions,
     at_most,
     simulate_sessions,
     sized,
@@ -51,6 +50,8 @@ class Confirmed:
         those of the posterior, which allow for it: fitted ones would make up for what is missing.
     difference : ndarray, shape (n_cells,)
         Mean of each summary less that of the simulated sessions, in its unit.
+    open : bool
+        Whether they leave more than chance does, but no more than effects that are open would.
     """
 
     effects: tuple[Effect, ...]
@@ -62,6 +63,7 @@ class Confirmed:
     remainder: Unexplained
     accepted: bool
     difference: Float = field(repr=False)
+    open: bool = False
 
 
 def confirm(
@@ -69,6 +71,7 @@ def confirm(
     session: Session,
     named: Sequence[str],
     *,
+    possible: Sequence[Session] = (),
     n_sessions: int = 96,
     random_state: int = 0,
     n_jobs: int = 1,
@@ -86,6 +89,9 @@ def confirm(
         Of more than 12 recordings, 12 are used.
     named : sequence of str
         Effects that the rig has.
+    possible : sequence of Session
+        Simulated sessions like this one that have each effect as often as it is probable: they tell whether
+        effects that are open would explain what is left.
     n_sessions : int, default=96
         Simulated each time.
     random_state, n_jobs : int
@@ -114,12 +120,16 @@ def confirm(
             random_state=random_state + round_, n_jobs=n_jobs,
         )  # fmt: skip
         sizes = np.column_stack([simulated.sizes[:, columns], simulated.tolerances])
-        features = _features(posterior, simulated)
+        features = _features(posterior, simulated.sessions)
         estimates = posterior.standardised_sizes(simulated.sessions)[:, columns]
-        believed, fitted = size_posterior(
+        believed, fitted, fit = size_posterior(
             sizes, features, estimates, (_feature(observed[0]), observed[1]), prior
         )
-    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean)
+    others = None
+    if possible:
+        summaries = _features(posterior, possible)
+        others = summaries, fit(summaries, posterior.standardised_sizes(possible)[:, columns])
+    remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean, others)
     accepted = remainder.p >= _REJECTED
     final = believed.without_last() if accepted else before
     reach = stats.norm.ppf(0.95) * final.spread
@@ -128,8 +138,9 @@ def confirm(
     simulated_mean = np.mean([one.values.mean(axis=0) for one in simulated.sessions], axis=0)
     difference = shown.values.mean(axis=0) - simulated_mean
     return Confirmed(
-        sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference
-    )
+        sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference,
+        not accepted and remainder.p_open >= _REJECTED,
+    )  # fmt: skip
 
 
 def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generator) -> tuple[Effect, ...]:
@@ -161,8 +172,8 @@ def _in_units(effects: Sequence[Effect], sizes: Float) -> Float:
     return np.array(values, dtype=float)
 
 
-def _features(posterior: EffectPosterior, simulated: SimulatedSessions) -> Float:
-    return np.array([_feature(posterior.deviations(session)) for session in simulated.sessions])
+def _features(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
+    return np.array([_feature(posterior.deviations(session)) for session in sessions])
 
 
 def _feature(deviations: Float) -> Float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from cyclofeat.simulators import Effect
 Float = NDArray[np.float64]
 
 _PER_CANDIDATE = 4  # further recordings
-_DRAWS = 32
+_DRAWS, _RIGS_PER_MACHINE = 32, 4
 _SURE = 1.0  # standard errors that a gain must exceed
 _OPEN = 0.02  # probability from which, and below whose complement, an effect is open
 _LOAD_RATIO, _SPEED_RATIO = 2.0, 1.25
@@ -24,15 +25,47 @@ _SEPARATED = 0.1  # bits that an effect must gain to count as settled
 _LEAST = 1e-6  # probability
 
 
-def next_measurements(
-    posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
-) -> tuple[NextMeasurement, ...]:
-    """Rank further recordings by the information that they are expected to give.
+@dataclass(frozen=True)
+class Possible:
+    """Simulated sessions of rigs that the recordings leave possible, with further recordings.
 
-    Rigs are drawn from the posterior, sessions like the measured one are simulated for each with further
-    recordings, and the posterior answers with and without these. The gain is how much more probability it
-    then gives to what the rigs have and lack, each effect by itself, as the mean of the logarithm
-    (Lindley 1956). A posterior that only grows surer of wrong answers gains nothing.
+    Attributes
+    ----------
+    further : FurtherRecordings
+    simulated : list of Session
+        Like ``further.session``.
+    present : ndarray of bool, shape (n_sessions, n_effects)
+        Which effects their rigs have.
+    """
+
+    further: FurtherRecordings
+    simulated: list[Session] = field(repr=False)
+    present: NDArray[np.bool_] = field(repr=False)
+
+    @property
+    def sessions(self) -> list[Session]:
+        """The sessions without the further recordings."""
+        return [part_of(one, np.arange(self.further.n_before)) for one in self.simulated]
+
+    def next_measurements(self, posterior: EffectPosterior) -> tuple[NextMeasurement, ...]:
+        """Rank further recordings by the information that they are expected to give.
+
+        The posterior answers with and without them. The gain is how much more probability it then gives to
+        what the rigs have and lack, each effect by itself, as the mean of the logarithm (Lindley 1956). A
+        posterior that only grows surer of wrong answers gains nothing.
+
+        Returns
+        -------
+        tuple of NextMeasurement
+            Those that give anything, the most informative first; empty where nothing is open.
+        """
+        return self.further.rank(posterior, self.simulated, self.present, n_errors=_SURE)
+
+
+def simulate_possible(
+    posterior: EffectPosterior, session: Session, *, random_state: int = 0, n_jobs: int = 1
+) -> Possible:
+    """Simulate rigs drawn from the posterior: each effect is there as often as it is probable.
 
     Parameters
     ----------
@@ -43,21 +76,21 @@ def next_measurements(
 
     Returns
     -------
-    tuple of NextMeasurement
-        Those that give anything, the most informative first; empty where nothing is open.
+    Possible
+        Without sessions where no effect is open.
     """
     world, session = posterior.world, at_most(session, MOST_RECORDINGS)
     presence = posterior.predict_proba([session])[0]
-    if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
-        return ()
     further = FurtherRecordings(session, world)
+    if not np.any((presence > _OPEN) & (presence < 1 - _OPEN)):
+        return Possible(further, [], np.empty((0, presence.size), dtype=bool))
     sizes = posterior.size_distribution(session, world.size_names)
     simulated = simulate_sessions(
         world, further.session, lambda random: _drawn(world, presence, sizes, random), _DRAWS,
-        random_state=random_state, n_jobs=n_jobs,
+        n_rigs_per_machine=_RIGS_PER_MACHINE, random_state=random_state, n_jobs=n_jobs,
     )  # fmt: skip
     present = present_effects(simulated.sizes, world.size_names, world.names)
-    return further.rank(posterior, simulated.sessions, present, n_errors=_SURE)
+    return Possible(further, simulated.sessions, present)
 
 
 class FurtherRecordings:
@@ -74,16 +107,18 @@ class FurtherRecordings:
     ----------
     session : Session
         With all these recordings, whose summaries are still to be simulated.
+    n_before : int
+        Number of its recordings that are not further ones; they come first.
     """
 
     def __init__(self, session: Session, world: World) -> None:
-        self._names, self._n = world.names, len(session.values)
+        self._names, self.n_before = world.names, len(session.values)
         candidates = _candidates(session, world)
         self._what = [what for what, _ in candidates]
-        rows = np.r_[np.arange(self._n), np.arange(len(candidates) * _PER_CANDIDATE) % self._n]
+        rows = np.r_[np.arange(self.n_before), np.arange(len(candidates) * _PER_CANDIDATE) % self.n_before]
         self.session = part_of(session, rows)
         further = np.array([conditions for _, conditions in candidates])
-        self.session.conditions[self._n :] = np.repeat(further, _PER_CANDIDATE, axis=0)
+        self.session.conditions[self.n_before :] = np.repeat(further, _PER_CANDIDATE, axis=0)
 
     def rank(
         self,
@@ -114,11 +149,11 @@ class FurtherRecordings:
             bits = np.log2(np.clip(np.where(present, p, 1 - p), _LEAST, None))
             return np.asarray(np.nan_to_num(bits))  # of effects that were not learned
 
-        as_before = np.arange(self._n)
+        as_before = np.arange(self.n_before)
         before = information(as_before)
         found: list[tuple[float, NextMeasurement]] = []
         for k, what in enumerate(self._what):
-            added = self._n + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
+            added = self.n_before + k * _PER_CANDIDATE + np.arange(_PER_CANDIDATE)
             rises = information(np.r_[as_before, added]) - before
             gains, error = rises.mean(axis=0), rises.sum(axis=1).std() / np.sqrt(len(simulated))
             settles = tuple(name for name, gain in zip(self._names, gains, strict=True) if gain > _SEPARATED)

@@ -24,15 +24,25 @@ class Unexplained:
     ----------
     p : float
         Share of sessions of the corrected rig that lie as far.
+    p_open : float
+        Share of sessions with open effects besides that lie as far; NaN without any.
     z : ndarray, shape (n_summaries,)
         Difference in each summary, in standard deviations of a session.
     """
 
     p: float
+    p_open: float
     z: Float
 
 
-def unexplained(simulated: Float, sizes: Float, fitted: Float, observed: Float, size: Float) -> Unexplained:
+def unexplained(
+    simulated: Float,
+    sizes: Float,
+    fitted: Float,
+    observed: Float,
+    size: Float,
+    others: tuple[Float, Float] | None = None,
+) -> Unexplained:
     """Compare the summaries of a session with those of simulated sessions, each at its own fitted sizes.
 
     Parameters
@@ -43,6 +53,9 @@ def unexplained(simulated: Float, sizes: Float, fitted: Float, observed: Float, 
     observed : ndarray, shape (n_summaries,)
     size : ndarray, shape (n_sizes,)
         Fitted to the observed session.
+    others : (ndarray, ndarray), optional
+        Summaries of simulated sessions that have open effects too, shape (n_others, n_summaries), and sizes
+        fitted to them, shape (n_others, n_sizes).
 
     Returns
     -------
@@ -52,15 +65,27 @@ def unexplained(simulated: Float, sizes: Float, fitted: Float, observed: Float, 
     """
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, simulated, rcond=None)
-    left = simulated - np.column_stack([np.ones(len(fitted)), fitted]) @ coefficients
-    of_observed = observed - np.r_[1.0, size] @ coefficients
-    spread = np.hypot(left.std(axis=0, ddof=1), _SMALLEST)
-    left, of_observed = left / spread, (of_observed - left.mean(axis=0)) / spread
+
+    def residuals(some: Float, at: Float) -> Float:
+        return np.asarray(some - np.column_stack([np.ones(len(at)), at]) @ coefficients)
+
+    left, of_observed = residuals(simulated, fitted), residuals(observed[None], size[None])
+    of_others = np.empty((0, left.shape[1])) if others is None else residuals(*others)
+    centre, spread = left.mean(axis=0), np.hypot(left.std(axis=0, ddof=1), _SMALLEST)
+    z, far = (of_observed - centre) / spread, np.vstack([of_observed, of_others])
+    left, far = left / spread, (far - centre) / spread
     distances, of_folds = np.empty(len(left)), []
-    for others, held in KFold(_FOLDS).split(left):
-        model = LedoitWolf().fit(left[others])
+    for rest, held in KFold(_FOLDS).split(left):
+        model = LedoitWolf().fit(left[rest])
         distances[held] = model.mahalanobis(left[held])
-        of_folds.append(model.mahalanobis(of_observed[None])[0])
-    logs = np.log(distances)
-    z = (np.log(np.mean(of_folds)) - logs.mean()) / (logs.std(ddof=1) * np.sqrt(1 + 1 / len(logs)))
-    return Unexplained(float(stats.t.sf(z, len(logs) - 1)), of_observed)
+        of_folds.append(model.mahalanobis(far))
+    logs = np.log(np.mean(of_folds, axis=0))
+    return Unexplained(_tail(logs[0], np.log(distances)), _tail(logs[0], logs[1:]), z[0])
+
+
+def _tail(value: float, sample: Float) -> float:
+    """Return the chance of a value as large, by Student's t; NaN for a sample of fewer than two."""
+    if sample.size < 2:
+        return float("nan")
+    error = sample.std(ddof=1) * np.sqrt(1 + 1 / sample.size)
+    return float(stats.t.sf((value - sample.mean()) / error, sample.size - 1))

@@ -16,7 +16,8 @@ from cyclofeat.gap.world import FEWEST, DrawnMachine, DrawnSession, Rigs, Sessio
 from cyclofeat.simulators import Effect, SimulationFailed
 
 Float = NDArray[np.float64]
-Chains = list[tuple[Effect, ...]]
+# Effects on the gearbox, effects on the torque signal of each rig, factor on what differs anyway.
+DrawnRigs = tuple[tuple[Effect, ...], list[tuple[Effect, ...]], float]
 
 MOST_RECORDINGS = 12  # of a session, that are simulated
 _RIGS_PER_MACHINE = 2  # with different effects on the torque signal
@@ -48,10 +49,11 @@ def simulate_sessions(
     n_sessions: int,
     *,
     tolerance: Callable[[np.random.Generator], float] | None = None,
+    n_rigs_per_machine: int = _RIGS_PER_MACHINE,
     random_state: int = 0,
     n_jobs: int = 1,
 ) -> SimulatedSessions:
-    """Simulate sessions with the conditions of another; two at a time share the runs of a machine.
+    """Simulate sessions with the conditions of another; some at a time share the runs of a machine.
 
     Parameters
     ----------
@@ -64,24 +66,21 @@ def simulate_sessions(
     n_sessions : int
     tolerance : callable, optional
         Returns a random factor on all that differs between recordings anyway. Default: always 1.
+    n_rigs_per_machine : int, default=2
+        Sessions that share a machine, with other effects on the torque signal.
     random_state, n_jobs : int
     """
-    factors = []
 
-    def rigs(random: np.random.Generator) -> tuple[tuple[Effect, ...], Chains]:
-        drawn = [draw(random) for _ in range(_RIGS_PER_MACHINE)]
+    def rigs(random: np.random.Generator) -> DrawnRigs:
+        drawn = [draw(random) for _ in range(n_rigs_per_machine)]
         in_machine = tuple(effect for effect in drawn[0] if effect.needs_simulation())
-        factors.append(1.0 if tolerance is None else tolerance(random))
-        return in_machine, [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
+        on_torque = [tuple(one for one in rig if not one.needs_simulation()) for rig in drawn]
+        return in_machine, on_torque, 1.0 if tolerance is None else tolerance(random)
 
-    machines = [
-        dataclasses.replace(machine, session=dataclasses.replace(machine.session, tolerance=factor))
-        for machine, factor in zip(
-            _machines(world, template, rigs, n_sessions, random_state), factors, strict=True
-        )
-    ]
+    n_machines = -(-n_sessions // n_rigs_per_machine)
+    machines = _machines(world, template, rigs, n_machines, random_state)
     sessions, sizes, tolerances = [], [], []
-    for columns, factor in zip(_simulated(world, machines, n_jobs), factors, strict=True):
+    for columns, machine in zip(_simulated(world, machines, n_jobs), machines, strict=True):
         for values, counts, speeds, drawn in zip(
             columns["values"], columns["counts"], columns["speeds"], columns["sizes"], strict=True
         ):
@@ -94,7 +93,7 @@ def simulate_sessions(
                 )  # fmt: skip
                 sessions.append(session)
                 sizes.append(drawn)
-                tolerances.append(factor)
+                tolerances.append(machine.session.tolerance)
     return SimulatedSessions(
         sessions[:n_sessions],
         np.array(sizes[:n_sessions]).reshape(-1, len(world.size_names)),
@@ -135,13 +134,14 @@ def simulate_prior(
         If all failed.
     """
 
-    def rigs(random: np.random.Generator) -> tuple[tuple[Effect, ...], Chains]:
+    def rigs(random: np.random.Generator) -> DrawnRigs:
         in_machine = world.prior.in_machine(random)
         n = len(in_machine)
-        return in_machine, [world.prior.on_torque(n, random) for _ in range(_RIGS_PER_MACHINE)]
+        return in_machine, [world.prior.on_torque(n, random) for _ in range(_RIGS_PER_MACHINE)], 1.0
 
-    parts = []
-    for part in _simulated(world, _machines(world, template, rigs, n_rigs, random_state), n_jobs):
+    parts: list[dict[str, NDArray[Any]]] = []
+    n_machines = -(-n_rigs // _RIGS_PER_MACHINE)
+    for part in _simulated(world, _machines(world, template, rigs, n_machines, random_state), n_jobs):
         parts.append(part)
         if progress is not None:
             progress(min(len(parts) * _RIGS_PER_MACHINE, n_rigs), n_rigs)
@@ -163,23 +163,24 @@ def simulate_prior(
 def _machines(
     world: World,
     template: Session,
-    rigs: Callable[[np.random.Generator], tuple[tuple[Effect, ...], Chains]],
-    n_rigs: int,
+    rigs: Callable[[np.random.Generator], DrawnRigs],
+    n_machines: int,
     random_state: int,
 ) -> list[DrawnMachine]:
-    """Draw machines with the conditions of a session; ``rigs`` draws effects on gearbox and torque."""
+    """Draw machines with the conditions of a session, and what ``rigs`` draws."""
     n = len(template.values)
     speeds, loads, directions = template.conditions.T
     assemblies = np.arange(n) if template.assemblies is None else template.assemblies
     machines = []
-    for seed in np.random.SeedSequence(random_state).spawn(-(-n_rigs // _RIGS_PER_MACHINE)):
+    for seed in np.random.SeedSequence(random_state).spawn(n_machines):
         for_draws, *for_runs = seed.spawn(n + 1)
         random = np.random.default_rng(for_draws)
         counts = template.counts
         if counts is None:
             counts = random.choice(np.array(world.defect_counts), n)
-        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies)
-        machines.append(DrawnMachine(*rigs(random), session, for_runs))
+        in_machine, on_torque, tolerance = rigs(random)
+        session = DrawnSession(speeds, loads, directions.astype(np.int64), counts, assemblies, tolerance)
+        machines.append(DrawnMachine(in_machine, on_torque, session, for_runs))
     return machines
 
 

@@ -7,6 +7,7 @@ Stat. Soc. B 74: the summaries are estimates of the sizes themselves.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,7 @@ class Gaussian:
 
 def size_posterior(
     sizes: Float, features: Float, estimates: Float, observed: tuple[Float, Float], prior: Gaussian
-) -> tuple[Gaussian, Float]:
+) -> tuple[Gaussian, Float, Callable[[Float, Float], Float]]:
     """Return the posterior of sizes given one session's summaries.
 
     Parameters
@@ -69,13 +70,14 @@ def size_posterior(
     posterior : Gaussian
     fitted : ndarray, shape (n_sessions, n_sizes)
         Means of the posteriors of the simulated sessions.
+    fit : callable
+        Returns these means for the features and estimates of other sessions.
     """
     regression = make_pipeline(StandardScaler(), RidgeCV(_ALPHAS))
     # A session must not estimate its own sizes: the residuals would be too small.
     crossed = cross_val_predict(regression, features, sizes, cv=KFold(_FOLDS)).reshape(sizes.shape)
-    own = regression.fit(features, sizes).predict(observed[0][None]).reshape(1, -1)
+    regression.fit(features, sizes)
     statistics = np.hstack([crossed, estimates])
-    of_observed = np.hstack([own[0], observed[1]])
     inputs = np.column_stack([np.ones(len(sizes)), sizes])
     coefficients, *_ = np.linalg.lstsq(inputs, statistics, rcond=None)
     residuals = statistics - inputs @ coefficients
@@ -91,4 +93,9 @@ def size_posterior(
         found = (some - coefficients[0]) / scale @ weighted.T + before @ prior.mean
         return np.asarray(found @ covariance)
 
-    return Gaussian(mean(of_observed), covariance), mean(statistics)
+    def fit(features: Float, estimates: Float) -> Float:
+        own = regression.predict(features).reshape(len(features), -1)
+        return mean(np.hstack([own, estimates]))
+
+    of_observed = fit(*(part[None] for part in observed))[0]
+    return Gaussian(of_observed, covariance), mean(statistics), fit
