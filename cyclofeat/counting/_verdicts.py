@@ -111,8 +111,8 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
 
 def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
     """Return what is wrong with the noise between adjacent samples."""
-    off = faults.jumps(torque)
     noise = faults.noise_level(torque)
+    off = faults.jumps(torque, noise)
     limit = max(_JUMP, _LEAST_SPIKE * float(torque.std()) / max(noise, np.finfo(float).tiny))
     beyond = np.flatnonzero(off > limit)
     # A step puts two adjacent samples off by the same; a spike three, the middle one by twice as much.

@@ -96,10 +96,16 @@ class TreeTable:
 
     def predict_proba(self, X: NDArray[np.float32]) -> NDArray[np.float64]:
         """Mean over trees of the shares in the leaves, shape (n_windows, n_classes)."""
-        windows, node = np.arange(len(X))[:, np.newaxis], np.tile(self.roots, (len(X), 1))
-        while True:
-            below = X[windows, self.feature[node]] <= self.threshold[node]
-            following = np.where(below, self.lower[node], self.upper[node])
-            if np.array_equal(following, node):  # all in their leaves
-                return np.asarray(self.share[node].mean(axis=1))
-            node = following
+        n_windows, n_features = X.shape
+        values = X.ravel()
+        node = reached = np.tile(self.roots, n_windows)
+        path = np.arange(reached.size)
+        first = path // self.roots.size * n_features  # of the window's features
+        while path.size:
+            below = values.take(first + self.feature.take(node)) <= self.threshold.take(node)
+            following = np.where(below, self.lower.take(node), self.upper.take(node))
+            on = np.flatnonzero(following != node)  # the others are in their leaves
+            path, first, node = path.take(on), first.take(on), following.take(on)
+            reached[path] = node
+        shares = self.share.take(reached, axis=0).reshape(n_windows, self.roots.size, -1)
+        return np.asarray(shares.mean(axis=1))

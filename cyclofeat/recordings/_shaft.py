@@ -11,6 +11,7 @@ from scipy.signal import resample_poly
 
 from cyclofeat.recordings._recording import Recording
 from cyclofeat.recordings._windower import Cut, WindowSet, window_set
+from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
 
@@ -270,7 +271,7 @@ def _on_grid(
     longer *= level_sign[1]
     longer = _continued(longer, margin)
     if thinning > 1:
-        longer = resample_poly(longer, 1, thinning)
+        longer = resample_poly(longer, 1, thinning, window=anti_alias(thinning))
     turning = _continued(angle, margin)[::thinning].copy()
     even, grid = resample_by_angle(longer, turning, samples_per_turn, rate / thinning)
     inside = (grid >= angle[0] - _ROUNDING) & (grid <= angle[-1] + _ROUNDING)

@@ -5,11 +5,12 @@ What is measured is compared with the record itself, so that it holds for any ri
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal.windows import hann
+from scipy.fft import irfft, next_fast_len, rfft
 
 from cyclofeat.signal.lobes import LobeComb, lines_held, lobe_frequency, lobe_lines
 from cyclofeat.signal.windows import Float, ratio
@@ -82,6 +83,9 @@ def _held(torque: Float) -> NDArray[np.bool_]:
     # At the ends of the range a held value is a clipped one.
     inner = (torque[starts] > torque.min()) & (torque[starts] < torque.max())
     stuck = inner & (lengths >= limit)
+    at_zero = torque[starts] == 0
+    if not at_zero.any():
+        return _marked(starts, lengths, stuck, torque.size)
     steps = np.diff(torque)
     np.abs(steps, out=steps)
     # Of coarse steps the mean, since most samples repeat.
@@ -92,7 +96,7 @@ def _held(torque: Float) -> NDArray[np.bool_]:
     # At either end of the record one neighbour is all there is.
     before[starts == 0] = np.inf
     after[ends == torque.size] = np.inf
-    zero = (torque[starts] == 0) & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
+    zero = at_zero & (np.minimum(before, after) > _JUMP * step) & (lengths < torque.size)
     return _marked(starts, lengths, stuck | zero, torque.size)
 
 
@@ -150,10 +154,13 @@ def step_size(torque: Float) -> float:
     return float(changes[changes > 0].min(initial=np.inf)) if changes.any() else 0.0
 
 
-def jumps(torque: Float) -> NDArray[np.float64]:
-    """Return what each sample is off the mean of its neighbours, in multiples of the usual noise."""
-    off = np.abs(torque[1:-1] - (torque[:-2] + torque[2:]) / 2)
-    return np.asarray(np.pad(ratio(off, _OF_MEDIAN * np.median(off)), 1))
+def jumps(torque: Float, noise: float | None = None) -> NDArray[np.float64]:
+    """Return what each sample is off the mean of its neighbours, in multiples of what noise makes usual.
+
+    ``noise`` is the :func:`noise_level`, where it is known.
+    """
+    usual = np.sqrt(1.5) * (noise_level(torque) if noise is None else noise)
+    return np.asarray(np.pad(ratio(np.abs(np.diff(torque, 2)) / 2, usual), 1))
 
 
 def noise_level(torque: Float) -> float:
@@ -164,8 +171,8 @@ def noise_level(torque: Float) -> float:
 def noise_change(torque: Float, n_parts: int) -> float:
     """Return the largest ratio of the noise in parts of a record, measured between adjacent samples."""
     off = np.abs(np.diff(torque, 2))
-    levels = [float(np.median(part)) for part in np.array_split(off, n_parts)]
-    return max(levels) / min(levels) if min(levels) > 0 else np.inf
+    levels = np.median(off[: off.size // n_parts * n_parts].reshape(n_parts, -1), axis=1)
+    return float(levels.max() / levels.min()) if levels.min() > 0 else np.inf
 
 
 def smoothness(
@@ -178,28 +185,43 @@ def smoothness(
     where the sampling rate does not reach that far.
     """
     lobe = lobe_frequency(input_speed_hz, n_lobes)
-    power = np.abs(np.fft.rfft((torque - torque.mean()) * hann(torque.size, sym=False))) ** 2
-    frequencies = np.fft.rfftfreq(torque.size, 1 / sampling_rate)
-
-    def level(lowest: float, highest: float) -> float:
-        band = (frequencies >= lowest * lobe) & (frequencies < highest * lobe)
-        return float(10 * np.log10(power[band].mean() + np.finfo(float).tiny))
-
     if _HIGH_LINES[1] * lobe > 0.4 * sampling_rate:
         return np.nan, np.nan
+    # Up to two per cent are left out: a record of a prime number of samples takes ten times as long.
+    part = torque[: _fast_length(torque.size)]
+    spectrum = rfft(part - part.mean())
+    per_line = lobe * part.size / sampling_rate
+
+    def level(lowest: float, highest: float) -> float:
+        first, end = max(1, math.ceil(lowest * per_line)), math.ceil(highest * per_line)
+        # A Hann taper in time is this sum of neighbouring bins.
+        tapered = spectrum[first:end] - (spectrum[first - 1 : end - 1] + spectrum[first + 1 : end + 1]) / 2
+        return float(10 * np.log10(np.mean(np.abs(tapered) ** 2) + np.finfo(float).tiny))
+
     high = level(*_HIGH_LINES)
     return high - level(*_LOW_LINES), high - level(_HIGH_LINES[0] / 1.5, _HIGH_LINES[0])
+
+
+@functools.lru_cache(maxsize=256)
+def _fast_length(n_samples: int) -> int:
+    """Return the largest number of samples, of as many, that is transformed quickly."""
+    while next_fast_len(n_samples, real=True) > n_samples:
+        n_samples -= 1
+    return n_samples
 
 
 def weakest_part(
     torque: Float, sampling_rate: float, input_speed_hz: float, n_parts: int, n_lobes: int = 15
 ) -> float:
     """Return the power within the lobe lines 5 to 44 in the weakest of the parts, over the median, in dB."""
-    spectrum = np.fft.rfft(torque - torque.mean())
-    lobe = lobe_frequency(input_speed_hz, n_lobes)
-    frequencies = np.fft.rfftfreq(torque.size, 1 / sampling_rate)
-    spectrum[(frequencies < 5 * lobe) | (frequencies > 44 * lobe)] = 0
-    parts = np.array_split(np.fft.irfft(spectrum, torque.size) ** 2, n_parts)
+    padded = next_fast_len(torque.size, real=True)
+    spectrum = rfft(torque - torque.mean(), padded)
+    per_line = lobe_frequency(input_speed_hz, n_lobes) * padded / sampling_rate
+    spectrum[: math.ceil(5 * per_line)] = 0
+    # What is left needs few samples; eight in the shortest period place the ends of the parts.
+    held = spectrum[: int(44 * per_line) + 1]
+    filtered = irfft(held, next_fast_len(8 * held.size, real=True))
+    parts = np.array_split(filtered[: round(filtered.size * torque.size / padded)] ** 2, n_parts)
     power = np.array([part.mean() for part in parts])
     return float(10 * np.log10(power.min() / np.median(power))) if power.min() > 0 else -np.inf
 

@@ -30,6 +30,7 @@ __all__ = [
     "SPEED_TOLERANCE",
     "LobeComb",
     "LobeLines",
+    "anti_alias",
     "comb_prominence",
     "energy_centre",
     "fold",
@@ -125,15 +126,21 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
     factor = int(sampling_rate // wanted_rate)
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
-    taps = _anti_alias(factor)
+    taps = anti_alias(factor)
     # Row by row: a window and what is made of it stay in the processor's cache.
     rows = [resample_poly(row - row.mean(), 1, factor, window=taps) for row in X]
     return np.asarray(rows).reshape(len(X), -1), sampling_rate / factor
 
 
 @functools.lru_cache(maxsize=16)
-def _anti_alias(factor: int) -> Float:
-    """The filter that resample_poly would design anew for each window."""
+def anti_alias(factor: int) -> Float:
+    """Return the filter that ``scipy.signal.resample_poly`` would design anew for each window, read-only.
+
+    Examples
+    --------
+    >>> anti_alias(3).size
+    61
+    """
     return _fixed(firwin(20 * factor + 1, 1 / factor, window=("kaiser", 5.0)))
 
 

@@ -6,6 +6,7 @@ of the input shaft. A disc with z_s lobes turns z_s times slower than the input,
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -174,11 +175,20 @@ def resample_by_angle(
     grid = np.arange(first + margin, last - margin + 1) * step
     if fine == 1:
         return values, grid
-    taps = firwin(2 * margin * fine + 1, _CUTOFF / fine, window=("kaiser", kaiser_beta(_STOPBAND_DB)))
+    taps = _order_filter(fine)
     # Index k of upfirdn's result is centred on coarse sample k - margin: those from 2 * margin to the end of
     # the input have the whole filter inside the record.
     filtered: Float = upfirdn(taps, values, 1, fine)[2 * margin : last - first + 1]
     return filtered, grid
+
+
+@functools.lru_cache(maxsize=16)
+def _order_filter(fine: int) -> Float:
+    """Return the low-pass of a grid that is so many times finer than its result, read-only."""
+    window = ("kaiser", kaiser_beta(_STOPBAND_DB))
+    taps: Float = firwin(2 * _HALF_WIDTH * fine + 1, _CUTOFF / fine, window=window)
+    taps.flags.writeable = False
+    return taps
 
 
 def _refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency
+from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
 from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.windows import Float
 
@@ -27,6 +27,8 @@ _MEANS = np.array([1.0, 4.0, 10.0])
 _LOBE_LINE, _MESH_LINE, _SHAFT_LINE = (0.25, 0.4, 0.35), (0.2, 0.3, 0.5), (0.45, 0.35, 0.2)
 _MOST = 15.0  # power over floor that still counts
 _SAMPLES_PER_TURN = 160
+# Samples per turn that suffice: six times the highest lobe line.
+_DENSE = 230
 # Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
 # the shaft's lines (in orders) at which those are not seen any more.
 _PRESENT, _ABSENT, _APART = 0.6, -0.2, 0.11
@@ -138,6 +140,18 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
             f"torque alone, got {sampling_rate:g} Hz"
         )
     lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
+    (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
+    found = _followed(thinned, rate, nominal_hz, lines)
+    step = sampling_rate / rate
+    # To the last samples, behind the last of those that were kept, the shaft turns on.
+    marks = np.append(found.angle, 2 * found.angle[-1] - found.angle[-2])
+    angle = np.interp(np.arange(torque.size), step * np.arange(marks.size), marks)
+    return FollowedSpeed(angle, found.evidence, found.fits)
+
+
+def _followed(torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines) -> FollowedSpeed:
+    """Follow the speed at the samples of a record that are not more than needed."""
+    turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
     evidence = 0.0

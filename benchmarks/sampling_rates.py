@@ -1,0 +1,111 @@
+"""Counts at low sampling rates, by models that were trained at them, and the time that a count takes.
+
+    python -m benchmarks.sampling_rates     # writes benchmarks/sampling_rates.md
+
+Simulated assemblies of rig R2 at one speed and 22 Nm, whole assemblies held out as in
+``benchmarks.operating_points``; the same assemblies at every rate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest
+
+from benchmarks.operating_points import Answers, blind, counted, simulated, trained
+from cyclofeat.counting import LobeModel
+from cyclofeat.recordings import Recording
+
+RATES = (1000.0, 2000.0, 4000.0, 10_000.0)
+SPEEDS_RPM = (500.0, 1500.0)
+LOAD_NM = 22.0
+QUANTITIES = {"output_torque": "output torque, 0.2 Nm", "motor_current": "motor current"}
+# Recordings that are timed, and how often each is counted.
+TIMED, REPEATS = 8, 40
+SEED = 3
+
+
+def right(recordings: Sequence[Recording], answers: Answers) -> str:
+    """Return the share counted right, refused ones too, with its 95 % interval, and the share refused."""
+    pairs = list(zip(recordings, answers, strict=True))
+    n_right = sum(a is not None and a.defect_count == r.defect_count for r, a in pairs)
+    refused = sum(a is None or a.refused for _, a in pairs) / len(pairs)
+    low, high = binomtest(n_right, len(pairs)).proportion_ci(method="wilson")
+    return f"{n_right / len(pairs):.3f} [{low:.3f}, {high:.3f}], {refused:.3f}"
+
+
+def milliseconds(model: LobeModel, recordings: Sequence[Recording]) -> float:
+    """Return the processor time of one count: the least of some per recording, and of these the median."""
+    shortest = []
+    for recording in recordings:
+        times = []
+        for _ in range(REPEATS):
+            began = time.process_time()
+            counted(model, [recording])
+            times.append(time.process_time() - began)
+        shortest.append(min(times))
+    return 1000 * float(np.median(shortest))
+
+
+def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
+    """Yield the rows of the table, the highest rate of each quantity and speed first."""
+    random = np.random.default_rng(5)
+    for quantity, words in QUANTITIES.items():
+        for speed in SPEEDS_RPM:
+            rich: list[Recording] = []
+            for rate in sorted((*RATES, 25_600.0) if quantity == "output_torque" else RATES, reverse=True):
+                data = simulated(
+                    n, quantity, n_jobs, seed=SEED, speed_rpm=speed, load_nm=LOAD_NM, sampling_rate=rate
+                )
+                rich = rich or data.judged
+                model = trained(data.training)
+                timed = data.judged[:TIMED]
+                yield [
+                    words, f"{speed:,.0f}", f"{rate / 1000:g}", str(model.samples_per_turn),
+                    str(model.counter[0].n_lines),
+                    right(data.judged, counted(model, data.judged)),
+                    right(data.judged, counted(model, data.judged, blind)),
+                    right(rich, counted(model, rich)),
+                    f"{milliseconds(model, timed):.1f}",
+                    f"{milliseconds(model, [blind(one, random) for one in timed]):.1f}",
+                ]  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--assemblies", type=int, default=32, help="per count (default 32)")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/sampling_rates.md"))
+    arguments = parser.parse_args()
+    began = time.monotonic()
+    head = [
+        "quantity", "RPM", "kHz", "samples per turn", "lobe lines", "right, refused: tachometer",
+        "no tachometer", "recordings of the highest rate", "ms, tachometer", "ms, none",
+    ]  # fmt: skip
+    lines = ["| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head)]]
+    for cells in rows(arguments.assemblies, arguments.jobs):
+        lines.append("| " + " | ".join(cells) + " |")
+        print(lines[-1], flush=True)
+    text = f"""# Counts at low sampling rates
+
+Made by `python -m benchmarks.sampling_rates --assemblies {arguments.assemblies}` in
+{(time.monotonic() - began) / 60:.0f} minutes. Simulated assemblies of rig R2 at {LOAD_NM:g} Nm, counts of 0
+to 7, chance 0.125. One model for each row, trained on three quarters of the assemblies at that rate; one
+window of one output turn of each of the others. The noise of 0.2 Nm is that of each sample, so that a low
+rate has fewer samples to average it. "Right" is the share of all recordings whose count is right, refused
+ones too (95 % interval by Wilson), then the share refused: with a tachometer, without one and a stated speed
+up to 2 % beside the true one, and by the same model with the recordings of the highest rate.
+
+The times are the processor's for one `LobeModel.count`, from the recording in memory to refusal and count: of
+the first {TIMED} recordings the median, of each the least of {REPEATS}. Other work ran on the same cores.
+
+"""
+    arguments.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
