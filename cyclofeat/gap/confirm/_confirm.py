@@ -27,6 +27,7 @@ Float = NDArray[np.float64]
 _WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
+_NOT_OPEN = 0.05  # p of it with open effects besides, below which these do not explain it
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def confirm(
     difference = shown.values.mean(axis=0) - simulated_mean
     return Confirmed(
         sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference,
-        not accepted and remainder.p_open >= _REJECTED,
+        not accepted and remainder.p_open >= _NOT_OPEN,
     )  # fmt: skip
 
 
