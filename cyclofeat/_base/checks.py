@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
 
@@ -94,6 +95,24 @@ def pair(name: str, value: Any) -> tuple[float, float]:
     if len(value) != 2:
         raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
     return number(name, value[0], what), number(name, value[1], what)
+
+
+def series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArray[np.float64]:
+    """Return at least ``least`` finite numbers, of dtypes of these kinds, as a 1-D array of floats."""
+    array = np.asarray(values)
+    if array.dtype.kind not in kinds:
+        raise TypeError(f"{name} must be an array of real numbers, got dtype {array.dtype}")
+    if array.ndim != 1:
+        raise ValueError(f"{name} must be 1-D, got shape {array.shape}")
+    if array.size < least:
+        samples = "sample" if least == 1 else "samples"
+        raise ValueError(f"{name} must hold at least {least} {samples}, got {array.size}")
+    array = np.asarray(array, dtype=np.float64)
+    finite = np.isfinite(array)
+    if not finite.all():
+        where = int(np.argmin(finite))
+        raise ValueError(f"{name} must be finite, got {array[where]} at sample {where}")
+    return array
 
 
 def flag(name: str, value: Any) -> bool:

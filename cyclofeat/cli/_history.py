@@ -48,7 +48,7 @@ def add_alarm_options(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--recordings-per-month", type=float, metavar="N",
-        help="recordings of a gearbox in a month (default: as frequent as they were)",
+        help="recordings of a gearbox in a month (default: as frequent as they were, over at least an hour)",
     )  # fmt: skip
 
 
@@ -78,14 +78,7 @@ class HistoryWriter:
             name = self.default_name if recording.assembly is None else str(recording.assembly)
         if not name:
             raise ValueError("the file states no assembly: give --gearbox NAME with --history")
-        stated = (recording.meta or {}).get("start_time")
-        # Else the best that is known of when it was recorded.
-        time = (
-            path.stat().st_mtime
-            if stated is None
-            else datetime.fromisoformat(stated).replace(tzinfo=UTC).timestamp()
-        )
-        self.history.add(name, str(path.resolve()), time, count, recording, self.model.card)
+        self.history.add(name, str(path.resolve()), _time(path, recording), count, recording, self.model.card)
         return name
 
     def write(self) -> None:
@@ -95,6 +88,21 @@ class HistoryWriter:
     def state(self, name: str) -> GearboxState:
         """Return the state of a gearbox."""
         return self.history.state(name, **self.rates)
+
+
+def _time(path: Path, recording: Recording) -> float:
+    """Return when a file was recorded, in s since 1970: as it states, else when it was changed."""
+    stated = (recording.meta or {}).get("start_time")
+    if stated is None:
+        return path.stat().st_mtime
+    try:
+        start = datetime.fromisoformat(stated)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"meta's start_time must be a time as 2026-03-01T14:30:00 (UTC, unless it states an offset), got "
+            f"{stated!r}"
+        ) from None
+    return (start if start.tzinfo else start.replace(tzinfo=UTC)).timestamp()
 
 
 @contextmanager

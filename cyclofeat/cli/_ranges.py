@@ -22,7 +22,9 @@ def range_of(unit: str) -> Callable[[str], tuple[float, float]]:
         except ValueError:
             ends = 0.0, 0.0
         if not 0 < ends[0] <= ends[1] < float("inf"):
-            raise argparse.ArgumentTypeError(f"must be LOW:HIGH or one number of {unit}, got {text!r}")
+            raise argparse.ArgumentTypeError(
+                f"must be LOW:HIGH or one number, in {unit} and positive, got {text!r}"
+            )
         return ends
 
     return parse

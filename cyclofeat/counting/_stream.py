@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,8 +72,9 @@ class LobeStream:
         angle_is_absolute: bool = False,
         block_turns: int | None = None,
     ) -> None:
+        checks.check_type("model", model, LobeModel)
         self.model = model
-        self.sampling_rate = checks.positive("sampling_rate", sampling_rate, "Hz")
+        self.sampling_rate = checks.positive("sampling_rate", sampling_rate, "a number (Hz)")
         self.speed_rpm = speed_rpm
         self.angle_is_absolute = checks.flag("angle_is_absolute", angle_is_absolute)
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
@@ -103,6 +103,7 @@ class LobeStream:
         self._angles: tuple[float, float] | None = None  # first and last
         self._first_angle = np.nan
         self._answers: list[AnsweredWindows] = []
+        self._counted: list[WindowCount] = []  # and not returned yet
         self._run: list[Float] = []  # of windows without a fault
 
     @property
@@ -123,41 +124,54 @@ class LobeStream:
         Returns
         -------
         list of WindowCount
-            In order, often none. ``reason`` is why a window is left out; a doubt about the whole record shows
-            in :meth:`result` only. Times are in s from the first sample.
+            In order, often none; after an error the next call returns those counted before it. ``reason`` is
+            why a window is left out; a doubt about the whole record shows in :meth:`result` only. Times are
+            in s from the first sample.
 
         Raises
         ------
         ValueError
-            If samples are not finite, the angle is missing, superfluous, of another length, or does not
-            increase (the piece is then not taken); if a window or block is constant or its rate too low (it
-            is left out, and the stream goes on with the next piece).
+            If samples are not finite, the angle is missing, superfluous, of another length, does not increase
+            or leaps an output turn (the piece is then not taken); if a window or block is constant or its
+            rate too low (it is left out, and the stream goes on with the next piece).
+        TypeError
+            If samples or angles are no real numbers.
         """
-        torque = _finite("samples", samples)
+        torque = checks.series("samples", samples, least=0)
         if self.block_turns is not None:
             if angle is not None:
                 raise ValueError("angle has no effect with block_turns: leave one of them out")
             self._n_samples += torque.size
-            return [one for answered in self._from_blocks(torque) for one in self._counted(answered)]
+            self._count_blocks(torque)
+            return self._returned()
         if angle is None:
             raise ValueError(
                 "angle must be given (input shaft, rad); for a rig without a tachometer open the stream with "
                 "block_turns and speed_rpm"
             )
-        angles = _finite("angle", angle)
+        angles = checks.series("angle", angle, least=0)
         if angles.size != torque.size:
             raise ValueError(f"angle must have the length of samples, {torque.size}, got {angles.size}")
         if not torque.size:
-            return []
+            return self._returned()
         before = [] if self._angles is None else [self._angles[1]]
-        if not np.all(np.diff(np.concatenate([before, angles])) > 0):
+        steps = np.diff(np.concatenate([before, angles]))
+        if not np.all(steps > 0):
             raise ValueError(
                 "angle must increase strictly, in rad, also from piece to piece (an angle that starts again "
                 "at each turn: numpy.unwrap)"
             )
+        if steps.max(initial=0.0) > 2 * np.pi * self.model.n_lobes:
+            raise ValueError(
+                f"angle must be in rad and advance by less than an output turn ({self.model.n_lobes} of the "
+                f"input) from one sample to the next, got {steps.max():.4g} rad: where that many samples are "
+                "lost, call result() or open a new stream"
+            )
         self._angles = (float(angles[0]) if self._angles is None else self._angles[0], float(angles[-1]))
         self._n_samples += torque.size
-        return [one for window in self._cutter.push(torque, angles) for one in self._answer(window)]
+        for window in self._cutter.push(torque, angles):
+            self._answer(window)
+        return self._returned()
 
     def result(self) -> LobeCount:
         """Count all windows since the stream began, as one recording, and begin anew.
@@ -176,11 +190,13 @@ class LobeStream:
         if self.block_turns is None:
             for window in self._cutter.finish():
                 self._answer(window)
+        else:  # behind one that raised an error
+            self._count_blocks(np.empty(0))
         if not self._answers:
-            needed = "output turn" if self.block_turns is None else number(self.block_turns, "output turn")
+            needed = number(self.block_turns or 1, "output turn")
             raise ValueError(
                 f"the stream holds no complete window: {self._n_samples / self.sampling_rate:.4g} s have "
-                f"arrived, the first {needed} is needed"
+                f"arrived, the first takes {needed}"
             )
         if self._angles is not None:
             turns = (self._angles[1] - self._angles[0]) / (2 * np.pi)
@@ -194,7 +210,11 @@ class LobeStream:
         self._begin()
         return count
 
-    def _answer(self, window: ShaftWindow) -> tuple[WindowCount, ...]:
+    def _returned(self) -> list[WindowCount]:
+        counted, self._counted = self._counted, []
+        return counted
+
+    def _answer(self, window: ShaftWindow) -> None:
         """Count one window: alone, so that its answer does not depend on the pieces."""
         recording = self._recording(window.torque, window.angle)
         windows = window_set([recording], [window.cut], float(self.model.samples_per_turn))
@@ -206,7 +226,7 @@ class LobeStream:
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
         (answered,) = self.model._answered([prepared])
         answered = dataclasses.replace(answered, wear=self._wear_features(windows.X[0], faults[0]))
-        return self._counted(answered.shifted(window.first_sample / self.sampling_rate))
+        self._keep(answered.shifted(window.first_sample / self.sampling_rate))
 
     def _wear_features(self, window: Float, fault: str) -> Float | None:
         """Return the features of the run that a window completes; None where it completes none."""
@@ -219,26 +239,32 @@ class LobeStream:
         run, self._run = np.array(self._run), []
         return wear.features(run, [""] * len(run))
 
-    def _from_blocks(self, torque: Float) -> Iterator[AnsweredWindows]:
-        """Yield the answers for the blocks that the samples complete."""
+    def _count_blocks(self, torque: Float) -> None:
+        """Count the blocks that the samples complete."""
         first = self._n_samples - torque.size - self._n_kept
         self._pieces.append(torque)
         self._n_kept += torque.size
-        while self._n_kept >= self._block:
-            joined = np.concatenate(self._pieces)
-            self._pieces = [joined[self._block :].copy()]
+        if self._n_kept < self._block:
+            return
+        joined = np.concatenate(self._pieces)
+        begin = 0
+        try:
+            while joined.size - begin >= self._block:
+                block = joined[begin : begin + self._block]
+                begin += self._block
+                prepared = self.model._prepared(self._recording(block))
+                (answered,) = self.model._answered([prepared])
+                faults = tuple(fault or prepared.doubt for fault in answered.faults)
+                answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
+                self._keep(answered.shifted((first + begin - self._block) / self.sampling_rate))
+        finally:
+            self._pieces = [joined[begin:].copy()]
             self._n_kept = self._pieces[0].size
-            prepared = self.model._prepared(self._recording(joined[: self._block]))
-            (answered,) = self.model._answered([prepared])
-            faults = tuple(fault or prepared.doubt for fault in answered.faults)
-            answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
-            yield answered.shifted(first / self.sampling_rate)
-            first += self._block
 
-    def _counted(self, answered: AnsweredWindows) -> tuple[WindowCount, ...]:
+    def _keep(self, answered: AnsweredWindows) -> None:
         self._answers.append(answered)
         classes: NDArray[np.int64] = self.model.classes_
-        return answered.counts(classes, answered.reasons())
+        self._counted += answered.counts(classes, answered.reasons())
 
     def _recording(self, torque: Float, angle: Float | None = None) -> Recording:
         return Recording(
@@ -246,12 +272,3 @@ class LobeStream:
             quantity=str(self.model.card.get("quantity", "output_torque")),
             angle_is_absolute=self.angle_is_absolute and angle is not None,
         )  # fmt: skip
-
-
-def _finite(name: str, values: ArrayLike) -> Float:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1:
-        raise ValueError(f"{name} must be of shape (n,), got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
-    return array

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 from cyclofeat._base import checks
 from cyclofeat.history._alarm import AlarmRule, alarm_states, choose_rule
 
-# Counts from which the baseline is taken; seconds of a mean month.
-N_BASELINE, MONTH_S = 10, 365.25 / 12 * 86_400
+# Counts from which the baseline is taken; seconds of an hour, the shortest time that shows how frequent
+# recordings are (copying gives many files almost one time), and of a mean month.
+N_BASELINE, HOUR_S, MONTH_S = 10, 3600, 365.25 / 12 * 86_400
 
 
 class Point(NamedTuple):
@@ -39,7 +40,7 @@ class GearboxState:
     baseline : int or None
         Most frequent of the first ten counts, the lowest of several; None before there are ten.
     recordings_per_month : float or None
-        Stated, or as frequent as they were.
+        Stated, or as frequent as they were; None where they span less than an hour.
     rule : AlarmRule or None
     no_rule : str
         Why there is no rule, and so no alarm; else empty.
@@ -123,7 +124,7 @@ def state_of(
     counted = [(point.time, point.defect_count) for point in points if point.defect_count is not None]
     first, last = points[0].time, points[-1].time
     rate = recordings_per_month
-    if rate is None and last > first:
+    if rate is None and last - first >= HOUR_S:
         rate = (len(points) - 1) / (last - first) * MONTH_S
     baseline, rule, no_rule = None, None, ""
     alarms: list[tuple[float, float | None]] = []
@@ -136,7 +137,11 @@ def state_of(
     elif scores is None:
         no_rule = "the model's card states no cross-validation, so that its error rate is unknown"
     elif rate is None:
-        no_rule = "all recordings have one time: state how many there are in a month"
+        no_rule = (
+            f"its recordings span {(last - first) / 60:.2g} minutes by their times, too short to tell how "
+            "many there are in a month: state recordings_per_month. Where files state no time of recording, "
+            "their time of change is taken: keep it when copying (cp -p)"
+        )
     else:
         try:
             rule = choose_rule(

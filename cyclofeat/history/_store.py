@@ -23,6 +23,7 @@ SCHEMA_VERSION = 1
 # "cycf": says whose file it is.
 _APPLICATION_ID = 0x63796366
 _WAIT_S = 30.0
+_DAMAGED = "{} is damaged ({}): restore a copy"
 _TABLES = """
 CREATE TABLE model (
     id INTEGER PRIMARY KEY,
@@ -107,14 +108,14 @@ class History:
     path : path-like
         Made where it does not exist.
     create : bool, default=True
-        False: ``FileNotFoundError`` where it does not exist.
+        False: ``FileNotFoundError`` where it does not exist, ``ValueError`` where it is empty.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is no history, or of a newer version.
+        If it is no history, damaged, or of a newer version.
 
     Examples
     --------
@@ -132,8 +133,11 @@ class History:
 
     def __init__(self, path: str | os.PathLike[str], *, create: bool = True) -> None:
         self.path = Path(path)
-        if not create and not self.path.exists():
-            raise FileNotFoundError(f"no such history: {self.path}")
+        if not create:
+            if not self.path.exists():
+                raise FileNotFoundError(f"no such history: {self.path}")
+            if not self.path.stat().st_size:
+                raise ValueError(f"{self.path} is no history: it is empty")
         if not self.path.parent.is_dir():
             raise FileNotFoundError(
                 f"folder {self.path.parent} for the history does not exist: make it first"
@@ -242,7 +246,7 @@ class History:
         false_alarms_per_month : float, default=0.1
             From which the rule of the alarm follows, see :func:`choose_rule`.
         recordings_per_month : float, optional
-            Default: as frequent as they were.
+            Default: as frequent as they were, if they span at least an hour.
 
         Returns
         -------
@@ -291,6 +295,9 @@ class History:
                 f"{self.path} is a history of version {version}, but {SCHEMA_VERSION} can be read: update "
                 "cyclofeat"
             )
+        # Now, with its indices: a damaged page would else be met in the middle of the work, or never.
+        if (fault := execute("PRAGMA integrity_check(1)").fetchone()[0]) != "ok":
+            raise ValueError(_DAMAGED.format(self.path, " ".join(fault.split())))
 
     def _is_new(self) -> bool:
         return not self._connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
@@ -319,5 +326,5 @@ class History:
             raise OSError(f"history {self.path}: {error}") from error
         except sqlite3.DatabaseError as error:
             damaged = error.sqlite_errorcode == sqlite3.SQLITE_CORRUPT
-            what, way_out = ("damaged", "restore a copy") if damaged else ("no history", "name another file")
-            raise ValueError(f"{self.path} is {what} ({error}): {way_out}") from error
+            text = _DAMAGED if damaged else "{} is no history ({}): name another file"
+            raise ValueError(text.format(self.path, error)) from error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_number, flag, is_whole, one_of, whole
+from cyclofeat._base.checks import check_number, flag, is_whole, one_of, series, whole
 from cyclofeat.signal.windows import LARGEST, Float
 
 __all__ = ["defects", "flag", "label", "meta", "number", "one_of", "positive", "samples", "text", "whole"]
@@ -18,19 +18,10 @@ Label = str | int
 
 
 def samples(name: str, values: Any) -> Float:
-    array = np.asarray(values)
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} must be an array of real numbers, got dtype {array.dtype}")
-    if array.ndim != 1:
-        raise ValueError(f"{name} must be 1-D, got shape {array.shape}")
-    if array.size < 2:
-        raise ValueError(f"{name} must hold at least 2 samples, got {array.size}")
+    array = series(name, values, least=2)
     # What was checked must not change afterwards: a copy, except of what nobody writes to.
-    fixed = array.dtype == np.float64 and array.flags.owndata and not array.flags.writeable
-    array = array if fixed else array.astype(np.float64)
-    if not np.all(np.isfinite(array)):
-        where = int(np.argmax(~np.isfinite(array)))
-        raise ValueError(f"{name} must be finite, got {array[where]} at sample {where}")
+    if array.flags.writeable or not array.flags.owndata:
+        array = array.copy()
     if not max(-array.min(), array.max()) <= LARGEST:
         where = int(np.argmax(np.abs(array)))
         raise ValueError(f"{name} must lie within +-{LARGEST:g}, got {array[where]} at sample {where}")

@@ -15,7 +15,7 @@ from scipy.fft import fft, ifft, next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn
 
-from cyclofeat._base.checks import one_of, whole
+from cyclofeat._base.checks import one_of, series, whole
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex, Float, as_windows, check_sampling_rate
 
@@ -214,16 +214,9 @@ def _refinement(angle: Float, samples_per_turn: int, sampling_rate: float) -> in
 
 
 def _checked(torque: ArrayLike, angle: ArrayLike) -> tuple[Float, Float]:
-    torque = np.asarray(torque, dtype=np.float64)
-    angle = np.asarray(angle, dtype=np.float64)
-    if torque.ndim != 1 or torque.shape != angle.shape or torque.size < 2:
-        raise ValueError(
-            "torque and angle must be 1-D, of equal length and hold at least 2 samples, "
-            f"got shapes {torque.shape} and {angle.shape}"
-        )
-    for name, values in (("torque", torque), ("angle", angle)):
-        if not np.all(np.isfinite(values)):
-            raise ValueError(f"{name} must be finite, got {values[~np.isfinite(values)][0]}")
+    torque, angle = series("torque", torque, least=2), series("angle", angle, least=2)
+    if torque.size != angle.size:
+        raise ValueError(f"angle must have the length of torque, {torque.size}, got {angle.size}")
     steps = np.diff(angle)
     if not np.all(steps > 0):
         where = int(np.argmax(steps <= 0))

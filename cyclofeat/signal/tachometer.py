@@ -21,6 +21,9 @@ _MISSED = 1.6  # times the usual distance of pulses, from which one is missing
 _LARGEST_STEP = np.pi / 2  # of an angle that rises in steps
 # Samples on the way down at the start of a turn, at most; rad that others may lie beside the line.
 _FALLING, _OFF_LINE = 3, 0.2
+# Samples at most that alone span a range of pulses (spikes); change of a noisy angle between samples that is
+# the start of a turn; multiple of the samples whose means rise, over which noise is averaged.
+_SPIKES, _TURN_BEGINS, _SMOOTHER = 3, 1.5 * np.pi, 4
 
 
 def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
@@ -56,14 +59,20 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     3.0
     """
     per_turn = checks.whole("pulses_per_turn", pulses_per_turn, 1)
-    values = _series("signal", signal)
+    values = checks.series("signal", signal, kinds="biuf")
     low, high = float(values.min()), float(values.max())
     if low == high:
         raise ValueError(f"signal must hold pulses, got {low:g} throughout")
     share = (values - low) / (high - low)
     edges = _rising_edges(share)
     if edges.size < _FEWEST_PULSES:
-        raise ValueError(f"signal must hold at least {_FEWEST_PULSES} pulses, got {edges.size}")
+        above = share > 0.5
+        rare = np.flatnonzero(above if 2 * above.sum() < above.size else ~above)
+        spikes = f": a spike at sample {rare[0]} hides them?" if rare.size <= _SPIKES else ""
+        raise ValueError(
+            f"signal must hold at least {_FEWEST_PULSES} pulses, got {edges.size} in its range, {low:g} to "
+            f"{high:g}{spikes}"
+        )
     distances = np.diff(edges)
     if np.median(distances) < _FEWEST_SAMPLES:
         raise ValueError(
@@ -82,18 +91,6 @@ def angle_from_pulses(signal: ArrayLike, pulses_per_turn: int) -> Float:
     angle = np.asarray(PchipInterpolator(edges, at, extrapolate=False)(np.arange(values.size, dtype=float)))
     _extend(angle, edges, at)
     return angle
-
-
-def _series(name: str, values: ArrayLike) -> Float:
-    """Return finite samples of a series."""
-    series = np.asarray(values, dtype=float)
-    if series.ndim != 1 or not series.size:
-        raise ValueError(f"{name} must be a series of samples, got the shape {series.shape}")
-    finite = np.isfinite(series)
-    if not finite.all():
-        first = int(np.argmin(finite))
-        raise ValueError(f"{name} must be finite, got {series[first]} at sample {first}")
-    return series
 
 
 def _extend(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
@@ -132,7 +129,8 @@ def continuous_angle(angle: ArrayLike) -> Float:
     angle : array-like, shape (n,)
         In rad. It rises, or falls, and may start again after each turn. Of a value that is held for several
         samples the first one counts; the others lie on a straight line to the next value, and after the last
-        step within one more step. So do up to three samples on the way down.
+        step within one more step. So do up to three samples on the way down. An angle with noise is averaged
+        over as many samples as make it rise.
 
     Returns
     -------
@@ -150,7 +148,7 @@ def continuous_angle(angle: ArrayLike) -> Float:
     >>> bool(np.allclose(continuous_angle(turned % (2 * np.pi)), turned))
     True
     """
-    values = _series("angle", angle)
+    values = checks.series("angle", angle)
     steps = np.diff(values)
     if np.all(steps > 0) or np.all(steps < 0):
         return values
@@ -164,6 +162,8 @@ def continuous_angle(angle: ArrayLike) -> Float:
         raise ValueError("angle must rise or fall, but for its start at each turn: these samples do neither")
     rises = np.diff(turned[kept])
     if rises.max() > _LARGEST_STEP:
+        if (smooth := _without_noise(values)) is not None:
+            return smooth
         raise ValueError(
             f"angle must rise or fall in steps of less than a quarter of a turn, got {rises.max():.4g} rad "
             f"after sample {kept[int(np.argmax(rises))]}: wrong unit, or noise?"
@@ -181,6 +181,31 @@ def continuous_angle(angle: ArrayLike) -> Float:
             f"{values[beside][0]:.4g} rad at sample {int(np.argmax(beside))}"
         )
     return np.asarray(sign * line)
+
+
+def _without_noise(values: Float) -> Float | None:
+    """Return the monotone curve through the means of a noisy angle; None where it lies off its samples."""
+    place = np.arange(values.size)
+    for sign in (1.0, -1.0):
+        turned, falling = _without_falls(np.unwrap(sign * values, discont=_TURN_BEGINS))
+        known = np.flatnonzero(~falling)
+        size, smooth = 1, False
+        while not smooth and _SMOOTHER * (size := 2 * size) * _SMOOTHER <= known.size:
+            smooth = bool(np.all(np.diff(_means(turned[known], size)) > 0))
+        if not smooth:
+            continue
+        at, means = (_means(x, _SMOOTHER * size) for x in (known, turned[known]))
+        line = np.asarray(PchipInterpolator(at, means, extrapolate=False)(place))
+        _extend(line, at, means)
+        beside = np.abs(line - turned)[known].max() > _OFF_LINE
+        if not beside and np.diff(means).max() <= _LARGEST_STEP and np.all(np.diff(line) > 0):
+            return np.asarray(sign * line)
+    return None
+
+
+def _means(values: NDArray[Any], size: int) -> Float:
+    """Return the means of adjacent samples; those at the end that make no group are left out."""
+    return np.asarray(values[: values.size // size * size].reshape(-1, size).mean(axis=1))
 
 
 def _without_falls(rising: Float) -> tuple[Float, NDArray[np.bool_]]:

@@ -72,6 +72,18 @@ def test_the_gearbox_has_a_name(model_file, files, tmp_path, capsys):
         assert read.gearboxes() == ["lathe"]
 
 
+def test_a_recording_has_the_time_that_its_file_states(model_file, tmp_path, capsys):
+    to = ["--model", str(model_file), "--trust", "--history", str(tmp_path / "a.sqlite"), "--gearbox", "x"]
+    disc = recording((), seed=300)
+    times = ["2026-03-01T12:30:00", "2026-03-01T14:30:00+01:00", "2026-03-01T14:30:00.000000"]
+    for k, time in enumerate([*times, "yesterday"]):
+        write_recording(tmp_path / f"{k}.npz", disc.replace(meta={"start_time": time}))
+        assert main(["count", str(tmp_path / f"{k}.npz"), *to]) == (2 if k == 3 else 0)
+    assert "start_time must be a time as 2026-03-01T14:30:00 (UTC, unless" in capsys.readouterr().err
+    with History(tmp_path / "a.sqlite") as read:
+        assert [(row.time - 1_772_368_200) / HOUR for row in read.rows("x")] == [0, 1, 2]
+
+
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [

@@ -121,6 +121,8 @@ def test_blocks_are_counted_as_recordings():
 
 def test_what_is_wrong_with_a_stream_is_said():
     model, record = shaft_model(), recording((), turns=2)
+    with pytest.raises(TypeError, match="model must be of type LobeModel, got 'model.skops'"):
+        LobeStream("model.skops", RATE)
     with pytest.raises(ValueError, match="block_turns must be given: the model takes windows over time"):
         LobeStream(small_model(), RATE)
     with pytest.raises(ValueError, match="sampling_rate of the recording is 1000 Hz, but the model was"):
@@ -140,8 +142,15 @@ def test_what_is_wrong_with_a_stream_is_said():
             stream.push(record.torque[100:140], bad)
     with pytest.raises(ValueError, match="samples must be finite, got nan"):
         stream.push([np.nan], [1e3])
-    with pytest.raises(ValueError, match="the stream holds no complete window: 0.05 s have arrived"):
+    with pytest.raises(
+        ValueError, match="the stream holds no complete window: 0.05 s have .* takes 1 output"
+    ):
         stream.result()
+    with pytest.raises(ValueError, match="less than an output turn .15 of the input. .* got 1.+ call result"):
+        stream.push(record.torque[100:], 1e3 + record.angle[100:])
+    for bad in (record.torque[100:] * 1j, ["a"] * 8):
+        with pytest.raises(TypeError, match="samples must be an array of real numbers"):
+            stream.push(bad, record.angle[100:])
     stream.push(record.torque[100:], record.angle[100:])  # none of it has harmed the stream
     assert len(stream.result().windows) == 2
     with pytest.raises(ValueError, match="angle has no effect with block_turns"):
@@ -158,3 +167,19 @@ def test_a_dead_sensor_costs_its_windows_only():
     count = stream.result()
     assert len(count.windows) == 3
     assert count.windows[-1].defect_count == 1
+
+
+@pytest.mark.parametrize("with_angle", [True, False])
+def test_a_dead_sensor_within_a_piece_costs_no_answer_before_or_behind_it(with_angle):
+    record = recording((2, 3, 4), seed=75, turns=5)
+    turn = record.n_samples // 5
+    torque = np.where(np.abs(np.arange(record.n_samples) - 2.5 * turn) < 0.7 * turn, 22.0, record.torque)
+    ways = {} if with_angle else {"block_turns": 1, "speed_rpm": 500}
+    stream = LobeStream(shaft_model(), RATE, **ways)
+    with pytest.raises(ValueError, match="constant .22 Nm. over a whole window"):
+        stream.push(torque, record.angle if with_angle else None)
+    returned = stream.push([], [] if with_angle else None)
+    if not with_angle:
+        assert len(returned) == 4
+    assert returned[0].start_s < 0.1
+    assert len(stream.result().windows) == 4

@@ -130,6 +130,11 @@ def test_what_is_no_history_is_left_alone(tmp_path):
         with pytest.raises(ValueError, match=text):
             History(file)
         assert file.read_bytes() == before
+    empty = tmp_path / "empty.sqlite"
+    empty.touch()
+    with pytest.raises(ValueError, match="is no history: it is empty"):
+        History(empty, create=False)
+    assert not empty.stat().st_size
     with pytest.raises(FileNotFoundError, match="no such history"):
         History(tmp_path / "absent.sqlite", create=False)
     with pytest.raises(FileNotFoundError, match="folder .* does not exist"):
@@ -145,6 +150,36 @@ def test_a_damaged_history_is_said_to_be_one(tmp_path):
     file.write_bytes(content[:4096] + b"\xff" * (len(content) - 4096))
     with pytest.raises(ValueError, match="is damaged .* restore a copy"), History(file) as history:
         history.rows("press")
+
+
+def test_a_damaged_index_is_met_at_once(tmp_path):
+    file = tmp_path / "a.sqlite"
+    filled(file, [0] * 20).close()
+    connection = sqlite3.connect(file)
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    query = "SELECT rootpage FROM sqlite_schema WHERE name = 'recording_by_gearbox'"
+    (root,) = connection.execute(query).fetchone()
+    (size,) = connection.execute("PRAGMA page_size").fetchone()
+    connection.close()
+    content = bytearray(file.read_bytes())
+    end = root * size
+    assert content[end - 200 : end].count(b"press")
+    content[end - size : end] = content[end - size : end].replace(b"press", b"prese")
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match="is damaged .*recording_by_gearbox.* restore a copy"):
+        History(file, create=False)
+
+
+def test_files_copied_at_once_do_not_show_how_many_there_are_in_a_month(tmp_path):
+    with filled(tmp_path / "a.sqlite", [0] * 12, CARD) as history:
+        connection = sqlite3.connect(history.path)
+        connection.execute("UPDATE recording SET time = 1.7e9 + id * 0.1")
+        connection.commit()
+        connection.close()
+        state = history.state("press")
+        assert (state.recordings_per_month, state.rule) == (None, None)
+        assert "span 0.018 minutes by their times" in state.no_rule
+        assert history.state("press", recordings_per_month=60).rule is not None
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such name there")

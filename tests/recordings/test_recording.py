@@ -340,7 +340,7 @@ def test_a_start_from_rest_keeps_its_order_too():
 @pytest.mark.parametrize(
     ("torque", "angle", "samples_per_turn", "words"),
     [
-        (np.zeros(4), np.arange(3.0), 64, "equal length"),
+        (np.zeros(4), np.arange(3.0), 64, "angle must have the length of torque"),
         (np.zeros(4), np.array([0, 1, 1, 2.0]), 64, "sample 1"),
         (np.array([0, np.nan, 0, 0]), np.arange(4.0), 64, "torque must be finite"),
         (

@@ -60,7 +60,12 @@ def test_a_run_up_misses_no_pulse_and_a_lost_one_is_an_error():
     ("signal", "per_turn", "message"),
     [
         (np.ones(100), 1, "must hold pulses, got 1 throughout"),
-        (np.r_[np.zeros(50), np.ones(50)], 1, "at least 3 pulses, got 1"),
+        (np.r_[np.zeros(50), np.ones(50)], 1, "at least 3 pulses, got 1 in its range, 0 to 1$"),
+        (
+            pulses(wandering(), 60) + 50 * (np.arange(wandering().size) == 700),
+            60,
+            "pulses, got 1 .* a spike at sample 700 hides them",
+        ),
         (np.r_[0.0, np.nan, 1.0], 1, "signal must be finite, got nan at sample 1"),
         (pulses(wandering(), 2048), 2048, "at least 4 samples per pulse, got 3"),
         (np.ones(100), 0, "pulses_per_turn must be at least 1, got 0"),
@@ -114,6 +119,24 @@ def test_samples_on_the_way_down_are_passed_over():
     angle = wandering()
     told = np.convolve(angle % (2 * np.pi), [0.25, 0.5, 0.25], mode="same")[1:-1]
     assert np.abs(np.ptp(continuous_angle(told)) - np.ptp(angle[1:-1])) < 0.01
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+@pytest.mark.parametrize("start", [0.0, 3.0])
+def test_an_analog_angle_with_noise_is_averaged(sign, noise, start):
+    """Noise carries the angle back and forth over its start, and past the samples beside it."""
+    angle = start + sign * wandering()
+    random = np.random.default_rng(3)
+    of_shaft = (angle + random.normal(0, noise, angle.size)) % (2 * np.pi)
+    of_signal = angle % (2 * np.pi) + random.normal(0, noise, angle.size)
+    for told in (of_shaft, of_signal):
+        found = continuous_angle(told)
+        assert np.all(sign * np.diff(found) > 0)
+        error = found - angle
+        assert np.abs(error - np.median(error)).max() < max(0.01, 4 * noise)
+        if noise > 0.01:  # averaged: below a quarter of the noise
+            assert error.std() < 0.25 * noise
 
 
 @pytest.mark.parametrize(
