@@ -19,18 +19,22 @@ SAMPLES = 3600  # of an output turn
 LINES = 44
 
 
-def recording(lobes, seed=0, turns=1, slowing=0.0, height=1.0, **labels):
+def recording(lobes, seed=0, turns=1, slowing=0.0, height=1.0, n_lobes=15, **labels):
     """Whole output turns with a burst at each worn lobe, by a tachometer; slower at the end by a share."""
     random = np.random.default_rng(seed)
-    done = np.arange(turns * SAMPLES) / (turns * SAMPLES)
-    phi = 2 * np.pi * SPEED * np.arange(turns * SAMPLES) / RATE * (1 - slowing * done / 2)
-    cam = (16 * phi + np.pi) / (2 * np.pi)  # in lobes
+    samples = turns * SAMPLES * n_lobes // 15
+    phi = 2 * np.pi * SPEED * np.arange(samples) / RATE * (1 - slowing * np.arange(samples) / samples / 2)
+    cam = ((n_lobes + 1) * phi + np.pi) / (2 * np.pi)  # in lobes
     torque = 22 + random.normal(0, 0.05, phi.size)
     for lobe in lobes:
-        torque += height * random.uniform(0.8, 1.2) * np.exp(-((((cam - lobe + 7.5) % 15 - 7.5) / 0.15) ** 2))
+        torque += (
+            height
+            * random.uniform(0.8, 1.2)
+            * np.exp(-((((cam - lobe + n_lobes / 2) % n_lobes - n_lobes / 2) / 0.15) ** 2))
+        )
     known = {
         "angle": phi, "angle_is_absolute": True, "assembly": f"A{seed}", "source": "surrogate",
-        "worn_lobes": lobes, "speed_rpm": 500,
+        "worn_lobes": lobes, "speed_rpm": 500, "n_lobes": n_lobes,
     }  # fmt: skip
     return Recording(torque, RATE, **(known | labels))
 
@@ -76,10 +80,12 @@ def shaft_model(counts=(0, 1, 3), per_count=8):
     return LobeModel.train(labelled(counts, per_count), n_splits=2, n_trees=20)
 
 
-def labelled(counts=(0, 1, 3), per_count=8, **labels):
+def labelled(counts=(0, 1, 3), per_count=8, n_lobes=15, **labels):
     """Recordings of one assembly each, with rows of worn lobes."""
     return [
-        recording(tuple((seed + lobe) % 15 for lobe in range(count)), seed=seed, **labels)
+        recording(
+            tuple((seed + lobe) % n_lobes for lobe in range(count)), seed=seed, n_lobes=n_lobes, **labels
+        )
         for seed, count in enumerate(counts * per_count)
     ]
 
