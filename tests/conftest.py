@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+import numba
 import pytest
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, LocatedGap, locate
-from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig
+from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig, simulate, simulate_many
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -67,11 +68,21 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> MadeOnce:
     return MadeOnce(folder / "made_once")
 
 
+STEEL = CycloidalGearbox.steel(ramp_time=0.02)
+COMPILED: dict[str, Callable[[], Any]] = {
+    "exact": lambda: simulate(STEEL, duration=0.005).torque_out.size,
+    "friction": lambda: simulate(STEEL.replace(sleeve_friction=0.05), duration=0.005).torque_out.size,
+    "batch": lambda: len(simulate_many([STEEL], duration=0.005, kernel="batch")),
+}
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _compiled_once(made_once: MadeOnce) -> None:
-    """Let one process of a parallel run compile the simulator, and the others load it."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        made_once("compiled", lambda: Rig().simulate(duration=0.005, settled=False).torque_out.size)
+    """Let one process of a parallel run compile each kernel, and the others load it."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER")
+    if worker is not None and not numba.config.DISABLE_JIT:
+        for name in sorted(COMPILED, reverse=worker == "gw0"):
+            made_once(name, COMPILED[name])
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ to get around a check. The first instance of a class passes every check; the oth
 look at results (``FOR_VARIANTS``), since validation and tags do not depend on their parameters.
 """
 
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import pytest
@@ -148,12 +148,37 @@ FOR_VARIANTS = {
 }
 
 
+#: Estimators that pass every check in the quick tests. The other transformers share the base of the first of
+#: them: their remaining checks, and all of those of further instances, are among the slow tests.
+IN_FULL = {
+    "TorqueStatistics",
+    "CoherenceToReference",
+    "TorqueFeatures",
+    "LobeMap",
+    "Pipeline LobeMap CountingTrees",
+    "EntropyLadder",
+    "OrdinalCounter",
+    "LobeCounter",
+    "GroupCalibratedCounter",
+    "ConformalCounter",
+    "ConformalRegressor",
+    "TrainingDomain",
+}
+
+
 def name_of(estimator: BaseEstimator) -> str:
     """Class of an estimator; a pipeline goes by its steps."""
     steps = [type(step).__name__ for _, step in getattr(estimator, "steps", [])]
     return " ".join([type(estimator).__name__, *steps])
 
 
+def marks(estimator: BaseEstimator, check: str) -> list[pytest.MarkDecorator]:
+    """What the quick tests leave to the slow ones."""
+    first = str(estimator) not in variants()
+    return [] if first and (name_of(estimator) in IN_FULL or check in FOR_VARIANTS) else [pytest.mark.slow]
+
+
+@cache
 def variants() -> set[str]:
     """Estimators in words that are not the first of their class."""
     names = [name_of(estimator) for estimator in estimators()]
@@ -168,7 +193,9 @@ def yielded_checks() -> pytest.MarkDecorator:
     # A list, since scikit-learn 1.6 hands over a generator, which pytest 9.1 warns of while collecting:
     # too early for a filter in this file.
     chosen = [
-        case
+        pytest.param(
+            estimator, check, marks=[*getattr(case, "marks", ()), *marks(estimator, check.func.__name__)]
+        )
         for case in checks
         for estimator, check in [getattr(case, "values", case)]
         if str(estimator) not in others or (is_plain(check) and check.func.__name__ in FOR_VARIANTS)
@@ -189,8 +216,9 @@ def checks_by_name() -> list[Any]:
             if str(estimator) in others and name not in FOR_VARIANTS:
                 continue
             reason = expected_failures(estimator).get(name)
-            marks = [] if reason is None else [pytest.mark.xfail(reason=reason)]
-            params.append(pytest.param(estimator, name, id=f"{estimator}-{name}", marks=marks))
+            expected = [] if reason is None else [pytest.mark.xfail(reason=reason)]
+            marked = [*expected, *marks(estimator, name)]
+            params.append(pytest.param(estimator, name, id=f"{estimator}-{name}", marks=marked))
     return params
 
 

@@ -272,6 +272,7 @@ def test_train_and_count(capsys, folder, tmp_path, monkeypatch):
     assert result["warnings"] == []
 
 
+@pytest.mark.slow
 def test_train_learns_the_depth_of_the_wear(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(LobeModel, "train", partial(LobeModel.train, n_trees=10, n_splits=0))
     (tmp_path / "known").mkdir()
@@ -464,6 +465,7 @@ def test_evaluate_labelled_files(capsys, folder, tmp_path, monkeypatch, surrogat
     assert "confusion matrix" in out
 
 
+@pytest.mark.slow
 def test_evaluate_writes_a_report_with_lobes_and_calibration(capsys, tmp_path, monkeypatch, surrogates):
     fewer = partial(make_lobe_counter, n_trees=20)
     monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", fewer)

@@ -38,6 +38,7 @@ def made(monkeypatch):
     return asked
 
 
+@pytest.mark.slow
 def test_the_demonstration_goes_from_recordings_to_pages(made, tmp_path):
     result = demo.demonstrate(tmp_path, n_jobs=1, training_assemblies=5, file_assemblies=1)
     assert made == [5, 1]

@@ -43,6 +43,7 @@ def counting(tmp_path):
     return ["count", str(tmp_path / "disc.npz"), "--model", str(GOLDEN / "model.skops"), *allow]
 
 
+@pytest.mark.slow
 def test_a_count_loads_nothing_that_it_does_not_need(counting, capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert main(counting) == 0
@@ -64,6 +65,7 @@ def test_ctrl_c_ends_imports_with_one_line(moment, counting):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cyclofeat: interrupted\n")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 def test_ctrl_c_soon_after_the_start_ends_with_one_line(counting):
     code = INTERRUPTED.replace("sys.exit", "print('started', flush=True); sys.exit")

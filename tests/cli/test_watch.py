@@ -231,7 +231,8 @@ def lines_of(process, n):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows sends Ctrl-C to all processes of a console")
-@pytest.mark.parametrize("ask", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
+@pytest.mark.slow
+@pytest.mark.parametrize("ask", [signal.SIGTERM, signal.SIGINT])
 def test_a_process_that_watches(capsys, tmp_path, model_file, ask):
     """Files in pieces, garbage, files renamed into place; a clean end, and nothing counted twice."""
     folder = tmp_path / "in"

@@ -33,6 +33,7 @@ def by_kernel() -> dict[str, WindowSet]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transformer", [LobeMap, SpectralCentroid, SpectralEntropy, TorqueStatistics])
 def test_features_differ_by_far_less_than_assemblies_do(by_kernel, transformer):
     """Features that count cells or bins jump by one of them now and then: none of them is here."""
@@ -43,6 +44,7 @@ def test_features_differ_by_far_less_than_assemblies_do(by_kernel, transformer):
     assert not np.array_equal(exact, batch)
 
 
+@pytest.mark.slow
 def test_either_kernel_trains_for_the_recordings_of_the_other(by_kernel):
     exact, batch = by_kernel["exact"], by_kernel["batch"]
     assert exact.y.tolist() == batch.y.tolist()

@@ -35,6 +35,7 @@ def assemblies(n=120, windows=3, seed=0, n_classes=4, shared=0.5, own=0.3, n_fea
     return place + common + random.normal(scale=own, size=place.shape), y, group
 
 
+@pytest.mark.slow
 def test_the_temperature_is_scikit_learns_on_the_same_folds():
     X, y, groups = assemblies()
     trees = ExtraTreesClassifier(50, random_state=0)
@@ -52,6 +53,7 @@ def test_the_temperature_is_scikit_learns_on_the_same_folds():
     assert log_loss(truth, ours.predict_proba(new)) <= log_loss(truth, theirs.predict_proba(new)) + 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["temperature", "isotonic"])
 def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""

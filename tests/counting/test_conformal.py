@@ -84,6 +84,7 @@ def realised(unit, coverage, n_trials=25):
     return np.mean(windows), np.mean(whole)
 
 
+@pytest.mark.slow
 def test_coverage_is_of_windows_or_of_whole_assemblies():
     window, whole = realised("window", 0.9)
     assert 0.89 <= window <= 0.93
@@ -93,6 +94,7 @@ def test_coverage_is_of_windows_or_of_whole_assemblies():
     assert window > whole
 
 
+@pytest.mark.slow
 def test_windows_taken_for_assemblies_promise_more_than_they_keep():
     """The reason for groups: spread of coverage over data sets, with few assemblies of many windows."""
     kept = {True: [], False: []}
@@ -174,6 +176,7 @@ def test_distance_and_threshold_of_the_domain_by_hand():
     assert_allclose(domain.decision_function(X), domain.threshold_ - np.array(by_hand))
 
 
+@pytest.mark.slow
 def test_the_stated_share_of_assemblies_is_refused():
     rates = []
     for seed in range(20):

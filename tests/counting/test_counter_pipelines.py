@@ -49,7 +49,9 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind == "lobes")) for kind in KINDS]
+)
 def test_every_kind_takes_parameters_and_counts(kind, data):
     X, y, _, train = data
     counter = make_lobe_counter(SAMPLING_RATE, kind=kind, n_trees=20).set_params(**PARAMETERS[kind])
@@ -66,6 +68,7 @@ def test_every_kind_takes_parameters_and_counts(kind, data):
         assert np.mean(copy.predict(X[~train]) == y[~train]) >= 6 / 8
 
 
+@pytest.mark.slow
 def test_parameters_of_a_counter_can_be_searched_by_assembly(data):
     X, y, groups, train = data
     search = HalvingGridSearchCV(
@@ -88,6 +91,7 @@ def test_unknown_kinds_are_refused():
         make_lobe_counter(SAMPLING_RATE, kind="forest")
 
 
+@pytest.mark.slow
 def test_calibration_raises_the_probability_of_right_counts(data):
     """Shares of trees are far below the accuracy: with folds by assembly probabilities come up to it."""
     X, y, groups, train = data

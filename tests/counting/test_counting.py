@@ -65,6 +65,7 @@ def test_probabilities_and_ordered_classes(windows):
 # Evaluation
 
 
+@pytest.mark.slow
 def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
     """Finding 3 of the toolkit's facts, on few assemblies: far above, against near, chance (0.25)."""
     results = {
@@ -106,6 +107,7 @@ def test_windows_of_one_assembly_never_stand_on_both_sides():
     assert result.accuracy < 0.5
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_results(windows):
     first, second = (
         evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=2))
@@ -235,6 +237,7 @@ def test_windows_of_one_recording_are_combined(model, surrogates):
     assert max(both.probability.values()) >= min(least, max(once.probability.values())) - 1e-6
 
 
+@pytest.mark.slow
 def test_a_model_is_for_the_discs_of_its_recordings(surrogates):
     """The same windows taken for discs of 11 lobes: whole output turns are shorter, and so are answers."""
     of_eleven = [
@@ -262,6 +265,7 @@ def test_a_drifting_speed_does_not_move_the_lobes():
         assert min(found.lobe_probability[lobe] for lobe in found.lobes) > 0.6
 
 
+@pytest.mark.slow
 def test_recordings_of_several_rates_and_speeds_train_a_model(surrogates):
     """Every second recording at half the rate; and a disc that turns 10 % faster is counted alike."""
     mixed = [

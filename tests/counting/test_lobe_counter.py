@@ -139,6 +139,7 @@ def test_groups_keep_windows_of_an_assembly_in_one_fold(data, parts):
     assert np.log(said[True]).mean() > np.log(said[False]).mean()
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_answers(data, parts, counter):
     X, y, worn, passage = (values[parts[0]] for values in data)
     again = small().fit(X, y, worn, passage)
@@ -193,6 +194,7 @@ def test_lobes_apart_are_counted_and_found_where_any_were_trained_on():
     assert np.mean(by_rows.predict(X[:15]) == 4) < np.mean(counter.predict(X[:15]) == 4)
 
 
+@pytest.mark.slow
 def test_a_model_trained_on_lobes_apart_counts_lobe_by_lobe():
     cam = np.arange(4608) / 2560 * SPEED * 2 * np.pi
     recordings = []

@@ -78,6 +78,7 @@ def test_too_few_samples_are_an_error_that_says_what_to_train():
         LobeModel.train(poor, n_splits=0)
 
 
+@pytest.mark.slow
 def test_the_file_of_a_model_keeps_the_samples_per_turn(tmp_path):
     path = save_model(tmp_path / "slow.joblib", slow_model())
     card, loaded = read_card(path), load_model(path, trusted=True)
@@ -86,6 +87,7 @@ def test_the_file_of_a_model_keeps_the_samples_per_turn(tmp_path):
     assert loaded.count(one).probability == slow_model().count(one).probability
 
 
+@pytest.mark.slow
 def test_the_depth_of_wear_is_learned_too():
     model = LobeModel.train(
         [slower(one) for one in recordings_with_wear(n=12)], n_splits=0, n_trees=15, wear_um=(5, 200)

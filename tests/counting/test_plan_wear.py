@@ -53,6 +53,7 @@ def lines():
     return known.lines(0, 1), others.lines(0, 1), *(others.lines(2, depth) for depth in DEPTHS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("point", [0, 1])
 def test_the_formula_agrees_with_decisions_about_other_assemblies(plan, lines, point):
     """Simulated assemblies of another seed, with noise, told by the power in their lobe lines."""

@@ -112,6 +112,7 @@ def test_the_estimator_learns_in_fit():
             counter.fit(known, wrong)
 
 
+@pytest.mark.slow
 def test_more_recordings_than_fit_a_batch_are_all_counted():
     """Three recordings of 150 windows, of which two fill a batch."""
     long = recording((2, 3, 4), seed=83, turns=150)

@@ -87,6 +87,7 @@ def test_a_speed_that_training_did_not_see_is_refused():
     assert "but the model was trained at" in count.reason
 
 
+@pytest.mark.slow
 def test_the_depth_of_wear_is_that_of_the_file():
     model = wear_model()
     record = recording((2, 3, 4), seed=76, turns=5, height=0.5)

@@ -146,6 +146,7 @@ def test_tables_and_json_hold_the_depth(unseen):
     assert json.loads(json.dumps(unseen[1][first].to_dict()))["wear_um_low"] == depth.low_um
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["skops", "joblib"])
 def test_stored_models_state_the_same_depth(model, unseen, tmp_path, suffix):
     if suffix == "skops":

@@ -25,7 +25,7 @@ from cyclofeat.datasets import (
 from cyclofeat.datasets.readers import _columns, load_arrays
 from cyclofeat.recordings import Recording
 
-STEADY = settings(derandomize=True, deadline=None, max_examples=60)
+STEADY = settings(derandomize=True, deadline=None, max_examples=20)
 RATE = 25_600.0
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -76,7 +76,7 @@ def rows(values, *, head="", separator="\n"):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
-@settings(STEADY, max_examples=30)
+@settings(STEADY, max_examples=10)
 @given(recording=recordings())
 def test_reading_gives_back_what_was_written(tmp_path_factory, suffix, recording):
     path = tmp_path_factory.mktemp("round") / f"record{suffix}"

@@ -109,6 +109,7 @@ def test_without_a_tachometer_there_is_no_angle_and_the_torque_is_the_same(label
         np.testing.assert_array_equal(one.torque, other.torque)
 
 
+@pytest.mark.slow
 def test_lobes_and_wheels_are_random_and_follow_their_pattern():
     made = make_rig_recordings(30, [3], duration=0.002, rig="R0", random_state=2)
     for recording in made:
@@ -122,6 +123,7 @@ def test_lobes_and_wheels_are_random_and_follow_their_pattern():
     assert any(np.diff(recording.worn_lobes).max() > 2 for recording in scattered)
 
 
+@pytest.mark.slow
 def test_mixed_lobes_are_neighbours_in_half_of_the_assemblies():
     made = make_rig_recordings(30, [4], lobes="mixed", duration=0.002, rig="R0", random_state=3)
     worn = np.zeros((30, 15), dtype=bool)
@@ -206,6 +208,7 @@ def test_the_record_starts_after_settling(quiet):
         assert begin.std() < 3 * later.std()
 
 
+@pytest.mark.slow
 def test_drift_moves_the_load():
     slow = Rig.r1().without("noise")
     drifting = make_rig_recordings(8, [0], rig=slow, duration=0.6)
@@ -322,6 +325,7 @@ def test_the_published_rig_goes_through_a_file(tmp_path):
     assert Rig.from_json(tmp_path / "rig.json").to_text() == rig.to_text()
 
 
+@pytest.mark.slow
 def test_the_published_rig_has_the_level_of_table_4_and_not_the_order_of_its_discs():
     table = load_published_tables().signal_statistics
     made = make_rig_recordings(1, range(8), rig="published", random_state=200)
@@ -405,6 +409,7 @@ def test_batches_make_the_recordings_of_the_exact_kernel():
     np.testing.assert_array_equal(first.torque, each[0].torque)
 
 
+@pytest.mark.slow
 def test_what_batches_refuse_is_an_error_or_left_to_the_exact_kernel():
     coarse = Rig(CycloidalGearbox.steel(profile_points=900), name="coarse")
     options = {"rig": coarse, "duration": 0.02}

@@ -138,7 +138,7 @@ def test_single_precision(transformer):
 samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
 
 
-@settings(derandomize=True, deadline=None, database=None, max_examples=30)
+@settings(derandomize=True, deadline=None, database=None, max_examples=10)
 @given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
 def test_batch_is_one_by_one_and_order_does_not_matter(X):
     for transformer in TRANSFORMERS:

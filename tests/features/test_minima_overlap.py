@@ -204,7 +204,7 @@ def test_bad_parameters(parameters, y, message):
 # Properties
 
 
-@settings(derandomize=True, deadline=None, database=None, max_examples=20)
+@settings(derandomize=True, deadline=None, database=None, max_examples=8)
 @given(st.floats(0.01, 100), st.floats(-50, 50))
 def test_overlap_depends_neither_on_scale_nor_on_mean(scale, offset):
     X = torque(5, 6000)

@@ -58,6 +58,7 @@ def test_intervals_of_sizes_hold_as_often_as_they_say():
     assert np.mean(inside) == pytest.approx(0.9, abs=0.07)
 
 
+@pytest.mark.slow
 def test_what_the_library_does_not_hold_remains_and_what_it_holds_does_not():
     sizes, features, _ = linear_world(96, 7)
     _, observed, _ = linear_world(200, 8)
@@ -117,6 +118,7 @@ def present_in(sets, name):
     return np.array([any(effect.effect_id == name for effect in effects) for effects in sets])
 
 
+@pytest.mark.slow
 def test_effects_are_drawn_with_their_probabilities_and_look_alikes_apart():
     presence = {
         "noise": 0.97, "hum": 0.3, "gain": 0.5, "offset": 0.35, "load_scale": 0.04, "load_drift": 0.7,
@@ -158,14 +160,16 @@ def test_sizes_of_confirmed_effects_are_drawn_together_and_the_others_beside():
     assert abs(np.corrcoef(vectors.T)[2, :2]).max() < 0.09
 
 
+SMALL = World(
+    effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
+    speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
+    n_rigs_per_machine=6,
+)  # fmt: skip
+
+
 @pytest.fixture(scope="module")
 def posterior(tmp_path_factory):
-    world = World(
-        effects=(Noise(), Gain(), InputShaftLine()), most=2, sampling_rate=RATE,
-        speeds_rpm=(0.95 * SPEED, 1.05 * SPEED), wheels=((0,),), defect_counts=(0, 2), n_recordings=5,
-        n_rigs_per_machine=6,
-    )  # fmt: skip
-    return EffectPosterior(1, epochs=40).fit(prepare_world(world, tmp_path_factory.mktemp("world"), 40))
+    return EffectPosterior(1, epochs=40).fit(prepare_world(SMALL, tmp_path_factory.mktemp("world"), 40))
 
 
 def recordings(*effects, loads=(22.0,), n=6, seed=0):
@@ -185,6 +189,7 @@ SETTINGS = GapSettings(
 )
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     told = []
     result = find_gap(
@@ -216,14 +221,13 @@ def test_of_look_alikes_that_share_their_probability_the_first_is_named():
     assert named_effects({"gain": 0.2, "offset": 0.2, "hum": np.nan}) == []
 
 
-def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
-    world = posterior.world
-    template = simulate_sessions(world, posterior_session(posterior), lambda _: (), 1).sessions[0]
+def test_sessions_are_like_the_measured_one_and_of_their_seed():
+    template = simulate_sessions(SMALL, measured_session(), lambda _: (), 1).sessions[0]
 
     def draw(random):
         return (Noise(float(random.uniform(0.1, 0.3))),)
 
-    one, other = (simulate_sessions(world, template, draw, 3, random_state=4) for _ in range(2))
+    one, other = (simulate_sessions(SMALL, template, draw, 3, random_state=4) for _ in range(2))
     np.testing.assert_array_equal(one.sizes, other.sizes)
     for session, same in zip(one.sessions, other.sessions, strict=True):
         np.testing.assert_array_equal(session.values, same.values)
@@ -231,26 +235,25 @@ def test_sessions_are_like_the_measured_one_and_of_their_seed(posterior):
     assert len({tuple(sizes) for sizes in one.sizes.tolist()}) == 3
 
 
-def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone(posterior):
-    world = posterior.world
-    template = posterior_session(posterior)
+def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone():
+    template = measured_session()
     tight, usual = (
-        simulate_sessions(world, template, lambda _: (), 2, tolerance=lambda _: factor)  # noqa: B023
+        simulate_sessions(SMALL, template, lambda _: (), 2, tolerance=lambda _: factor)  # noqa: B023
         for factor in (0.0, 1.0)
     )
     np.testing.assert_array_equal(tight.tolerances, 0)
-    speed = next(k for k, cell in enumerate(world.described_cells) if "input speed" in cell.name)
+    speed = next(k for k, cell in enumerate(SMALL.described_cells) if "input speed" in cell.name)
     spread = [made.sessions[0].values[:, speed].std() for made in (tight, usual)]
     assert spread[0] < 0.2 * spread[1]
 
 
-def posterior_session(posterior):
-    return MeasuredRig.of(recordings(n=4), posterior.world.rig, RATE).session()
+def measured_session():
+    return MeasuredRig.of(recordings(n=4), SMALL.rig, RATE).session()
 
 
 @pytest.mark.slow
 def test_a_rig_without_effects_needs_nothing_more_than_what_stays_open(posterior):
-    session = posterior_session(posterior)
+    session = measured_session()
     confirmed = confirm(posterior, session, [], n_sessions=24)
     assert confirmed.effects == ()
     assert confirmed.middle.size == 0

@@ -152,6 +152,7 @@ def test_a_posterior_belongs_to_its_model(given: Any, tmp_path: Path, capsys: An
 # Two folders
 
 
+@pytest.mark.slow
 def test_two_folders_of_recordings_need_no_model(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -378,6 +378,7 @@ def scored(fit: Bank, hold: Bank, cache: Path) -> Proof:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_true_effect_closes_the_gap(scored: Proof) -> None:
     ours = scored.result
     assert ours.undefined == ""
@@ -395,6 +396,7 @@ def test_the_true_effect_closes_the_gap(scored: Proof) -> None:
     assert by["after", "all"].grr > by["equaliser", "all"].grr
 
 
+@pytest.mark.slow
 def test_distances_are_complete_and_add_up(scored: Proof) -> None:
     names = {"after", "nothing", "equaliser", "gaussian_process", "placebo", "oracle", "floor"}
     keys = [(row.alternative, row.condition, row.family) for row in scored.distances]
@@ -410,6 +412,7 @@ def test_distances_are_complete_and_add_up(scored: Proof) -> None:
     assert scored.result.grr == pytest.approx(expected)
 
 
+@pytest.mark.slow
 def test_same_simulator_wrong_simulator_and_order(fit: Bank, hold: Bank, cache: Path) -> None:
     same = proof_of(BASE, of(fit), of(hold), cache)
     assert same.result.grr == 0.0
@@ -477,6 +480,7 @@ def counted(cache: Path) -> tuple[Comparison, Measured]:
     return comparison, comparison.measured(hold.X, y=hold.counts)
 
 
+@pytest.mark.slow
 def test_downstream_gain(cache: Path) -> None:
     small = {"n_per_class": 4, "n_trees": 50}
     gain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], oracle=TRUTH, **small)
@@ -492,6 +496,7 @@ def test_downstream_gain(cache: Path) -> None:
     assert set(plain.accuracy) == {"before", "after"}
 
 
+@pytest.mark.slow
 def test_a_counter_is_trained_once_for_each_simulator(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[int] = []
 

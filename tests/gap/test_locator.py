@@ -97,6 +97,7 @@ def test_together_finds_what_hides_in_single_cells() -> None:
     assert same.step_down(np.array([24]))[0] > 0.9
 
 
+@pytest.mark.slow
 def test_together_holds_its_level() -> None:
     rng = np.random.default_rng(9)
     p = []
@@ -147,6 +148,7 @@ def test_holm() -> None:
     assert holm({"a": 0.01, "b": 0.04, "c": 0.03}) == pytest.approx({"a": 0.03, "c": 0.06, "b": 0.06})
 
 
+@pytest.mark.slow
 def test_family_wise_error_under_the_null_holds() -> None:
     """Correlated cells, few recordings against many: at most the nominal share of trials has a finding."""
     rng = np.random.default_rng(4)
@@ -250,6 +252,7 @@ def test_a_damaged_file_of_the_cache_is_made_anew(tmp_path: Path) -> None:
 # The stage as a whole
 
 
+@pytest.mark.slow
 def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> None:
     located = compared(comparison, recordings([], 6, 101, simulations))
     assert located.verdict == "unresolved"
@@ -258,6 +261,7 @@ def test_no_effect_is_not_flagged(comparison: Comparison, simulations: Path) -> 
     assert all(row.detectable > 0 for row in located.table if row.spread > 0)
 
 
+@pytest.mark.slow
 def test_simulated_recordings_in_the_place_of_measured_ones_rarely_disagree(
     comparison: Comparison, simulations: Path
 ) -> None:

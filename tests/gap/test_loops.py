@@ -79,6 +79,7 @@ def test_a_factor_on_the_contacts_is_that_factor_in_the_simulation(factor):
     assert here == pytest.approx(run.deflection[at], rel=0.02)
 
 
+@pytest.mark.slow  # compiles the kernel with friction
 def test_a_drive_with_all_three_effects_is_that_in_the_simulation():
     """The series of parts against the integration of the whole drive; friction in the input's bearing."""
     model = LoopModel().fit([loop_of({"torsional_compliance.stiffness": 300.0}, 10.0)])
@@ -108,6 +109,7 @@ def test_known_parameters_come_back_and_predict_another_size_of_loop():
     assert not any(model.at_bound_.values())
 
 
+@pytest.mark.slow
 def test_the_right_effects_are_named_and_the_rest_is_left_out():
     made = []
     for seed, (coulomb, stiffness) in enumerate([(1.5, 300.0), (2.0, 400.0), (2.5, 350.0)]):

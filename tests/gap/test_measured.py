@@ -265,6 +265,7 @@ def simulated_at(
     return found
 
 
+@pytest.mark.slow
 def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Path) -> None:
     settings = dataclasses.replace(SETTINGS, cache=simulations)
     usual, with_hum = simulated_at((1500,), simulations), simulated_at((1400,), simulations, Hum(1.0))
@@ -286,6 +287,7 @@ def test_one_condition_that_disagrees_is_found_at_the_adjusted_p(simulations: Pa
         locate_all(rig.part([0]), WORLD, settings)
 
 
+@pytest.mark.slow
 def test_recordings_of_another_simulator_take_the_place_of_simulated_ones(
     simulations: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

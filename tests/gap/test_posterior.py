@@ -66,10 +66,22 @@ def posterior(rigs):
 
 
 @pytest.fixture(scope="module")
+def few(rigs):
+    return rigs.of(rigs.machines < 120)
+
+
+@pytest.fixture(scope="module")
+def hasty(few):
+    """A posterior that is right in form only."""
+    return EffectPosterior(1, epochs=2).fit(few)
+
+
+@pytest.fixture(scope="module")
 def held_out(rigs):
     return rigs.of(rigs.machines >= 1600)
 
 
+@pytest.mark.slow
 def test_what_can_be_seen_is_named_and_what_cannot_keeps_its_prior(posterior, held_out):
     score = score_posterior(posterior, held_out)
     assert score.effect_recall["hum"] > 0.97
@@ -85,6 +97,7 @@ def test_what_can_be_seen_is_named_and_what_cannot_keeps_its_prior(posterior, he
     assert score.calibration_error < 2 * by_chance
 
 
+@pytest.mark.slow
 def test_gain_and_offset_come_apart_at_several_loads_and_directions_only(posterior, held_out):
     one = np.ptp(held_out.conditions[:, :, 1], axis=1) == 0
     apart = np.abs(held_out.conditions[:, :, 1].max(axis=1) / held_out.conditions[:, :, 1].min(axis=1)) > 1.6
@@ -97,6 +110,7 @@ def test_gain_and_offset_come_apart_at_several_loads_and_directions_only(posteri
     assert right(one) < right(apart) - 0.1
 
 
+@pytest.mark.slow
 def test_intervals_hold_as_often_as_they_say_and_sizes_are_in_their_unit(posterior, held_out):
     score = score_posterior(posterior, held_out)
     assert set(score.coverage) == set(SIZES)
@@ -112,43 +126,43 @@ def test_intervals_hold_as_often_as_they_say_and_sizes_are_in_their_unit(posteri
     np.testing.assert_allclose(of_unseen, [-1.64, -0.67, 0, 0.67, 1.64], atol=0.45)
 
 
-def test_the_order_of_recordings_does_not_matter(posterior, held_out):
+def test_the_order_of_recordings_does_not_matter(hasty, held_out):
     for counts in (True, False):
         one = held_out.session(3, counts=counts, tachometer=True)
         other = held_out.session(3, [4, 1, 0, 5, 3, 2], counts=counts, tachometer=True)
         np.testing.assert_allclose(
-            list(posterior.presence(one).values()),
-            list(posterior.presence(other).values()),
+            list(hasty.presence(one).values()),
+            list(hasty.presence(other).values()),
             rtol=1e-5,
             atol=1e-7,
         )
 
 
-def test_sessions_of_any_number_of_recordings(posterior, rigs):
+def test_sessions_of_any_number_of_recordings(hasty, rigs):
     session = rigs.session(0, counts=False)
     many = Session(np.vstack([session.values] * 7)[:40], np.vstack([session.conditions] * 7)[:40])
     for one in (rigs.session(0, [0, 1, 2, 3]), session, many):
-        found = posterior.presence(one)
+        found = hasty.presence(one)
         assert list(found) == list(rigs.names)
         assert all(0 <= p <= 1 for p in found.values())
-        sizes = posterior.sizes(one)
+        sizes = hasty.sizes(one)
         assert list(sizes) == list(SIZES)
         assert sizes["hum.amplitude_nm"].shape == (5,)
 
 
-def test_a_saved_posterior_answers_alike_without_a_pickle(posterior, held_out, tmp_path):
-    path = posterior.save(tmp_path / "posterior.npz")
+def test_a_saved_posterior_answers_alike_without_a_pickle(hasty, held_out, tmp_path):
+    path = hasty.save(tmp_path / "posterior.npz")
     loaded = load_posterior(path)
     sessions = [held_out.session(k) for k in range(50)]
     # Weights have 11 bits.
-    np.testing.assert_allclose(loaded.predict_proba(sessions), posterior.predict_proba(sessions), atol=0.01)
+    np.testing.assert_allclose(loaded.predict_proba(sessions), hasty.predict_proba(sessions), atol=0.01)
     np.testing.assert_allclose(
-        loaded.predict_quantiles(sessions), posterior.predict_quantiles(sessions), rtol=0.02, atol=0.02
+        loaded.predict_quantiles(sessions), hasty.predict_quantiles(sessions), rtol=0.02, atol=0.02
     )
     again = load_posterior(loaded.save(tmp_path / "again.npz"))
     np.testing.assert_array_equal(again.predict_proba(sessions), loaded.predict_proba(sessions))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["again.npz", "posterior.npz"]
-    assert again.get_params() == posterior.get_params()
+    assert again.get_params() == hasty.get_params()
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(
         ValueError, match="posterior.npz holds no posterior of effects that this version reads"
@@ -159,16 +173,15 @@ def test_a_saved_posterior_answers_alike_without_a_pickle(posterior, held_out, t
         load_posterior(path)
 
 
-def test_equal_seeds_give_equal_posteriors(rigs):
-    few = rigs.of(rigs.machines < 120)
-    one, other = (EffectPosterior(1, epochs=2).fit(few) for _ in range(2))
+def test_equal_seeds_give_equal_posteriors(hasty, few):
+    other = clone(hasty).fit(few)
     session = [few.session(0)]
-    np.testing.assert_array_equal(one.predict_proba(session), other.predict_proba(session))
-    assert clone(one).get_params() == one.get_params()
+    np.testing.assert_array_equal(hasty.predict_proba(session), other.predict_proba(session))
+    assert other.get_params() == hasty.get_params()
 
 
-def test_networks_are_averaged_and_progress_is_told(rigs):
-    few, told = rigs.of(rigs.machines < 120), []
+def test_networks_are_averaged_and_progress_is_told(few):
+    told = []
     posterior = EffectPosterior(2, epochs=2).fit(few, progress=lambda done, total: told.append((done, total)))
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     assert len(posterior.networks_) == 2
@@ -176,17 +189,17 @@ def test_networks_are_averaged_and_progress_is_told(rigs):
     assert not np.allclose(*weights)
 
 
-def test_a_posterior_goes_on_from_another_one(posterior, rigs, held_out):
-    few = rigs.of(rigs.machines < 120)
-    anew = EffectPosterior(1, epochs=2).fit(few)
+@pytest.mark.slow
+def test_a_posterior_goes_on_from_another_one(posterior, hasty, few, held_out):
     gone_on = EffectPosterior(1, epochs=2).fit(few, start=posterior)
     assert gone_on.n_rigs_ == posterior.n_rigs_ + len(few)
-    before, after = (score_posterior(one, held_out) for one in (anew, gone_on))
+    before, after = (score_posterior(one, held_out) for one in (hasty, gone_on))
     assert after.between(0, 4, ties=True) > before.between(0, 4, ties=True) + 0.1
     assert after.effect_recall["hum"] > 0.95
 
 
-def test_a_posterior_goes_on_with_other_effects(posterior, rigs, held_out):
+@pytest.mark.slow
+def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
     """Without the gain, in another order, and with one that the first has not learned."""
 
     def other(some):
@@ -195,25 +208,25 @@ def test_a_posterior_goes_on_with_other_effects(posterior, rigs, held_out):
             logarithmic=(False, False, True), sizes=some.sizes[:, [3, 1, 0]],
         )  # fmt: skip
 
-    gone_on = EffectPosterior(1, epochs=2).fit(other(rigs.of(rigs.machines < 120)), start=posterior)
+    gone_on = EffectPosterior(1, epochs=2).fit(other(few), start=posterior)
     assert score_posterior(gone_on, other(held_out)).effect_recall["hum"] > 0.95
     place = (posterior.size_names_.index(SIZES[0]), gone_on.size_names_.index(SIZES[0]))
     before, after = (one.size_mean_[k] for one, k in zip((posterior, gone_on), place, strict=True))
     assert before == after
 
 
-def test_a_start_that_does_not_fit_is_refused(posterior, rigs):
-    few = rigs.of(rigs.machines < 120)
+def test_a_start_that_does_not_fit_is_refused(hasty, few):
     with pytest.raises(ValueError, match=r"start must have the 5 summaries .* got one with 5, 4 of them"):
-        EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=posterior)
+        EffectPosterior(1).fit(dataclasses.replace(few, cells=("other", *CELLS[1:])), start=hasty)
     with pytest.raises(ValueError, match=r"start must have learned counts of \[0, 2, 4, 6\], .* \[0, 1"):
-        EffectPosterior(1).fit(dataclasses.replace(few, counts=few.counts // 2 * 2), start=posterior)
+        EffectPosterior(1).fit(dataclasses.replace(few, counts=few.counts // 2 * 2), start=hasty)
     with pytest.raises(ValueError, match="start must have 2 networks, got 1"):
-        EffectPosterior(2).fit(few, start=posterior)
+        EffectPosterior(2).fit(few, start=hasty)
     with pytest.raises(NotFittedError):
         EffectPosterior(1).fit(few, start=EffectPosterior())
 
 
+@pytest.mark.slow
 def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
     few = rigs.of(rigs.machines < 120)
     few.sizes[10:, 3] = np.nan
@@ -225,26 +238,26 @@ def test_an_effect_that_too_few_machines_have_is_left_out(rigs):
     assert "unseen.size" not in score.coverage
 
 
-def test_without_jax_training_says_what_to_install(rigs, monkeypatch):
+def test_without_jax_training_says_what_to_install(few, monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(ImportError, match=r"needs JAX and Optax: pip install jax optax"):
-        EffectPosterior(1, epochs=1).fit(rigs.of(rigs.machines < 120))
+        EffectPosterior(1, epochs=1).fit(few)
 
 
-def test_bad_input_is_named(posterior, rigs):
+def test_bad_input_is_named(hasty, rigs):
     with pytest.raises(NotFittedError):
         EffectPosterior().presence(rigs.session(0))
     wrong = Session(np.zeros((3, 2)), np.ones((3, 3)))
     with pytest.raises(ValueError, match=r"session must hold recordings with the 5 .* got .*\(3, 2\)"):
-        posterior.presence(wrong)
+        hasty.presence(wrong)
     for conditions, message in (
         ((900, 20, 1), r"speeds in RPM from 35\d\.?\d* to .*, got 900 to 900"),
         ((500, 50, 1), "loads in Nm from 10"),
     ):
         with pytest.raises(ValueError, match=message):
-            posterior.presence(Session(np.zeros((1, 5)), np.array([conditions], dtype=float)))
+            hasty.presence(Session(np.zeros((1, 5)), np.array([conditions], dtype=float)))
     with pytest.raises(ValueError, match=r"counts of \[0, 1, .*, 7\], like the world .* got \[9\]"):
-        posterior.presence(Session(np.zeros((1, 5)), np.array([[500.0, 20.0, 1.0]]), counts=np.array([9])))
+        hasty.presence(Session(np.zeros((1, 5)), np.array([[500.0, 20.0, 1.0]]), counts=np.array([9])))
     with pytest.raises(ValueError, match="epochs must be at least 1, got 0"):
         EffectPosterior(epochs=0).fit(rigs)
     with pytest.raises(ValueError, match="rigs must hold at least 100 recordings of rigs without an effect"):
@@ -286,12 +299,12 @@ def linear_fit(cause, deviation):
     return slope * np.sqrt(cause @ cause), left
 
 
-def test_padding_changes_no_answer(posterior, held_out):
+def test_padding_changes_no_answer(hasty, held_out):
     """Sessions of 4 and 6 recordings, together and each by itself."""
     few, many = held_out.session(0, [0, 1, 2, 3], counts=False), held_out.session(1, tachometer=True)
-    together = posterior.predict_proba([few, many])
-    np.testing.assert_allclose(together[0], posterior.predict_proba([few])[0], rtol=1e-5, atol=1e-7)
-    np.testing.assert_allclose(together[1], posterior.predict_proba([many])[0], rtol=1e-5, atol=1e-7)
+    together = hasty.predict_proba([few, many])
+    np.testing.assert_allclose(together[0], hasty.predict_proba([few])[0], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(together[1], hasty.predict_proba([many])[0], rtol=1e-5, atol=1e-7)
 
 
 def test_calibration_error_is_that_of_a_coin():

@@ -184,6 +184,7 @@ def records(tmp_path_factory):
     return tmp_path_factory.mktemp("records")
 
 
+@pytest.mark.slow
 def test_records_are_kept_and_the_same_again(records):
     made = table_of([Offset(2.0)], seed=7)
     first, second = (gap_of(made, library=["offset"], cache=records) for _ in range(2))
@@ -192,6 +193,7 @@ def test_records_are_kept_and_the_same_again(records):
     assert [row.score for row in first.ranking] == [row.score for row in second.ranking]
 
 
+@pytest.mark.slow
 def test_a_set_point_is_a_factor_on_the_load():
     gap = gap_of(table_of([Offset(2.0)], seed=8), library=["load_scale"])
     assert [step.effect for step in gap.steps] == ["load_scale"]
@@ -250,6 +252,7 @@ def test_no_rig_is_counted_twice(key, n_draws):
     assert len(np.unique(theta, axis=0)) == len(theta)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "named", "warning"),
     [

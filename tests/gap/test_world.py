@@ -54,6 +54,7 @@ def rigs(folder):
     return prepare_world(SMALL, folder, 15)
 
 
+@pytest.mark.slow
 def test_each_number_of_effects_is_as_probable_and_each_effect_as_frequent():
     effects = tuple(kind() for kind in list(known_effects().values())[3:13] if kind.vector_names())
     effects += (Noise(), Gain(), Hum(), Offset())
@@ -109,6 +110,7 @@ def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
     assert np.abs(rigs.speeds / rigs.conditions[:, :, 0] - 1).max() < 0.004
 
 
+@pytest.mark.slow
 def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path, folder):
     few = prepare_world(SMALL, tmp_path, 3)
     np.testing.assert_array_equal(few.numbers, rigs.numbers[:16])
@@ -154,6 +156,7 @@ def test_rigs_of_one_machine_share_its_runs(tmp_path):
     assert np.unique(of_machine[:, 0], axis=0).shape[0] == 8
 
 
+@pytest.mark.slow
 def test_recordings_of_one_assembly_and_of_a_better_rig_differ_less():
     world = World(may_differ=(PinErrors(2e-5),), sampling_rate=RATE, speeds_rpm=(600, 900))
     shaft = [cell.startswith("shaft lines") for cell in world.cells]
@@ -184,6 +187,7 @@ def test_a_recording_that_cannot_be_made_is_left_out(tmp_path):
     assert not rigs.present.any()
 
 
+@pytest.mark.slow
 def test_of_a_load_drift_the_mesh_lines_tell_and_of_a_sensor_drift_not():
     conditions = Conditions(25_600.0, 10.0)
     n = turn_samples(conditions)

@@ -218,6 +218,7 @@ with History(sys.argv[1]) as history:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="processes are killed by signal")
 def test_two_writers_and_a_kill_lose_no_row(tmp_path):
     file = tmp_path / "a.sqlite"

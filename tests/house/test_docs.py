@@ -42,7 +42,7 @@ PAGES = [
     *sorted(p for f in FOLDERS for p in f.iterdir() if p.suffix in (".md", ".rst") and p.name not in MADE),
 ]
 # Simulates for a minute or more on a busy machine; the others take seconds.
-SLOW = {"tutorial.rst", "export.rst"}
+SLOW = {"tutorial.rst", "export.rst", "line.rst", "nested.rst"}
 # Others' pages, of which some blocks go on from data that only the text describes: parsed, not run.
 PARSED = {"gap.md", "counting.md", "simulator.md", "api.rst"}
 RUN = [path for path in PAGES if path.name not in PARSED and path.parent.name != "notes"]

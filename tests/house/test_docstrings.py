@@ -13,7 +13,7 @@ MODULES = (WALKED | {"cyclofeat"}) - {"cyclofeat.__main__"}
 
 
 def test_all_rooms_are_walked():
-    assert LONG < MODULES
+    assert LONG < MODULES | MAPPED
     for room in ("features", "counting", "plotting", "report"):
         assert f"cyclofeat.{room}" in MODULES
 
@@ -26,7 +26,7 @@ MAPPED = {
 }
 
 
-# Their examples simulate or fit for a second and more.
+# Their examples simulate or fit for a second and more, or compile a kernel that no other example needs.
 LONG = {
     "cyclofeat.counting._lobes",
     "cyclofeat.gap.proof._downstream",
@@ -35,17 +35,21 @@ LONG = {
     "cyclofeat.gap.published._gap",
     "cyclofeat.gap.where._locate",
     "cyclofeat.report._gap",
+    "cyclofeat.simulators.held_output",
+    "cyclofeat.simulators.audit",
 }
+QUICK: dict[str, list[str]] = {}
+for name in sorted((MODULES | MAPPED) - LONG):
+    QUICK.setdefault(".".join(name.split(".")[:2]), []).append(name)
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
-        for name in sorted(MODULES | MAPPED)
-    ],
+    "names",
+    [*QUICK.values(), *(pytest.param([name], marks=pytest.mark.slow) for name in sorted(LONG))],
+    ids=lambda names: names[0],
 )
-def test_examples(name, monkeypatch):
+def test_examples(names, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    failed, _ = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
-    assert failed == 0
+    for name in names:
+        failed, _ = doctest.testmod(importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
+        assert failed == 0, name

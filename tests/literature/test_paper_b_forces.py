@@ -192,6 +192,7 @@ def test_b9_seven_lobes_removed_from_both_wheels_slip_and_do_not_lock() -> None:
     assert again == pytest.approx(found.torque_out[3000 : 3000 + 5 * LOBE_PERIOD], abs=0.5)
 
 
+@pytest.mark.slow
 def test_b9_eight_lobes_removed_from_both_wheels_cannot_run() -> None:
     """Locked in paper B; here the output jumps over whole lobes under thousands of N."""
     found = run(LobeDefects.removed(8), duration=1.0)

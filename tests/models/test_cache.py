@@ -83,6 +83,7 @@ def test_a_copy_never_stands_for_another_file_or_code(stored, tmp_path, monkeypa
     assert len(list((tmp_path / "copies").iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_the_oldest_copies_are_deleted(stored, tmp_path, monkeypatch):
     for number in range(10):
         monkeypatch.setattr("cyclofeat.models._cache.code_sha256", lambda *_, n=number: str(n))

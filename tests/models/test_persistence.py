@@ -24,6 +24,7 @@ def stored(model, tmp_path):
     return save_model(tmp_path / "model.joblib", model)
 
 
+@pytest.mark.slow
 def test_a_model_survives_the_way_to_another_process(model, stored, surrogates, tmp_path):
     np.save(tmp_path / "torque.npy", surrogates[1].torque)
     code = (

@@ -83,6 +83,7 @@ def test_a_kind_that_there_is_not_is_an_error_with_those_that_there_are(recordin
         recording.plot("wavelet")
 
 
+@pytest.mark.slow
 def test_plot_works_after_the_import_of_the_root_and_names_a_missing_matplotlib(tmp_path):
     code = (
         "import sys, cyclofeat; recording = cyclofeat.Recording([1.0, 2.0], 1.0)\n"

@@ -19,7 +19,7 @@ from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
 
 RATE = 25_600.0
 TURN = 2 * np.pi
-STEADY = settings(derandomize=True, deadline=None, max_examples=40)
+STEADY = settings(derandomize=True, deadline=None, max_examples=15)
 
 
 def noise(n_samples, seed=0):

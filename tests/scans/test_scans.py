@@ -94,6 +94,7 @@ def test_what_grows_is_found_and_separable():
     assert set(table) >= {"wavelet", "level", "kendall", "separability", "p_value"}
 
 
+@pytest.mark.slow
 def test_counts_that_mean_nothing_are_rarely_found():
     """Of 40 scans of pure noise at the 10 % level, 4 are expected; 10 would be beyond chance (p < 0.006)."""
     y, groups = np.repeat([0, 1, 2, 3, 4], 2), np.arange(10)
@@ -236,6 +237,7 @@ def test_p_values_of_bands():
     assert none.entropies.shape == (0, 6)
 
 
+@pytest.mark.slow
 def test_chance_finds_bands_too():
     """With four counts, one order in 24 falls in any one band: p-values of noise spread over 0 to 1."""
     p = []

@@ -445,6 +445,7 @@ def test_a_taken_port_and_a_wrong_one_are_errors_of_one_line(capsys):
     assert "absent.skops does not exist" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
 def test_ctrl_c_ends_quietly_and_deletes_the_uploads(tmp_path):
     command = [sys.executable, "-m", "cyclofeat", "serve", "--no-browser", "--port", "0", "--json"]

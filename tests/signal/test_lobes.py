@@ -53,7 +53,8 @@ def test_lines_agree_with_an_explicit_fourier_sum():
         assert_allclose(line, explicit, atol=0.02 * np.abs(explicit).max())
 
 
-@settings(max_examples=25, derandomize=True, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=10, derandomize=True, deadline=None)
 @given(st.floats(-0.0145, 0.0145), st.integers(0, 1000))
 def test_the_speed_is_found_anywhere_in_its_range(deviation, seed):
     rng = np.random.default_rng(seed)
@@ -99,7 +100,7 @@ def test_folding_lines_is_the_synchronous_average():
     assert_allclose(folded, naive.synchronous_average(torque, 128), atol=0.03 * torque.std())
 
 
-@settings(max_examples=20, derandomize=True, deadline=None)
+@settings(max_examples=8, derandomize=True, deadline=None)
 @given(st.integers(0, 14), st.floats(0, 1))
 def test_aligned_slots_do_not_depend_on_where_the_window_starts(lobe, fraction):
     period = RATE / lobes.lobe_frequency(SPEED)

@@ -36,7 +36,8 @@ def orders(amplitudes, speed=SPEED, n_samples=N_SAMPLES, rate=RATE, seed=0):
 # Input speed
 
 
-@settings(max_examples=25, derandomize=True, deadline=None, database=None)
+@pytest.mark.slow
+@settings(max_examples=10, derandomize=True, deadline=None, database=None)
 @given(st.floats(-0.0145, 0.0145), st.integers(0, 1000), st.sampled_from(COMBS))
 def test_speed_is_found_to_three_hundredths_of_a_percent(deviation, seed, comb):
     speed = SPEED * (1 + deviation)
@@ -231,7 +232,7 @@ def test_bad_parameters(parameters, message):
         OrderSpectrum(**{"sampling_rate": RATE, **parameters}).fit(np.zeros((1, 100)))
 
 
-@settings(max_examples=20, derandomize=True, deadline=None, database=None)
+@settings(max_examples=8, derandomize=True, deadline=None, database=None)
 @given(
     scale=st.sampled_from([0.25, 2.0, 1024.0]),
     offset=st.integers(-100_000, 100_000).map(lambda number: number / 1024),

@@ -452,7 +452,7 @@ def test_shapes_against_brute_force(preset, n_samples):
     assert_allclose(band_power(psd, ours, bands), powers, rtol=1e-11)
 
 
-@settings(derandomize=True, deadline=None, database=None, max_examples=60)
+@settings(derandomize=True, deadline=None, database=None, max_examples=20)
 @given(
     fundamental=st.floats(3.0, 900.0),
     half_width=st.floats(0.0, 700.0),
@@ -672,7 +672,7 @@ def test_statistics_of_tiny_and_huge_windows():
 
 # Properties. Multiples of 1/1024 add and subtract exactly, so that offsets can be told from rounding.
 
-derandomized = settings(derandomize=True, deadline=None, database=None, max_examples=30)
+derandomized = settings(derandomize=True, deadline=None, database=None, max_examples=10)
 samples = st.integers(-200_000, 200_000).map(lambda number: number / 1024)
 windows = st.integers(1, 80).flatmap(lambda n: arrays(np.float64, (3, n), elements=samples))
 offsets = st.integers(-500_000, 500_000).map(lambda number: number / 1024)

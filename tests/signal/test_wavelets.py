@@ -215,7 +215,7 @@ def test_scalogram_against_brute_force(wavelet, n_samples, n_colours):
     assert_array_equal(minima_mask(X, wavelet, 8, n_colours), got == 1)
 
 
-@settings(derandomize=True, deadline=None, database=None, max_examples=60)
+@settings(derandomize=True, deadline=None, database=None, max_examples=20)
 @given(
     n_samples=st.integers(1, 5000),
     level=st.integers(1, 14),
@@ -248,7 +248,7 @@ def test_bad_colours(colours):
         scalogram(np.ones(4), colours=colours)
 
 
-@settings(derandomize=True, deadline=None, database=None, max_examples=25)
+@settings(derandomize=True, deadline=None, database=None, max_examples=10)
 @given(st.floats(0.01, 1000), st.integers(0, 2**32 - 1))
 def test_colours_depend_neither_on_scale_nor_on_mean(scale, seed):
     X = torque(2, 200, seed)

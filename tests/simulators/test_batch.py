@@ -109,9 +109,9 @@ KINDS = {
     "rubbing": lambda: rubbing(machines()[::2] + lacking(machines())[1::2]),
     "uneven and rubbing": lambda: rubbing(uneven(machines()[::4] + lacking(machines())[1::4])),
 }
-# The last has machine code of its own, which compiles for a while.
+# Lobes with pitch errors and friction have machine code of their own, which compiles for ten seconds each.
 every_kind = pytest.mark.parametrize(
-    "kind", [*list(KINDS)[:-1], pytest.param("uneven and rubbing", marks=pytest.mark.slow)]
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (k > 1)) for k, kind in enumerate(KINDS)]
 )
 
 
@@ -188,7 +188,7 @@ def test_double_precision_is_the_exact_kernel_but_for_the_moments_of_description
 
 # Not friction with pitch errors: there one contact of one machine changes a step later than in double
 # precision, and this jump of 3 mNm in one sample is more than the step errs.
-@pytest.mark.parametrize("kind", list(KINDS)[:-1])
+@every_kind
 @pytest.mark.parametrize("integrator", ["midpoint", "adams_bashforth"])
 def test_single_precision_errs_less_than_the_time_step(integrator: str, kind: str) -> None:
     each, n = KINDS[kind](), 2000
@@ -250,7 +250,10 @@ def test_other_numbers_of_pins_and_sleeves(form: dict[str, float]) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "too_much"),
-    [(list, {"stiffness_scale": 1.0, "ramp_time": 0.0}), (rubbing, {"output_bearing_viscosity": 1e5})],
+    [
+        (list, {"stiffness_scale": 1.0, "ramp_time": 0.0}),
+        pytest.param(rubbing, {"output_bearing_viscosity": 1e5}, marks=pytest.mark.slow),
+    ],
 )
 def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     kind: Callable[[Machines], Machines], too_much: dict[str, float]
@@ -282,6 +285,7 @@ def test_failures_have_the_exact_kernels_reason() -> None:
     assert error.value.__notes__ == ["in run 1 of 2 (counted from 0)"]
 
 
+@pytest.mark.slow  # compiles the kernel with friction
 @pytest.mark.parametrize(("integrator", "friction"), [("midpoint", 0.5), ("adams_bashforth", 0.3)])
 def test_friction_that_chatters_is_told(integrator: str, friction: float) -> None:
     """As for the exact kernel (:mod:`test_friction`), and not of the steady runs beside it."""

@@ -356,6 +356,7 @@ def test_runs_that_fail_in_a_batch_have_the_exact_kernels_reason() -> None:
     assert {row["kernel"] for row in failed} == {"exact"}
 
 
+@pytest.mark.slow
 def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp_path: Path) -> None:
     coarse = QUICK.replace(gearbox=CycloidalGearbox.steel(ramp_time=0.02, profile_points=900))
     campaign = SMALL.replace(rig=coarse, depth=1.0, repeats=1)
@@ -366,6 +367,7 @@ def test_what_batches_do_not_simulate_is_left_to_the_exact_kernel_or_refused(tmp
     assert not (tmp_path / "batch").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_together", [1, 4, 7])
 def test_which_runs_share_a_batch_changes_no_byte(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_together: int
@@ -566,6 +568,7 @@ def test_a_failed_run_is_a_row_with_its_reason(tmp_path: Path) -> None:
     assert data.y.tolist() == [0, 1] * 4
 
 
+@pytest.mark.slow
 def test_values_that_contradict_each_other_are_a_row_too(tmp_path: Path) -> None:
     # The smallest damping would take longer than a minute to settle; the middle does not.
     rig = Rig.r1().replace(gearbox=CycloidalGearbox.steel(ramp_time=0.02, contact_damping=0.0))
@@ -604,6 +607,7 @@ class Crash(BaseException):
     """As if the process ended here."""
 
 
+@pytest.mark.slow
 def test_a_crash_at_any_write_loses_at_most_one_shard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,6 +90,7 @@ def closed_path(kernel: Kernel, n: int, start: np.ndarray, swing: np.ndarray) ->
     return float(power.mean() * 2 * np.pi), float(np.abs(power).mean() * 2 * np.pi)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radial_error", "depth"), [(0.0, 1.0), (3e-5, 0.5), (-3e-5, 1.0), (-3e-5, 0.5), (3e-5, 0.0)]
 )
@@ -124,6 +125,7 @@ def switched_force(gearbox: CycloidalGearbox, t: float) -> complex:
     return ramp * stiffness_factor(gearbox) * q**0.5 * depth**1.5 * normal
 
 
+@pytest.mark.slow
 def test_switching_surfaces_at_the_pit_would_lose_energy() -> None:
     """A passage begins and ends without contact: the closed outline gives back all that it took."""
     t = np.deg2rad(np.linspace(-1, 25, 6_501))

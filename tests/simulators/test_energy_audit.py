@@ -67,6 +67,7 @@ def test_the_audit_finds_what_is_taken_out_of_it() -> None:
         assert abs(getattr(audit, name)) > 1e-4 * audit.input_work, name
 
 
+@pytest.mark.slow
 def test_conservative_law_balances_from_the_start() -> None:
     """With a worn lobe pressed in at rest, over the ramp, whose energy goes into motion and heat."""
     audit = energy_audit(CONSERVATIVE, LobeDefects.worn(2), start_time=0.0, duration=0.3)
@@ -74,6 +75,7 @@ def test_conservative_law_balances_from_the_start() -> None:
     assert abs(audit.relative_leak) < 1e-4
 
 
+@pytest.mark.slow
 def test_the_papers_law_makes_energy() -> None:
     """Mean input torque 1.454 Nm where 22/15 = 1.4667 Nm balance it; the audit finds the difference."""
     audit = energy_audit()

@@ -130,6 +130,7 @@ def test_worn_lobes_of_even_numbers_of_lobes(n_pins: int) -> None:
     assert largest[0] == pytest.approx(largest[1], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_slips_far_without_lobes(seed: int) -> None:
     """Seven lobes of both wheels removed: pins leave the profile's neighbourhood, and steps do not matter."""

@@ -40,6 +40,7 @@ def displacements(rng: np.random.Generator, largest: float) -> np.ndarray:
     return largest * np.sqrt(rng.random(16)) * np.exp(2j * np.pi * rng.random(16))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("largest", [0.1e-3, 0.2e-3, 0.29e-3, 0.39e-3])
 def test_gap_of_displaced_pins(largest: float) -> None:
     """Displaced in any direction; operation stays below 0.15 mm. Beyond 0.4 mm the kernel searches first."""

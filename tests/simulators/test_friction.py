@@ -250,6 +250,7 @@ def rolled(gearbox: CycloidalGearbox, at: State) -> tuple[np.ndarray, dict[str, 
     return state[8:], got
 
 
+@pytest.mark.slow
 def test_free_sleeves_roll_and_braked_ones_slide() -> None:
     """Without friction on its axle a sleeve takes up the speed at which the wheel's surface passes it."""
     phi = 1.0
@@ -301,6 +302,7 @@ def sliding_power(gearbox: CycloidalGearbox) -> float:
     return gearbox.sleeve_friction * total
 
 
+@pytest.mark.slow
 def test_input_torque_rises_by_the_work_of_sliding() -> None:
     """Sleeves too heavy to be spun: coefficient times force times sliding speed, over the input's speed.
 
@@ -355,6 +357,7 @@ def test_brake_sees_no_friction_of_the_output_bearing() -> None:
     assert mean_of_turns(found.torque_out, 4) == pytest.approx(22, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "friction",
     [
@@ -428,6 +431,7 @@ def chattering(friction: float, dt: float, integrator: str) -> np.ndarray:
     return found.torque_out[3000:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "friction"), [("midpoint", 0.5), ("adams_bashforth", 0.3)])
 def test_friction_too_steep_for_the_step_chatters_and_is_told(integrator: str, friction: float) -> None:
     """Half the step gives another torque, with a warning; a quarter then gives that of half, without."""
@@ -482,6 +486,7 @@ def test_friction_wedges_a_gearbox_that_lacks_seven_lobes_of_both_wheels(dt: flo
     assert caught.value.force > 7000
 
 
+@pytest.mark.slow
 def test_it_slips_where_friction_is_low_or_sleeves_spin() -> None:
     """Frictionless as in the papers, at 0.1, and at 0.3 on free axles."""
     for friction in (

@@ -29,6 +29,7 @@ def test_compliance_of_the_meter_adds_in_series() -> None:
     assert soft.stiffness() == pytest.approx(1 / (1 / 320 + 1 / stiff.stiffness()), rel=0.06)
 
 
+@pytest.mark.slow  # compiles the kernel with friction
 def test_hysteresis_is_the_friction_times_the_way() -> None:
     """An input bearing of T rubs over 4 times the largest deflection, as seen from the input."""
     smooth = torque_deflection(CONSERVATIVE, period=0.5)
@@ -58,6 +59,7 @@ def test_slow_enough_is_quasi_static() -> None:
     assert slow.hysteresis() < 0.5 * fast.hysteresis()
 
 
+@pytest.mark.slow
 def test_a_worn_lobe_under_load_softens_the_loop() -> None:
     """Where a chord carries instead of the flank; elsewhere nothing changes."""
     healthy = torque_deflection(STEEL, period=0.5, input_angle=0.5)

@@ -137,6 +137,7 @@ def test_kernel_agrees_with_the_papers_system(
     assert loaded > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("push", "depth"), [(0.0, 1.0), (1e-4, 0.5), (-1e-4, 1.0)])
 def test_kernel_agrees_all_along_a_worn_lobe(push: float, depth: float) -> None:
     """Vertex, chord, chord with the flank's end, chord with the flank: in steps of 0.1 degrees."""

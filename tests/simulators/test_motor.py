@@ -110,6 +110,7 @@ def together(gearbox, motor, carried, n):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gearbox", "motor", "tolerance"),
     [(STEEL, SOFT, 0.02), (BRAKED, dataclasses.replace(SOFT, bandwidth_hz=80), 0.15)],

@@ -103,6 +103,7 @@ def pitch_error_of_depth(size: float, n: int = 6) -> float:
     return worst
 
 
+@pytest.mark.slow
 def test_depth_on_displaced_lobes() -> None:
     """Exact to first order in the errors: what is left falls with their square."""
     worst = {size: pitch_error_of_depth(size) for size in (2e-5, 1e-5)}
@@ -229,6 +230,7 @@ def test_worn_lobe_is_displaced_as_a_whole(error: float) -> None:
 # Clearance --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clearance", [1e-6, 1e-5, 1e-4])
 def test_depth_with_clearance(clearance: float) -> None:
     """The outline lies so much deeper: exact."""
@@ -257,6 +259,7 @@ def first_touch(force: Callable[[float], float], largest: float) -> float:
     return high
 
 
+@pytest.mark.slow
 def test_pins_clearance_gives_the_dead_zone_of_the_geometry() -> None:
     """A wheel turns freely until the pin touches whose normal has the longest lever: e z_s sin of its angle.
 
@@ -349,6 +352,7 @@ def test_fine_polylines_converge_to_the_profile() -> None:
     assert away[1] / away[2] == pytest.approx(4, rel=0.15)
 
 
+@pytest.mark.slow
 def test_coarse_polyline_sounds_at_the_rate_of_passing_corners() -> None:
     """Every pin passes n/15 corners in a turn, one pin after the other: sixteen by sixteen sidebands.
 

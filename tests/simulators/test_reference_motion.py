@@ -86,6 +86,7 @@ def steady(phi: float) -> Any:
     return lambda t: (phi + SPEED * t, SPEED, 0.0)
 
 
+@pytest.mark.slow
 def test_integration_is_of_second_order() -> None:
     gearbox = ReferenceGearbox()
     state = np.append(static_equilibrium(gearbox, 0.3, 22.0), [-SPEED / 15] * 3)
@@ -98,6 +99,7 @@ def test_integration_is_of_second_order() -> None:
     assert 3.2 < errors[1] / errors[2] < 5
 
 
+@pytest.mark.slow
 def test_healthy_gearbox_under_load() -> None:
     """Means and healthy forces of an independent implementation (2 %), over one mesh period."""
     gearbox = ReferenceGearbox()

@@ -72,6 +72,7 @@ def test_machines_follow_from_their_seed_alone(preset):
     assert not any(effect.has_spread for effect in preset.draw(5).effects)
 
 
+@pytest.mark.slow
 def test_the_spread_of_the_presets_is_as_stated():
     rig = Rig.r0()
     drawn = [rig.draw(seed).gearbox for seed in range(200)]
@@ -101,6 +102,7 @@ def test_the_spread_of_the_presets_is_as_stated():
     assert len(set(drawn)) == 200
 
 
+@pytest.mark.slow
 def test_ranges_are_filled_log_uniformly():
     rig = Rig.r2()
     drawn = [rig.draw(seed).gearbox for seed in range(200)]
@@ -198,6 +200,7 @@ def test_a_seed_that_is_none_is_refused(seed):
 # Settling
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_is_left_of_the_start_is_small_after_settling(seed):
     gearbox = Rig.r1().without("speed_scale").draw(seed).gearbox  # an output turn is 46080 samples
@@ -371,7 +374,7 @@ def any_effects(draw):
     return drawn
 
 
-@settings(max_examples=60, deadline=None)
+@settings(derandomize=True, deadline=None, max_examples=20)
 @given(effects=any_effects())
 def test_any_effects_come_back_to_the_last_bit(effects):
     with tempfile.TemporaryDirectory() as folder:
