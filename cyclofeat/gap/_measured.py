@@ -292,12 +292,11 @@ class MeasuredRig:
         speeds = np.full(n, condition.speed_rpm / 60)
         if windows.angle is not None:
             speeds = mean_speed(np.asarray(windows.angle)[first], self.sampling_rate)
-        names = [str(i if one.assembly is None else one.assembly) for i, one in enumerate(recordings)]
         return Bank(
             X=np.asarray(windows.X)[first].astype(np.float32),
             counts=np.zeros(n, dtype=np.int64) if windows.y is None else np.asarray(windows.y)[first],
             speeds=speeds,
-            assemblies=np.unique(names, return_inverse=True)[1].astype(np.int64),
+            assemblies=_assemblies(recordings),
         )
 
     def session(self, *, one_assembly: bool = False) -> Session:
@@ -334,15 +333,9 @@ class MeasuredRig:
             [(at.speed_rpm, at.load_nm, at.direction) for at in self.of_recording],
             counts=[one.defect_count or 0 for one in self.recordings] if self.has_counts else None,
             speeds_rpm=speeds,
-            assemblies=[0] * len(self.recordings) if one_assembly else self._assemblies(),
+            assemblies=[0] * len(self.recordings) if one_assembly else _assemblies(self.recordings),
             n_lobes=self.n_lobes,
         )
-
-    def _assemblies(self) -> NDArray[np.int64] | None:
-        names = [recording.assembly for recording in self.recordings]
-        if None in names:
-            return None
-        return np.unique([str(name) for name in names], return_inverse=True)[1].astype(np.int64)
 
     def _angles(self, recordings: Iterable[Recording]) -> list[Float]:
         """Angles of the input shaft; the tachometer may have been on a disc."""
@@ -434,3 +427,9 @@ def _few_assemblies(recordings: Sequence[Recording]) -> list[str]:
         f"{len(recordings)} recordings are of {len(assemblies)} assemblies, and each counts as one of its "
         "own: differences may look surer than they are"
     ]
+
+
+def _assemblies(recordings: Sequence[Recording]) -> NDArray[np.int64]:
+    """Return numbers of assemblies; a recording that states none has one of its own."""
+    names = [f"\n{i}" if one.assembly is None else str(one.assembly) for i, one in enumerate(recordings)]
+    return np.unique(names, return_inverse=True)[1].astype(np.int64)

@@ -109,17 +109,7 @@ def test_a_wrong_option_is_an_error_before_anything_is_counted(
 def test_watch_keeps_what_arrives(model_file, files, tmp_path, capsys):
     file = tmp_path / "a.sqlite"
     folder = os.path.dirname(files[0])
-    to = [
-        "--once",
-        "--no-strict",
-        "--settle",
-        "0.01",
-        "--model",
-        str(model_file),
-        "--trust",
-        "--history",
-        str(file),
-    ]
+    to = [*WATCH, "--model", str(model_file), "--trust", "--history", str(file)]
     assert main(["watch", folder, *to, *RATES, "--json"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["defect_count"] for line in lines] == COUNTS
@@ -141,17 +131,7 @@ def test_watch_goes_on_where_the_history_cannot_be_written(model_file, files, tm
     connection = sqlite3.connect(file)
     connection.execute("ALTER TABLE recording RENAME TO away")
     connection.close()
-    to = [
-        "--once",
-        "--no-strict",
-        "--settle",
-        "0.01",
-        "--model",
-        str(model_file),
-        "--trust",
-        "--history",
-        str(file),
-    ]
+    to = [*WATCH, "--model", str(model_file), "--trust", "--history", str(file)]
     assert main(["watch", os.path.dirname(files[0]), *to, "--done", str(done)]) == 0
     printed = capsys.readouterr()
     assert len(printed.out.splitlines()) == 18
