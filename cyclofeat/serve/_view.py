@@ -74,9 +74,16 @@ def _model(session: Session) -> dict[str, str] | None:
         card = read_card(path)
     except (ModelFileError, OSError) as error:
         return {"name": name, "text": "", "error": str(error)}
-    scores, speed = card["scores"], card["input_speed_hz"]
-    text = f"counts {min(card['classes'])} to {max(card['classes'])} worn lobes in recordings at "
-    text += f"{card['sampling_rate']:g} Hz" + (f" and {60 * speed:g} RPM" if speed else "")
+    scores, rate, speed = card["scores"], card["sampling_rate"], card["input_speed_hz"]
+    trained = card["training"].get("speeds_rpm")
+    at = [f"{rate:g} Hz"] if rate else []  # of windows over time alone
+    if speed:
+        at.append(f"{60 * speed:g} RPM")
+    elif trained:
+        at.append(f"{trained[0]:.4g} to {trained[1]:.4g} RPM")
+    text = f"counts {min(card['classes'])} to {max(card['classes'])} worn lobes"
+    if at:
+        text += f" in recordings at {' and '.join(at)}"
     text += f"; {score_text(scores)}, on assemblies held out" if scores else ""
     return {"name": name, "text": text, "error": ""}
 

@@ -14,7 +14,7 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 from live_server import Live, wait_for
-from small_model import recording, small_model
+from small_model import recording, shaft_model, small_model
 
 from cyclofeat.cli import main, make_parser
 from cyclofeat.datasets import write_recording
@@ -201,6 +201,21 @@ def test_a_chosen_model_is_counted_with_and_described_by_its_card(tmp_path):
         assert words[2] == "--model"
         assert "given.skops" not in words
         assert "--trust" not in words  # said of the file given, not of one that was uploaded
+
+
+@pytest.mark.parametrize(
+    ("made", "text"),
+    [
+        (small_model, "counts 0 to 3 worn lobes in recordings at 2000 Hz and 500 RPM"),
+        (shaft_model, "counts 0 to 3 worn lobes in recordings at 500 to 500 RPM"),
+    ],
+)
+def test_models_of_one_rate_and_of_any_rate_are_described(tmp_path, made, text):
+    file = save_model(tmp_path / "m.skops", made())
+    with Live(model=("--model", str(file)), cached=tmp_path / "none.skops") as live:
+        status, answer = live.ask("GET", "state")[:2]
+    assert status == 200
+    assert text in answer["html"]["model"]
 
 
 # -- what may be asked
