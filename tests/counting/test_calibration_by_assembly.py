@@ -67,6 +67,7 @@ def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     assert abs(ours.accuracy - plain.accuracy) < 0.03
 
 
+@pytest.mark.slow
 def test_temperature_never_changes_the_count_and_needs_the_groups():
     X, y, groups = assemblies()
     trees = ExtraTreesClassifier(50, random_state=0)

@@ -30,6 +30,7 @@ def slow_model() -> LobeModel:
     return LobeModel.train([slower(one) for one in labelled()], n_splits=0, n_trees=20)
 
 
+@pytest.mark.slow
 def test_a_model_has_as_many_samples_per_turn_as_its_poorest_recording():
     assert shaft_model().samples_per_turn == 128
     assert slow_model().samples_per_turn == PER_TURN

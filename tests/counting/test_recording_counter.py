@@ -81,6 +81,7 @@ def test_fit_changes_no_trained_model_in_scikit_learn(some):
     assert model._repr_mimebundle_()["text/html"] == model._repr_html_()
 
 
+@pytest.mark.slow
 def test_the_estimator_learns_in_fit():
     counter = RecordingCounter(n_trees=20)
     with pytest.raises(NotFittedError):

@@ -396,6 +396,7 @@ def test_defects_that_are_none_are_refused(defects, message):
 # Progress and failure
 
 
+@pytest.mark.slow
 def test_batches_make_the_recordings_of_the_exact_kernel():
     """Within the error of the time step (some 1e-3 Nm here), whatever else is in the batch."""
     options = {"rig": "R2", "duration": 0.05, "random_state": 3, "with_angle": True}

@@ -221,6 +221,7 @@ def test_of_look_alikes_that_share_their_probability_the_first_is_named():
     assert named_effects({"gain": 0.2, "offset": 0.2, "hum": np.nan}) == []
 
 
+@pytest.mark.slow
 def test_sessions_are_like_the_measured_one_and_of_their_seed():
     template = simulate_sessions(SMALL, measured_session(), lambda _: (), 1).sessions[0]
 

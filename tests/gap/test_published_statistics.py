@@ -151,6 +151,7 @@ def test_a_disc_left_out_has_no_part_in_its_prediction(drift, simulated):
     assert dataclasses.replace(two, measured=one.measured) == one
 
 
+@pytest.mark.slow
 def test_entropies_are_compared_and_never_used(drift, simulated):
     made, _ = drift
     gap, other = (gap_of(made, np.linspace(start, 2, 8), **simulated) for start in (1, 5))

@@ -166,6 +166,7 @@ def normal_power(gearbox: CycloidalGearbox, state: State, got: dict[str, Any]) -
     return total
 
 
+@pytest.mark.slow
 def test_power_balances_and_friction_always_dissipates() -> None:
     """Drive, load, contacts and friction together change the kinetic energy, at any instant.
 

@@ -23,6 +23,7 @@ def drive():
     return runpy.run_path(str(EXAMPLE))["MujocoDrive"]()
 
 
+@pytest.mark.slow
 def test_a_drive_in_mujoco_obeys_its_equations(drive) -> None:  # type: ignore[no-untyped-def]
     rig = Rig(effects=[LoadDrift(0.5, cutoff_hz=20.0)], simulator=drive)
     plan = rig.plan_run(LobeDefects.worn(3), duration=1.0, sampling_rate=RATE, random_state=2)

@@ -171,6 +171,7 @@ def assert_reduction_agrees(gearbox: ReferenceGearbox, state: State) -> Solution
     return solution
 
 
+@pytest.mark.slow
 def test_reduction_agrees_with_the_full_system() -> None:
     loaded = 0
     for seed in range(48):
