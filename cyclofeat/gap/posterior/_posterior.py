@@ -346,9 +346,12 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             content = dict(file)
         stated = json.loads(str(content.pop("stated")))
         if stated.pop("format") != _FORMAT:
-            raise ValueError("another format")
-    except (ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        raise ValueError(f"{path} holds no posterior of effects that this version reads: {error}") from error
+            raise ValueError
+    except (ValueError, KeyError, AttributeError, TypeError, zipfile.BadZipFile, EOFError):
+        raise ValueError(
+            f"{path} holds no posterior of effects that this version reads; "
+            "cyclofeat gap --prepare FILE writes one"
+        ) from None
     posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
     for name, value in stated.items():
         setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
