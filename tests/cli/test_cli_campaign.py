@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import keyboard
 import numpy as np
 import pytest
 
@@ -195,12 +196,7 @@ def test_interrupted_from_the_keyboard_goes_on(design, tmp_path):
     SMALL.replace(repeats=200).to_json(design)
     out = tmp_path / "out"
     command = [sys.executable, "-m", "cyclofeat", "campaign", design, "--out", out, "--jobs", "1"]
-    # A shell's background job ignores the keyboard, and its children with it.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    child = keyboard.start(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     while not (out / "shard-00002.sha256").exists():
         assert child.poll() is None
         time.sleep(0.01)

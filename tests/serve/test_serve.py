@@ -11,6 +11,7 @@ import sys
 import time
 from urllib.parse import quote
 
+import keyboard
 import numpy as np
 import pytest
 from live_server import Live, wait_for
@@ -465,11 +466,7 @@ def test_a_taken_port_and_a_wrong_one_are_errors_of_one_line(capsys):
 def test_ctrl_c_ends_quietly_and_deletes_the_uploads(tmp_path):
     command = [sys.executable, "-m", "cyclofeat", "serve", "--no-browser", "--port", "0", "--json"]
     environment = os.environ | {"TMPDIR": str(tmp_path)}
-    server = subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        # the tests themselves may run as a job in the background, which ignores the keyboard
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    server = keyboard.start(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     url = json.loads(server.stdout.readline())["url"]
     assert url.startswith("http://127.0.0.1:")
     wait_for(lambda: list(tmp_path.iterdir()), 60)
