@@ -20,10 +20,10 @@ from cyclofeat.gap.confirm import (
     unexplained,
 )
 from cyclofeat.gap.posterior import EffectPosterior, named_effects
-from cyclofeat.gap.world import FLOOR, World, prepare_world
+from cyclofeat.gap.world import FLOOR, Session, World, prepare_world
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, LoadDrift, LoadScale, Noise, Offset, Rig, SensorDrift
-from cyclofeat.simulators.effects import InputShaftLine
+from cyclofeat.simulators.effects import InputShaftLine, SleeveFriction
 
 RATE, SPEED, N_SIZES, N_FEATURES = 6400.0, 1350.0, 2, 12
 PRIOR = Gaussian(np.zeros(N_SIZES), np.eye(N_SIZES))
@@ -246,6 +246,17 @@ def test_sessions_of_a_rig_without_tolerances_differ_by_noise_alone():
     speed = next(k for k, cell in enumerate(SMALL.described_cells) if "input speed" in cell.name)
     spread = [made.sessions[0].values[:, speed].std() for made in (tight, usual)]
     assert spread[0] < 0.2 * spread[1]
+
+
+@pytest.mark.slow
+def test_drawn_friction_that_is_too_steep_for_the_time_step_is_no_warning_to_a_user():
+    world = World(
+        effects=(SleeveFriction(),), most=1, sampling_rate=RATE, speeds_rpm=(0.95 * SPEED, 1.05 * SPEED),
+        wheels=((0,),), n_recordings=4,
+    )  # fmt: skip
+    template = Session(np.zeros((1, len(world.cells))), np.array([[SPEED, 22.0, 1.0]]), np.array([0]))
+    made = simulate_sessions(world, template, lambda _: (SleeveFriction(1.0),), 1)
+    assert len(made.sessions) == 1
 
 
 def measured_session():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -63,8 +64,11 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
 
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
-    plans = [_plans(world, machine) for machine in machines]
-    made = iter(attempt_planned([plan for of_machine in plans for plan in of_machine], KERNEL))
+    plans = [plan for machine in machines for plan in _plans(world, machine)]
+    with warnings.catch_warnings():
+        # Drawn sizes may be beyond the prior, and no one can choose another time step for them.
+        warnings.filterwarnings("ignore", "friction chatters", RuntimeWarning)
+        made = iter(attempt_planned(plans, KERNEL))
     return [_summarised(world, machine, [next(made) for _ in machine.seeds]) for machine in machines]
 
 
