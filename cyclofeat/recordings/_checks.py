@@ -18,9 +18,10 @@ Label = str | int
 
 
 def samples(name: str, values: Any) -> Float:
-    array = series(name, values, least=2)
+    given = np.asarray(values)
+    array = series(name, given, least=2)
     # What was checked must not change afterwards: a copy, except of what nobody writes to.
-    if array.flags.writeable or not array.flags.owndata:
+    if array is given and (array.flags.writeable or not array.flags.owndata):
         array = array.copy()
     if not max(-array.min(), array.max()) <= LARGEST:
         where = int(np.argmax(np.abs(array)))
