@@ -55,7 +55,7 @@ def _effect(found: FoundEffect, word: str) -> Iterator[str]:
 
 
 def _remaining(remainder: Remainder) -> Iterator[str]:
-    if remainder.by_chance:
+    if remainder.cause == "chance":
         yield f"left unexplained: nothing ({p_words(remainder.p)})"
         return
     if remainder.p_open is not None and not remainder.unexplained:

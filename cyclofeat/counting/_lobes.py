@@ -24,6 +24,7 @@ from cyclofeat.counting._assembly_folds import (
     of_windows,
 )
 from cyclofeat.counting._base import Counter
+from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobe_network import (
     begins_by_mesh,
     lobe_logits,
@@ -37,7 +38,6 @@ from cyclofeat.counting._lobe_sets import Bool, best_sets, inclusion, log_counts
 from cyclofeat.counting._pooling import pool_weights, pooled, safe_log, softmax
 from cyclofeat.counting.scores import shares
 from cyclofeat.counting.trees import CountingTrees
-from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
@@ -206,13 +206,9 @@ class LobeCounter(Counter):
         begins = None if passage is None else _begins(passage, len(windows))
         member = assemblies_of(groups, len(windows))
         seed = drawn_seed(self.random_state)
-        self.lobe_map_ = LobeMap(
-            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
-            n_lines=lobes.lines_held(
-                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
-            ),
-            speed_tolerance=self.speed_tolerance,
-        ).fit(windows)  # fmt: skip
+        self.lobe_map_ = held_lobe_map(
+            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
+        ).fit(windows)
         found = self.lobe_map_.lines(windows)
         features = self.lobe_map_.from_lines(found)
         folds = grouped_folds(rank, member, self.n_splits, seed)

@@ -11,8 +11,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._assembly_folds import of_windows
+from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting.trees import CountingTrees
-from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 
 
@@ -97,13 +97,9 @@ class LobeLocator(DocumentedEstimator):
             raise ValueError(f"worn must have shape (n_windows, n_lobes) = {expected}, got {target.shape}")
         if target.all() or not target.any():
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
-        self.lobe_map_ = LobeMap(
-            self.sampling_rate, input_speed_hz=self.input_speed_hz, n_lobes=self.n_lobes,
-            n_lines=lobes.lines_held(
-                self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
-            ),
-            speed_tolerance=self.speed_tolerance,
-        ).fit(windows)  # fmt: skip
+        self.lobe_map_ = held_lobe_map(
+            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
+        ).fit(windows)
         self.trees_ = CountingTrees(
             self.n_trees, min_samples_leaf=3, max_features=0.5, random_state=self.random_state
         )

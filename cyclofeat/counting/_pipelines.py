@@ -9,11 +9,12 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 
 from cyclofeat.counting._ladder import EntropyLadder
+from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting.trees import CountingTrees
-from cyclofeat.features import LobeMap, SpectralEntropy, TorqueFeatures
-from cyclofeat.signal.lobes import SPEED_TOLERANCE, lines_held
+from cyclofeat.features import SpectralEntropy, TorqueFeatures
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
 KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
 
@@ -89,11 +90,7 @@ def make_lobe_counter(
             sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
         )
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
-    n_lines = lines_held(sampling_rate, input_speed_hz, n_lobes, speed_tolerance)
-    lobe_map = (
-        "lobe_map",
-        LobeMap(sampling_rate, **disc, n_lines=n_lines, speed_tolerance=speed_tolerance),
-    )
+    lobe_map = ("lobe_map", held_lobe_map(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 FORMAT = "cyclofeat gap 2"
 Table = Literal["effects", "sizes", "remainder", "next_measurements", "where", "proof"]
+_LEFT = {"chance": "nothing", "open effects": "what may be open effects", "unknown": "something"}
 TABLES: tuple[Table, ...] = ("effects", "sizes", "remainder", "next_measurements", "where", "proof")
 
 
@@ -117,9 +118,11 @@ class Remainder:
     p_open: float | None = None
 
     @property
-    def by_chance(self) -> bool:
-        """Whether chance alone explains it."""
-        return not self.unexplained and self.p_open is None
+    def cause(self) -> Literal["chance", "open effects", "unknown"]:
+        """What explains it."""
+        if self.unexplained:
+            return "unknown"
+        return "chance" if self.p_open is None else "open effects"
 
 
 @dataclass(frozen=True)
@@ -323,10 +326,7 @@ class GapResult(EffectRows[FoundEffect]):
             numbers = [f"probability {found.probability:.3g}", *map(str, found.sizes)]
             rows[f"missing: {found.effect}"] = "; ".join(numbers)
         if self.remainder is not None:
-            left = "nothing" if self.remainder.by_chance else "what may be open effects"
-            if self.remainder.unexplained:
-                left = "something"
-            rows["left unexplained"] = f"{left} (p = {self.remainder.p:.2g})"
+            rows["left unexplained"] = f"{_LEFT[self.remainder.cause]} (p = {self.remainder.p:.2g})"
         for proof in self.proof:
             at = "" if proof.condition is None else f" at {proof.condition.text}"
             rows[f"gap closed{at}"] = f"{proof.result.grr:.0%}"

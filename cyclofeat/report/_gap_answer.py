@@ -42,7 +42,7 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
 def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
     """What a model, named in words, leaves unexplained."""
     p = unbroken(p_words(remainder.p))
-    if remainder.by_chance:
+    if remainder.cause == "chance":
         text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
         return {"sentences": [text], "rows": []}
     rows = [
@@ -122,7 +122,7 @@ def _sentences(result: GapResult, word: str) -> list[str]:
         texts.append(
             "Effects and sizes are those that were learned from simulated rigs; simulation of this one has "
             "not confirmed them."
-            if not result.remainder.by_chance
+            if result.remainder.cause != "chance"
             else "Simulation of the corrected model has confirmed the effects and their sizes."
         )
     return texts
@@ -175,9 +175,9 @@ def _tiles(result: GapResult) -> list[dict[str, str]]:
     tiles = [_closed(result)] if result.named else []
     if result.remainder is not None:
         value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
-        if not result.remainder.by_chance:
+        if result.remainder.cause == "open effects":
             value, text = "perhaps nothing", "effects that are open may explain what is left"
-        if result.remainder.unexplained:
+        elif result.remainder.unexplained:
             value, text = "something", "none of the effects considered explains all of it"
             if result.remainder.rows:
                 row = result.remainder.rows[0]
