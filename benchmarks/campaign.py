@@ -10,7 +10,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 
 import joblib
 import psutil
+from _markdown import table
 from threadpoolctl import threadpool_limits
 
 from cyclofeat.simulators import (
@@ -165,18 +166,12 @@ def shares(campaign: Campaign) -> dict[str, float]:
 def shares_text() -> str:
     """Return the shares of the processor time outside the kernel as Markdown."""
     made = [shares(campaign) for campaign in DESIGNS.values()]
-    rows = [(what, [f"{100 * one[what]:.1f} %" for one in made]) for what in made[0]]
+    rows = [[what, *(f"{100 * one[what]:.1f} %" for one in made)] for what in made[0]]
     text = (
         f"Shares of the processor time of {PROFILED_RUNS} runs in one process; goal: 25 % of a batch's time "
         "(`python benchmarks/campaign.py --shares`):"
     )
-    return f"{HEADING}\n\n{text}\n\n{markdown(DESIGNS, rows)}"
-
-
-def markdown(names: Iterable[str], rows: Iterable[tuple[str, list[str]]]) -> str:
-    """Return a table with a column for each name."""
-    lines = [["what", *names], ["---"] * (1 + len(list(names))), *([what, *values] for what, values in rows)]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return f"{HEADING}\n\n{text}\n\n{table(['what', *DESIGNS], rows)}"
 
 
 @dataclass(frozen=True)
@@ -206,7 +201,7 @@ def cost(campaign: Campaign, n_jobs: int, backend: str = "loky") -> Cost:
     return Cost(n / wall, cpu / n, writer / n, watch.peak / 2**30, n_bytes / n)
 
 
-def table(n_runs: int) -> str:
+def costs(n_runs: int) -> str:
     """Return the results as a Markdown table."""
     # The exact kernel takes about as long for a quarter of the runs.
     n_repeats = {name: n_runs // (32 if name == "exact" else 8) for name in DESIGNS}
@@ -218,12 +213,12 @@ def table(n_runs: int) -> str:
     processes = {f"{name}, {N_JOBS} processes": cost(one, N_JOBS) for name, one in designs.items()}
     measured = processes | threads | alone
     rows = [
-        ("runs/s", [f"{one.rate:.1f}" for one in measured.values()]),
-        ("processor time per run", [f"{1e3 * one.cpu:.0f} ms" for one in measured.values()]),
-        ("of it in this process", [f"{1e3 * one.writer:.1f} ms" for one in measured.values()]),
-        ("peak memory, all processes", [f"{one.peak:.2f} GiB" for one in measured.values()]),
-        ("1,000,000 such runs: core hours", [f"{one.cpu * 1e6 / 3600:.1f}" for one in measured.values()]),
-        ("1,000,000 such runs: on disk", [f"{one.disk / 1e3:.0f} GB" for one in measured.values()]),
+        ["runs/s", *(f"{one.rate:.1f}" for one in measured.values())],
+        ["processor time per run", *(f"{1e3 * one.cpu:.0f} ms" for one in measured.values())],
+        ["of it in this process", *(f"{1e3 * one.writer:.1f} ms" for one in measured.values())],
+        ["peak memory, all processes", *(f"{one.peak:.2f} GiB" for one in measured.values())],
+        ["1,000,000 such runs: core hours", *(f"{one.cpu * 1e6 / 3600:.1f}" for one in measured.values())],
+        ["1,000,000 such runs: on disk", *(f"{one.disk / 1e3:.0f} GB" for one in measured.values())],
     ]
     head = (
         f"{n_runs} runs (a quarter with the exact kernel) of {RIG.name} with hum and quantisation, "
@@ -232,7 +227,7 @@ def table(n_runs: int) -> str:
         f"{os.cpu_count()} cores and a load of {os.getloadavg()[0]:.1f} at the end, {N_JOBS} of it the "
         "benchmark's own at most. If other programs run too, compare processor time, not runs per second.\n"
     )
-    return f"{head}\n{markdown(measured, rows)}"
+    return f"{head}\n{table(['what', *measured], rows)}"
 
 
 def main() -> None:
@@ -243,7 +238,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with threadpool_limits(1):
         outside = shares_text()
-        result = "" if arguments.shares else table(arguments.runs)
+        result = "" if arguments.shares else costs(arguments.runs)
     print(result + outside, end="")
     if arguments.out is None:
         return

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from benchmarks._markdown import line, table
 from benchmarks.operating_points import Data, counted, trained
 from benchmarks.sampling_rates import right
 from cyclofeat.datasets import make_rig_recordings, rig_preset
@@ -46,12 +47,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/disc_sizes.md"))
     arguments = parser.parse_args()
     head = ["rig", "lobes", f"right (goal {GOAL:g}), refused", "exactly the right lobes", "n"]
-    lines = ["| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head)]]
+    made: list[list[str]] = []
     for rig in RIGS:
         for n_lobes in LOBES:
             data = simulated(arguments.assemblies, rig, n_lobes, arguments.jobs)
-            lines.append("| " + " | ".join(row(rig, n_lobes, data)) + " |")
-            print(lines[-1], flush=True)
+            made.append(row(rig, n_lobes, data))
+            print(line(made[-1]), end="", flush=True)
     text = f"""# Other numbers of lobes
 
 Made by `python -m benchmarks.disc_sizes --assemblies {arguments.assemblies}`. Simulated
@@ -61,7 +62,7 @@ assemblies, which counts one window of one output turn of each of the others. "R
 recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
 
 """
-    arguments.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+    arguments.out.write_text(text + table(head, made), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks._markdown import line, table
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, MeasuredRig, downstream_gain
 from cyclofeat.gap.confirm import confirm, draw_effects
@@ -61,8 +62,8 @@ def accuracies(posterior: EffectPosterior, seed: int, n_jobs: int) -> tuple[str,
     measured = comparison.measured(judged.X, y=judged.counts)
     by_best = downstream_gain(comparison, best, measured, oracle=truth, n_per_class=TRAINED).accuracy
     by_drawn = downstream_gain(comparison, drawn, measured, n_per_class=TRAINED).accuracy
-    text = f"{', '.join(one.effect_id for one in effects)} | {', '.join(named) or 'none'}"
-    return text, [by_best["before"], by_best["after"], by_drawn["after"], by_best["oracle"]]
+    names = [", ".join(one.effect_id for one in effects), ", ".join(named) or "none"]
+    return names, [by_best["before"], by_best["after"], by_drawn["after"], by_best["oracle"]]
 
 
 def main() -> None:
@@ -78,18 +79,17 @@ def main() -> None:
         f"Share of {JUDGED} recordings of each true rig, with 0 to 7 worn lobes, that a counter trained",
         f"on {TRAINED * len(COUNTS)} recordings counts right; standard error up to {0.5 / JUDGED**0.5:.3f}.",
         f"The posterior has learned from {posterior.n_rigs_:,} rigs.",
-        "",
-        f"| hidden effects | named | {' | '.join(NAMES)} |",
-        "|---|---|" + "---|" * len(NAMES),
     ]
+    made = []
     for seed in SEEDS[: given.rigs]:
-        text, shares = accuracies(posterior, seed, given.jobs)
+        names, shares = accuracies(posterior, seed, given.jobs)
         found.append(shares)
-        lines.append(f"| {text} | " + " | ".join(f"{share:.2f}" for share in shares) + " |")
-        print(lines[-1], flush=True)
-    lines.append("| mean | | " + " | ".join(f"{share:.3f}" for share in np.mean(found, axis=0)) + " |")
-    print(lines[-1])
-    Path(__file__).with_suffix(".md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        made.append([*names, *(f"{share:.2f}" for share in shares)])
+        print(line(made[-1]), end="", flush=True)
+    made.append(["mean", "", *(f"{share:.3f}" for share in np.mean(found, axis=0))])
+    print(line(made[-1]), end="")
+    text = "\n".join(lines) + "\n\n" + table(["hidden effects", "named", *NAMES], made)
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,12 +16,13 @@ from typing import Any
 
 import joblib
 
+from benchmarks._markdown import table
 from benchmarks._versions import made_with
 from benchmarks.hidden_effects import set_names
 from benchmarks.hidden_effects._answers import Answer, answers
 from benchmarks.hidden_effects._ask import names_of, sessions_of, shown, whole_answer
 from benchmarks.hidden_effects._folders import generate
-from benchmarks.hidden_effects._table import lines, markdown, share_right
+from benchmarks.hidden_effects._table import markdown, share_right
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap import GapSettings
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior
@@ -74,14 +75,14 @@ def by_posterior(posterior: EffectPosterior, sessions: Mapping[str, Session]) ->
         said = names_of(posterior, [shown(one, **what) for one in sessions.values()])
         every.append(answers(dict(zip(sessions, said, strict=True))))
         rows.append([text, *share_right(every[-1])])
-    heads = (
+    head = (
         "session",
         "sets with visible effects",
         "right up to ties",
         "precision",
         "recall of visible effects",
     )
-    return [markdown(every[0]), "### Less known", "", *lines(heads, rows)]
+    return [markdown(every[0]), "### Less known", "", table(head, rows)]
 
 
 def whole_names(names: Sequence[str], n: int) -> list[str]:

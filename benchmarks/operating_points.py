@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.stats import binomtest
 
+from benchmarks._markdown import line, share, table
 from cyclofeat.counting import LobeCount, LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
@@ -108,11 +108,9 @@ def row(what: str, goal: str, recordings: Sequence[Recording], answers: Answers)
     sure = sum(a.defect_count != t and a.probability[a.defect_count] > 0.9 for a, t in pairs)
     every = sum(a is not None and a.defect_count == t for a, t in zip(answers, truth, strict=True))
     n = len(truth)
-    low, high = binomtest(every, n).proportion_ci(method="wilson")
-    share = f"{right / len(pairs):.3f}" if pairs else "-"
+    of_counted = f"{right / len(pairs):.3f}" if pairs else "-"
     return [
-        what, goal, f"{every / n:.3f} [{low:.3f}, {high:.3f}]", f"{1 - len(pairs) / n:.3f}", share,
-        f"{sure / n:.3f}", str(n),
+        what, goal, share(every, n), f"{1 - len(pairs) / n:.3f}", of_counted, f"{sure / n:.3f}", str(n),
     ]  # fmt: skip
 
 
@@ -122,7 +120,7 @@ def rows(n: int, n_jobs: int) -> list[list[str]]:
 
     def add(what: str, goal: str, recordings: Sequence[Recording], answers: Answers) -> None:
         made.append(row(what, goal, recordings, answers))
-        print(" | ".join(made[-1]), flush=True)
+        print(line(made[-1]), end="", flush=True)
 
     torque = simulated(n, "output_torque", n_jobs)
     model = trained(torque.training)
@@ -169,8 +167,7 @@ def main() -> None:
     arguments = parser.parse_args()
     began = time.monotonic()
     head = ["work", "goal", "right, of all", "refused", "right, of those counted", "wrong and sure", "n"]
-    lines = ["| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head)]]
-    lines += ["| " + " | ".join(cells) + " |" for cells in rows(arguments.assemblies, arguments.jobs)]
+    made = rows(arguments.assemblies, arguments.jobs)
     text = f"""# Counts at any speed and load
 
 Made by `python -m benchmarks.operating_points --assemblies {arguments.assemblies}` in
@@ -182,7 +179,7 @@ refused recordings too (95 % interval by Wilson); "wrong and sure" is the share 
 refused, and has a probability above 0.9.
 
 """
-    arguments.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+    arguments.out.write_text(text + table(head, made), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.signal import resample_poly
-from scipy.stats import binomtest
 
+from benchmarks._markdown import line, share, table
 from benchmarks.operating_points import Answers, Data, blind, counted, trained
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
@@ -63,8 +63,7 @@ def right(recordings: Sequence[Recording], answers: Answers) -> str:
     pairs = list(zip(recordings, answers, strict=True))
     n_right = sum(a is not None and a.defect_count == r.defect_count for r, a in pairs)
     refused = sum(a is None or a.refused for _, a in pairs) / len(pairs)
-    low, high = binomtest(n_right, len(pairs)).proportion_ci(method="wilson")
-    return f"{n_right / len(pairs):.3f} [{low:.3f}, {high:.3f}], {refused:.3f}"
+    return f"{share(n_right, len(pairs))}, {refused:.3f}"
 
 
 def milliseconds(model: LobeModel, recordings: Sequence[Recording]) -> str:
@@ -113,10 +112,10 @@ def main() -> None:
         "quantity", "RPM", "kHz", "samples per turn", "lobe lines", "right, refused: tachometer",
         "no tachometer", f"recordings at {RATES_HZ[0] / 1000:g} kHz", "ms, tachometer", "ms, none",
     ]  # fmt: skip
-    lines = ["| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head)]]
+    made: list[list[str]] = []
     for cells in rows(arguments.assemblies, arguments.jobs):
-        lines.append("| " + " | ".join(cells) + " |")
-        print(lines[-1], flush=True)
+        made.append(cells)
+        print(line(cells), end="", flush=True)
     text = f"""# Counts at low sampling rates
 
 Made by `python -m benchmarks.sampling_rates --assemblies {arguments.assemblies}`.
@@ -132,7 +131,7 @@ The times are the processor's for one `LobeModel.count`, from the recording in m
 of {TIMED} recordings the median, of each the least of {REPEATS}. Other work ran on the same cores.
 
 """
-    arguments.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+    arguments.out.write_text(text + table(head, made), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, norm
+from scipy.stats import norm
 
+from benchmarks._markdown import line, share, table
 from cyclofeat.counting import LobeCount, LobeModel, lobe_lines_nm, runs_of
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording, shaft_windows
@@ -101,7 +102,6 @@ def row(
 ) -> list[str]:
     n = len(recordings)
     right = sum(a.defect_count == r.defect_count for a, r in zip(answers, recordings, strict=True))
-    low, high = binomtest(right, n).proportion_ci(method="wilson")
     seen = sum(a.defect_count > 0 for a in answers)
     refused = sum(a.refused for a in answers)
     pairs = [
@@ -113,7 +113,7 @@ def row(
     covered = np.mean([depth.low_um <= true <= depth.high_um for true, depth in pairs]) if pairs else np.nan
     width = np.median([depth.high_um / depth.low_um for _, depth in pairs]) if pairs else np.nan
     return [
-        *head, f"{right / n:.3f} [{low:.3f}, {high:.3f}]", f"{seen / n:.3f}", f"{refused / n:.3f}",
+        *head, share(right, n), f"{seen / n:.3f}", f"{refused / n:.3f}",
         f"{100 * error:.0f} %", f"{covered:.3f}", f"{width:.2f}", f"{bound.count:.3f}",
         f"{100 * bound.depth:.2g} %", str(n),
     ]  # fmt: skip
@@ -141,7 +141,7 @@ def rows(n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], li
                 answers = model.count_all(noisy(judged[depth], noise, 6 + k))
                 head = [rig, f"{noise:g}", f"{depth:g}"]
                 made.append(row(head, judged[depth], answers, oracle.bound(depth, noise)))
-                print(" | ".join(made[-1]), flush=True)
+                print(line(made[-1]), end="", flush=True)
     return made, said
 
 
@@ -152,12 +152,11 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/wear.md"))
     arguments = parser.parse_args()
-    table, said = rows(arguments.judged, arguments.twins, arguments.jobs)
+    made, said = rows(arguments.judged, arguments.twins, arguments.jobs)
     head = [
         "rig", "noise (Nm)", "depth (um)", "count right", "seen", "refused", "median error of the depth",
         "90 % intervals that hold it", "their width (factor)", "bound: count", "bound: depth", "n",
     ]  # fmt: skip
-    lines = ["| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *table]]
     text = f"""# Depth and count of early radial wear
 
 Made by `python -m benchmarks.wear` in {time.process_time() / 60:.0f} minutes of one core. Simulated
@@ -178,8 +177,8 @@ intervals hold the depth.
 
 """
     models = "\n".join(f"- {one}" for one in said)
-    ending = f"\n\nDepths that the models were trained for and see:\n\n{models}\n"
-    arguments.out.write_text(text + "\n".join(lines) + ending, encoding="utf-8")
+    ending = f"\nDepths that the models were trained for and see:\n\n{models}\n"
+    arguments.out.write_text(text + table(head, made) + ending, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from benchmarks.counting import _designs as designs
 from benchmarks.counting import _peers as peers
 from benchmarks.counting import _pod as pod
 from benchmarks.counting import _rows as rows
-from benchmarks.counting._table import table
+from benchmarks.counting._table import page
 from benchmarks.counting._work import NOISES, Work
 
 Step = tuple[str, Callable[[Work], Any]]
@@ -84,7 +84,7 @@ def main() -> None:
                 failed.append(f"{name}: {error}")
     print("\n".join(failed))
     out = Path(arguments.folder) / "quick.md" if arguments.quick else Path(arguments.out)
-    out.write_text(table(work), encoding="utf-8")
+    out.write_text(page(work), encoding="utf-8")
     if not arguments.quick and pod.done(work):
         pod.write_table(work, Path("cyclofeat/counting/tables/detection.csv"))
         pod.draw(work, Path("docs/figures/counting_detection.png"))

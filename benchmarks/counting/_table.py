@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks._markdown import table
 from benchmarks.counting import _peers as peers
 from benchmarks.counting._rows import GOALS
 from benchmarks.counting._work import NOISES, Work
@@ -18,7 +19,7 @@ _LATENCIES = {
 }
 
 
-def table(work: Work) -> str:
+def page(work: Work) -> str:
     """Return the whole text of ``counting.md``."""
     parts = [_intro(work), _accuracy(work), _others(work), _peers(work), _oedi(work)]
     return "\n".join(parts)
@@ -60,26 +61,25 @@ training assemblies at 20 us.
 
 
 def _accuracy(work: Work) -> str:
-    lines = [
-        "## One window, accuracy\n",
-        "| rig, noise | goal | 256 training assemblies | with 480 more (R1: 960); R0: also 88 lines, not whitened | likelihood among twins (oracle) |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
     for rig in ("R1", "R2", "R0"):
         for noise in NOISES:
             goal = GOALS[rig].get(noise)
             key = f"accuracy-{rig}-{noise:g}"
             plain, more = work.latest(key), work.latest(f"{key}-more")
-            cells = [
+            rows.append([
                 f"{rig}, {noise:g} Nm",
                 "stated" if goal is None else f">= {goal:g}",
                 judged(plain, goal or 0.0),
                 judged(more, goal or 0.0),
                 text(work.latest(f"oracle-{rig}-{noise:g}")),
-            ]
-            lines.append(f"| {' | '.join(cells)} |")
+            ])  # fmt: skip
+    head = [
+        "rig, noise", "goal", "256 training assemblies",
+        "with 480 more (R1: 960); R0: also 88 lines, not whitened", "likelihood among twins (oracle)",
+    ]  # fmt: skip
     control = work.latest("shuffled-0.2")
-    lines.append(
+    notes = (
         f"\nControl: R1 at 0.2 Nm with the counts permuted among the assemblies: {text(control)} "
         "(must be chance).\n"
         "\nOn R1 the goal is at most 3 points below the oracle, which cannot exceed 1.000.\n"
@@ -89,35 +89,30 @@ def _accuracy(work: Work) -> str:
         "(on R2 also over the rig) by the twins. It uses only means and covariances of the lobe lines; where the counter "
         "exceeds it, it is not an upper bound.\n"
     )
-    return "\n".join(lines)
-
-
-def _row(what: str, goal: str, figure: str) -> str:
-    return f"| {what} | {goal} | {figure} |"
+    return f"## One window, accuracy\n\n{table(head, rows)}{notes}"
 
 
 def _others(work: Work) -> str:
-    lines = ["## More than one window's accuracy\n", "| figure | goal | result |", "|---|---|---|"]
-    lines.append(
-        _row(
+    rows = [
+        [
             "R1, eight windows of one recording, 1 Nm (80 recordings)",
             ">= 0.98",
             judged(work.latest("eight-1"), 0.98),
-        )
-    )
+        ]
+    ]
     found = work.latest("lobes-0.2")
-    lines.append(_row("worn lobes exactly right, R1 at 0.2 Nm", ">= 0.95", judged(found, 0.95)))
+    rows.append(["worn lobes exactly right, R1 at 0.2 Nm", ">= 0.95", judged(found, 0.95)])
     found = work.latest("transfer-finer-0.2")
     rule = "trained on R1, tested on R1 by the midpoint rule at 5 us, 0.2 Nm (80 assemblies)"
-    lines.append(_row(rule, ">= 0.96", judged(found, 0.96)))
+    rows.append([rule, ">= 0.96", judged(found, 0.96)])
     found = work.latest("transfer-conservative-0.2")
-    lines.append(_row("the same, tested on the conservative contact law", "stated", text(found)))
+    rows.append(["the same, tested on the conservative contact law", "stated", text(found)])
     found = work.latest("transfer-r0-0.2")
-    lines.append(_row("trained on R0, tested on R1, 0.2 Nm", "stated", text(found)))
+    rows.append(["trained on R0, tested on R1, 0.2 Nm", "stated", text(found)])
     found, own = work.latest("transfer-braked-0.2"), work.latest("accuracy-R1-0.2")
     goal = 0.9 * own["value"] if own else 0.9
-    lines.append(
-        _row("trained on R0 with `BrakeRotor` added (true values)", ">= 0.9 of R1's own", judged(found, goal))
+    rows.append(
+        ["trained on R0 with `BrakeRotor` added (true values)", ">= 0.9 of R1's own", judged(found, goal)]
     )
     for key, what in (("load", "R1, one load left out (18, 22, 26 Nm)"), ("speed", "R1, one speed left out")):
         found = work.latest(f"left-out-{key}-0.2")
@@ -125,16 +120,16 @@ def _others(work: Work) -> str:
         by = "" if found is None else "; by condition " + ", ".join(
             f"{float(name):g} {unit} {value:.3f}" for name, value in found["by_condition"].items()
         )  # fmt: skip
-        lines.append(_row(f"{what}, 0.2 Nm", ">= 0.93", judged(found, 0.93) + by))
+        rows.append([f"{what}, 0.2 Nm", ">= 0.93", judged(found, 0.93) + by])
     found = work.latest("patterns-0.2")
     pattern = "lobes (1,5), (1,4,7), (1,3,5,7), (2,4,6,8), R1, 0.2 Nm (40 assemblies)"
-    lines.append(_row(f"{pattern}: count", ">= 0.95", judged(found, 0.95)))
+    rows.append([f"{pattern}: count", ">= 0.95", judged(found, 0.95)])
     exact = judged(found, 0.90, "positions", "positions_interval")
-    lines.append(_row("the same: positions", ">= 0.90", exact))
+    rows.append(["the same: positions", ">= 0.90", exact])
     found = work.latest("neighbours-0.2")
     mixed = f"{text(found)}; positions {text(found, 'positions', 'positions_interval')}" if found else NOT_RUN
-    lines.append(_row("adjacent lobes, R1, 0.2 Nm, by a counter trained on any lobes too", "stated", mixed))
-    lines += _sets(work.latest("conformal-0.5"))
+    rows.append(["adjacent lobes, R1, 0.2 Nm, by a counter trained on any lobes too", "stated", mixed])
+    rows += _sets(work.latest("conformal-0.5"))
     found = work.latest("ninth-0.2")
     figure = text(found)
     if found is not None:
@@ -142,7 +137,7 @@ def _others(work: Work) -> str:
         figure += (
             f"; of eight worn lobes {last[-1] / sum(last):.3f} right, {last[-2] / sum(last):.3f} counted as 7"
         )
-    lines.append(_row("8 worn lobes as a ninth class, R1, 0.2 Nm", "stated", figure))
+    rows.append(["8 worn lobes as a ninth class, R1, 0.2 Nm", "stated", figure])
     found = work.latest("latency")
     spent = (
         NOT_RUN
@@ -151,38 +146,32 @@ def _others(work: Work) -> str:
     )
     if found is not None and max(found[key] for key in _LATENCIES) > 15:
         spent += " **missed**"
-    lines.append(_row("one window at 25.6 kHz, processor time", "<= 15 ms", spent))
-    return "\n".join(lines) + "\n"
+    rows.append(["one window at 25.6 kHz, processor time", "<= 15 ms", spent])
+    return f"## More than one window's accuracy\n\n{table(['figure', 'goal', 'result'], rows)}"
 
 
-def _sets(found: dict[str, Any] | None) -> list[str]:
+def _sets(found: dict[str, Any] | None) -> list[list[str]]:
     what = '90 % conformal sets (`nonconformity="aps"`, `unit="assembly"`), R1, 0.5 Nm: coverage'
     if found is None:
-        return [_row(what, ">= 0.87", NOT_RUN)]
+        return [[what, ">= 0.87", NOT_RUN]]
     by_class = ", ".join(f"{share:.2f}" for share in found["by_class"])
     worst = " **missed in a class**" if min(found["by_class"]) < 0.87 else ""
     size = f"{found['size']:.3f}" + ("" if found["size"] <= 1.1 else " **missed**")
     return [
-        _row(what, ">= 0.87", judged(found, 0.87) + f"; by class {by_class}{worst}"),
-        _row("the same: mean size; refused", "<= 1.1; stated", f"{size}; {found['refused']:.3f}"),
+        [what, ">= 0.87", judged(found, 0.87) + f"; by class {by_class}{worst}"],
+        ["the same: mean size; refused", "<= 1.1; stated", f"{size}; {found['refused']:.3f}"],
     ]
 
 
 def _peers(work: Work) -> str:
     columns = [("R1", noise) for noise in NOISES] + [("R2", 0.2), ("R0", 0.2)]
-    lines = [
-        "## Peers on the same folds, accuracy\n",
-        "One window; every method of the papers is followed by the same kind of trees (100). These are numbers for "
-        "the papers' table 7.\n",
-        "| method | " + " | ".join(f"{rig} {noise:g}" for rig, noise in columns) + " |",
-        "|---|" + "---|" * len(columns),
-    ]
+    head = ["method", *(f"{rig} {noise:g}" for rig, noise in columns)]
     own = [work.latest(f"accuracy-{rig}-{noise:g}") for rig, noise in columns]
-    lines.append("| **lobe map (ours)** | " + " | ".join(_short(found) for found in own) + " |")
+    rows = [["**lobe map (ours)**", *map(_short, own)]]
     ahead, tied = 0, []
     for key, name in peers.PEERS.items():
         found = [work.latest(f"peer-{key}-{rig}-{noise:g}") for rig, noise in columns]
-        lines.append(f"| {name} | " + " | ".join(_short(one) for one in found) + " |")
+        rows.append([name, *map(_short, found)])
         for (rig, noise), mine, theirs in zip(columns, own, found, strict=True):
             if mine is not None and theirs is not None:
                 ahead += mine["value"] > theirs["value"]
@@ -193,10 +182,12 @@ def _peers(work: Work) -> str:
     missed = f"**Not better than:** {', '.join(tied)}." if tied else "Better in every cell run"
     missed += f" ({compared} of {n_cells} cells run)."
     network = "was not tried" if peers.has_torch() else "is left out: torch is not installed"
-    lines.append(
-        f"\nGoal: better than every peer at every noise. {missed} A 1-D convolutional network {network}.\n"
+    return (
+        "## Peers on the same folds, accuracy\n\n"
+        "One window; every method of the papers is followed by the same kind of trees (100). These are numbers for "
+        f"the papers' table 7.\n\n{table(head, rows)}\n"
+        f"Goal: better than every peer at every noise. {missed} A 1-D convolutional network {network}.\n"
     )
-    return "\n".join(lines)
 
 
 def _short(found: dict[str, Any] | None) -> str:
@@ -205,33 +196,31 @@ def _short(found: dict[str, Any] | None) -> str:
 
 def _oedi(work: Work) -> str:
     found = {name: work.latest(f"oedi-{key}") for key, name in peers.LEVELS.items()}
-    rows = next((list(one) for one in found.values() if one is not None), [])
-    lines = [
-        "## Measured vibration: load level across health states (OEDI)\n",
-        "Vibration of another kind of gearbox without lobes, 20 recordings, 10 levels. Accuracy and mean absolute "
-        "error in levels per recording, with the same windows, ridge regression and folds for all. Chance: 0.10, and "
-        "2.50 for the best constant guess. *held*: each of our features is clipped to its range in the training state, "
-        "a choice made after inspecting these recordings.\n",
-        "| channel, direction | " + " | ".join(found) + " |",
-        "|---|" + "---|" * len(found),
+    channels = next((list(one) for one in found.values() if one is not None), [])
+    rows = [
+        [row, *(NOT_RUN if one is None else "{:.2f}, {:.2f}".format(*one[row]) for one in found.values())]
+        for row in channels
     ]
-    for row in rows:
-        cells = [NOT_RUN if one is None else "{:.2f}, {:.2f}".format(*one[row]) for one in found.values()]
-        lines.append(f"| {row} | {' | '.join(cells)} |")
     means = {
         name: [sum(values[k] for values in one.values()) / len(one) for k in (0, 1)]
         for name, one in found.items()
         if one is not None
     }
-    cells = ["{:.2f}, {:.2f}".format(*means[name]) if name in means else NOT_RUN for name in found]
-    lines.append(f"| mean | {' | '.join(cells)} |")
+    rows.append(
+        ["mean", *("{:.2f}, {:.2f}".format(*means[name]) if name in means else NOT_RUN for name in found)]
+    )
     ahead = [name for name in means if "cyclofeat" not in name and means[name][1] < means["cyclofeat"][1]]
-    if ahead:
-        lines.append(
-            f"\nGoal: better than all. **Missed**: {', '.join(ahead)} is better than our features. Within one health "
-            "state all methods predict the load to about one level. The change of state moves features out of their "
-            "training range, and a linear model extrapolates the shift. MiniRocket's features are shares of samples, "
-            "which stay between 0 and 1; clipping ours to their range removes much of the error. Twenty recordings of "
-            "one gearbox allow no further conclusion."
-        )
-    return "\n".join(lines) + "\n"
+    missed = "" if not ahead else (
+        f"\nGoal: better than all. **Missed**: {', '.join(ahead)} is better than our features. Within one health "
+        "state all methods predict the load to about one level. The change of state moves features out of their "
+        "training range, and a linear model extrapolates the shift. MiniRocket's features are shares of samples, "
+        "which stay between 0 and 1; clipping ours to their range removes much of the error. Twenty recordings of "
+        "one gearbox allow no further conclusion.\n"
+    )  # fmt: skip
+    return (
+        "## Measured vibration: load level across health states (OEDI)\n\n"
+        "Vibration of another kind of gearbox without lobes, 20 recordings, 10 levels. Accuracy and mean absolute "
+        "error in levels per recording, with the same windows, ridge regression and folds for all. Chance: 0.10, and "
+        "2.50 for the best constant guess. *held*: each of our features is clipped to its range in the training state, "
+        f"a choice made after inspecting these recordings.\n\n{table(['channel, direction', *found], rows)}{missed}"
+    )

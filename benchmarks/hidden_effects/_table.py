@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
+from benchmarks._markdown import table, wilson
 from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
 from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
 
@@ -29,21 +29,6 @@ class Figure:
     met: bool | None
     low: float | None = None
     high: float | None = None
-
-
-def wilson(k: int, n: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's interval of a share k/n.
-
-    Examples
-    --------
-    >>> [round(end, 4) for end in wilson(8, 10)]
-    [0.4902, 0.9433]
-    """
-    z = float(norm.ppf(0.5 + confidence / 2))
-    share = k / n
-    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return round(max(middle - half, 0.0), 12), round(min(middle + half, 1.0), 12)
 
 
 def calibration_error(probabilities: Sequence[float], right: Sequence[bool], bins: int = _BINS) -> float:
@@ -269,10 +254,12 @@ def markdown(every: Sequence[Answer]) -> str:
          one.n, {None: "", True: "yes", False: "**no**"}[one.met]]
         for one in figures(every)
     ]  # fmt: skip
-    parts = [f"Sets: {made}.", "", *lines(("figure", "goal", "value", "95 % interval", "n", "met"), rows)]
-    parts += ["", "## By number of effects", "", *lines(*_by_number(every))]
-    parts += ["", "## By effect", "", *lines(*_by_effect(every))]
-    return "\n".join(parts) + "\n"
+    parts = [
+        f"Sets: {made}.\n", table(("figure", "goal", "value", "95 % interval", "n", "met"), rows),
+        "## By number of effects\n", table(*_by_number(every)),
+        "## By effect\n", table(*_by_effect(every)),
+    ]  # fmt: skip
+    return "\n".join(parts)
 
 
 def share_right(every: Sequence[Answer]) -> tuple[int, str, str, str]:
@@ -320,12 +307,3 @@ def _mean(values: Sequence[float]) -> str:
 
 def _text(value: float | None) -> str:
     return "" if value is None else f"{value:.3g}"
-
-
-def lines(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
-    """Lines of a table in Markdown."""
-    return [
-        f"| {' | '.join(heads)} |",
-        "|" + "---|" * len(heads),
-        *(f"| {' | '.join(str(cell) for cell in row)} |" for row in rows),
-    ]

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from benchmarks._markdown import table
 from benchmarks.spoiled._kind import KINDS, NOISE_NM, Base
 from benchmarks.spoiled._run import (
     OUTCOMES,
@@ -29,7 +30,7 @@ from benchmarks.spoiled._run import (
 _GOALS = {"spoiled": {WRONG: 0.02, SURE: 0.003}, "unspoiled": {REFUSED: 0.03}}
 
 
-def table(found: Mapping[tuple[str, float], Counter[str]]) -> str:
+def page(found: Mapping[tuple[str, float], Counter[str]]) -> str:
     """Return the page."""
     clean = found[UNSPOILED.name, 0.0]
     spoiled = sum(found.values(), Counter()) - clean
@@ -43,36 +44,31 @@ def table(found: Mapping[tuple[str, float], Counter[str]]) -> str:
         f"one without a tachometer, spoiled in {len(KINDS)} ways in three strengths each, and counted by the",
         "default model.",
         "",
-        "| | " + " | ".join(OUTCOMES) + " | goals |",
-        "|---|---|---|---|---|---|",
-        _totals("spoiled", spoiled),
-        _totals("unspoiled", clean),
-        "",
+        table(["", *OUTCOMES, "goals"], [_totals("spoiled", spoiled), _totals("unspoiled", clean)]),
         "Below, each cell holds the numbers of recordings that were counted right, refused, counted wrong",
         "and not refused, and of the latter those with a probability above 0.9.",
         "",
-        "| kind | strengths | weak | medium | strong |",
-        "|---|---|---|---|---|",
     ]
+    rows = []
     for kind in KINDS.values():
         cells = [_cell(found[kind.name, strength]) for strength in kind.strengths]
         strengths = ", ".join(f"{strength:.4g}" for strength in kind.strengths)
-        lines.append(f"| {kind.name}: {kind.text} | {strengths} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        rows.append([f"{kind.name}: {kind.text}", strengths, *cells])
+    return "\n".join(lines) + "\n" + table(["kind", "strengths", "weak", "medium", "strong"], rows)
 
 
 def _cell(found: Counter[str]) -> str:
     return " / ".join(str(found[name]) for name in OUTCOMES)
 
 
-def _totals(name: str, found: Counter[str]) -> str:
+def _totals(name: str, found: Counter[str]) -> list[str]:
     total = sum(found.values()) - found[SURE]
     cells = [f"{found[outcome] / total:.1%}" for outcome in OUTCOMES]
     goals = [
         f"{outcome} <= {goal:.1%}{'' if found[outcome] <= goal * total else ' (missed)'}"
         for outcome, goal in _GOALS[name].items()
     ]
-    return f"| {name} ({total}) | {' | '.join(cells)} | {'; '.join(goals)} |"
+    return [f"{name} ({total})", *cells, "; ".join(goals)]
 
 
 def main() -> None:
@@ -87,9 +83,9 @@ def main() -> None:
     counter = model(arguments.folder, arguments.model)
     starts: list[Base] = bases(arguments.folder, arguments.jobs)
     found = all_outcomes(counter, starts, arguments.jobs)
-    page = table(found)
-    arguments.out.write_text(page, encoding="utf-8")
-    print("\n".join(line for line in page.splitlines() if "spoiled (" in line))
+    text = page(found)
+    arguments.out.write_text(text, encoding="utf-8")
+    print("\n".join(line for line in text.splitlines() if "spoiled (" in line))
     print(f"written: {arguments.out}")
 
 

@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
 
 from benchmarks import gap  # noqa: E402
+from benchmarks._markdown import wilson  # noqa: E402
 from benchmarks.hidden_effects import (  # noqa: E402
     _answers,
     _ask,
@@ -486,7 +487,7 @@ def test_figures_by_hand() -> None:
 
 
 def test_wilson_and_calibration_by_hand() -> None:
-    low, high = _table.wilson(8, 10)
+    low, high = wilson(8, 10)
     assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
     assert _table.calibration_error([0.95, 0.95, 0.55, 0.55], [True, True, True, False]) == pytest.approx(
         0.05
