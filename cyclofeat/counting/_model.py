@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
@@ -641,6 +642,14 @@ def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turnin
             f"sampling_rate of {recordings[fewest].sampling_rate:g} Hz is too low at "
             f"{60 * turnings[fewest].speed_hz:.5g} RPM: {per_turn} samples per input turn do not hold lobe "
             f"lines up to half of the {n_lobes} lobes; record at a higher rate or train on slower speeds"
+        )
+    if per_turn < SAMPLES_PER_TURN <= np.median(held):
+        file = (recordings[fewest].meta or {}).get("file")
+        warnings.warn(
+            f"recordings[{fewest}]{f' ({file})' if file else ''} holds {per_turn} samples per input turn, most "
+            f"others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; leave "
+            "such recordings out, or train a second model on them",
+            stacklevel=3,
         )
     return per_turn
 

@@ -39,6 +39,8 @@ _CARD: dict[str, Callable[[Any], bool]] = {
     "input_speed_hz": lambda value: value is None or (isinstance(value, (int, float)) and value > 0),
     "n_lobes": lambda value: value is None or isinstance(value, int),
     "training": lambda value: isinstance(value, dict) and _is_text(value.get("description")),
+    "classes": lambda value: isinstance(value, list) and bool(value),
+    "scores": lambda value: value is None or isinstance(value, dict),
     FEATURES: lambda value: (
         isinstance(value, dict)
         and isinstance(value.get("columns"), list)

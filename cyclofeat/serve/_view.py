@@ -84,7 +84,8 @@ def _model(session: Session) -> dict[str, str] | None:
     text = f"counts {min(card['classes'])} to {max(card['classes'])} worn lobes"
     if at:
         text += f" in recordings at {' and '.join(at)}"
-    text += f"; {score_text(scores)}, on assemblies held out" if scores else ""
+    if scores and "accuracy_interval" in scores:  # one may save any scores with a model
+        text += f"; {score_text(scores)}, on assemblies held out"
     return {"name": name, "text": text, "error": ""}
 
 

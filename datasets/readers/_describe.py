@@ -10,13 +10,11 @@ from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.datasets.readers._speed import speed_by_lines
-from cyclofeat.recordings import Recording
+from cyclofeat.recordings import SAMPLES_PER_TURN, Recording
 from cyclofeat.signal.faults import clipped, dropped
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
-# Lobe lines up to the 44th enter a count: 391 Hz at 500 RPM.
-_LINES = 44
 
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
@@ -139,11 +137,11 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
         )
     known = nominal if speed is None else speed / 60
     if known is not None:
-        needed = 2 * _LINES * (reduction + 1) / reduction * known * (1 + _SPEED_TOLERANCE)
-        if recording.sampling_rate <= needed:
+        needed = SAMPLES_PER_TURN * known
+        if recording.sampling_rate < needed:
             notes.append(
-                f"{recording.sampling_rate:g} Hz are too few for the {_LINES} lobe lines of a count, which "
-                f"need more than {needed:.0f} Hz: only a model trained at such a rate counts them"
+                f"{recording.sampling_rate:g} Hz are too few for all lobe lines of a count, which need "
+                f"{needed:.0f} Hz: only a model trained at such a rate counts them"
             )
     if facts["unit_assumed"]:
         notes.append(f"the file states no unit of {in_words(recording.quantity)}: {facts['unit']} assumed")

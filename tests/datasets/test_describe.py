@@ -119,7 +119,7 @@ def test_what_else_would_spoil_a_count():
     assert warned(short, "0.65 output turns, a count needs one")
     assert warned(describe(Recording(geared(), RATE)), "no speed is stated")
     slow = describe(Recording(geared()[::40], RATE / 40, speed_rpm=500))
-    assert warned(slow, "640 Hz are too few for the 44 lobe lines of a count, which need more than")
+    assert warned(slow, "640 Hz are too few for all lobe lines of a count, which need 1067 Hz")
     meta = {"unit_assumed": True, "angle_unit_assumed": True, "time_jitter": 0.2}
     assumed = describe(Recording(geared(), RATE, speed_rpm=500, meta=meta))
     for words in ("Nm assumed", "rad assumed", "jitter by up to 0.2 samples"):
