@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import different_names
+from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import read_all
@@ -73,6 +74,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
         raise ValueError(
             "--prepare needs --cache FOLDER: what is simulated is kept there if it is interrupted"
         )
+    n_machines = whole("--machines", arguments.machines, 1)
     missing = [name for name in _TRAINED_BY if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"--prepare needs {' and '.join(missing)}: pip install {' '.join(missing)}")
@@ -89,7 +91,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
         rigs = prepare_world(
             world,
             Path(arguments.cache) / "world",
-            arguments.machines,
+            n_machines,
             n_jobs=arguments.jobs,
             progress=progress,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.arguments import ArgumentError
@@ -91,6 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
     """Compare, name, correct, judge, and write report and corrected model; or only prepare, or check."""
+    if arguments.cache is not None and Path(arguments.cache).is_file():
+        raise NotADirectoryError(f"--cache must name a folder, {arguments.cache} is a file")
     if arguments.prepare is not None:
         return prepare(arguments)
     if arguments.check:

@@ -646,8 +646,8 @@ def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turnin
     if per_turn < SAMPLES_PER_TURN <= np.median(held):
         file = (recordings[fewest].meta or {}).get("file")
         warnings.warn(
-            f"recordings[{fewest}]{f' ({file})' if file else ''} holds {per_turn} samples per input turn, most "
-            f"others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; leave "
+            f"recordings[{fewest}]{f' ({file})' if file else ''} holds {per_turn} samples per input turn, "
+            f"most others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; leave "
             "such recordings out, or train a second model on them",
             stacklevel=3,
         )

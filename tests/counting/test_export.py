@@ -238,7 +238,7 @@ def test_a_damaged_file_is_not_loaded(stored, suffix, damage):
         ('{"format": 2, "sha', "cannot be read as JSON"),
         ("[]", "is no card of a model: format, sha256"),
         ('{"format": 2}', "sha256, bytes, versions, .* missing or wrong"),
-        ('{"format": 2, "classes": [], "scores": 0.9}', "training, classes, scores, features missing or wrong"),
+        ('{"format": 2, "classes": [], "scores": 0.9}', "classes, scores, features missing or wrong"),
         ('{"format": 3}', "of format 3, but 2 can be read; update cyclofeat"),
     ],
 )

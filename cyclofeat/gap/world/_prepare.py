@@ -110,9 +110,17 @@ def _state(world: World, folder: Path) -> None:
         write_whole(file, lambda stream: stream.write(text.encode()), durable=True)
         return
     before, now = json.loads(file.read_text(encoding="utf-8")), json.loads(text)
-    different = [key for key in now if before.get(key) != now[key]]
-    if different:
-        raise ValueError(f"folder must be empty or hold the same world, got {folder} with other {different}")
+    if before == now:
+        return
+    if before.get("made_with") != now["made_with"]:
+        different = ["versions of code and libraries"]
+    else:
+        old, new = before.get("world", {}), now["world"]
+        different = [name for name in new if old.get(name) != new[name]] or ["summaries"]
+    raise ValueError(
+        f"folder must be empty or hold the same world, got {folder}, which was made with other "
+        f"{', '.join(different)}: name another folder, or remove this one"
+    )
 
 
 def _simulate_shard(world: World, folder: Path, shard: int) -> None:
