@@ -647,8 +647,8 @@ def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turnin
         file = (recordings[fewest].meta or {}).get("file")
         warnings.warn(
             f"recordings[{fewest}]{f' ({file})' if file else ''} holds {per_turn} samples per input turn, "
-            f"most others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; leave "
-            "such recordings out, or train a second model on them",
+            f"most others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; "
+            "leave such recordings out, or train a second model on them",
             stacklevel=3,
         )
     return per_turn
