@@ -189,10 +189,9 @@ def _without_noise(values: Float) -> Float | None:
     for sign in (1.0, -1.0):
         turned, falling = _without_falls(np.unwrap(sign * values, discont=_TURN_BEGINS))
         known = np.flatnonzero(~falling)
-        size, smooth = 1, False
-        while not smooth and _SMOOTHER * (size := 2 * size) * _SMOOTHER <= known.size:
-            smooth = bool(np.all(np.diff(_means(turned[known], size)) > 0))
-        if not smooth:
+        sizes = [2**k for k in range(1, known.size.bit_length()) if _SMOOTHER**2 * 2**k <= known.size]
+        size = next((size for size in sizes if np.all(np.diff(_means(turned[known], size)) > 0)), None)
+        if size is None:
             continue
         at, means = (_means(x, _SMOOTHER * size) for x in (known, turned[known]))
         line = np.asarray(PchipInterpolator(at, means, extrapolate=False)(place))
