@@ -85,6 +85,7 @@ sys.path[:0] = [
 RESULTS = {
     "counting": "Counting worn lobes: the whole table",
     "operating_points": "Counts at any speed and load",
+    "speed_search": "Speeds found in the torque alone",
     "sampling_rates": "Counts at low sampling rates, and the time of one",
     "disc_sizes": "Counts on discs with other numbers of lobes",
     "wear": "Depth and count of early radial wear",

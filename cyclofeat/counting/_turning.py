@@ -9,7 +9,7 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.orders import mean_speed, samples_at
-from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, follow_speed
+from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, SEARCHED_HZ, follow_speed, search_speed
 from cyclofeat.signal.windows import Float
 
 
@@ -45,7 +45,7 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     Raises
     ------
     ArgumentError
-        If the recording has neither an angle nor a nominal speed.
+        If the recording has neither an angle nor a nominal speed, and its torque allows none or several.
     """
     rate = recording.sampling_rate
     angle = recording.input_angle(n_lobes)
@@ -53,19 +53,18 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
         return Turning(angle, float(mean_speed(angle, rate)))
     stated = recording.input_speed_hz
     if stated is None:
-        raise ArgumentError(
-            "the recording has neither a tachometer's angle nor a speed: give {speed_rpm:=} (nominal speed "
-            "of the input in RPM)"
-        )
+        return _searched(recording, n_lobes)
     followed = follow_speed(recording.torque, rate, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
     if followed.evidence > 0:
-        speed = float(mean_speed(followed.angle, rate))
         doubt = ""
         if not followed.fits:
             doubt = f"its lines are not those of a disc at the stated {rpm}, but of another speed"
         return Turning(
-            followed.angle, speed, f"no tachometer: {60 * speed:.5g} RPM found in the torque", doubt
+            followed.angle,
+            followed.speed_hz,
+            f"no tachometer: {60 * followed.speed_hz:.5g} RPM found in the torque",
+            doubt,
         )
     return Turning(
         2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float),
@@ -73,4 +72,27 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
         f"no tachometer: taken to turn steadily at the stated {rpm}",
         f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
         f"{rpm}: its speed is not confirmed",
+    )
+
+
+def _searched(recording: Recording, n_lobes: int) -> Turning:
+    """Return how the shaft turned by the torque alone, if only one speed is possible."""
+    found = search_speed(recording.torque, recording.sampling_rate, n_lobes)
+    if len(found) == 1:
+        speed_hz = found[0].speed_hz
+        return Turning(
+            found[0].angle,
+            speed_hz,
+            f"neither tachometer nor stated speed: {60 * speed_hz:.5g} RPM found in the torque",
+        )
+    if found:
+        speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
+        torque = f"its torque allows {speeds} RPM"
+    else:
+        low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
+        torque = f"its torque shows none from {low} to {high} RPM"
+    raise ArgumentError(
+        "the recording has neither a tachometer's angle nor a speed, and {torque}: give {speed_rpm:=} "
+        "(nominal speed of the input in RPM)",
+        torque=torque,
     )

@@ -1,4 +1,4 @@
-"""Angle of the input shaft from the torque alone, around a stated speed."""
+"""Angle of the input shaft from the torque alone, around a stated speed or any."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
-from cyclofeat.signal.orders import resample_by_angle
+from cyclofeat.signal.orders import mean_speed, resample_by_angle
 from cyclofeat.signal.windows import Float
 
-__all__ = ["FOLLOWED_TOLERANCE", "FollowedSpeed", "follow_speed"]
+__all__ = ["FOLLOWED_TOLERANCE", "SEARCHED_HZ", "FollowedSpeed", "follow_speed", "search_speed"]
 
 #: Largest relative deviation from the stated speed that is followed. At 1/16 below it, the lines of the input
 #: shaft would be taken for those of the lobes.
 FOLLOWED_TOLERANCE = 0.055
+#: Lowest and highest speed, in turns per second, that is searched where none is stated.
+SEARCHED_HZ = (100 / 60, 1500 / 60)
 
 # Lobe lines that are followed: below them the load drifts, and a low rate holds fewer, but at least those of
 # the mesh. Lines of the shaft of a sound disc are even, as its wheels are half a turn apart.
@@ -32,6 +34,10 @@ _DENSE = 230
 # Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
 # the shaft's lines (in orders) at which those are not seen any more.
 _PRESENT, _ABSENT, _APART = 0.6, -0.2, 0.11
+# Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
+# next start; relative difference of speeds that are the same; evidence below which none is taken; share of
+# the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
+_SEARCHED_TURNS, _OVERLAPPING, _SAME, _LEAST, _POSSIBLE, _MORE = 2.0, 0.8, 0.01, 0.15, 0.5, 1.5
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,8 @@ class FollowedSpeed:
     ----------
     angle : ndarray, shape (n,)
         In rad at the samples, from 0 on.
+    speed_hz : float
+        Mean speed in turns per second.
     evidence : float
         Logarithm of how much more probable the lines are at this speed than noise, per input turn. Below 0
         the torque holds no lines that could be followed.
@@ -85,6 +93,7 @@ class FollowedSpeed:
     """
 
     angle: Float
+    speed_hz: float
     evidence: float
     fits: bool
 
@@ -141,16 +150,85 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
         )
     lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
-    found = _followed(thinned, rate, nominal_hz, lines)
+    kept, evidence, fits = _followed(thinned, rate, nominal_hz, lines)
     step = sampling_rate / rate
     # To the last samples, behind the last of those that were kept, the shaft turns on.
-    marks = np.append(found.angle, 2 * found.angle[-1] - found.angle[-2])
+    marks = np.append(kept, 2 * kept[-1] - kept[-2])
     angle = np.interp(np.arange(torque.size), step * np.arange(marks.size), marks)
-    return FollowedSpeed(angle, found.evidence, found.fits)
+    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits)
 
 
-def _followed(torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines) -> FollowedSpeed:
-    """Follow the speed at the samples of a record that are not more than needed."""
+def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
+    """Follow the input shaft at the speeds from 100 to 1,500 RPM that the torque allows.
+
+    :func:`follow_speed` starts at speeds whose tolerances overlap, in the middle of the record. Of those
+    where the lines are those of a disc (``fits``), the one with the most evidence is meant. Others with at
+    least half as much are possible too: those that fit, and 8/15 of that speed, where the even lines of a
+    sound disc's shaft would be taken for the lobe lines of a worn one.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (n,)
+        In Nm, or any unit proportional to it.
+    sampling_rate : float
+        In Hz.
+    n_lobes : int, default=15
+
+    Returns
+    -------
+    list of FollowedSpeed
+        The most probable first; empty where no speed fits at which the record holds an output turn and the
+        sampling rate the first line of the mesh.
+
+    Examples
+    --------
+    >>> time = np.arange(40_000) / 10_000
+    >>> turned = 2 * np.pi * 437 / 60 * time
+    >>> torque = sum(np.cos(16 / 15 * k * turned) for k in range(3, 40))
+    >>> torque = torque + np.random.default_rng(0).normal(size=time.size)
+    >>> [round(60 * found.speed_hz, 1) for found in search_speed(torque, 10_000)]
+    [437.0]
+    """
+    duration, tolerance = torque.size / sampling_rate, FOLLOWED_TOLERANCE
+    mesh = highest_frequency(1.0, n_lobes, min(n_lobes, _LAST_LOBE_LINE), tolerance)
+    # What is found may lie by the tolerance below the lowest start and above the highest.
+    fewest_turns = max(n_lobes * (1 - tolerance), _COARSE.turns) / (1 - tolerance)
+    lowest = max(SEARCHED_HZ[0], fewest_turns / duration)
+    highest = min(SEARCHED_HZ[1], sampling_rate / 2 / mesh / (1 + tolerance))
+    if lowest > highest:
+        return []
+    near = _OVERLAPPING * tolerance
+    n_steps = math.ceil(math.log(highest / lowest) / math.log((1 + near) / (1 - near)))
+    started = np.geomspace(lowest, highest, n_steps + 1)
+
+    def middle(nominal: float) -> Float:
+        length = min(torque.size, round(_SEARCHED_TURNS * n_lobes / nominal * sampling_rate))
+        first = (torque.size - length) // 2
+        return torque[first : first + length]
+
+    followed = [follow_speed(middle(at), sampling_rate, at, n_lobes) for at in started.tolist()]
+    clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
+    best = next((one for one in clear if one.fits), None)
+    if best is None or clear[0].evidence > _MORE * best.evidence:
+        return []
+    if_sound = best.speed_hz * (n_lobes + 1) / (2 * n_lobes)
+    possible = [best]
+    for one in clear:
+        new = not any(_same(one.speed_hz, other.speed_hz) for other in possible)
+        likely = one.evidence >= _POSSIBLE * best.evidence
+        if new and likely and (one.fits or _same(one.speed_hz, if_sound)):
+            possible.append(one)
+    return [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
+
+
+def _same(speed: float, other: float) -> bool:
+    return abs(speed / other - 1) <= _SAME
+
+
+def _followed(
+    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines
+) -> tuple[Float, float, bool]:
+    """Return angle, evidence and fit at the samples of a record that are not more than needed."""
     turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
@@ -171,7 +249,7 @@ def _followed(torque: Float, sampling_rate: float, nominal_hz: float, lines: _Li
         factors = smooth(np.clip(at_turn, low, high))
         angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
     fits = evidence > 0 and _fits(torque, sampling_rate, angle, lines)
-    return FollowedSpeed(angle, evidence, fits)
+    return angle, evidence, fits
 
 
 def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> bool:

@@ -12,6 +12,7 @@ from cyclofeat.datasets.readers._labels import WORN, samples_name
 from cyclofeat.datasets.readers._speed import speed_by_lines
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording
 from cyclofeat.signal.faults import clipped, dropped
+from cyclofeat.signal.speed import search_speed
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
@@ -51,7 +52,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     Notes
     -----
     Lobe lines give the speed within 5 % of the nominal one, if they stand 3 dB out of their surroundings on
-    average. A constant record has neither clipped samples nor dropouts.
+    average; where none is stated, the only one that :func:`cyclofeat.signal.speed.search_speed` finds. A
+    constant record has neither clipped samples nor dropouts.
 
     Examples
     --------
@@ -100,9 +102,14 @@ def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | No
     """Return the input speed in turns per second, and its source."""
     by_angle = recording.mean_input_speed(reduction)
     nominal = recording.input_speed_hz
-    if by_angle is not None or nominal is None:
-        return by_angle, None if by_angle is None else "angle"
-    by_lines = speed_by_lines(recording.torque, recording.sampling_rate, nominal, reduction)
+    if by_angle is not None:
+        return by_angle, "angle"
+    torque, rate = recording.torque, recording.sampling_rate
+    if nominal is None:
+        found = search_speed(torque, rate, reduction)
+        by_lines = found[0].speed_hz if len(found) == 1 else None
+    else:
+        by_lines = speed_by_lines(torque, rate, nominal, reduction)
     return by_lines, None if by_lines is None else "lobe lines"
 
 

@@ -598,9 +598,9 @@ def other_rate(folder):
 
 
 def no_speed(folder):
-    recording = read_recording(folder / "worn.csv").replace(
-        angle=None, angle_is_absolute=False, speed_rpm=None
-    )
+    recording = read_recording(folder / "worn.csv")
+    torque = 22 + np.random.default_rng(0).normal(size=recording.n_samples)
+    recording = recording.replace(torque=torque, angle=None, angle_is_absolute=False, speed_rpm=None)
     write_recording(folder / "no_speed.npz", recording)
     return ["count", folder / "no_speed.npz"]
 
@@ -615,7 +615,7 @@ def no_speed(folder):
         (constant, "constant"),
         (too_short, "short"),
         (other_rate, "sampling_rate must be at least .* 1000 Hz"),
-        (no_speed, "neither a tachometer's angle nor a speed: give --speed"),
+        (no_speed, "nor a speed, and its torque .* RPM: give --speed"),
     ],
 )
 def test_bad_recordings(capsys, folder, make, message):

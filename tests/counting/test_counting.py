@@ -376,9 +376,17 @@ def test_a_spoiled_window_is_left_out(model, surrogates):
     )
 
 
+def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
+    worn = next(one for one in surrogates if one.defect_count == 5)
+    blind = worn.replace(angle=None, angle_is_absolute=False)
+    stated, searched = (model.count(blind.replace(speed_rpm=speed)) for speed in (worn.speed_rpm, None))
+    assert (searched.defect_count, searched.refused) == (stated.defect_count, stated.refused)
+    assert searched.warnings[0].startswith("neither tachometer nor stated speed: ")
+
+
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     recording = surrogates[0]
-    with pytest.raises(ValueError, match="neither a tachometer's angle nor a speed: give speed_rpm="):
+    with pytest.raises(ValueError, match="nor a speed, and its torque .* RPM: give speed_rpm="):
         model.count(recording.replace(speed_rpm=None, angle=None, angle_is_absolute=False))
     with pytest.raises(ValueError, match="quantity of the recording is input_torque"):
         model.count(recording.replace(quantity="input_torque"))

@@ -163,7 +163,7 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
 
 
 def test_a_long_recording_is_described_with_little_memory():
-    torque = np.random.default_rng(0).normal(size=400_000)
+    torque = np.random.default_rng(0).normal(size=4_000_000)
     torque.flags.writeable = False
     recording = Recording(torque, 25_600)
     describe(recording)  # its imports

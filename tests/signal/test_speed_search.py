@@ -1,0 +1,57 @@
+"""The speed of the input shaft in the torque alone, where none is stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cyclofeat.signal.speed import search_speed
+
+RATE = 4_000.0
+
+
+def torque(rpm: float, seconds: float, worn: bool = True, seed: int = 0, noise: float = 1.0) -> np.ndarray:
+    """Lobe lines of a worn disc, or mesh and even shaft lines of a sound one, in noise and drift."""
+    random = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    turns = rpm / 60 * time
+    orders = 16 / 15 * np.arange(3, 40) if worn else np.r_[16.0, 32.0, 2.0 * np.arange(2, 15)]
+    phases = random.uniform(0, 2 * np.pi, orders.size)
+    lines = np.cos(2 * np.pi * orders * turns[:, None] + phases).sum(axis=1)
+    drift = 5 * np.sin(2 * np.pi * 0.3 * time)
+    return np.asarray(22 + lines + drift + noise * random.normal(size=time.size))
+
+
+@pytest.mark.parametrize("rpm", [104.0, 173.0, 437.0, 980.0, 1490.0])
+def test_the_speed_of_a_worn_disc_is_found(rpm):
+    (found,) = search_speed(torque(rpm, 16 * 60 / rpm), RATE)
+    assert 60 * found.speed_hz == pytest.approx(rpm, rel=2e-4)
+    turned = 2 * np.pi * rpm / 60 * (found.angle.size - 1) / RATE
+    assert found.angle[-1] == pytest.approx(turned, rel=2e-4)
+
+
+@pytest.mark.parametrize("rpm", [240.0, 330.0, 500.0, 760.0])
+def test_a_sound_disc_is_not_taken_for_a_worn_one_at_another_speed(rpm):
+    found = [60 * one.speed_hz for one in search_speed(torque(rpm, 40 * 60 / rpm, worn=False), RATE)]
+    assert found == [] or any(speed == pytest.approx(rpm, rel=2e-3) for speed in found)
+
+
+def test_a_wandering_speed_is_found():
+    time = np.arange(round(6 * RATE)) / RATE
+    turns = 7 * time + 7 * 0.02 / (2 * np.pi * 0.2) * (1 - np.cos(2 * np.pi * 0.2 * time))
+    lines = np.cos(2 * np.pi * 16 / 15 * np.outer(turns, np.arange(3, 40))).sum(axis=1)
+    found, *_ = search_speed(lines + np.random.default_rng(1).normal(size=time.size), RATE)
+    np.testing.assert_allclose(found.angle - found.angle[0], 2 * np.pi * (turns - turns[0]), atol=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_in_noise_and_hum(seed):
+    time = np.arange(round(4 * RATE)) / RATE
+    random = np.random.default_rng(seed)
+    assert search_speed(random.normal(size=time.size) + np.sin(2 * np.pi * 50 * time), RATE) == []
+
+
+def test_speeds_that_the_record_cannot_hold_are_not_tried():
+    assert search_speed(torque(437, 16 * 60 / 437)[:400], RATE) == []  # 0.1 s: no output turn at 1,500 RPM
+    assert search_speed(torque(437, 16 * 60 / 437)[::200], RATE / 200) == []  # 20 Hz: no mesh at 100 RPM
+    assert search_speed(np.full(20_000, 22.0), RATE) == []
