@@ -117,7 +117,11 @@ def test_what_else_would_spoil_a_count():
     ]
     short = describe(Recording(geared(n=30_000), RATE, speed_rpm=500))
     assert warned(short, "0.65 output turns, a count needs one")
-    assert warned(describe(Recording(geared(), RATE)), "no speed is stated")
+    unknown = describe(Recording(np.random.default_rng(0).normal(22, 1, N), RATE))
+    assert warned(unknown, "no speed is stated")
+    searched = describe(Recording(geared(), RATE))
+    assert searched["speed_measured_rpm"] == pytest.approx(500, 1e-3)
+    assert searched["speed_from"] == "lobe lines"
     slow = describe(Recording(geared()[::40], RATE / 40, speed_rpm=500))
     assert warned(slow, "640 Hz are too few for all lobe lines of a count, which need 1067 Hz")
     meta = {"unit_assumed": True, "angle_unit_assumed": True, "time_jitter": 0.2}
