@@ -114,7 +114,7 @@ bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmark
 	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
 
 # aeon pins libraries older than ours: an environment of its own.
-bench-counting: $(INSTALLED)  ## the counters beside their goals and peers; writes benchmarks/counting.md
+bench-counting: $(INSTALLED)  ## the counter beside its goals and other methods; writes benchmarks/counting.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,report]'
 	@test -d build/counting/venv/lib/python*/site-packages/aeon || \
 		{ $(BIN)/python -m venv build/counting/venv && build/counting/venv/bin/pip install -q aeon; }
@@ -125,6 +125,11 @@ bench-spoiled: $(INSTALLED)  ## what becomes of spoiled recordings; writes bench
 
 bench-wear: $(INSTALLED)  ## count and depth of early radial wear; writes benchmarks/wear.md
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.wear
+
+TABLES = bench-operating-points bench-disc-sizes bench-speed-search bench-sampling-rates
+.PHONY: $(TABLES)
+$(TABLES): bench-%: $(INSTALLED)
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.$(subst -,_,$*)
 
 COMMITS ?= HEAD^!
 bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.2.0..HEAD); writes build/asv/html

@@ -83,7 +83,7 @@ sys.path[:0] = [
 
 # Tables that the benchmarks write, as pages of their own.
 RESULTS = {
-    "counting": "Counting worn lobes: the whole table",
+    "counting": "Counts of one window, beside other methods",
     "operating_points": "Counts at any speed and load",
     "speed_search": "Speeds found in the torque alone",
     "sampling_rates": "Counts at low sampling rates, and the time of one",

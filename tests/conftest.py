@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ import pytest
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.gap import Comparison, LocatedGap, locate
 from cyclofeat.simulators import BrakeRotor, CycloidalGearbox, Hum, Noise, Rig, simulate, simulate_many
+
+sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are no part of the package
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from benchmarks.counting._data import N_LOBES, Windows
+from benchmarks.counting._data import N_LOBES
 from cyclofeat.signal import lobes
 
 Complex = NDArray[np.complex128]
@@ -32,17 +32,17 @@ class Twins:
     covariance taken from the mean over the cells. Another distribution or other lines could do better.
     """
 
-    def fit(self, lines: Complex, windows: Windows) -> Self:
-        mesh = lobes.shift(lines, windows.passage)[windows.y > 0, N_LOBES - 1].sum()
+    def fit(self, lines: Complex, y: Any, wheels: Any, worn: Any, passage: Float) -> Self:
+        mesh = lobes.shift(lines, passage)[y > 0, N_LOBES - 1].sum()
         self.phase_ = float(np.angle(mesh) / (2 * np.pi))
         begins = self._begins(lines)
-        first = np.argmax(windows.worn & ~np.roll(windows.worn, 1, axis=1), axis=1)
-        slots = np.round((windows.passage - begins) * N_LOBES) + first
+        first = np.argmax(worn & ~np.roll(worn, 1, axis=1), axis=1)
+        slots = np.round((passage - begins) * N_LOBES) + first
         posed = lobes.shift(lines, begins + slots / N_LOBES)
-        cells = sorted(set(zip(windows.y.tolist(), windows.wheels.tolist(), strict=True)))
+        cells = sorted(set(zip(y.tolist(), wheels.tolist(), strict=True)))
         points = {}
         for cell in cells:
-            own = posed[(windows.y == cell[0]) & (windows.wheels == cell[1])]
+            own = posed[(y == cell[0]) & (wheels == cell[1])]
             if cell[0] == 0:
                 # a healthy disc has no first worn lobe
                 own = np.concatenate(
@@ -59,7 +59,7 @@ class Twins:
             root = np.linalg.cholesky(found + _RIDGE * np.eye(len(found)))
             mean = (points[cell] / self.scale_).mean(axis=0)
             self.laws_[cell] = mean, np.linalg.inv(root), float(np.log(np.diag(root)).sum())
-        self.classes_ = np.unique(windows.y)
+        self.classes_ = np.unique(y)
         return self
 
     def predict(self, lines: Complex) -> NDArray[np.int64]:

@@ -3,94 +3,103 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.model_selection import StratifiedGroupKFold
+from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
-from benchmarks.counting import _designs as designs
-from benchmarks.counting._rows import default_trees, shares
-from benchmarks.counting._work import JUDGED_NOISE, Work
-from cyclofeat.counting import aligned_proba, combine_proba
+from benchmarks._markdown import wilson
+from benchmarks.counting._data import N_COUNTS, N_LOBES, RATES, SOLVER
+from cyclofeat.counting import combine_proba, make_lobe_counter
+from cyclofeat.datasets import rig_preset
+from cyclofeat.simulators import LobeDefects
+from cyclofeat.simulators.many import run_planned
 
 Float = NDArray[np.float64]
 
+DEPTHS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 NOISES = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
 TURNS = (1, 2, 4)
-COLUMNS = ("rig", "depth", "noise_nm", "turns", "worn", "assemblies", "right")
+_RATE, _TURN_S = RATES["output_torque"], 1.8
+_SEED = 10
 
 
-def detection(work: Work, noise: float) -> dict[str, Any]:
-    """Rows of the plan's table and points of the curves at one noise.
+def detection(n_per_count: int) -> dict[str, Any]:
+    """Return the rows of the plan's table and the points of the curves.
 
-    One counter serves all depths, because the depth of the wear is unknown in use; folds are by assembly.
+    One counter for each noise serves all depths, because the depth of the wear is unknown in use.
     """
-
-    def run() -> dict[str, Any]:
-        X, y, member, depths, number = [], [], [], [], []
-        for depth, design in (designs.DEPTHS | {1.0: designs.EIGHT}).items():
-            F, windows = work.features(design, noise, JUDGED_NOISE, n_windows=max(TURNS))
-            X.append(F)
-            y.append(windows.y)
-            # The designs share seeds of assemblies and of noise: an assembly of one depth has twins at the
-            # other depths, in the same place, which must be on the same side of a fold.
-            member.append(windows.assembly)
-            depths.append(np.full(len(windows.y), depth))
-            number.append(windows.number)
-        data, counts, members = np.concatenate(X), np.concatenate(y), np.concatenate(member)
-        deep, order = np.concatenate(depths), np.concatenate(number)
-        classes = np.unique(counts)
-        proba = np.zeros((len(counts), classes.size))
-        for train, test in StratifiedGroupKFold(5, shuffle=True, random_state=0).split(data, counts, members):
-            fitted = default_trees().fit(data[train], counts[train])
-            proba[test] = aligned_proba(fitted, data[test], classes)
-        return _summary(proba, counts, members, deep, order)
-
-    return work.kept(f"detection-{noise:g}", run)
-
-
-def _summary(proba: Float, counts: Any, members: Any, deep: Float, order: Any) -> dict[str, Any]:
-    rows, points = [], []
-    assert order.max() < 100
-    for turns in TURNS:
-        # blocks of consecutive windows: each is one recording
-        at_depth = np.unique(deep, return_inverse=True)[1]
-        named = (at_depth * 10_000 + members) * 100 + order // turns
-        _, block = np.unique(named, return_inverse=True)
-        combined = combine_proba(proba, block, 0.0)
-        first = np.unique(block, return_index=True)[1]
-        truth, member, depth = counts[first], members[first], deep[first]
-        for value in np.unique(depth):
-            at = depth == value
-            found = shares((np.argmax(combined[at], axis=1) == truth[at]).astype(float), member[at])
-            points.append({"depth": float(value), "turns": turns} | found)
-            for n in range(int(truth.max())):
-                pair = at & ((truth == n) | (truth == n + 1))
-                right = (combined[pair, n + 1] > combined[pair, n]) == (truth[pair] == n + 1)
-                names, which = np.unique(member[pair], return_inverse=True)
-                by_assembly = np.bincount(which, weights=right) / np.bincount(which)
-                rows.append([float(value), turns, n, int(names.size), round(float(by_assembly.sum()), 4)])
-    return {"rows": rows, "points": points}
+    clean = np.stack([_torque(depth, n_per_count) for depth in DEPTHS])
+    counts = np.arange(clean.shape[1]) % N_COUNTS
+    rows: list[list[Any]] = []
+    points: list[list[float]] = []
+    for noise in NOISES:
+        proba = _held_out(clean, counts, noise)
+        for depth, of_depth in zip(DEPTHS, proba, strict=True):
+            for turns in TURNS:
+                # Blocks of consecutive windows: each is one recording.
+                block = np.arange(of_depth.shape[0] * max(TURNS)) // turns
+                together = combine_proba(of_depth.reshape(-1, N_COUNTS), block, 0.0)
+                recordings = together.reshape(len(counts), -1, N_COUNTS)
+                # An assembly that gave several recordings counts by their share.
+                right = (recordings.argmax(axis=2) == counts[:, np.newaxis]).mean(axis=1)
+                low, high = wilson(round(right.sum()), right.size)
+                points.append([noise, turns, depth, right.mean(), low, high])
+                for n in range(N_COUNTS - 1):
+                    pair = (counts == n) | (counts == n + 1)
+                    more = recordings[pair, :, n + 1] > recordings[pair, :, n]
+                    told = (more == (counts[pair] == n + 1)[:, np.newaxis]).mean(axis=1)
+                    rows.append([noise, turns, depth, n, told.size, round(told.sum(), 4)])
+    return {"rows": sorted(rows), "points": points}
 
 
-def done(work: Work) -> list[float]:
-    """Return the noises whose trials exist."""
-    return [noise for noise in NOISES if work.found(f"detection-{noise:g}") is not None]
+def _torque(depth: float, n_per_count: int) -> NDArray[np.float32]:
+    """Return windows without noise, shape (n_assemblies, max(TURNS), n_samples).
+
+    Assemblies of one number are twins at all depths: same pins, same worn lobes.
+    """
+    rig = rig_preset("R1").without("noise")
+    plans = []
+    for index in range(n_per_count * N_COUNTS):
+        worn = LobeDefects.drawn(
+            index % N_COUNTS, N_LOBES, np.random.default_rng([_SEED, index]), depth=depth
+        )
+        plans.append(rig.plan_run(
+            worn, duration=max(TURNS) * _TURN_S, sampling_rate=_RATE, random_state=rig.seed_of(_SEED, index),
+            solver=SOLVER, torque_in=False, motion=False,
+        ))  # fmt: skip
+    torque = [run.record().torque_out.astype(np.float32) for run in run_planned(plans)]
+    return np.stack(torque).reshape(len(plans), max(TURNS), -1)
 
 
-def write_table(work: Work, path: Path) -> None:
-    """Return the plan's table from the stored results."""
+def _held_out(clean: NDArray[np.float32], counts: NDArray[np.int64], noise: float) -> Float:
+    """Return probabilities of the counts of assemblies held out, shape (*clean.shape[:3], N_COUNTS)."""
+    lobe_map, trees = make_lobe_counter(_RATE)
+    random = np.random.default_rng(_SEED)
+    # Twins have the same noise too.
+    white = noise * random.standard_normal(clean.shape[1:], dtype=np.float32)
+    X = np.concatenate(
+        [lobe_map.fit_transform((one + white).reshape(-1, clean.shape[-1]).astype(float)) for one in clean]
+    )
+    assembly = np.tile(np.repeat(np.arange(len(counts)), max(TURNS)), len(clean))
+    folds = StratifiedGroupKFold(5, shuffle=True, random_state=0)
+    proba = cross_val_predict(trees, X, counts[assembly], groups=assembly, cv=folds, method="predict_proba")
+    return np.asarray(proba.reshape(*clean.shape[:3], N_COUNTS))
+
+
+def write_table(found: Mapping[str, Any], path: Path) -> None:
+    """Write the table that plans are made from."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for noise in done(work):
-            for depth, turns, worn, assemblies, right in detection(work, noise)["rows"]:
-                writer.writerow(["R1", f"{depth:g}", f"{noise:g}", turns, worn, assemblies, f"{right:g}"])
+        writer.writerow(["rig", "depth", "noise_nm", "turns", "worn", "assemblies", "right"])
+        for noise, turns, depth, worn, assemblies, right in found["rows"]:
+            writer.writerow(["R1", f"{depth:g}", f"{noise:g}", turns, worn, assemblies, f"{right:g}"])
 
 
-def draw(work: Work, path: Path) -> None:
+def draw(found: Mapping[str, Any], path: Path) -> None:
     """Plot exact counts against depth, one panel per number of output turns, one line per noise."""
     import matplotlib
 
@@ -100,15 +109,14 @@ def draw(work: Work, path: Path) -> None:
     figure, panels = plt.subplots(1, len(TURNS), figsize=(10, 3.6), sharey=True, layout="constrained")
     colours = plt.get_cmap("viridis")(np.linspace(0, 0.9, len(NOISES)))
     for panel, turns in zip(panels, TURNS, strict=True):
-        for noise, colour in zip(done(work), colours, strict=False):
-            points = [p for p in detection(work, noise)["points"] if p["turns"] == turns]
-            depth, value = [p["depth"] for p in points], [p["value"] for p in points]
-            low, high = zip(*(p["interval"] for p in points), strict=True)
+        for noise, colour in zip(NOISES, colours, strict=True):
+            at = np.array([point[2:] for point in found["points"] if point[:2] == [noise, turns]])
+            depth, value, low, high = at.T
             panel.plot(depth, value, marker="o", ms=3, color=colour, label=f"{noise:g} Nm")
             panel.fill_between(depth, low, high, color=colour, alpha=0.12, lw=0)
-        panel.axhline(1 / 8, color="0.5", lw=0.8, ls=":")
+        panel.axhline(1 / N_COUNTS, color="0.5", lw=0.8, ls=":")
         panel.set(
-            title=f"{turns} output turn{'s' if turns > 1 else ''} ({turns * 1.8:g} s)", xlim=(0.05, 1.02)
+            title=f"{turns} output turn{'s' if turns > 1 else ''} ({turns * _TURN_S:g} s)", xlim=(0.05, 1.02)
         )
         panel.set_xlabel("depth of the wear (share of the lobe's width)")
     panels[0].set(ylabel="share of exact counts", ylim=(0, 1.02))

@@ -1,9 +1,9 @@
-"""What becomes of spoiled recordings: counted right, refused, or counted wrong.
+"""What becomes of spoiled recordings of each quantity: counted right, refused, or counted wrong.
 
-    python -m benchmarks.spoiled                 # some minutes on two cores; writes benchmarks/spoiled.md
-    python -m benchmarks.spoiled --model mine.skops --out mine.md
+    python -m benchmarks.spoiled                 # writes benchmarks/spoiled.md
+    python -m benchmarks.spoiled --model mine.skops --out mine.md    # of the model's quantity
 
-The default model and the recordings are made once and stored in ``--folder``.
+The default models and the recordings are made once and stored in ``--folder``.
 """
 
 from __future__ import annotations
@@ -14,75 +14,102 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from benchmarks._markdown import table
-from benchmarks.spoiled._kind import KINDS, NOISE_NM, Base
+from benchmarks.spoiled._kind import KINDS, LOAD_NM, NOISE_NM
 from benchmarks.spoiled._run import (
+    MISTAKEN,
     OUTCOMES,
     REFUSED,
     SPEEDS_RPM,
     SURE,
     UNSPOILED,
     WRONG,
+    Found,
     all_outcomes,
     bases,
     model,
 )
+from cyclofeat.models import load_model
 
 _GOALS = {"spoiled": {WRONG: 0.02, SURE: 0.003}, "unspoiled": {REFUSED: 0.03}}
 
 
-def page(found: Mapping[tuple[str, float], Counter[str]]) -> str:
-    """Return the page."""
-    clean = found[UNSPOILED.name, 0.0]
-    spoiled = sum(found.values(), Counter()) - clean
-    n_bases = (spoiled.total() - spoiled[SURE]) // sum(len(kind.strengths) for kind in KINDS.values())
-    speeds = ", ".join(f"{speed:g}" for speed in SPEEDS_RPM)
+def page(found: Mapping[str, Found]) -> str:
+    """Return the page on what was found of each quantity."""
+    speeds = " and ".join(f"{speed:g}" for speed in SPEEDS_RPM)
+    totals = []
+    for quantity, cells in found.items():
+        clean = cells[UNSPOILED.name, 0.0]
+        spoiled = sum(cells.values(), Counter()) - clean
+        totals += [_totals(quantity, "spoiled", spoiled), _totals(quantity, "unspoiled", clean)]
+    n_bases = _total(spoiled) // sum(len(kind.strengths) for kind in KINDS.values())
+    words = [quantity.replace("_", " ") for quantity in found]
     lines = [
         "# Spoiled recordings",
         "",
-        f"Made by `python -m benchmarks.spoiled`: {n_bases} **simulated** recordings of rig R2 with 0 to 7",
-        f"worn lobes, of three output turns at {speeds} RPM with {NOISE_NM:g} Nm of noise, every second",
-        f"one without a tachometer, spoiled in {len(KINDS)} ways in three strengths each, and counted by the",
-        "default model.",
+        "Made by `python -m benchmarks.spoiled`: **simulated** recordings of rig R2 with 0 to 7 worn lobes,",
+        f"of three output turns at {speeds} RPM and {LOAD_NM:g} Nm with {NOISE_NM:g} Nm of noise, every",
+        f"second one without a tachometer, spoiled in {len(KINDS)} ways in three strengths each, and counted",
+        "by the default model of their quantity. Each kind spoils",
+        f"{n_bases} of the {_total(clean)} recordings of a quantity.",
         "",
-        table(["", *OUTCOMES, "goals"], [_totals("spoiled", spoiled), _totals("unspoiled", clean)]),
-        "Below, each cell holds the numbers of recordings that were counted right, refused, counted wrong",
-        "and not refused, and of the latter those with a probability above 0.9.",
+        f"Strengths in Nm, and the noise, are those of an output torque with a mean of {LOAD_NM:g} Nm. Every",
+        "recording has them as the same share of its own mean: 1 Nm is about 1/15 Nm at the input, and that",
+        "divided by the motor's torque constant in its current.",
         "",
-    ]
+        table(["", *OUTCOMES, "goals"], totals),
+        f"Below, each cell holds for the {len(OUTCOMES) - 1} strengths the numbers of recordings that were",
+        "counted right / refused / counted wrong and not refused / of the latter those with a probability",
+        "above 0.9.",
+        "",
+    ]  # fmt: skip
     rows = []
     for kind in KINDS.values():
-        cells = [_cell(found[kind.name, strength]) for strength in kind.strengths]
         strengths = ", ".join(f"{strength:.4g}" for strength in kind.strengths)
-        rows.append([f"{kind.name}: {kind.text}", strengths, *cells])
-    return "\n".join(lines) + "\n" + table(["kind", "strengths", "weak", "medium", "strong"], rows)
+        of_quantities = [
+            ", ".join(_cell(cells[kind.name, strength]) for strength in kind.strengths)
+            for cells in found.values()
+        ]
+        rows.append([f"{kind.name}: {kind.text}", strengths, *of_quantities])
+    return "\n".join(lines) + "\n" + table(["kind", "strengths", *words], rows)
 
 
 def _cell(found: Counter[str]) -> str:
-    return " / ".join(str(found[name]) for name in OUTCOMES)
+    return "/".join(str(found[name]) for name in OUTCOMES)
 
 
-def _totals(name: str, found: Counter[str]) -> list[str]:
-    total = sum(found.values()) - found[SURE]
+def _total(found: Counter[str]) -> int:
+    # A surely wrong one counts as wrong too.
+    return found.total() - found[SURE]
+
+
+def _totals(quantity: str, name: str, found: Counter[str]) -> list[str]:
+    total = _total(found)
     cells = [f"{found[outcome] / total:.1%}" for outcome in OUTCOMES]
     goals = [
         f"{outcome} <= {goal:.1%}{'' if found[outcome] <= goal * total else ' (missed)'}"
         for outcome, goal in _GOALS[name].items()
     ]
-    return [f"{name} ({total})", *cells, "; ".join(goals)]
+    return [f"{quantity.replace('_', ' ')}, {name} ({total})", *cells, "; ".join(goals)]
 
 
 def main() -> None:
     """Count all, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/spoiled.md"), help="file to write")
-    parser.add_argument("--folder", type=Path, default=Path("build/spoiled"), help="model and recordings")
-    parser.add_argument("--model", type=Path, help="model file (default: that of cyclofeat train)")
+    parser.add_argument("--folder", type=Path, default=Path("build/spoiled"), help="models and recordings")
+    parser.add_argument("--model", type=Path, help="model file (default: those of cyclofeat train)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    counter = model(arguments.folder, arguments.model)
-    starts: list[Base] = bases(arguments.folder, arguments.jobs)
-    found = all_outcomes(counter, starts, arguments.jobs)
+    if arguments.model:
+        mine = load_model(arguments.model)
+        counters = {mine.card["quantity"]: mine}
+    else:
+        counters = {quantity: model(arguments.folder, quantity) for quantity in MISTAKEN}
+    found = {
+        quantity: all_outcomes(counter, bases(arguments.folder, quantity, arguments.jobs), arguments.jobs)
+        for quantity, counter in counters.items()
+    }
     text = page(found)
     arguments.out.write_text(text, encoding="utf-8")
     print("\n".join(line for line in text.splitlines() if "spoiled (" in line))

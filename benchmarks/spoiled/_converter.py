@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from benchmarks.spoiled._kind import Base, blocks, kind
+from benchmarks.spoiled._kind import Base, added, blocks, kind
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.windows import Float
 
@@ -115,7 +115,7 @@ def dead_sensor(base: Base, strength: float, random: np.random.Generator) -> Rec
     torque = base.recording.torque.copy()
     start = int(random.uniform(0, 1 - strength) * torque.size)
     dead = slice(start, start + int(strength * torque.size))
-    torque[dead] = random.normal(0, 0.02, torque[dead].size)
+    torque[dead] = base.per_nm * random.normal(0, 0.02, torque[dead].size)
     return _changed(base.recording, torque)
 
 
@@ -170,15 +170,13 @@ def offset_jumps(base: Base, strength: float, random: np.random.Generator) -> Re
     """The zero jumps once in a second on average, by so many Nm (standard deviation)."""
     n, rate = base.recording.n_samples, base.recording.sampling_rate
     jumps = (random.random(n) < 1 / rate) * random.normal(0, strength, n)
-    return _changed(base.recording, base.recording.torque + np.cumsum(jumps))
+    return added(base, np.cumsum(jumps))
 
 
 @kind(3, 12, 50)
 def drift(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The zero drifts evenly by so many Nm over the record."""
-    return _changed(
-        base.recording, base.recording.torque + np.linspace(0, strength, base.recording.n_samples)
-    )
+    return added(base, np.linspace(0, strength, base.recording.n_samples))
 
 
 @kind(0.8, 0.5, 0.2)
@@ -194,7 +192,7 @@ def spikes(base: Base, strength: float, random: np.random.Generator) -> Recordin
     """Single samples, 20 a second on average, are off by so many Nm to either side."""
     recording = base.recording
     hit = random.random(recording.n_samples) < 20 / recording.sampling_rate
-    return _changed(recording, recording.torque + strength * hit * random.choice([-1, 1], hit.size))
+    return added(base, strength * hit * random.choice([-1, 1], hit.size))
 
 
 @kind(100, 50, 20)

@@ -11,6 +11,8 @@ import numpy as np
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.windows import Float
 
+# Strengths in Nm are those of an output torque with this load; of other quantities, as much of the mean.
+LOAD_NM = 22.0
 NOISE_NM = 0.2
 
 
@@ -21,19 +23,24 @@ class Base:
     Attributes
     ----------
     silent : Recording
-        Output torque without the sensor's noise, with the absolute angle of the input, labelled.
+        One quantity without the sensor's noise, with the absolute angle of the input, labelled.
     recording : Recording
         The same with the noise.
     other : Recording
         As ``recording``, of another machine at the same speed, whose disc has another number of worn lobes.
-    input_torque : Recording
-        As ``recording``, of the input shaft's torque.
+    other_quantity : Recording
+        As ``silent``, of another quantity.
     """
 
     silent: Recording
     recording: Recording
     other: Recording
-    input_torque: Recording
+    other_quantity: Recording
+
+    @property
+    def per_nm(self) -> float:
+        """Return what 1 Nm of a strength is in the quantity's unit."""
+        return per_nm(self.silent)
 
 
 Spoil = Callable[[Base, float, np.random.Generator], Recording]
@@ -89,9 +96,20 @@ def blocks(n_samples: int, share: float, length: int, random: np.random.Generato
         yield slice(start, start + length)
 
 
+def per_nm(recording: Recording) -> float:
+    """Return what 1 Nm of a strength is in a recording: as much of its mean as of the load."""
+    return abs(float(recording.torque.mean())) / LOAD_NM
+
+
+def added(base: Base, disturbance_nm: Float) -> Recording:
+    """Return the recording with a disturbance."""
+    return base.recording.replace(torque=base.recording.torque + base.per_nm * disturbance_nm)
+
+
 def noisy(recording: Recording, random: np.random.Generator) -> Recording:
     """Return the recording with the sensor's noise."""
-    return recording.replace(torque=recording.torque + random.normal(0, NOISE_NM, recording.n_samples))
+    noise = per_nm(recording) * random.normal(0, NOISE_NM, recording.n_samples)
+    return recording.replace(torque=recording.torque + noise)
 
 
 def at_moments(base: Base, moments: Float, random: np.random.Generator) -> Recording:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zlib
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
+from itertools import chain, islice
 from pathlib import Path
 
 import joblib
@@ -16,56 +17,72 @@ from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.models import load_model
 from cyclofeat.recordings import Recording
-from cyclofeat.simulators import Solver
+from cyclofeat.simulators import Rig, Solver, motor_effects
 
 # What becomes of a recording. One that is wrong with more than 0.9 counts as both of the last two.
 RIGHT, REFUSED, WRONG, SURE = "right", "refused", "wrong, not refused", "wrong with > 0.9"
 OUTCOMES = (RIGHT, REFUSED, WRONG, SURE)
+# How often each outcome came of each kind and strength.
+Found = dict[tuple[str, float], Counter[str]]
 SPEEDS_RPM = (430.0, 580.0)
+# Each quantity, and the one that is taken for it by mistake.
+MISTAKEN = {
+    "output_torque": "input_torque",
+    "input_torque": "output_torque",
+    "motor_current": "output_torque",
+}
 UNSPOILED = Kind("unspoiled", "", (0.0,), lambda base, *_: base.recording)
 _TURNS = 3.02  # of the output; a little more than three windows
 _SEED = 8_302
-# Of each number of worn lobes and speed: one machine is spoiled, all are counted unspoiled.
+# Machines of each number of worn lobes at each speed. A kind spoils one of them, the next kind the next, so
+# that no single machine decides the result; all are counted unspoiled.
 _ASSEMBLIES, _COUNTS = 5, 8
 
 
-def bases(folder: Path, n_jobs: int) -> list[Base]:
-    """Return base recordings of rig R2 with 0 to 7 worn lobes at each speed, from the folder or simulated.
+def bases(folder: Path, quantity: str, n_jobs: int) -> list[Base]:
+    """Return base recordings of rig R2, from the folder or simulated.
 
-    Those to be spoiled come first, :data:`_COUNTS` of each speed.
+    By speed, then by :data:`_ASSEMBLIES`, then by 0 to 7 worn lobes.
     """
-    path = folder / "bases.joblib"
+    path = folder / f"{quantity}.joblib"
     if not path.exists():
-        joblib.dump([_simulated(speed, n_jobs) for speed in SPEEDS_RPM], path)
-    made, further = [], []
-    for output, input_ in joblib.load(path):
+        joblib.dump([_simulated(speed, quantity, n_jobs) for speed in SPEEDS_RPM], path)
+    made = []
+    for silent, other_quantity in joblib.load(path):
         random = np.random.default_rng(_SEED)
-        heard = [noisy(one, random) for one in output]
+        heard = [noisy(one, random) for one in silent]
         # The machine with the next count but two is the other one.
-        four = [Base(*one) for one in zip(output, heard, heard[3:] + heard[:3], input_, strict=True)]
-        made += four[:_COUNTS]
-        further += four[_COUNTS:]
-    return made + further
+        others = heard[3:] + heard[:3]
+        made += [Base(*one) for one in zip(silent, heard, others, other_quantity, strict=True)]
+    return made
 
 
-def _simulated(speed_rpm: float, n_jobs: int) -> tuple[list[Recording], list[Recording]]:
-    """Return output and input torque of the same machines, without noise."""
-    output, input_ = (
+def _simulated(speed_rpm: float, quantity: str, n_jobs: int) -> tuple[list[Recording], ...]:
+    """Return a quantity, and the one taken for it, of the same machines, without noise."""
+    return tuple(
         make_rig_recordings(
-            _ASSEMBLIES, rig=rig_preset("R2").without("noise"), speed_rpm=speed_rpm, output_turns=_TURNS,
+            _ASSEMBLIES, rig=_silent_rig(speed_rpm, quantity), speed_rpm=speed_rpm, output_turns=_TURNS,
             random_state=_SEED, n_jobs=n_jobs, with_angle=True, kernel="auto",
-            solver=Solver(integrator="adams_bashforth"), quantity=quantity,
+            solver=Solver(integrator="adams_bashforth"), quantity=one,
         )
-        for quantity in ("output_torque", "input_torque")
+        for one in (quantity, MISTAKEN[quantity])
     )  # fmt: skip
-    return output, input_
 
 
-def model(folder: Path, path: Path | None = None) -> LobeModel:
-    """Return a stored model, by default that of ``cyclofeat train``, trained if the folder has none."""
-    stored = path or folder / "model.skops"
-    if path is None and not stored.exists():
-        assert cyclofeat(["train", "--out", str(stored)]) == 0
+def _silent_rig(speed_rpm: float, quantity: str) -> Rig:
+    """Return rig R2 without noise, with a motor where a current is measured."""
+    rig = rig_preset("R2")
+    if quantity == "motor_current":
+        gearbox = rig.gearbox.replace(input_speed=speed_rpm * np.pi / 30)
+        rig = rig.with_effects(*motor_effects(gearbox))
+    return rig.without("noise", "current_sensor")
+
+
+def model(folder: Path, quantity: str) -> LobeModel:
+    """Return the model of ``cyclofeat train`` for a quantity, trained if the folder has none."""
+    stored = folder / f"{quantity}.skops"
+    if not stored.exists():
+        assert cyclofeat(["train", "--quantity", quantity, "--out", str(stored)]) == 0
     return load_model(stored)
 
 
@@ -91,12 +108,16 @@ def spoiled(kind: Kind, base: Base, number: int, strength: float) -> Recording:
     return made.replace(angle=None, angle_is_absolute=False)
 
 
-def outcomes(
-    model: LobeModel, number: int, base: Base, kinds: Sequence[Kind]
-) -> dict[tuple[str, float], list[str]]:
-    """Return what becomes of a base spoiled in all strengths of several kinds."""
+def kinds_of(number: int) -> list[Kind]:
+    """Return the kinds in which a base recording is spoiled, and that it is counted unspoiled."""
+    machine = number // _COUNTS % _ASSEMBLIES
+    return [UNSPOILED, *islice(KINDS.values(), machine, None, _ASSEMBLIES)]
+
+
+def outcomes(model: LobeModel, number: int, base: Base) -> dict[tuple[str, float], list[str]]:
+    """Return what becomes of a base recording in all strengths of its kinds."""
     found: dict[tuple[str, float], list[str]] = {}
-    for kind in kinds:
+    for kind in kinds_of(number):
         truth = base.recording.defect_count if kind.countable else None
         for strength in kind.strengths:
             try:
@@ -108,15 +129,12 @@ def outcomes(
     return found
 
 
-def all_outcomes(
-    model: LobeModel, bases: Sequence[Base], n_jobs: int
-) -> dict[tuple[str, float], Counter[str]]:
+def all_outcomes(model: LobeModel, bases: Sequence[Base], n_jobs: int) -> Found:
     """Return how often each outcome came of each kind and strength, unspoiled recordings among them."""
-    n_spoiled = _COUNTS * len(SPEEDS_RPM)
+    found: Found = defaultdict(Counter)
     work = joblib.Parallel(n_jobs=n_jobs)(
-        joblib.delayed(outcomes)(
-            model, number, base, [UNSPOILED, *(KINDS.values() if number < n_spoiled else ())]
-        )
-        for number, base in enumerate(bases)
+        joblib.delayed(outcomes)(model, number, base) for number, base in enumerate(bases)
     )
-    return {cell: Counter(name for found in work for name in found.get(cell, ())) for cell in work[0]}
+    for cell, names in chain.from_iterable(one.items() for one in work):
+        found[cell].update(names)
+    return found

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.spoiled._kind import Base, kind
+from benchmarks.spoiled._kind import Base, added, kind, per_nm
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.lobes import lobe_frequency
 from cyclofeat.signal.windows import Float
 
 _RESONANCE_HZ = 110.0  # of brake and torque meter, in the middle of the rig's range
-
-
-def _added(base: Base, disturbance: Float) -> Recording:
-    return base.recording.replace(torque=base.recording.torque + disturbance)
 
 
 def _time(base: Base) -> Float:
@@ -32,7 +28,7 @@ def hum(base: Base, strength: float, random: np.random.Generator) -> Recording:
     wave = sum(
         np.sin(2 * np.pi * 50 * k * _time(base) + random.uniform(0, 2 * np.pi)) / k for k in range(1, 22)
     )
-    return _added(base, strength * np.asarray(wave))
+    return added(base, strength * np.asarray(wave))
 
 
 @kind(0.5, 2, 8)
@@ -40,7 +36,7 @@ def mains_beat(base: Base, strength: float, random: np.random.Generator) -> Reco
     """A line of 50 Hz and one of a motor with slip, each of this amplitude in Nm, beat."""
     time, phase = _time(base), random.uniform(0, 2 * np.pi)
     slipping = 50 * (1 - random.uniform(0.01, 0.05))
-    return _added(
+    return added(
         base, strength * (np.sin(2 * np.pi * 50 * time) + np.sin(2 * np.pi * slipping * time + phase))
     )
 
@@ -48,7 +44,7 @@ def mains_beat(base: Base, strength: float, random: np.random.Generator) -> Reco
 @kind(1, 4, 16)
 def noise(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """White noise of this standard deviation in Nm."""
-    return _added(base, random.normal(0, strength, base.recording.n_samples))
+    return added(base, random.normal(0, strength, base.recording.n_samples))
 
 
 @kind(1, 4, 16)
@@ -56,7 +52,7 @@ def knocks_of_a_press(base: Base, strength: float, random: np.random.Generator) 
     """A machine nearby knocks 0.3 to 3 times a turn of the input, with this amplitude in Nm."""
     assert base.recording.input_speed_hz is not None
     rate = base.recording.input_speed_hz * np.exp(random.uniform(np.log(0.3), np.log(3)))
-    return _added(base, strength * _knocks(base, float(rate), random))
+    return added(base, strength * _knocks(base, float(rate), random))
 
 
 @kind(1, 4, 16)
@@ -64,14 +60,14 @@ def knocks_at_the_lobe_rate(base: Base, strength: float, random: np.random.Gener
     """A neighbour knocks as often as one lobe passes, up to 0.5 % beside, with this amplitude in Nm."""
     assert base.recording.input_speed_hz is not None
     rate = lobe_frequency(base.recording.input_speed_hz) * (1 + random.uniform(-0.005, 0.005))
-    return _added(base, strength * _knocks(base, float(rate), random))
+    return added(base, strength * _knocks(base, float(rate), random))
 
 
 @kind(1, 4, 16)
 def vibration(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """A line near the resonance of brake and meter, of this amplitude in Nm."""
     frequency = _RESONANCE_HZ * random.uniform(0.9, 1.1)
-    return _added(base, strength * np.sin(2 * np.pi * frequency * _time(base) + random.uniform(0, 2 * np.pi)))
+    return added(base, strength * np.sin(2 * np.pi * frequency * _time(base) + random.uniform(0, 2 * np.pi)))
 
 
 @kind(1, 4, 16)
@@ -80,7 +76,7 @@ def crosstalk_of_speed(base: Base, strength: float, random: np.random.Generator)
     angle = base.recording.angle
     assert angle is not None
     waves = sum(np.sin(k * angle + random.uniform(0, 2 * np.pi)) / k for k in range(1, 9))
-    return _added(base, strength * np.asarray(waves))
+    return added(base, strength * np.asarray(waves))
 
 
 @kind(0.2, 0.5, 0.8)
@@ -118,7 +114,8 @@ def two_assemblies_mixed(base: Base, strength: float, random: np.random.Generato
     return recording.replace(torque=np.where(odd, base.other.torque, recording.torque))
 
 
-@kind(1, 5, 15, countable=False)
-def input_torque(base: Base, strength: float, random: np.random.Generator) -> Recording:
-    """The channel is the torque of the input shaft, multiplied by this factor."""
-    return base.recording.replace(torque=strength * base.input_torque.torque)
+@kind(1 / 15, 1 / 3, 1, countable=False)
+def another_quantity(base: Base, strength: float, random: np.random.Generator) -> Recording:
+    """The channel is the torque of the other shaft, with a mean of this share of the right one."""
+    other = base.other_quantity
+    return base.recording.replace(torque=strength * base.per_nm / per_nm(other) * other.torque)

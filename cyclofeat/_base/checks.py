@@ -143,16 +143,3 @@ def check_type(name: str, value: Any, kind: type) -> None:
     """Raise TypeError unless ``value`` is an instance of ``kind``."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {short(value)}")
-
-
-def generator(random_state: Any, name: str = "random_state") -> np.random.Generator:
-    """Return the generator of a whole number or SeedSequence; a Generator is returned as it is."""
-    if isinstance(random_state, (np.random.SeedSequence, np.random.Generator)):
-        return np.random.default_rng(random_state)
-    if not is_whole(random_state):
-        raise TypeError(
-            f"{name} must be a whole number, a SeedSequence or a Generator, got {short(random_state)}"
-        )
-    if random_state < 0:
-        raise ValueError(f"{name} must not be negative, got {random_state!r}")
-    return np.random.default_rng(int(random_state))

@@ -31,11 +31,13 @@ at once.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
+import json
 import os
 import sys
 import warnings
 from collections.abc import Collection, Sequence
-from io import TextIOWrapper
 
 from cyclofeat import __version__
 from cyclofeat.cli._idle import CommandParser
@@ -62,14 +64,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = sys.argv[1:] if argv is None else list(argv)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper) and stream.errors == "strict":
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")  # a file's name may not suit the terminal
     # No option before the command takes a value, so the first other word is the command.
     called = next((word for word in words if not word.startswith("-")), "")
     try:
+        said = io.StringIO()
         try:
-            arguments = make_parser([called]).parse_args(words)
+            with contextlib.redirect_stderr(said):
+                arguments = make_parser([called]).parse_args(words)
         finally:
+            print(said.getvalue(), end="", file=sys.stderr)
+            if said.getvalue() and not {"--json", "--jsonl"}.isdisjoint(words):
+                print(json.dumps({"error": said.getvalue().rstrip().rpartition("error: ")[2]}))
             sys.stdout and sys.stdout.flush()  # help and version
         with warnings.catch_warnings():
             warnings.showwarning = show_warning

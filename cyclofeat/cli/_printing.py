@@ -65,7 +65,8 @@ def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
         for result in outcome if isinstance(outcome, Iterator) else (outcome,):
             yield module.printed(arguments, result)
     except _expected_errors() as error:
-        yield Printed("", {"error": error_text(error)}, error_text(error), failed=True)
+        text = error_text(error, arguments.typed)
+        yield Printed("", {"error": text}, text, failed=True)
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:

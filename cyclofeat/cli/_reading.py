@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -46,6 +46,20 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
     "n_lobes": ("--n-lobes", {"type": int, "metavar": "N", "help": "lobes of a disc (default 15)"}),
     "scale": ("--scale", {"type": float, "help": "Nm (or A) per unit of the channel"}),
     "delimiter": ("--delimiter", {"choices": tuple(_DELIMITERS), "help": "separator in CSV files"}),
+}
+
+# Arguments of the package's functions that options of other names set.
+_ALIASES = {
+    "n_jobs": ("--jobs",),
+    "random_state": ("--seed",),
+    "n_assemblies": ("--assemblies",),
+    "defect_counts": ("--worn-count",),
+    "worn": ("--worn-count",),
+    "noise_nm": ("--noise",),
+    "load_nm": ("--load", "--loads"),
+    "speed_rpm": ("--speed", "--speeds"),
+    "wear_um": ("--wear",),
+    "output_turns": ("--turns", "--windows"),
 }
 
 
@@ -91,12 +105,17 @@ def option_of(argument: str, rest: str) -> str:
     return option if not value or "action" in parsing else f"{option} {value}"
 
 
-def error_text(error: Exception) -> str:
-    """Return the message of an error on one line, with options in place of arguments of functions."""
+def error_text(error: Exception, typed: Collection[str] = ()) -> str:
+    """Return the message of an error on one line, with options in place of arguments of functions.
+
+    A message that begins with an argument of a function means the option, of those typed, that sets it.
+    """
     message = error.spelled(option_of) if isinstance(error, ArgumentError) else str(error)
     if isinstance(error, MemoryError):
         message = f"not enough memory: {error}"
-    return " ".join(message.split())
+    first, *rest = message.split() or [""]
+    options = (f"--{first.replace('_', '-')}", *_ALIASES.get(first, ()))
+    return " ".join([next((option for option in options if option in typed), first), *rest])
 
 
 @dataclass(frozen=True)

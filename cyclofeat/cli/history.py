@@ -52,6 +52,8 @@ def printed(arguments: argparse.Namespace, state: GearboxState) -> Printed:
     from cyclofeat.history import when
 
     count = "never counted" if state.defect_count is None else number(state.defect_count, "worn lobe")
+    if state.wear_um is not None:
+        count += f", {state.wear_um:.3g} um deep"
     refused = f", {state.n_refused} refused" if state.n_refused else ""
     recordings = number(state.n_recordings, "recording")
     lines = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._ranges import range_of
@@ -111,10 +112,10 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     windows = arguments.windows
     if windows is None:
         windows = _WINDOWS if arguments.wear is None else _WINDOWS_OF_WEAR
-    if windows < 1:
-        raise ValueError(f"--windows must be at least 1, got {windows}")
+    whole("output_turns", windows, 1)
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
+    whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
     with Progress("simulating assemblies") as progress:
         recordings = make_rig_recordings(
             arguments.assemblies,

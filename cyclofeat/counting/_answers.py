@@ -69,8 +69,8 @@ class LobeCount:
         What the reader should know.
     refused : bool
         Whether most of the windows have a faulty signal, lie outside what the model was trained on, or have
-        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, or the
-        speed is doubted: the count is then not reliable.
+        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, those
+        left out could outvote the others, or the speed is doubted: the count is then not reliable.
     reason : str
         Why refused, else empty.
     distance : float

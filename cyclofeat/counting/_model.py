@@ -32,7 +32,7 @@ from cyclofeat.counting._predictions import RecordingPredictions
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.counting._turning import Turning, turning_of
-from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
+from cyclofeat.counting._verdicts import disagreement, most_frequent, outvoted, window_faults
 from cyclofeat.counting._wear import RadialWear, stated_depths
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
 from cyclofeat.features import LobeMap
@@ -366,9 +366,9 @@ class LobeModel(RecordingPredictions):
         The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
         without a learned dependence is taken to be no surer of many windows than of one. Windows whose signal
         has a fault, or that lie outside the training domain, are left out. The recording is refused where
-        more than half of its windows are, where the windows disagree, where its speed lies outside those of
-        training, or where, without a tachometer, its lines are those of another speed or show none; it still
-        has a count.
+        more than half of its windows are, where some are and not more than half of all have its count, where
+        the windows disagree, where its speed lies outside those of training, or where, without a tachometer,
+        its lines are those of another speed or show none; it still has a count.
 
         Raises
         ------
@@ -459,6 +459,8 @@ class LobeModel(RecordingPredictions):
         learned = getattr(self._deciding(), "dependence_", None)
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
+        if self.wear is None and not reason:
+            reason = outvoted(answered.proba, used, int(probability.argmax()))
         runs = None if self.wear is None or reason else answered.wear
         if self.wear is not None and runs is not None:
             probability = self.wear.probability(runs)

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
 from cyclofeat._base.checks import number, positive, whole
+from cyclofeat._base.frames import frame
 from cyclofeat.counting._wear import lobe_lines_nm, runs_of
 from cyclofeat.recordings import shaft_windows
 from cyclofeat.signal.windows import Complex, Float
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
+    import pandas as pd
+
     from cyclofeat.simulators import Rig
 
 # The brake drifts below.
@@ -68,6 +71,10 @@ class WearPlan:
     def to_dict(self) -> dict[str, Any]:
         """Return the plan in plain types, for JSON."""
         return asdict(self) | {"depths_um": list(self.depths_um), "probability": list(self.probability)}
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a table of ``depth_um`` and ``probability``; ImportError if pandas is not installed."""
+        return frame({"depth_um": self.depths_um, "probability": self.probability})
 
 
 def plan_wear(

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording, WindowSet
@@ -173,6 +174,26 @@ def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
     if sum(before @ after < _AGREEMENT for before, after in pairwise(root)) == 1:
         return "its windows have another count from some time on: two discs in one recording?"
     return "its windows disagree about the count"
+
+
+def outvoted(proba: Float, used: NDArray[np.bool_], column: int) -> str:
+    """Return why a count from a part of the windows is not to be trusted; empty where it is.
+
+    What spoils one window is often in the others too, too weak to be seen: where any is left out, more than
+    half of all windows must have the count, so that those left out cannot outvote it.
+
+    Parameters
+    ----------
+    proba : ndarray, shape (n_windows, n_classes)
+    used : ndarray of bool, shape (n_windows,)
+        Windows that are not left out.
+    column : int
+        Of the count in ``proba``.
+    """
+    n_votes = int(np.sum(proba[used].argmax(axis=1) == column))
+    if used.all() or 2 * n_votes > used.size:
+        return ""
+    return f"only {n_votes} of its {used.size} windows have its count, and some are left out"
 
 
 def most_frequent(reasons: Sequence[str]) -> str:

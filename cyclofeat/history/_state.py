@@ -18,10 +18,11 @@ N_BASELINE, HOUR_S, MONTH_S = 10, 3600, 365.25 / 12 * 86_400
 
 
 class Point(NamedTuple):
-    """Time in s since 1970 of a recording, and its count; None where it was refused."""
+    """Time in s since 1970 of a recording, its count (None where it was refused), and depth of wear in um."""
 
     time: float
     defect_count: int | None
+    wear_um: float | None = None
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class GearboxState:
         Times of its first and last recording in s since 1970.
     defect_count : int or None
         Last count; None where all recordings were refused.
+    wear_um : float or None
+        Depth of the wear at the last count; None where none was seen, or the model does not learn it.
     baseline : int or None
         Most frequent of the first ten counts, the lowest of several; None before there are ten.
     recordings_per_month : float or None
@@ -56,6 +59,7 @@ class GearboxState:
     first: float
     last: float
     defect_count: int | None
+    wear_um: float | None
     baseline: int | None
     recordings_per_month: float | None
     rule: AlarmRule | None
@@ -84,6 +88,7 @@ class GearboxState:
             "first": _iso(self.first),
             "last": _iso(self.last),
             "defect_count": self.defect_count,
+            "wear_um": self.wear_um,
             "baseline": self.baseline,
             "alarm": self.alarm,
             "alarm_since": _iso(self.alarms[-1][0]) if self.alarm else None,
@@ -122,6 +127,7 @@ def state_of(
     if recordings_per_month is not None:
         checks.positive("recordings_per_month", recordings_per_month)
     counted = [(point.time, point.defect_count) for point in points if point.defect_count is not None]
+    depths = [point.wear_um for point in points if point.defect_count is not None]
     first, last = points[0].time, points[-1].time
     rate = recordings_per_month
     if rate is None and last - first >= HOUR_S:
@@ -165,6 +171,7 @@ def state_of(
         first=first,
         last=last,
         defect_count=counted[-1][1] if counted else None,
+        wear_um=depths[-1] if depths else None,
         baseline=baseline,
         recordings_per_month=rate,
         rule=rule,

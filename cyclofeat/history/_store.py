@@ -10,12 +10,16 @@ import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from cyclofeat._base.frames import frame
 from cyclofeat.history._state import GearboxState, Point, state_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from cyclofeat.counting import LobeCount
     from cyclofeat.recordings import Recording
 
@@ -231,6 +235,40 @@ class History:
         named = [dict(zip(columns, row, strict=True)) for row in reversed(found)]
         return [HistoryRow(**row | {"answer": json.loads(row["answer"])}) for row in named]
 
+    def to_frame(self, gearbox: str) -> pd.DataFrame:
+        """Return the recordings of a gearbox as a table.
+
+        Parameters
+        ----------
+        gearbox : str
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per recording in the order of time: ``time`` (UTC), ``file``, ``model``, ``defect_count``
+            (missing where refused), ``wear_um`` (missing where none was seen or stated), ``reason``,
+            ``mean``, ``deviation``, ``unit``.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        rows = self.rows(gearbox)
+        return frame(
+            {
+                "time": [datetime.fromtimestamp(row.time, UTC) for row in rows],
+                "file": [row.file for row in rows],
+                "model": [row.model for row in rows],
+                "defect_count": [row.defect_count for row in rows],
+                "wear_um": [row.answer.get("wear_um") for row in rows],
+                "reason": [row.reason for row in rows],
+                "mean": [row.mean for row in rows],
+                "deviation": [row.deviation for row in rows],
+                "unit": [row.unit for row in rows],
+            }
+        ).astype({"defect_count": "Int64", "wear_um": "float64"})
+
     def state(
         self,
         gearbox: str,
@@ -267,7 +305,8 @@ class History:
             raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
         ((model_id, scores),) = model
         points = self._select(
-            "SELECT time, defect_count FROM recording WHERE gearbox = ? AND model = ? ORDER BY time, id",
+            "SELECT time, defect_count, json_extract(answer, '$.wear_um') FROM recording "
+            "WHERE gearbox = ? AND model = ? ORDER BY time, id",
             (gearbox, model_id),
         )
         return state_of(

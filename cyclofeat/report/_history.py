@@ -30,9 +30,9 @@ def write_history_report(
 ) -> Path:
     """Write the counts of gearboxes over time as one HTML file.
 
-    Alarms come first, then a section for each gearbox: its counts, the standard deviation of its torque, the
-    rule of its alarm and how often it errs, past alarms, and the last recordings. A file of that name is
-    replaced.
+    Alarms come first, then a section for each gearbox: its counts, the depth of its wear where the model
+    states it, the standard deviation of its torque, the rule of its alarm and how often it errs, past alarms,
+    and the last recordings. A file of that name is replaced.
 
     Parameters
     ----------
@@ -126,6 +126,7 @@ def _section(history: History, state: GearboxState) -> dict[str, Any]:
         "alarms": [
             {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
         ],
+        "states_wear": any("wear_um" in row.answer for row in rows),
         "last": [_row(row) for row in reversed(rows[-_N_LAST:])],
     }
 
@@ -152,6 +153,7 @@ def _row(row: HistoryRow) -> dict[str, Any]:
         "file": Path(row.file).name,
         "count": "refused" if refused else str(count),
         "refused": refused,
+        "wear": "-" if row.answer.get("wear_um") is None else f"{row.answer['wear_um']:.3g}",
         "probability": probability_text(row.answer["probability"][str(count)]),
         "reason": row.reason,
     }
@@ -187,6 +189,8 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
             for k, line in enumerate(plot.lines):
                 style = "." if line.style == "points" else "--"
                 ax.plot(at, np.asarray(line.values), style, color=f"C{k}", label=line.name)
+                if line.band is not None:
+                    ax.fill_between(at, *line.band, color=f"C{k}", alpha=0.2)
             for span in plot.spans:
                 ax.axvspan(span.start, span.stop, color="r", alpha=0.15, lw=0)
             ax.set_xlabel(f"{plot.axes[0].quantity} ({name})")
@@ -199,10 +203,23 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
         return on
 
     of = f"of {state.gearbox} over time"
-    return [
-        picture(draw(counts), _SIZE, f"Counts of worn lobes {of}, with the baseline and alarms", plot=counts),
-        picture(draw(deviation), _SIZE, f"Standard deviation of the samples {of}", plot=deviation),
-    ]
+    shown = [(counts, f"Counts of worn lobes {of}, with the baseline and alarms")]
+    if wear := _wear_lines(rows):
+        depth = Plot(at, wear, (axis, Axis("depth of wear", "um")), spans=spans)
+        shown.append((depth, f"Depth of wear {of}"))
+    shown.append((deviation, f"Standard deviation of the samples {of}"))
+    return [picture(draw(plot), _SIZE, text, plot=plot) for plot, text in shown]
+
+
+def _wear_lines(rows: Sequence[HistoryRow]) -> list[Line]:
+    """Return the depth of the wear with its interval, of recordings that were counted; none if none shows."""
+    seen = [row.defect_count is not None and row.answer.get("wear_um") is not None for row in rows]
+
+    def values(key: str) -> Any:
+        return np.array([row.answer[key] if one else np.nan for row, one in zip(rows, seen, strict=True)])
+
+    depth, low, high = (values(key) for key in ("wear_um", "wear_um_low", "wear_um_high"))
+    return [Line("depth", depth, style="points", band=(low, high))] if np.isfinite(depth).any() else []
 
 
 def _count_lines(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Line]:

@@ -192,7 +192,7 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     duration, tolerance = torque.size / sampling_rate, FOLLOWED_TOLERANCE
     mesh = highest_frequency(1.0, n_lobes, min(n_lobes, _LAST_LOBE_LINE), tolerance)
     # What is found may lie by the tolerance below the lowest start and above the highest.
-    fewest_turns = max(n_lobes * (1 - tolerance), _COARSE.turns) / (1 - tolerance)
+    fewest_turns = max(n_lobes, _COARSE.turns / (1 - tolerance))
     lowest = max(SEARCHED_HZ[0], fewest_turns / duration)
     highest = min(SEARCHED_HZ[1], sampling_rate / 2 / mesh / (1 + tolerance))
     if lowest > highest:

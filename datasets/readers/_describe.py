@@ -9,10 +9,9 @@ import numpy as np
 from cyclofeat._base.quantities import in_words
 from cyclofeat._base.words import from_1, lobes_text, number
 from cyclofeat.datasets.readers._labels import WORN, samples_name
-from cyclofeat.datasets.readers._speed import speed_by_lines
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording
 from cyclofeat.signal.faults import clipped, dropped
-from cyclofeat.signal.speed import search_speed
+from cyclofeat.signal.speed import follow_speed, search_speed
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
@@ -51,9 +50,10 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
 
     Notes
     -----
-    Lobe lines give the speed within 5 % of the nominal one, if they stand 3 dB out of their surroundings on
-    average; where none is stated, the only one that :func:`cyclofeat.signal.speed.search_speed` finds. A
-    constant record has neither clipped samples nor dropouts.
+    Lobe lines give the speed within 5.5 % of the nominal one, if they are those of a disc
+    (:func:`cyclofeat.signal.speed.follow_speed`); where none is stated, the only one that
+    :func:`cyclofeat.signal.speed.search_speed` finds. A constant record has neither clipped samples nor
+    dropouts.
 
     Examples
     --------
@@ -105,12 +105,17 @@ def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | No
     if by_angle is not None:
         return by_angle, "angle"
     torque, rate = recording.torque, recording.sampling_rate
-    if nominal is None:
-        found = search_speed(torque, rate, reduction)
-        by_lines = found[0].speed_hz if len(found) == 1 else None
-    else:
-        by_lines = speed_by_lines(torque, rate, nominal, reduction)
-    return by_lines, None if by_lines is None else "lobe lines"
+    try:
+        found = (
+            search_speed(torque, rate, reduction)
+            if nominal is None
+            else [follow_speed(torque, rate, nominal, reduction)]
+        )
+    except ValueError:  # too short, or too low a rate for the lines
+        return None, None
+    if len(found) == 1 and found[0].fits:
+        return found[0].speed_hz, "lobe lines"
+    return None, None
 
 
 def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> list[str]:

@@ -81,4 +81,4 @@ for name, *values in zip(METHODS, *found.values(), strict=True):
 # method counts: its fluctuation, which is most of what the measured discs showed, hides the effect of wear.
 # On R1, where a brake responds to wear and the drift is slow, some of the papers' methods detect *some* wear,
 # and the lobe map counts although it was trained on three assemblies per count. Entropy leads on neither rig.
-# ``benchmarks/counting.md`` has the same table with 320 assemblies.
+# ``benchmarks/counting.md`` has the same methods with 512 assemblies.

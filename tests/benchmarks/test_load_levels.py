@@ -3,16 +3,12 @@
 import dataclasses
 import itertools
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.linear_model import Ridge
 from sklearn.utils import Bunch
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
 
 from benchmarks import _load_level_data, load_levels
 from benchmarks.load_levels import evaluate_load_levels

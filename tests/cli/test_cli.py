@@ -751,3 +751,41 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
     code, _, err = run(capsys, "inspect", tmp_path)
     assert code == 2
     assert "recordings.csv: line 5: no such file: x.csv" in err
+
+
+@pytest.mark.parametrize(
+    ("command", "error"),
+    [
+        ("plan --json --worn-count 2 --noise x", "argument --noise: invalid float value: 'x'"),
+        ("count --jsonl a.npz --model m.skops --loud", "unrecognized arguments: --loud"),
+    ],
+)
+def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(command.split())
+    assert ended.value.code == 2
+    printed = capsys.readouterr()
+    assert json.loads(printed.out) == {"error": error}
+    assert printed.err.endswith(f"error: {error}\n")
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("train --out m.skops --assemblies 0", "--assemblies must be at least 1, got 0"),
+        ("train --out m.skops --windows 0", "--windows must be at least 1, got 0"),
+        ("train --out m.skops --max-count 16", "--max-count must be at most 15, got 16"),
+        ("train --out m.skops --jobs 0", "--jobs must be a whole number of workers, or -1 for all, got 0"),
+        ("train --out m.skops --seed=-1", "--seed must be at least 0, got -1"),
+        ("train --out m.skops --wear 5:300", "--wear must be a number of um or a range (low, high)"),
+        ("simulate --out r.npz --duration 0", "--duration must be positive and finite, got 0.0"),
+        ("plan --worn-count 2 --noise=-1", "--noise must be positive and finite, got -1.0"),
+        ("plan --worn-count 2 --noise 0.2 --wear --load=-1", "--load must be positive and finite, got -1.0"),
+    ],
+)
+def test_an_error_names_the_option_and_not_the_functions_argument(
+    command, option, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(command.split()) == 2
+    assert capsys.readouterr().err.startswith(f"cyclofeat: error: {option}")

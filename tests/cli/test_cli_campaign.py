@@ -131,7 +131,7 @@ def test_an_unknown_rig_is_told_those_known(capsys, tmp_path):
 def test_mistakes_in_the_work(capsys, design, tmp_path):
     out = tmp_path / "out"
     code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 0)
-    assert (code, "n_jobs must be a whole number of workers" in err) == (2, True)
+    assert (code, "--jobs must be a whole number of workers" in err) == (2, True)
     assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0
     SMALL.replace(random_state=3).to_json(design)
     code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)

@@ -374,6 +374,9 @@ def test_a_spoiled_window_is_left_out(model, surrogates):
     assert any(
         note.startswith("1 of 3 windows left out: 9% of the samples are lost") for note in count.warnings
     )
+    without_majority = model.count(joined([worn, worn.replace(torque=torque)]))
+    assert without_majority.refused
+    assert without_majority.reason == "only 1 of its 2 windows have its count, and some are left out"
 
 
 def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):

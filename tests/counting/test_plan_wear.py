@@ -76,6 +76,9 @@ def test_deeper_wear_and_the_least_depth(plan):
     assert plan.least_um is None or plan.depths_um[0] <= plan.least_um <= plan.depths_um[1]
     assert (plan.seconds, plan.speed_rpm, plan.load_nm) == (1.8, 500.0, 22.0)
     assert json.loads(json.dumps(plan.to_dict()))["depths_um"] == list(DEPTHS)
+    assert plan.to_frame().to_dict("list") == {
+        "depth_um": list(plan.depths_um), "probability": list(plan.probability),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from cyclofeat import Recording, Windower
-from cyclofeat.counting._verdicts import disagreement, most_frequent, window_faults
+from cyclofeat.counting._verdicts import disagreement, most_frequent, outvoted, window_faults
 
 RATE, SPEED, TURN = 25_600.0, 500 / 60, 46_080
 
@@ -165,6 +165,22 @@ def test_windows_that_disagree(counts, reasons, said):
     reason = disagreement(np.stack([SURE[count] for count in counts]), reasons)
     assert reason.endswith(said)
     assert bool(reason) == bool(said)
+
+
+@pytest.mark.parametrize(
+    ("counts", "left_out", "said"),
+    [
+        ([1, 1, 2], [], ""),  # without a doubt about any window, their probabilities decide
+        ([1, 0, 1], [1], ""),
+        ([1, 0, 0], [1], "only 1 of its 3 windows have its count, and some are left out"),
+        ([1, 1, 1], [1, 2], "only 1 of its 3 windows have its count, and some are left out"),
+        ([1, 1], [0], "only 1 of its 2 windows have its count, and some are left out"),  # no majority
+    ],
+)
+def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
+    """The count is 1; windows left out do not vote, but are of the number that a majority is of."""
+    used = ~np.isin(np.arange(len(counts)), left_out)
+    assert outvoted(np.eye(3)[counts], used, 1) == said
 
 
 def test_the_most_frequent_reason_leaves_numbers_aside():

@@ -9,7 +9,6 @@ import ast
 import hashlib
 import json
 import math
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,9 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
-
-from benchmarks import gap  # noqa: E402
-from benchmarks._markdown import wilson  # noqa: E402
-from benchmarks.hidden_effects import (  # noqa: E402
+from benchmarks import gap
+from benchmarks._markdown import wilson
+from benchmarks.hidden_effects import (
     _answers,
     _ask,
     _effects,
@@ -33,11 +29,11 @@ from benchmarks.hidden_effects import (  # noqa: E402
     _table,
     _visible,
 )
-from benchmarks.hidden_effects.__main__ import main  # noqa: E402
-from benchmarks.hidden_effects._machine import Machine, run  # noqa: E402
-from cyclofeat.gap.posterior import load_posterior  # noqa: E402
-from cyclofeat.gap.world import FLOOR, Session, World  # noqa: E402
-from cyclofeat.simulators import (  # noqa: E402
+from benchmarks.hidden_effects.__main__ import main
+from benchmarks.hidden_effects._machine import Machine, run
+from cyclofeat.gap.posterior import load_posterior
+from cyclofeat.gap.world import FLOOR, Session, World
+from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
     LoadDrift,
@@ -45,8 +41,9 @@ from cyclofeat.simulators import (  # noqa: E402
     known_effects,
     settling_time,
 )
-from cyclofeat.simulators.effects import TorqueContext  # noqa: E402
+from cyclofeat.simulators.effects import TorqueContext
 
+ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.slow  # a benchmark is no part of the package
 
 HERE = ROOT / "benchmarks" / "hidden_effects"

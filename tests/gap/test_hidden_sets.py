@@ -6,12 +6,7 @@ benchmark's to say (``make bench-gap``).
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
 
 from benchmarks.hidden_effects._answers import answers
 from benchmarks.hidden_effects._ask import whole_answer

@@ -191,6 +191,17 @@ def test_networks_are_averaged_and_progress_is_told(few):
     assert not np.allclose(*weights)
 
 
+def test_a_tiny_learning_rate_leaves_the_start_as_it_is(few, hasty):
+    gone_on = EffectPosterior(1, epochs=1, learning_rate=1e-9).fit(few, start=hasty)
+    np.testing.assert_allclose(gone_on.networks_[0]["answer"], hasty.networks_[0]["answer"], atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [0, -1e-3, np.nan])
+def test_a_learning_rate_is_positive(few, rate):
+    with pytest.raises(ValueError, match="learning_rate must be positive and finite"):
+        EffectPosterior(learning_rate=rate).fit(few)
+
+
 @pytest.mark.slow
 def test_a_posterior_goes_on_from_another_one(posterior, hasty, few, held_out):
     gone_on = EffectPosterior(1, epochs=2).fit(few, start=posterior)

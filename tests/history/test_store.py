@@ -1,5 +1,6 @@
 """The file of a history: whole rows, whatever happens to its writers."""
 
+import dataclasses
 import os
 import signal
 import sqlite3
@@ -9,8 +10,9 @@ import sys
 import pytest
 
 from cyclofeat import Recording
-from cyclofeat.counting import LobeCount
+from cyclofeat.counting import LobeCount, WearDepth
 from cyclofeat.history import History
+from cyclofeat.report import summarise_history
 
 HOUR = 3600.0
 SCORES = {"classes": [0, 1], "confusion": [[60, 0], [1, 59]], "n_windows": 120, "n_assemblies": 120}
@@ -47,6 +49,32 @@ def test_rows_come_back(tmp_path):
     assert (sound.mean, sound.deviation, sound.unit) == (22.0, 1.0, "Nm")
     assert sound.answer == count(0).to_dict()
     assert (refused.defect_count, refused.reason) == (None, "too noisy")
+
+
+def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
+    pytest.importorskip("matplotlib")
+    depths = [None, 20.0, 31.0, 45.0]
+    with History(tmp_path / "a.sqlite") as history:
+        for k, depth in enumerate(depths):
+            seen = WearDepth(depth, 0.0 if depth is None else depth - 5, 15.0 + (depth or 0), 0.9, 10.0)
+            one = dataclasses.replace(count(int(depth is not None)), wear_um=seen)
+            history.add("press", f"{k}.csv", HOUR * k, one, RECORDING, CARD)
+        history.add("press", "4.csv", HOUR * 4, count(0, refused=True), RECORDING, CARD)
+        history.write()
+        state = history.state("press")
+        (shown,) = summarise_history(history)["gearboxes"]
+        table = history.to_frame("press")
+    assert state.wear_um == state.to_dict()["wear_um"] == 45.0  # the last one that was counted
+    assert table["time"].iloc[1].timestamp() == HOUR
+    assert table["wear_um"].tolist()[1:4] == depths[1:]
+    assert table["wear_um"].isna().tolist() == [True, False, False, False, True]
+    assert table["defect_count"].isna().tolist() == [False] * 4 + [True]
+    assert [row["wear"] for row in shown["last"]] == ["-", "45", "31", "20", "-"]
+    assert [picture["alt"] for picture in shown["pictures"]][1] == "Depth of wear of press over time"
+    with filled(tmp_path / "b.sqlite", [0, 0]) as history:
+        (shown,) = summarise_history(history)["gearboxes"]
+        assert history.state("press").wear_um is None
+    assert (shown["states_wear"], len(shown["pictures"])) == (False, 2)
 
 
 def test_a_file_that_is_counted_again_keeps_its_row(tmp_path):

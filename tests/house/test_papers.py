@@ -5,14 +5,11 @@ from __future__ import annotations
 import ast
 import csv
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("matplotlib")
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
 
 from benchmarks import papers
 

@@ -17,7 +17,7 @@ from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._base.checks import whole
+from cyclofeat._base.checks import positive, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
@@ -53,6 +53,9 @@ class EffectPosterior(DocumentedEstimator):
     epochs : int, default=40
         In each, every rig is shown once, as a random session: 4 or more of its recordings, with counts and
         tachometer or without. A dozen suffices with a ``start``.
+    learning_rate : float, optional
+        The largest of the training. By default 0.002, and 0.0003 with a ``start``: from fewer than some ten
+        thousand rigs, networks that go on faster forget more than they learn.
     random_state : int, default=0
 
     Attributes
@@ -80,9 +83,16 @@ class EffectPosterior(DocumentedEstimator):
     like those. Whether a rig is one of that world is not asked.
     """
 
-    def __init__(self, n_networks: int = 2, epochs: int = 40, random_state: int = 0) -> None:
+    def __init__(
+        self,
+        n_networks: int = 2,
+        epochs: int = 40,
+        learning_rate: float | None = None,
+        random_state: int = 0,
+    ) -> None:
         self.n_networks = n_networks
         self.epochs = epochs
+        self.learning_rate = learning_rate
         self.random_state = random_state
 
     def fit(
@@ -115,10 +125,13 @@ class EffectPosterior(DocumentedEstimator):
         ImportError
             If JAX or Optax is not installed.
         ValueError
-            If there are too few rigs without an effect, or ``start`` has other summaries, counts or fewer
-            networks.
+            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has other
+            summaries, counts or fewer networks.
         """
         n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
+        rate = self.learning_rate
+        if rate is not None:
+            rate = positive("learning_rate", rate)
         self.names_, self.size_names_, self.cells_ = rigs.names, rigs.size_names, rigs.cells
         self.logarithmic_, self.world_, self.n_rigs_ = rigs.logarithmic, rigs.world, len(rigs)
         random = np.random.default_rng(self.random_state)
@@ -143,7 +156,7 @@ class EffectPosterior(DocumentedEstimator):
         self.networks_ = [
             train(
                 made.of(rows), Targets(rigs.present[rows], sizes[rows]), self.reference_, epochs=epochs,
-                random_state=self.random_state + k, start=begun[k], progress=done(k),
+                learning_rate=rate, random_state=self.random_state + k, start=begun[k], progress=done(k),
             )
             for k in range(n_networks)
         ]  # fmt: skip
@@ -352,7 +365,9 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             f"{path} holds no posterior of effects that this version reads; "
             "cyclofeat gap --prepare FILE writes one"
         ) from None
-    posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
+    # Files of earlier versions state fewer.
+    parameters = EffectPosterior().get_params().keys() & stated.keys()
+    posterior = EffectPosterior(**{name: stated.pop(name) for name in parameters})
     for name, value in stated.items():
         setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
     posterior.reference_ = Reference()

@@ -23,7 +23,7 @@ _BATCH = 256
 # Learning rate and decay of weights (AdamW; Loshchilov and Hutter 2019). Few of the 1,600 inputs tell of an
 # effect: without strong decay, those that do not tell fit single rigs.
 _RATE, _DECAY = 2e-3, 3.0
-_RATE_ON = 3e-4  # of a network that goes on: with more it forgets
+_RATE_ON = 3e-4  # of a network that goes on from few rigs: with more it forgets
 _DROPPED = 0.2  # share of the units of a hidden layer
 _BLURRED = 0.2  # noise on the inputs of the session's layers, in their spreads
 _OF_SIZES = 0.5  # weight of the sizes' loss beside that of presence
@@ -44,6 +44,7 @@ def train(
     reference: Reference,
     *,
     epochs: int,
+    learning_rate: float | None = None,
     random_state: int,
     start: Weights | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -60,7 +61,7 @@ def train(
     present = targets.present.astype(np.float32)
     sizes, there = np.nan_to_num(targets.sizes).astype(np.float32), np.isfinite(targets.sizes)
     per_epoch = max(n // _BATCH, 1)
-    rate = _RATE if start is None else _RATE_ON
+    rate = learning_rate or (_RATE if start is None else _RATE_ON)
     first_state, step = _steps(n_effects, epochs * per_epoch, rate)
     state, key = first_state(weights), jax.random.PRNGKey(random_state)
     for epoch in range(epochs):

@@ -1,0 +1,103 @@
+"""Results of the benchmark; each is a plain dictionary of numbers of windows counted right, for JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.counting import _peers as peers
+from benchmarks.counting._data import held_out, noisy, reduced, simulated
+from benchmarks.counting._oracle import Twins
+from cyclofeat.counting import (
+    LobeCounter,
+    Protocol,
+    evaluate,
+    make_lobe_counter,
+    passage_of_lobe_zero,
+)
+from cyclofeat.recordings import WindowSet
+from cyclofeat.signal.lobes import LobeComb, lobe_lines
+
+# White noise in Nm; that of motor currents in A, besides the current sensor's own.
+NOISES = {
+    "output_torque": (0.05, 0.2, 0.5, 1.0, 2.0), "input_torque": (0.015, 0.06), "motor_current": (0.0, 0.5),
+}  # fmt: skip
+OURS = "lobe map (ours)"
+# Lobe maps of counters that are trained on many other assemblies. The free output of R0 has no resonance to
+# remove, and its ripple reaches higher than 44 lobe lines.
+MORE = "default"
+FREE = {f"{n} lines, not whitened": {"n_lines": n, "ar_order": 0} for n in (44, 88)}
+# Seeds of the assemblies that are tested, and of those that train only; of the noise on either too.
+_JUDGED, _TRAINING = 11, 12
+
+
+def cells(rig: str, quantity: str, n_per_count: int, aeon: Path) -> dict[str, dict[str, int]]:
+    """Return the windows that each method counts right in folds by assembly, by noise."""
+    clean, _ = simulated(rig, n_per_count, quantity, _JUDGED)
+    levels = [noisy(clean, noise, _JUDGED) for noise in NOISES[quantity]]
+    slow = [reduced(windows) for windows in levels]
+    rocket = peers.minirocket([one.X for one in slow], aeon)
+    return {
+        f"{noise:g}": {OURS: held_out(make_lobe_counter(windows.sampling_rate), windows.X, windows.y, 3)}
+        | peers.right(windows, one, features)
+        for noise, windows, one, features in zip(NOISES[quantity], levels, slow, rocket, strict=True)
+    }
+
+
+def accuracy(rig: str, n_per_count: int) -> dict[str, int]:
+    """Return the windows of output torque that the counter counts right in five folds, by noise."""
+    clean, _ = simulated(rig, n_per_count, "output_torque", _JUDGED)
+    return {
+        f"{noise:g}": held_out(
+            make_lobe_counter(clean.sampling_rate), noisy(clean, noise, _JUDGED).X, clean.y
+        )
+        for noise in NOISES["output_torque"]
+    }
+
+
+def twins(rig: str, n_per_count: int, n_twins: int) -> dict[str, dict[str, int]]:
+    """Return what counters and the oracle count right that learn from other assemblies of the rig."""
+    clean, _ = simulated(rig, n_per_count, "output_torque", _JUDGED)
+    others, wheels = simulated(rig, n_twins, "output_torque", _TRAINING)
+    comb = LobeComb(ar_order=16 if rig == "R2" else 0)  # R0 has no resonance
+    found = {}
+    for noise in NOISES["output_torque"]:
+        judged, training = reduced(noisy(clean, noise, _JUDGED)), reduced(noisy(others, noise, _TRAINING))
+        known, asked = (
+            lobe_lines(one.X, one.sampling_rate, 500 / 60, comb).lines for one in (training, judged)
+        )
+        oracle = Twins().fit(
+            known, training.y, wheels, training.worn_table(15), passage_of_lobe_zero(training.start_angle)
+        )
+        maps = {MORE: {}} | (FREE if rig == "R0" else {})
+        found[f"{noise:g}"] = {"oracle": int((oracle.predict(asked) == judged.y).sum())} | {
+            name: _trained_elsewhere(training, judged, **options) for name, options in maps.items()
+        }
+    return found
+
+
+def checks(n_per_count: int, noise: float = 0.2) -> dict[str, int]:
+    """Return other figures of rig R1 at one noise."""
+    judged, of_r0 = (
+        reduced(noisy(simulated(rig, n_per_count, "output_torque", seed)[0], noise, seed))
+        for rig, seed in (("R1", _JUDGED), ("R0", _TRAINING))
+    )
+    permuted = np.random.default_rng(0).permutation(judged.y)
+    located = evaluate(
+        LobeCounter(judged.sampling_rate, n_splits=2), judged.X, judged.y, judged.groups,
+        lobes=(judged.worn_table(15), passage_of_lobe_zero(judged.start_angle)),
+        protocol=Protocol(n_splits=3),
+    )  # fmt: skip
+    return {
+        "permuted": held_out(make_lobe_counter(judged.sampling_rate), judged.X, permuted),
+        "exact lobes": round(located.exact_lobes * len(judged)),
+        "from R0": _trained_elsewhere(of_r0, judged),
+    }
+
+
+def _trained_elsewhere(training: WindowSet, judged: WindowSet, **options: Any) -> int:
+    counter = make_lobe_counter(judged.sampling_rate)
+    counter[0].set_params(**options)
+    return int((counter.fit(training.X, training.y).predict(judged.X) == judged.y).sum())
