@@ -256,7 +256,8 @@ def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> b
     """Return True if the lines over the angle are those of a worn or a sound disc.
 
     At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
-    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has.
+    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has. On a worn
+    disc these may be a motor's, and its many lobe lines are proof enough.
     """
     even, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes
@@ -275,11 +276,11 @@ def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> b
     ratios = _log_ratio(np.minimum(power[:, 0], _MOST), _LOBE_LINE).mean(axis=0)
     cuts = np.cumsum([part.size for part in parts.values()])[:-1]
     ratio = dict(zip(parts, np.split(ratios, cuts), strict=True))
-    if max(ratio["between"].mean(), ratio["odd"].mean()) > _ABSENT:
+    if ratio["between"].mean() > _ABSENT:
         return False
     some = [ratio["lobe"][lobe % 2 == 0], ratio["lobe"][lobe % 2 == 1], ratio["lobe"][lobe % 3 != 0]]
     worn = ratio["lobe"].mean() > _PRESENT and min(one.mean() for one in some) > 0
-    sound = ratio["lobe"].mean() < 0 and ratio["mesh"].mean() > _PRESENT
+    sound = ratio["lobe"].mean() < 0 and ratio["mesh"].mean() > _PRESENT and ratio["odd"].mean() <= _ABSENT
     return bool(worn or sound)
 
 
