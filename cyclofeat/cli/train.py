@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "recordings", nargs="*", help="labelled recordings or folders (default: simulated ones)"
     )
-    parser.add_argument("--assemblies", type=int, default=40, help="assemblies per count (default 40)")
+    parser.add_argument("--assemblies", type=int, default=100, help="assemblies per count (default 100)")
     parser.add_argument(
         "--windows", type=int, help="output turns of each simulated assembly (default: 2; 5 with --wear)"
     )

@@ -1,6 +1,6 @@
 """Train a model on **surrogate** recordings and print its scores.
 
-The script uses few assemblies so that it runs in a minute; a model for use needs 40 or more of each count.
+The script uses few assemblies so that it runs in a minute; a model for use needs 100 or more of each count.
 """
 
 from cyclofeat.counting import LobeModel
