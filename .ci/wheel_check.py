@@ -84,14 +84,16 @@ def check_counting() -> None:
     from cyclofeat.datasets import write_recording
     from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
 
-    # Long enough for the ramp at the start and one turn of the output.
+    # Long enough for the ramp at the start, which is skipped, and one turn of the output.
     write_recording(
         "worn.csv", Recording.from_run(simulate(CycloidalGearbox.steel(), LobeDefects.worn(3), duration=4.0))
     )
     before = time.perf_counter()
     command("train", "--assemblies", "5", "--out", "model.joblib")
     print(f"trained in {time.perf_counter() - before:.0f} s")
-    (answer,) = json.loads(command("count", "worn.csv", "--model", "model.joblib", "--trust-model", "--json"))
+    (answer,) = json.loads(
+        command("count", "worn.csv", "--model", "model.joblib", "--trust-model", "--skip", "0.5", "--json")
+    )
     # What it counts is the tests' business: this gearbox stands on another rig than the model's.
     assert isinstance(answer["defect_count"], int)
     assert len(answer["lobe_probability"]) == 15

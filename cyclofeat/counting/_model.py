@@ -460,7 +460,7 @@ class LobeModel(RecordingPredictions):
         member = np.zeros(used.sum(), dtype=int)
         probability = combine_proba(answered.proba[used], member, 1.0 if learned is None else learned)[0]
         if self.wear is None and not reason:
-            reason = outvoted(answered.proba, used, int(probability.argmax()))
+            reason = outvoted(answered.proba, reasons, int(probability.argmax()))
         runs = None if self.wear is None or reason else answered.wear
         if self.wear is not None and runs is not None:
             probability = self.wear.probability(runs)

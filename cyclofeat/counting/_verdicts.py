@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording, WindowSet
@@ -176,7 +175,7 @@ def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
     return "its windows disagree about the count"
 
 
-def outvoted(proba: Float, used: NDArray[np.bool_], column: int) -> str:
+def outvoted(proba: Float, reasons: Sequence[str], column: int) -> str:
     """Return why a count from a part of the windows is not to be trusted; empty where it is.
 
     What spoils one window is often in the others too, too weak to be seen: where any is left out, more than
@@ -185,15 +184,17 @@ def outvoted(proba: Float, used: NDArray[np.bool_], column: int) -> str:
     Parameters
     ----------
     proba : ndarray, shape (n_windows, n_classes)
-    used : ndarray of bool, shape (n_windows,)
-        Windows that are not left out.
+    reasons : sequence of str
+        Why each window is left out; empty where it is not.
     column : int
         Of the count in ``proba``.
     """
+    used = np.array([not one for one in reasons])
     n_votes = int(np.sum(proba[used].argmax(axis=1) == column))
     if used.all() or 2 * n_votes > used.size:
         return ""
-    return f"only {n_votes} of its {used.size} windows have its count, and some are left out"
+    left_out = f"{int(np.sum(~used))} left out: {most_frequent(reasons)}"
+    return f"only {n_votes} of its {used.size} windows have its count, {left_out}"
 
 
 def most_frequent(reasons: Sequence[str]) -> str:

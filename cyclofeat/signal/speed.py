@@ -256,8 +256,8 @@ def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> b
     """Return True if the lines over the angle are those of a worn or a sound disc.
 
     At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
-    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has. On a worn
-    disc these may be a motor's, and its many lobe lines are proof enough.
+    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has. Where
+    lobe lines abound, odd lines are left to a motor, which may have some.
     """
     even, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes
