@@ -284,25 +284,25 @@ def _recordings(
     from cyclofeat.simulators.many import simulate_each
 
     def recorded(index: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
-        plan = plans.pop(index)
+        rig, plan = plans.pop(index)
         if isinstance(simulated, SimulationFailed):
             words = _words(run.assembly(index), plan.machine, defects[index])
             simulated.args = (f"{words}: {simulated}",)
             return simulated
-        return _recording(run, defects[index], plan, simulated, index)
+        return _recording(run, defects[index], rig, plan, simulated, index)
 
     try:
         plans = {index: _plan(run, index, worn) for index, worn in enumerate(defects)}
-        yield from simulate_each([plan.arguments for plan in plans.values()], kernel, n_jobs, recorded)
+        yield from simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
 
 
-def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
-    """Draw the machine of a recording."""
+def _plan(run: _Run, index: int, defects: LobeDefects) -> tuple[Rig, PlannedRun]:
+    """Draw the rig of a recording at its conditions, and the machine."""
     try:
         rig = run.rig_at(index)
-        return rig.plan_run(
+        return rig, rig.plan_run(
             defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
             random_state=run.rig.seed_of(run.random_state, index), quantity=run.quantity, solver=run.solver,
             torque_in=False, motion=False,
@@ -312,10 +312,10 @@ def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
 
 
 def _recording(
-    run: _Run, defects: LobeDefects, plan: PlannedRun, simulated: SimulationRun, index: int
+    run: _Run, defects: LobeDefects, rig: Rig, plan: PlannedRun, simulated: SimulationRun, index: int
 ) -> Recording:
     """Return the recording of a machine's run."""
-    rig, assembly = run.rig_at(index), run.assembly(index)
+    assembly = run.assembly(index)
     try:
         record = plan.finished(simulated).record()
     except ValueError as error:
@@ -409,12 +409,11 @@ def _counts(defect_counts: Any, n_lobes: int) -> list[int]:
 
 
 def _wear_range(wear_um: Any) -> tuple[float, float] | None:
-    """Return the ends of the range of radial wear; a number is a range of its own."""
     from cyclofeat.simulators.defects import MOST_WEAR_UM
 
     if wear_um is None:
         return None
-    low, high = checks.pair("wear_um", (wear_um, wear_um) if checks.is_number(wear_um) else wear_um)
+    low, high = checks.ends("wear_um", wear_um, "a number of um")
     if not 0 <= low <= high <= MOST_WEAR_UM:
         raise ValueError(
             f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "

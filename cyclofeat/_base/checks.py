@@ -87,14 +87,18 @@ def n_jobs(value: Any) -> int:
     return int(value)
 
 
-def pair(name: str, value: Any) -> tuple[float, float]:
+def pair(name: str, value: Any, what: str = "a pair of numbers (low, high)") -> tuple[float, float]:
     """Return two finite numbers as floats."""
-    what = "a pair of numbers (low, high)"
     if not isinstance(value, (tuple, list, np.ndarray)):
         raise TypeError(f"{name} must be {what}, got {short(value)}")
     if len(value) != 2:
         raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
     return number(name, value[0], what), number(name, value[1], what)
+
+
+def ends(name: str, value: Any, what: str = "a number") -> tuple[float, float]:
+    """Return the ends of a range of ``what``; a number is a range of its own."""
+    return pair(name, (value, value) if is_number(value) else value, f"{what} or a range (low, high)")
 
 
 def series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import check_type, is_number, number, one_of, positive, short, whole
+from cyclofeat._base.checks import check_type, ends, is_number, one_of, positive, short, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
 from cyclofeat.simulators.defects import MOST_WEAR_UM
@@ -206,8 +206,8 @@ class Campaign:
                 if not is_number(value):
                     quantiles[f"{label}.{name}"] = partial(parameter.draw, value)
         for name in OF_DEFECTS:
-            if isinstance(ends := getattr(self, name), tuple):
-                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=ends)
+            if isinstance(value := getattr(self, name), tuple):
+                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=value)
         return quantiles
 
     def medians(self) -> dict[str, float]:
@@ -389,10 +389,9 @@ def _wheels(wheels: Any) -> str | tuple[int, ...]:
 
 
 def _severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
-    is_range = isinstance(value, (tuple, list))
-    ends = [number(name, end, "a number or a pair (low, high)") for end in (value if is_range else [value])]
-    if len(ends) != 1 + is_range or not 0 < ends[0] <= ends[-1] <= most:
+    low, high = ends(name, value)
+    if not 0 < low <= high <= most:
         raise ValueError(
-            f"{name} must lie above 0 and up to {words}, or be a pair (low, high), got {value!r}"
+            f"{name} must lie above 0 and up to {words}, or be a range (low, high), got {value!r}"
         )
-    return (ends[0], ends[1]) if is_range else ends[0]
+    return low if is_number(value) else (low, high)
