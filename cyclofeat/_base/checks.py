@@ -55,9 +55,9 @@ def positive(name: str, value: Any, what: str = "a number") -> float:
     return _checked(math.isfinite(value) and value > 0, name, value, "positive and finite")
 
 
-def not_negative(name: str, value: Any, what: str = "a number") -> float:
+def not_negative(name: str, value: Any) -> float:
     """Return a finite number of at least 0 as a float."""
-    check_number(name, value, what)
+    check_number(name, value)
     return _checked(math.isfinite(value) and value >= 0, name, value, "finite and not negative")
 
 
