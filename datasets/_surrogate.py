@@ -143,11 +143,10 @@ def make_rig_recordings(
     length = Length.checked(duration, output_turns)
     conditions = Conditions.checked(speed_rpm, load_nm)
     run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions, quantity)
-    counts = _counts(defect_counts, run.rig.gearbox.n_lobes)
+    counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
     checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
-    worn_wheels = _worn_wheels(wheels)
-
+    worn_wheels = checks.wheels(wheels)
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     wear = _wear_range(wear_um)
@@ -399,15 +398,6 @@ def _rig(rig: Any) -> Rig:
         raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}") from None
 
 
-def _counts(defect_counts: Any, n_lobes: int) -> list[int]:
-    if isinstance(defect_counts, str) or not isinstance(defect_counts, Iterable):
-        raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {defect_counts!r}")
-    counts = [checks.whole("defect_counts", count, 0) for count in defect_counts]
-    if not counts or len(set(counts)) < len(counts) or max(counts) > n_lobes:
-        raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {counts}")
-    return counts
-
-
 def _wear_range(wear_um: Any) -> tuple[float, float] | None:
     from cyclofeat.simulators.defects import MOST_WEAR_UM
 
@@ -420,14 +410,3 @@ def _wear_range(wear_um: Any) -> tuple[float, float] | None:
             f"got {wear_um!r}"
         )
     return low, high
-
-
-def _worn_wheels(wheels: Any) -> tuple[int, ...] | None:
-    """Return the wheels in order, or None for "random"."""
-    if isinstance(wheels, str) and wheels == "random":
-        return None
-    given = checks.members(wheels)
-    for known in ((0,), (1,), (0, 1)):
-        if given is not None and sorted(given, key=str) == list(known):
-            return known
-    raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {wheels!r}")

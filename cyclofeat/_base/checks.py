@@ -147,3 +147,24 @@ def check_type(name: str, value: Any, kind: type) -> None:
     """Raise TypeError unless ``value`` is an instance of ``kind``."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {short(value)}")
+
+
+def defect_counts(values: Any, n_lobes: int) -> tuple[int, ...]:
+    """Return distinct numbers of worn lobes, at least one of them."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {values!r}")
+    counts = tuple(whole("defect_counts", count, 0, n_lobes) for count in values)
+    if not counts or len(set(counts)) < len(counts):
+        raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {list(counts)}")
+    return counts
+
+
+def wheels(value: Any) -> tuple[int, ...] | None:
+    """Return the wheels that carry the wear, in order, or None for "random"."""
+    if isinstance(value, str) and value == "random":
+        return None
+    given = members(value)
+    for known in ((0,), (1,), (0, 1)):
+        if given is not None and sorted(given, key=str) == list(known):
+            return known
+    raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {value!r}")
