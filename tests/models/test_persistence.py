@@ -224,7 +224,7 @@ def test_a_compiled_estimator_that_believes_its_numbers_is_refused(stored, data,
 
 
 @pytest.mark.parametrize(("field", "value"), [("left_child", 10**6), ("feature", 10**6), ("left_child", 0)])
-def test_a_tree_that_points_outside_itself_is_refused(counters, data, tmp_path, field, value):
+def test_a_tree_that_points_outside_itself_is_refused(data, tmp_path, field, value):
     """Compiled trees believe their indices: such a file would read foreign memory, or run in circles."""
     forest = ExtraTreesClassifier(2, random_state=0).fit(data[0][:, :5], data[1])
     tree = forest.estimators_[1].tree_
