@@ -46,7 +46,7 @@ test: $(INSTALLED)  ## the tests, without those marked slow, bench or browser
 	$(BIN)/pytest -n 2 --dist loadfile -m "not slow and not bench and not browser"
 
 test-slow: $(INSTALLED)  ## the tests marked slow: over a second each, or with a kernel of their own to compile
-	$(BIN)/pytest -n 2 --dist loadfile -m "slow and not bench" || [ $$? -eq 5 ]  # 5: there are none
+	$(BIN)/pytest -n 2 --dist loadfile -m "slow and not bench and not browser" || [ $$? -eq 5 ]  # 5: there are none
 
 # Numba can hide an index out of bounds or an undefined name: the interpreter does not.
 test-nojit: $(INSTALLED)  ## the tests marked nojit, without compilation
@@ -59,7 +59,7 @@ test-array-api: $(INSTALLED)  ## scikit-learn's checks with arrays of other libr
 coverage: $(INSTALLED)  ## lines and branches that the tests run, slow ones too; fails below 95 %
 	$(BIN)/pytest -n 2 --dist loadfile -m "not bench and not browser" --cov --cov-report=term
 
-test-browser: $(INSTALLED)  ## the pages of reports and animations in Chromium
+test-browser: $(INSTALLED)  ## the pages of reports, animations and the server in Chromium
 	$(BIN)/pytest -m browser tests/browser
 
 lint: $(INSTALLED)  ## ruff: rules and format; spelling; workflows; scientific-python's review of repositories

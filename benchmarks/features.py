@@ -86,9 +86,9 @@ def spectral_set(X: np.ndarray) -> None:
     band_power(psd, frequencies)
 
 
-def four_features(X: np.ndarray, sampling_rate: float = SAMPLING_RATE) -> list[np.ndarray]:
+def four_features(X: np.ndarray) -> list[np.ndarray]:
     """The features that antropy and librosa also have."""
-    frequencies, psd = welch_psd(X, sampling_rate, "ripple")
+    frequencies, psd = welch_psd(X, SAMPLING_RATE, "ripple")
     return [
         shannon_entropy(psd),
         spectral_flatness(psd),

@@ -89,18 +89,13 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | None:
-    """Return the ends of a range; a number is a range of its own."""
     if given is None:
         return None
-    ends = checks.members(given)
-    low, high = (given, given) if ends is None else (ends[0], ends[-1])
-    if ends is not None and len(ends) != 2:
-        raise ValueError(f"{name} must be a number of {unit} or a range (low, high), got {given!r}")
-    checks.positive(name, low, f"a number of {unit}")
-    checks.positive(name, high, f"a number of {unit}")
+    low, high = checks.ends(name, given, f"a number of {unit}")
+    checks.positive(name, low)
     if low > high:
         raise ValueError(f"{name} must be a range (low, high) with low <= high, got {given!r}")
-    return float(low), float(high)
+    return low, high
 
 
 def _log_uniform(ends: tuple[float, float], share: float) -> float:

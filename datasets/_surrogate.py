@@ -143,11 +143,10 @@ def make_rig_recordings(
     length = Length.checked(duration, output_turns)
     conditions = Conditions.checked(speed_rpm, load_nm)
     run = _Run(_rig(rig), length, sampling_rate, random_state, with_angle, solver, conditions, quantity)
-    counts = _counts(defect_counts, run.rig.gearbox.n_lobes)
+    counts = checks.defect_counts(defect_counts, run.rig.gearbox.n_lobes)
     checks.n_jobs(n_jobs)
     checks.one_of("lobes", lobes, ("consecutive", "random", "mixed"))
-    worn_wheels = _worn_wheels(wheels)
-
+    worn_wheels = checks.wheels(wheels)
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     wear = _wear_range(wear_um)
@@ -284,25 +283,25 @@ def _recordings(
     from cyclofeat.simulators.many import simulate_each
 
     def recorded(index: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
-        plan = plans.pop(index)
+        rig, plan = plans.pop(index)
         if isinstance(simulated, SimulationFailed):
             words = _words(run.assembly(index), plan.machine, defects[index])
             simulated.args = (f"{words}: {simulated}",)
             return simulated
-        return _recording(run, defects[index], plan, simulated, index)
+        return _recording(run, defects[index], rig, plan, simulated, index)
 
     try:
         plans = {index: _plan(run, index, worn) for index, worn in enumerate(defects)}
-        yield from simulate_each([plan.arguments for plan in plans.values()], kernel, n_jobs, recorded)
+        yield from simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
 
 
-def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
-    """Draw the machine of a recording."""
+def _plan(run: _Run, index: int, defects: LobeDefects) -> tuple[Rig, PlannedRun]:
+    """Draw the rig of a recording at its conditions, and the machine."""
     try:
         rig = run.rig_at(index)
-        return rig.plan_run(
+        return rig, rig.plan_run(
             defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
             random_state=run.rig.seed_of(run.random_state, index), quantity=run.quantity, solver=run.solver,
             torque_in=False, motion=False,
@@ -312,10 +311,10 @@ def _plan(run: _Run, index: int, defects: LobeDefects) -> PlannedRun:
 
 
 def _recording(
-    run: _Run, defects: LobeDefects, plan: PlannedRun, simulated: SimulationRun, index: int
+    run: _Run, defects: LobeDefects, rig: Rig, plan: PlannedRun, simulated: SimulationRun, index: int
 ) -> Recording:
     """Return the recording of a machine's run."""
-    rig, assembly = run.rig_at(index), run.assembly(index)
+    assembly = run.assembly(index)
     try:
         record = plan.finished(simulated).record()
     except ValueError as error:
@@ -399,36 +398,15 @@ def _rig(rig: Any) -> Rig:
         raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}") from None
 
 
-def _counts(defect_counts: Any, n_lobes: int) -> list[int]:
-    if isinstance(defect_counts, str) or not isinstance(defect_counts, Iterable):
-        raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {defect_counts!r}")
-    counts = [checks.whole("defect_counts", count, 0) for count in defect_counts]
-    if not counts or len(set(counts)) < len(counts) or max(counts) > n_lobes:
-        raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {counts}")
-    return counts
-
-
 def _wear_range(wear_um: Any) -> tuple[float, float] | None:
-    """Return the ends of the range of radial wear; a number is a range of its own."""
     from cyclofeat.simulators.defects import MOST_WEAR_UM
 
     if wear_um is None:
         return None
-    low, high = checks.pair("wear_um", (wear_um, wear_um) if checks.is_number(wear_um) else wear_um)
+    low, high = checks.ends("wear_um", wear_um, "a number of um")
     if not 0 <= low <= high <= MOST_WEAR_UM:
         raise ValueError(
             f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
             f"got {wear_um!r}"
         )
     return low, high
-
-
-def _worn_wheels(wheels: Any) -> tuple[int, ...] | None:
-    """Return the wheels in order, or None for "random"."""
-    if isinstance(wheels, str) and wheels == "random":
-        return None
-    given = checks.members(wheels)
-    for known in ((0,), (1,), (0, 1)):
-        if given is not None and sorted(given, key=str) == list(known):
-            return known
-    raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {wheels!r}")

@@ -29,7 +29,7 @@ from cyclofeat.simulators._jit import addresses, njit
 from cyclofeat.simulators._outline import FASTMATH, describe, moved_on, small_sincos
 
 # Of _outline.py: numba's cache on disk notices changes of this file only.
-OUTLINE_CHECKSUM = 0x3421CA69
+OUTLINE_CHECKSUM = 0xE2526B85
 
 PAPER_LAW = 0
 HUNT_CROSSLEY_LAW = 1

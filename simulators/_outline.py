@@ -53,7 +53,6 @@ WheelConstants = namedtuple(
 
 # Tables with one column per pin or contact are flat arrays of rows of fixed length with unsigned indices: the
 # compiler then knows that rows do not overlap and vectorises. A power of two would collide in the cache.
-MAX_PINS = 128
 COLUMNS = 136
 EDGE_COLUMNS = 272
 # Contacts are padded to whole blocks of one vector.

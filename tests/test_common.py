@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.neural_network import MLPClassifier
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
+from transformers import SAMPLING_RATE, SPECTRAL, STATISTICS, WAVELET
 
 from cyclofeat.counting import (
     ConformalCounter,
@@ -25,68 +26,17 @@ from cyclofeat.counting import (
     make_entropy_counter,
     make_lobe_counter,
 )
-from cyclofeat.features import (
-    AmplitudeSpectrum,
-    BandPower,
-    CoherenceToReference,
-    HighPass,
-    LobeMap,
-    NarrowbandRatio,
-    OrderSpectrum,
-    SpectralCentroid,
-    SpectralEntropy,
-    SpectralFlatness,
-    SpectralRolloff,
-    TorqueFeatures,
-    TorqueStatistics,
-    WaveletEnvelopeSpectrum,
-    WaveletLevelStatistics,
-    WaveletMinimaOverlap,
-    WelchPSD,
-)
-
-SAMPLING_RATE = 25_600
-HAAR = [[0.5**0.5, 0.5**0.5], [-(0.5**0.5), 0.5**0.5], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0.5**0.5)]]
+from cyclofeat.features import LobeMap, SpectralEntropy
 
 
 def estimators() -> list[BaseEstimator]:
     """Every public estimator, and once more with the parameters that change its way through the code."""
     return [
-        TorqueStatistics(SAMPLING_RATE),
-        SpectralEntropy(SAMPLING_RATE),
-        SpectralEntropy(SAMPLING_RATE, normalize=True),
-        SpectralEntropy(SAMPLING_RATE, preset="ripple", band=(50.0, 1500.0)),
-        SpectralFlatness(SAMPLING_RATE),
-        SpectralFlatness(SAMPLING_RATE, preset="ripple", band=(100.0, 5000.0), n_parts=3),
-        SpectralCentroid(SAMPLING_RATE),
-        SpectralCentroid(SAMPLING_RATE, n_parts=4),
-        SpectralRolloff(SAMPLING_RATE),
-        SpectralRolloff(SAMPLING_RATE, preset="ripple", fraction=1.0, band=(100.0, 5000.0), n_parts=2),
-        NarrowbandRatio(SAMPLING_RATE),
-        NarrowbandRatio(SAMPLING_RATE, preset="ripple", half_width_hz=0, n_harmonics=3),
-        BandPower(SAMPLING_RATE),
-        BandPower(SAMPLING_RATE, preset="ripple", bands=[(0.0, 1500.0), (100.0, 500.0)]),
-        WelchPSD(SAMPLING_RATE),
-        WelchPSD(SAMPLING_RATE, preset="ripple", band=(0.0, 1500.0), decibels=True),
-        AmplitudeSpectrum(SAMPLING_RATE, n_fft=256),
-        AmplitudeSpectrum(SAMPLING_RATE, n_fft=64, window="flattop", band=(0.0, 5000.0)),
-        HighPass(SAMPLING_RATE),
-        HighPass(SAMPLING_RATE, cutoff_hz=5000.0, order=1),
-        CoherenceToReference(SAMPLING_RATE),
-        CoherenceToReference(SAMPLING_RATE, reference="first", bands=[(0.0, 1500.0)]),
-        OrderSpectrum(SAMPLING_RATE),
-        OrderSpectrum(SAMPLING_RATE, fold_by="lobe", n_mesh_lines=0, speed_tolerance=0),
-        OrderSpectrum(SAMPLING_RATE, fold_by="input", n_lines=20, n_sidebands=0, comb="mesh"),
+        *STATISTICS,
+        *SPECTRAL,
+        *WAVELET,
         LobeMap(SAMPLING_RATE),
         LobeMap(SAMPLING_RATE, align="start", speed_tolerance=0, ar_order=0),
-        WaveletMinimaOverlap(SAMPLING_RATE),
-        WaveletMinimaOverlap(SAMPLING_RATE, wavelet="db4", levels=3, align="none"),
-        WaveletEnvelopeSpectrum(SAMPLING_RATE),
-        WaveletEnvelopeSpectrum(SAMPLING_RATE, wavelet="haar", shaft_hz=300.0, n_mesh_harmonics=2),
-        WaveletLevelStatistics(SAMPLING_RATE),
-        WaveletLevelStatistics(SAMPLING_RATE, wavelet=HAAR, levels=2, colours=2),
-        TorqueFeatures(SAMPLING_RATE),
-        TorqueFeatures(SAMPLING_RATE, ["WelchPSD", "OrderSpectrum", "CoherenceToReference"], preset="ripple"),
         make_lobe_counter(SAMPLING_RATE, n_trees=4),
         make_entropy_counter(SAMPLING_RATE, n_trees=4),
         make_lobe_counter(SAMPLING_RATE, kind="ladder"),

@@ -78,10 +78,10 @@ def twins(rig: str, n_per_count: int, n_twins: int) -> dict[str, dict[str, int]]
     return found
 
 
-def checks(n_per_count: int, noise: float = 0.2) -> dict[str, int]:
-    """Return other figures of rig R1 at one noise."""
+def checks(n_per_count: int) -> dict[str, int]:
+    """Return other figures of rig R1 with 0.2 Nm of noise."""
     judged, of_r0 = (
-        reduced(noisy(simulated(rig, n_per_count, "output_torque", seed)[0], noise, seed))
+        reduced(noisy(simulated(rig, n_per_count, "output_torque", seed)[0], 0.2, seed))
         for rig, seed in (("R1", _JUDGED), ("R0", _TRAINING))
     )
     permuted = np.random.default_rng(0).permutation(judged.y)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from benchmarks._markdown import table
 from benchmarks.hidden_effects._effects import nuisance_and_seed, record, run_machine
 from benchmarks.hidden_effects._folders import n_samples
 from benchmarks.hidden_effects._machine import SAMPLING_RATE, Machine, run
@@ -24,6 +25,7 @@ Float = NDArray[np.float64]
 
 INPUT_HZ = 500 / 60
 COUNTS = (0, 2, 4, 6)
+_N_PERMUTATIONS = 499
 _BANDS = ((50, 500), (500, 2000), (2000, 4000), (4000, 8000))
 
 
@@ -92,12 +94,12 @@ def level(torque: Float, low: float, high: float) -> float:
     return float(10 * np.log10(psd[inside].sum() * frequencies[1]))
 
 
-def distributions(n: int, other_seed: int = 5) -> tuple[Float, Float, list[Any], NDArray[np.int64]]:
+def distributions(n: int) -> tuple[Float, Float, list[Any], NDArray[np.int64]]:
     """Summaries of ``n`` recordings from both without an effect, cells, and counts of worn lobes."""
     planned = [Planned(FIT, i, STANDARD, COUNTS[i % len(COUNTS)]) for i in range(n)]
     own = np.array([_recorded(one, (10**6, one.number)) for one in planned])
     here, cells = recording_cells(own, Conditions(SAMPLING_RATE, INPUT_HZ))
-    there = simulated_cells((), planned, other_seed)[""]
+    there = simulated_cells((), planned, 5)[""]
     return here, there, cells, np.array([one.count for one in planned])
 
 
@@ -128,37 +130,38 @@ def report(n: int = 80, nulls: int = 30) -> str:
         "ripple, and difference of the levels (dB) by band, at two time steps of the simulator (this "
         "generator's stays 1/102400 s).",
         "",
-        "| case | std, Nm | "
-        + " | ".join(f"dt {dt:g}: rms | {' | '.join(f'{a}-{b} Hz' for a, b in _BANDS)}" for dt in steps)
-        + " |",
-        "|" + "---|" * (2 + len(steps) * (1 + len(_BANDS))),
     ]
+    head, rows = ["case", "std, Nm"], []
+    for dt in steps:
+        head += [f"dt {dt:g}: rms", *(f"{low}-{high} Hz" for low, high in _BANDS)]
     for condition in CONDITIONS:
-        parts = []
+        row = [condition.name, ""]
         for dt in steps:
             here, there = both(condition, dt=dt)
-            parts.append(f"{np.std(here - there) / np.std(there):.4f}")
-            parts += [f"{level(here, *band) - level(there, *band):+.2f}" for band in _BANDS]
-        lines.append(f"| {condition.name} | {np.std(here):.4f} | {' | '.join(parts)} |")
+            row.append(f"{np.std(here - there) / np.std(there):.4f}")
+            row += [f"{level(here, *band) - level(there, *band):+.2f}" for band in _BANDS]
+        row[1] = f"{np.std(here):.4f}"
+        rows.append(row)
+    lines.append(table(head, rows))
     here, there, cells, counts = distributions(n)
     z = standardised(here, there, counts)
-    lines += ["", "## Summaries under the nuisance prior", ""]
+    lines += ["## Summaries under the nuisance prior", ""]
     lines += [
         f"{n} recordings of each, {len(cells)} cells: difference of the means over its standard error has an "
         f"rms of {np.sqrt(np.mean(z**2)):.2f} (1 if both are the same); {np.sum(np.abs(z) > 3)} of "
         f"{len(z)} beyond 3. The largest:",
         "",
-        "| cell | difference | spread of one recording | z |",
-        "|---|---|---|---|",
     ]
+    rows = []
     for k in np.argsort(-np.abs(z))[:8]:
         difference = here[:, k].mean() - there[:, k].mean()
         spread = np.sqrt(np.mean([there[counts == c, k].var() for c in np.unique(counts)]))
         cell = cells[k]
-        numbers = f"{difference:.3g} {cell.unit} | {spread:.3g} | {z[k]:.1f}"
-        lines.append(f"| {cell.family}: {cell.name} | {numbers} |")
+        name, step = f"{cell.family}: {cell.name}", f"{difference:.3g} {cell.unit}"
+        rows.append([name, step, f"{spread:.3g}", f"{z[k]:.1f}"])
+    lines.append(table(("cell", "difference", "spread of one recording", "z"), rows))
     if nulls:
-        lines += ["", "## The locator on sets of 8 without an effect", ""]
+        lines += ["## The locator on sets of 8 without an effect", ""]
         alarms, verdict = false_alarms(nulls)
         lines.append(
             f'{alarms} of {nulls} say "disagree" at alpha 0.05 (bank of 200; the first one\'s verdict by '
@@ -167,20 +170,20 @@ def report(n: int = 80, nulls: int = 30) -> str:
     return "\n".join(lines)
 
 
-def false_alarms(n: int, n_permutations: int = 499) -> tuple[int, str]:
+def false_alarms(n: int) -> tuple[int, str]:
     """Number of ``n`` sets without an effect with the verdict "disagree", and the first verdict."""
     counts = COUNTS * 2
     planned = [Planned(FIT, i, STANDARD, counts[i % 8]) for i in range(8 * n)]
     X = np.array([_recorded(one, (10**6 + 1, one.number)) for one in planned])
     comparison = Comparison(sampling_rate=SAMPLING_RATE, may_differ=(*MAY_DIFFER, *FLOOR))
     sets = [comparison.measured(X[8 * k : 8 * k + 8], y=counts) for k in range(n)]
-    located = locate(comparison, sets[0], n_permutations=n_permutations)
+    located = locate(comparison, sets[0], n_permutations=_N_PERMUTATIONS)
     # All sets use one bank: they are compared as in locate, without a new bank for each.
     simulated = located.centred(located.simulated, located.bank.counts)
     random = np.random.default_rng(0)
     alarms = 0
     for one in sets:
         measured = located.centred(one.values, one.counts)
-        p = family_p(measured, simulated, one.cells, n_permutations, random)
+        p = family_p(measured, simulated, one.cells, _N_PERMUTATIONS, random)
         alarms += min(p.values()) <= located.alpha
     return alarms, located.verdict

@@ -295,11 +295,3 @@ def truth_text() -> str:
         )
     head = f'"format": {json.dumps(FORMAT)}, "seed": {SEED}, "sets": {{\n'
     return "{" + head + ",\n".join(lines) + "\n}}\n"
-
-
-def write_truth() -> None:
-    """Write ``truth.json`` and ``truth.sha256`` after a change of tables or definitions."""
-    text = truth_text()
-    (HERE / "truth.json").write_text(text, encoding="utf-8")
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    (HERE / "truth.sha256").write_text(f"{digest}  truth.json\n", encoding="utf-8")

@@ -31,7 +31,7 @@ class Figure:
     high: float | None = None
 
 
-def calibration_error(probabilities: Sequence[float], right: Sequence[bool], bins: int = _BINS) -> float:
+def calibration_error(probabilities: Sequence[float], right: Sequence[bool]) -> float:
     """Mean distance of probabilities from shares, over equal bins weighted by their number of cases.
 
     Examples
@@ -40,8 +40,8 @@ def calibration_error(probabilities: Sequence[float], right: Sequence[bool], bin
     0.05
     """
     p = np.asarray(probabilities)
-    of_bin = np.minimum((p * bins).astype(int), bins - 1)
-    excess = np.bincount(of_bin, p - np.asarray(right), minlength=bins)
+    of_bin = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    excess = np.bincount(of_bin, p - np.asarray(right), minlength=_BINS)
     return float(np.abs(excess).sum() / p.size)
 
 

@@ -13,7 +13,6 @@ import csv
 import dataclasses
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import joblib
 import numpy as np
@@ -146,31 +145,31 @@ def distance(with_it: Float, without: Float, blocks: Sequence[object]) -> float:
     return float(apart / math.sqrt((scores[y == 1].var() + scores[y == 0].var()) / 2 + 1e-12))
 
 
-def write_visible(jobs: int = 1, file: Path = FILE) -> None:
-    """Add the significances of the sets that the file does not have; an interrupted run continues."""
-    known = visible(file)
+def write_visible(jobs: int) -> None:
+    """Add the significances of the sets that ``visible.csv`` does not have; an interrupted run continues."""
+    known = visible()
     left = [name for kind in ("several", "single") for name in set_names([kind]) if name not in known]
     work = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
     for name, found in work(joblib.delayed(_named)(name) for name in left):
         known[name] = found
         rows = [f"{name},{effect},{sigma:.3g}\n" for effect, sigma in found.items()]
-        with file.open("a", encoding="utf-8") as stream:
+        with FILE.open("a", encoding="utf-8") as stream:
             stream.writelines(rows)
     every = [
         f"{name},{effect},{sigma:.3g}\n" for name in sorted(known) for effect, sigma in known[name].items()
     ]
-    file.write_text("".join(every), encoding="utf-8")
+    FILE.write_text("".join(every), encoding="utf-8")
 
 
 def _named(name: str) -> tuple[str, dict[str, float]]:
     return name, significance(definitions()[name])
 
 
-def visible(file: Path = FILE) -> dict[str, dict[str, float]]:
+def visible() -> dict[str, dict[str, float]]:
     """Significance of each effect, by set."""
     found: dict[str, dict[str, float]] = {}
-    if file.exists():
-        with file.open(encoding="utf-8", newline="") as stream:
+    if FILE.exists():
+        with FILE.open(encoding="utf-8", newline="") as stream:
             for name, effect, sigma in csv.reader(stream):
                 found.setdefault(name, {})[effect] = float(sigma)
     return found

@@ -55,9 +55,9 @@ def positive(name: str, value: Any, what: str = "a number") -> float:
     return _checked(math.isfinite(value) and value > 0, name, value, "positive and finite")
 
 
-def not_negative(name: str, value: Any, what: str = "a number") -> float:
+def not_negative(name: str, value: Any) -> float:
     """Return a finite number of at least 0 as a float."""
-    check_number(name, value, what)
+    check_number(name, value)
     return _checked(math.isfinite(value) and value >= 0, name, value, "finite and not negative")
 
 
@@ -87,14 +87,18 @@ def n_jobs(value: Any) -> int:
     return int(value)
 
 
-def pair(name: str, value: Any) -> tuple[float, float]:
+def pair(name: str, value: Any, what: str = "a pair of numbers (low, high)") -> tuple[float, float]:
     """Return two finite numbers as floats."""
-    what = "a pair of numbers (low, high)"
     if not isinstance(value, (tuple, list, np.ndarray)):
         raise TypeError(f"{name} must be {what}, got {short(value)}")
     if len(value) != 2:
         raise ValueError(f"{name} must be {what}, got {len(value)} values {short(value)}")
     return number(name, value[0], what), number(name, value[1], what)
+
+
+def ends(name: str, value: Any, what: str = "a number") -> tuple[float, float]:
+    """Return the ends of a range of ``what``; a number is a range of its own."""
+    return pair(name, (value, value) if is_number(value) else value, f"{what} or a range (low, high)")
 
 
 def series(name: str, values: Any, least: int = 1, kinds: str = "iuf") -> NDArray[np.float64]:
@@ -143,3 +147,24 @@ def check_type(name: str, value: Any, kind: type) -> None:
     """Raise TypeError unless ``value`` is an instance of ``kind``."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {short(value)}")
+
+
+def defect_counts(values: Any, n_lobes: int) -> tuple[int, ...]:
+    """Return distinct numbers of worn lobes, at least one of them."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {values!r}")
+    counts = tuple(whole("defect_counts", count, 0, n_lobes) for count in values)
+    if not counts or len(set(counts)) < len(counts):
+        raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {list(counts)}")
+    return counts
+
+
+def wheels(value: Any) -> tuple[int, ...] | None:
+    """Return the wheels that carry the wear, in order, or None for "random"."""
+    if isinstance(value, str) and value == "random":
+        return None
+    given = members(value)
+    for known in ((0,), (1,), (0, 1)):
+        if given is not None and sorted(given, key=str) == list(known):
+            return known
+    raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {value!r}")

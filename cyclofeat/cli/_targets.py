@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from cyclofeat.cli._idle import add_idle
 
-__all__ = ["add_target", "check_targets"]
+__all__ = ["add_target", "check_folder", "check_targets"]
 
 Kind = Literal["file", "folder", "model", "page"]
 
@@ -49,8 +49,7 @@ def check_targets(arguments: argparse.Namespace) -> None:
             raise ValueError(f"{other} and {option} must name different files, both are {path}")
         written = [path]
         if kind == "folder":
-            if path.exists() and not path.is_dir():
-                raise NotADirectoryError(f"{option} must name a folder, {path} is a file")
+            check_folder(option, path)
             written = [path] if path.is_dir() and any(path.iterdir()) else []
         elif path.is_dir():
             raise IsADirectoryError(f"{option} must name a file, {path} is a folder")
@@ -67,3 +66,9 @@ def check_targets(arguments: argparse.Namespace) -> None:
         for one in written:
             if one.exists() and not arguments.force:
                 raise FileExistsError(f"{one} exists: give {option} another name, or --force to overwrite it")
+
+
+def check_folder(option: str, path: Path) -> None:
+    """Raise NotADirectoryError if an option's folder is a file."""
+    if path.exists() and not path.is_dir():
+        raise NotADirectoryError(f"{option} must name a folder, {path} is a file")

@@ -23,7 +23,7 @@ from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import READING, add_reading_options, option_of, read_all
 from cyclofeat.cli._rigs import add_effects
 from cyclofeat.cli._table import Printed
-from cyclofeat.cli._targets import add_target
+from cyclofeat.cli._targets import add_target, check_folder
 
 if TYPE_CHECKING:
     from cyclofeat.gap import GapCheck, GapResult, GapSettings
@@ -92,8 +92,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:
     """Compare, name, correct, judge, and write report and corrected model; or only prepare, or check."""
-    if arguments.cache is not None and Path(arguments.cache).is_file():
-        raise NotADirectoryError(f"--cache must name a folder, {arguments.cache} is a file")
+    if arguments.cache is not None:
+        check_folder("--cache", Path(arguments.cache))
     if arguments.prepare is not None:
         return prepare(arguments)
     if arguments.check:

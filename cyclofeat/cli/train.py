@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
 from cyclofeat.cli._idle import add_idle
-from cyclofeat.cli._ranges import range_of
 from cyclofeat.cli._reading import READING, add_reading_options, read_all
 from cyclofeat.cli._rigs import add_rig, rig_of
 from cyclofeat.cli._table import Printed
@@ -47,12 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--windows", type=int, help="output turns of each simulated assembly (default: 2; 5 with --wear)"
     )
     parser.add_argument(
-        "--speeds", type=range_of("RPM"), metavar="LOW:HIGH",
+        "--speeds", type=_range_of("RPM"), metavar="LOW:HIGH",
         help="input speeds of the simulated assemblies in RPM, such as 100:1500 (default: 0.8 to 1.25 times "
         "the rig's)",
     )  # fmt: skip
     parser.add_argument(
-        "--loads", type=range_of("Nm"), metavar="LOW:HIGH",
+        "--loads", type=_range_of("Nm"), metavar="LOW:HIGH",
         help="their loads in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
     )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="worn lobes of the simulated assemblies: neighbours (default), any, or half of each",
     )  # fmt: skip
     parser.add_argument(
-        "--wear", type=range_of("um"), metavar="LOW:HIGH",
+        "--wear", type=_range_of("um"), metavar="LOW:HIGH",
         help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
         "once; simulated lobes then have such wear in place of the papers' chord",
     )  # fmt: skip
@@ -81,6 +81,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser, sampling_rate=False)
     add_idle(parser, *_SIMULATION, beside=["recordings"])
     add_idle(parser, *_OF_FILES, without=["recordings"])
+
+
+def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
+    """Return the type of an option that takes ``LOW:HIGH`` or one number."""
+
+    def parse(text: str) -> tuple[float, float]:
+        low, _, high = text.partition(":")
+        try:
+            ends = float(low), float(high or low)
+        except ValueError:
+            ends = 0.0, 0.0
+        if not 0 < ends[0] <= ends[1] < float("inf"):
+            raise argparse.ArgumentTypeError(
+                f"must be LOW:HIGH or one number, in {unit} and positive, got {text!r}"
+            )
+        return ends
+
+    return parse
 
 
 def run(arguments: argparse.Namespace) -> LobeModel:

@@ -16,14 +16,14 @@ import numpy as np
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import faults
-from cyclofeat.signal.lobes import lobe_frequency
+from cyclofeat.signal.lobes import N_LINES, lobe_frequency
 from cyclofeat.signal.windows import Float
 
 # Shares of a window's samples.
 _MOST_DROPPED, _MOST_CLIPPED = 0.02, 0.02
-# Lobe lines up to the 44th enter a count. Torque must change this often in their shortest period, and samples
-# be this much denser, before its noise can be read off adjacent samples.
-_LINES, _FRESH, _DENSE = 44, 4.0, 20.0
+# Torque must change this often in the shortest period of the lobe lines of a count, and samples be this much
+# denser, before its noise can be read off adjacent samples.
+_FRESH, _DENSE = 4.0, 20.0
 # Step of the converter in standard deviations; share of equal samples from which it hides the noise.
 _COARSEST, _MOST_EQUAL = 0.5, 0.2
 # Standard deviations of the usual noise that a sample lies off its neighbours, and of the torque: where there
@@ -85,7 +85,7 @@ def _of_samples(torque: Float, sampling_rate: float, input_speed_hz: float, n_lo
         return f"{share:.0%} of the samples are lost: they repeat a value or lie on straight lines"
     if (share := faults.clipped(torque)) > _MOST_CLIPPED:
         return f"{share:.0%} of the samples are clipped at {torque.min():.4g} or {torque.max():.4g}"
-    highest = _LINES * lobe_frequency(input_speed_hz, n_lobes)
+    highest = N_LINES * lobe_frequency(input_speed_hz, n_lobes)
     fresh = faults.fresh_rate(torque, sampling_rate)
     if fresh < min(_FRESH * highest, 0.5 * sampling_rate):
         return (

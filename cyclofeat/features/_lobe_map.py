@@ -73,7 +73,7 @@ class LobeMap(WindowTransformer):
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **WindowTransformer._parameter_constraints,
         **SPEED_CONSTRAINTS,
-        "n_lines": [Interval(Integral, 3, None, closed="left")],
+        "n_lines": [Interval(Integral, lobes.FEWEST_LINES, None, closed="left")],
         "ar_order": [Interval(Integral, 0, None, closed="left")],
         "align": [StrOptions({"energy", "start"})],
     }
@@ -81,7 +81,7 @@ class LobeMap(WindowTransformer):
     sampling_rate: float
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
-    n_lines: int = 44
+    n_lines: int = lobes.N_LINES
     ar_order: int = 16
     speed_tolerance: float = 0.015
     align: str = "energy"

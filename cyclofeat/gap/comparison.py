@@ -186,9 +186,7 @@ class Comparison:
             changes["_memory"] = None
         return dataclasses.replace(self, **changes)
 
-    def remember(
-        self, call: Callable[[], T], kind: str, *key: Any, code: tuple[str, ...] = SIMULATED_BY
-    ) -> T:
+    def remember(self, call: Callable[[], T], kind: str, *key: Any) -> T:
         """Return the result of ``call``, computed once for equal keys and equal code.
 
         Parameters
@@ -198,11 +196,9 @@ class Comparison:
             Name of the subfolder of ``cache``: ``"bank"``.
         *key : object
             Text, numbers and arrays that the result depends on.
-        code : tuple of str
-            Folders of the package whose code decides about the result, besides that of the simulators.
         """
         assert self._memory is not None
-        return self._memory(call, kind, *key, code=code)
+        return self._memory(call, kind, *key, code=SIMULATED_BY)
 
     def bank(
         self,

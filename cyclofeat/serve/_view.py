@@ -48,11 +48,11 @@ def parts(session: Session) -> dict[str, Any]:
         "recordings": {"recordings": recordings},
         "jobs": {"jobs": jobs},
     }
+    rendered = {name: _TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()}
+    rendered["time_channel"] = rendered["angle_channel"] = rendered["channel"]
     return {
-        "html": {
-            name: _TEMPLATES.get_template(f"{name}.html").render(values) for name, values in html.items()
-        },
-        "status": _status(session, present),
+        "html": rendered,
+        "status": _status(session, recordings),
         "busy": bool(session.jobs.running),
         "uninspected": [row["name"] for row in recordings if not row["files"]],
     }
@@ -97,7 +97,7 @@ def _recording(name: str, is_folder: bool, facts: Mapping[str, dict[str, Any]]) 
 
 def _file(row: Mapping[str, Any]) -> dict[str, Any]:
     if "error" in row:
-        return {"name": row["file"], "error": row["error"], "cells": [], "warnings": []}
+        return {"name": row["file"], "error": row["error"]}
     turns = row["whole_output_turns"]
     cells = [
         f"{row['channel']} ({row['unit']})",
@@ -106,7 +106,13 @@ def _file(row: Mapping[str, Any]) -> dict[str, Any]:
         _rpm(row["speed_rpm"]),
         _rpm(row["speed_measured_rpm"]),
     ]
-    return {"name": row["file"], "error": "", "cells": cells, "warnings": row["warnings"]}
+    return {
+        "name": row["file"],
+        "error": "",
+        "cells": cells,
+        "warnings": row["warnings"],
+        "speed": row["speed_rpm"] or row["speed_measured_rpm"],
+    }
 
 
 def _rpm(speed: float | None) -> str:
@@ -171,7 +177,7 @@ def _gap(result: Mapping[str, Any]) -> Iterator[str]:
         yield "something is missing that no effect considered explains"
 
 
-def _status(session: Session, present: list[str]) -> str:
+def _status(session: Session, recordings: list[dict[str, Any]]) -> str:
     """Say what happens or has happened, and what to do next."""
     running = session.jobs.running
     if running:
@@ -179,21 +185,27 @@ def _status(session: Session, present: list[str]) -> str:
         return f"{job.order.title}: {job.messages[-1] if job.messages else 'starting'}."
     jobs = list(session.jobs.jobs.values())
     said = f"{_outcome(jobs[-1])}. " if jobs else ""
-    counted = any(job.order.command == "count" and job.state == "done" for job in jobs)
+    files = [file for recording in recordings for file in recording["files"]]
+    wrong = [file["name"] for file in files if file["error"]]
     if session.model is None:
         following = "train the default model (one or two minutes), or choose a model file."
-    elif not present:
+    elif not recordings:
         following = "choose recordings, or simulate an example."
-    elif not counted:
-        following = "check what was found in the recordings, then press Count."
+    elif jobs and jobs[-1].state == "done" and jobs[-1].outputs:
+        following = "open the page of the result, or choose other recordings."
+    elif wrong:
+        following = f"state what {wrong[0]} lacks (step 3), or remove it."
+    elif not all(file["speed"] for file in files):
+        following = "state the speed of the input shaft (step 3), then press Count worn lobes."
     else:
-        following = "open the page of a result, or choose other recordings."
+        following = "check what was found in the recordings, then press Count worn lobes."
     return f"{said}Next: {following}"
 
 
 def _outcome(job: Job) -> str:
     if job.state != "done":
-        return f"{job.order.title}: {job.error or job.state}".rstrip(".")
+        said = (job.error or job.state).rstrip(".")
+        return said if said.startswith(job.order.recordings) else f"{job.order.title}: {said}"
     rows = [_count(row) for row in job.result] if job.order.command == "count" else []
     answers = [
         f"{row['name']}: {'refused' if row['refused'] else row['count']}" for row in rows if not row["error"]

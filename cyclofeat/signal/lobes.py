@@ -49,9 +49,11 @@ __all__ = [
 #: Largest relative deviation from the nominal speed that the search for lobe lines covers by default.
 SPEED_TOLERANCE = 0.015
 
-# Lobe lines of a count, the fewest of a lobe map, and the share of the sampling rate up to which windows hold
-# them: there the low-pass of resampled torque is flat.
-_LINES, _FEWEST_LINES, _SHARE_HELD = 44, 3, 0.4
+#: Number of lobe lines of a map, of a count and of the search for the speed, and the fewest that tell it.
+N_LINES, FEWEST_LINES = 44, 3
+
+# Windows hold lobe lines up to this share of the sampling rate: the low-pass of resampling is flat there.
+_SHARE_HELD = 0.4
 # The reduced sampling rate, in lobe frequencies per lobe line kept: its Nyquist is 3 times the highest line.
 _RATE_PER_LINE = 6
 # Order of the autoregressive model, where nothing else is said.
@@ -115,7 +117,7 @@ def lines_held(
     (44, 15)
     """
     highest = highest_frequency(input_speed_hz, n_lobes, 1, speed_tolerance)
-    return max(_FEWEST_LINES, min(_LINES, int(_SHARE_HELD * sampling_rate / highest)))
+    return max(FEWEST_LINES, min(N_LINES, int(_SHARE_HELD * sampling_rate / highest)))
 
 
 def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Float, float]:
@@ -204,7 +206,7 @@ class LobeComb:
     """
 
     n_lobes: int = 15
-    n_lines: int = 44
+    n_lines: int = N_LINES
     ar_order: int = _AR_ORDER
     speed_tolerance: float = SPEED_TOLERANCE
     searched: Sequence[int] | None = None

@@ -40,9 +40,6 @@ _HALF_WIDTH = 26
 _SLOWEST_SHARE = 1 / 16
 _SPEED_STEPS_PER_TURN = 8
 
-# The comb by which the input speed is found: LobeMap's own number of lines, and the fewest that tell a speed.
-_COMB_LINES = 44
-_FEWEST_COMB_LINES = 3
 # Order lines are read at a reduced rate, this many times the highest line; what folds down is 100 dB down.
 _RATE_PER_HIGHEST_LINE = 4
 _ALIAS_DB = 100.0
@@ -262,7 +259,7 @@ def comb_lines(
         mesh line.
     """
     one_of("comb", comb, COMBS)
-    fewest = n_lobes if comb == "mesh" else _FEWEST_COMB_LINES
+    fewest = n_lobes if comb == "mesh" else lobes.FEWEST_LINES
     fitting = int(sampling_rate / 2 / lobes.highest_frequency(nominal_hz, n_lobes, 1, tolerance))
     if fitting < fewest:
         needed = 2 * lobes.highest_frequency(nominal_hz, n_lobes, fewest, tolerance)
@@ -270,7 +267,7 @@ def comb_lines(
             f"sampling_rate={sampling_rate:g} is too low to find an input speed near {nominal_hz:g}: "
             f"at least {needed:g} is needed"
         )
-    return min(fitting, max(_COMB_LINES, n_lobes))
+    return min(fitting, max(lobes.N_LINES, n_lobes))
 
 
 def estimate_input_speed(

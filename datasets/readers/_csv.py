@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
@@ -26,7 +25,7 @@ from cyclofeat.datasets.readers._labels import (
     labels_of_file,
     samples_name,
 )
-from cyclofeat.datasets.readers._text import TextLines
+from cyclofeat.datasets.readers._text import TextLines, cells_of
 from cyclofeat.recordings import Recording
 
 # No torque record has more; a file that has is something else, and splitting it would take long.
@@ -91,10 +90,7 @@ class CsvSource(Source):
         return islice(self.lines, self.first_line - 1, None)
 
     def _cells(self, line: str) -> list[str]:
-        try:
-            return next(csv.reader([line], delimiter=self.delimiter), [])
-        except csv.Error as error:
-            raise ValueError(f"{self.file} cannot be read as CSV ({error})") from None
+        return cells_of(line, self.delimiter, self.file)
 
     def _number(self, cell: str) -> float | None:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 import warnings
@@ -14,7 +13,7 @@ from typing import Any
 from cyclofeat._base.checks import one_of
 from cyclofeat.datasets.readers._labels import WORN, check_no_bare_lobes
 from cyclofeat.datasets.readers._read import SOURCES, file_path, read_recording
-from cyclofeat.datasets.readers._text import TextLines
+from cyclofeat.datasets.readers._text import TextLines, cells_of
 from cyclofeat.recordings import QUANTITIES, Recording
 
 #: Name of the file that describes the recordings of its folder.
@@ -178,7 +177,7 @@ def _manifest(folder: Path) -> list[Entry]:
     if first is None:
         raise ValueError(f"{MANIFEST} is empty; its first line names the columns: {', '.join(_COLUMNS)}")
     delimiter = next((d for d in "\t;," if d in lines[first]), ",")
-    names = [name.strip().lower() for name in _cells(lines[first], delimiter)]
+    names = [name.strip().lower() for name in cells_of(lines[first], delimiter, MANIFEST)]
     head = f"{MANIFEST}: line {first + 1}:"
     check_no_bare_lobes(head.removesuffix(":"), names)
     for name in names:
@@ -194,7 +193,7 @@ def _manifest(folder: Path) -> list[Entry]:
     for number, line in enumerate(lines[first + 1 :], start=first + 2):
         if not line.strip():
             continue
-        cells = [cell.strip() for cell in _cells(line, delimiter)]
+        cells = [cell.strip() for cell in cells_of(line, delimiter, MANIFEST)]
         if len(cells) != len(names):
             wrong.append(f"line {number}: {len(names)} columns are right, got {len(cells)}")
             continue
@@ -213,13 +212,6 @@ def _manifest(folder: Path) -> list[Entry]:
     if not entries:
         raise ValueError(f"{MANIFEST} names no recording")
     return entries
-
-
-def _cells(line: str, delimiter: str) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=delimiter), [])
-    except csv.Error as error:
-        raise ValueError(f"{MANIFEST} cannot be read as CSV ({error})") from None
 
 
 def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:

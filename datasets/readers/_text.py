@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import gzip
 import io
 from collections.abc import Iterator
@@ -112,3 +113,11 @@ def _check_first_line(path: Path, start: bytes) -> None:
             f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
             "characters; one row per sample is right"
         )
+
+
+def cells_of(line: str, delimiter: str, file: str) -> list[str]:
+    """Return the cells of a row of a CSV file."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise ValueError(f"{file} cannot be read as CSV ({error})") from None

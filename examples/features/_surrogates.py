@@ -50,10 +50,10 @@ def shades(n: int) -> np.ndarray:
     return matplotlib.colormaps["viridis"](np.linspace(0, 0.9, n))
 
 
-def dots_by_count(ax, y: np.ndarray, values: np.ndarray, title: str, unit: str, colour: str = "C0") -> None:
+def dots_by_count(ax, y: np.ndarray, values: np.ndarray, title: str, unit: str) -> None:
     """Plot a dot per assembly and a line through the means of the counts; title: Spearman's correlation."""
     counts = np.unique(y)
-    ax.plot(y, values, "o", color=colour, alpha=0.5, markersize=4)
-    ax.plot(counts, [values[y == count].mean() for count in counts], color=colour)
+    ax.plot(y, values, "o", color="C0", alpha=0.5, markersize=4)
+    ax.plot(counts, [values[y == count].mean() for count in counts], color="C0")
     ax.set(title=f"{title}\nrank correlation {spearmanr(y, values).statistic:+.2f}", ylabel=unit)
     ax.set(xlabel="worn lobes", xticks=counts)

@@ -103,11 +103,12 @@ def first_oscillation(defects: LobeDefects, start: float = START) -> float:
     return float(np.abs(oscillation(run(defects, start=start).torque_out)[:1200]).max())
 
 
-def coherence_with_healthy(kind: str, counts: Sequence[int] = range(1, 9)) -> tuple[Float, Float]:
-    """Lines to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, per count (B6)."""
+def coherence_with_healthy(kind: str) -> tuple[Float, Float]:
+    """Lines to 1500 Hz, and coherence of ``torque_in`` or ``torque_out`` with healthy, for 1 to 8 (B6)."""
     healthy = getattr(run(), kind)
     lines = [
-        magnitude_squared_coherence(getattr(run(LobeDefects.worn(n)), kind), healthy, RATE) for n in counts
+        magnitude_squared_coherence(getattr(run(LobeDefects.worn(n)), kind), healthy, RATE)
+        for n in range(1, 9)
     ]
     frequencies = lines[0][0]
     shown = frequencies <= 1500
@@ -159,9 +160,9 @@ def surrogate_set(seed: int, rig: str = "published") -> Float:
     return np.array([recording.torque for recording in made])
 
 
-def surrogate_sets(rig: str = "published", n_sets: int = 4) -> Float:
-    """Sets of eight **surrogate** records, each record of a separate assembly: (n_sets, 8, 46080)."""
-    return np.array([surrogate_set(seed, rig) for seed in range(n_sets)])
+def surrogate_sets(rig: str = "published") -> Float:
+    """Four sets of eight **surrogate** records, each record of a separate assembly: (4, 8, 46080)."""
+    return np.array([surrogate_set(seed, rig) for seed in range(4)])
 
 
 def binary_entropy(share: Float) -> Float:
@@ -215,9 +216,9 @@ def spectrum(record: Float, rate: float = RATE) -> tuple[Float, Float]:
     return np.fft.rfftfreq(record.size, 1 / rate), amplitudes
 
 
-def amplitude_in(record: Float, low: float, high: float, rate: float = RATE) -> float:
+def amplitude_in(record: Float, low: float, high: float) -> float:
     """Root of the summed squared amplitudes from ``low`` to below ``high``, in Nm."""
-    frequencies, amplitudes = spectrum(record, rate)
+    frequencies, amplitudes = spectrum(record)
     return float(np.linalg.norm(amplitudes[(frequencies >= low) & (frequencies < high)]))
 
 
@@ -227,9 +228,9 @@ def upward_over_downward(torque: Float) -> Float:
     return np.asarray((torque.max(axis=-1) - mean) / (mean - torque.min(axis=-1)))
 
 
-def entropy_bits(torque: Float, rate: float = RIG_RATE) -> Float:
+def entropy_bits(torque: Float) -> Float:
     """Shannon entropy of the density in bits, mean kept: MATLAB's pwelch defaults, eq. 8 (A6)."""
-    return np.asarray(shannon_entropy(welch_psd(torque, rate)[1]))
+    return np.asarray(shannon_entropy(welch_psd(torque, RIG_RATE)[1]))
 
 
 def falls_strictly(values: Float) -> bool:

@@ -38,7 +38,7 @@ from cyclofeat.simulators.batch._vectors import (
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0x13AD271D
+SOURCES_CHECKSUM = 0xD13AC74
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import check_type, is_number, number, one_of, positive, short, whole
+from cyclofeat._base import checks
 from cyclofeat._base.files import write_whole
 from cyclofeat.simulators._rig_file import read_json, reject_unknown
 from cyclofeat.simulators.defects import MOST_WEAR_UM
@@ -33,7 +33,6 @@ _NOTE = (
     "ranges or distributions are explored. Missing keys have their default."
 )
 _PRESETS: dict[str, Callable[[], Rig]] = {"R0": Rig.r0, "R1": Rig.r1, "R2": Rig.r2}
-_WHEELS = ((0,), (1,), (0, 1))
 DEPTH, WEAR = "depth", "wear_um"
 OF_DEFECTS = (DEPTH, WEAR)  # explored, but no parameters of the rig
 # Keys of a file that do not belong to the design.
@@ -139,23 +138,23 @@ class Campaign:
     integrator: str = "midpoint"
 
     def __post_init__(self) -> None:
-        check_type("name", self.name, str)
+        checks.check_type("name", self.name, str)
         if not self.name or not self.name.isprintable():
             raise ValueError(f"name must be a line of printable text, got {self.name!r}")
         keep = object.__setattr__
         keep(self, "rig", _rig(self.rig))
-        keep(self, "defect_counts", _counts(self.defect_counts, self.the_rig.gearbox.n_lobes))
-        keep(self, "repeats", whole("repeats", self.repeats, 1, _MOST_REPEATS))
-        keep(self, "random_state", whole("random_state", self.random_state, 0))
+        keep(self, "defect_counts", checks.defect_counts(self.defect_counts, self.the_rig.gearbox.n_lobes))
+        keep(self, "repeats", checks.whole("repeats", self.repeats, 1, _MOST_REPEATS))
+        keep(self, "random_state", checks.whole("random_state", self.random_state, 0))
         if self.runs_per_shard is not None:
-            keep(self, "runs_per_shard", whole("runs_per_shard", self.runs_per_shard, 1))
-        one_of("lobes", self.lobes, ("consecutive", "random"))
-        one_of("design", self.design, ("sobol", "random"))
-        one_of("kernel", self.kernel, ("exact", "batch", "auto"))
+            keep(self, "runs_per_shard", checks.whole("runs_per_shard", self.runs_per_shard, 1))
+        checks.one_of("lobes", self.lobes, ("consecutive", "random"))
+        checks.one_of("design", self.design, ("sobol", "random"))
+        checks.one_of("kernel", self.kernel, ("exact", "batch", "auto"))
         Solver(integrator=self.integrator)
-        keep(self, "wheels", _wheels(self.wheels))
-        keep(self, "duration", positive("duration", self.duration, "a number of s"))
-        keep(self, "sampling_rate", positive("sampling_rate", self.sampling_rate, "a number of Hz"))
+        keep(self, "wheels", checks.wheels(self.wheels) or "random")
+        keep(self, "duration", checks.positive("duration", self.duration, "a number of s"))
+        keep(self, "sampling_rate", checks.positive("sampling_rate", self.sampling_rate, "a number of Hz"))
         if self.n_samples < 2:
             raise ValueError(
                 f"duration must hold at least 2 samples at {self.sampling_rate:g} Hz, got {self.duration!r}"
@@ -203,11 +202,11 @@ class Campaign:
         for label, effect in self.the_rig.labelled_effects().items():
             for name, parameter in effect.parameters.items():
                 value = getattr(effect, name)
-                if not is_number(value):
+                if not checks.is_number(value):
                     quantiles[f"{label}.{name}"] = partial(parameter.draw, value)
         for name in OF_DEFECTS:
-            if isinstance(ends := getattr(self, name), tuple):
-                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=ends)
+            if isinstance(value := getattr(self, name), tuple):
+                quantiles[name] = partial(np.interp, xp=(0.0, 1.0), fp=value)
         return quantiles
 
     def medians(self) -> dict[str, float]:
@@ -333,13 +332,13 @@ class Campaign:
     def from_dict(cls, content: Any, *, preset: Callable[[str], Rig] | None = None) -> Campaign:
         """Return the design that a JSON file holds, as :meth:`from_json`."""
         if not isinstance(content, dict):
-            raise TypeError(f"the file must hold a JSON object {{...}}, got {short(content)}")
+            raise TypeError(f"the file must hold a JSON object {{...}}, got {checks.short(content)}")
         given = dict(content)
         if "made_with" in given:  # the folder of a campaign: before there were batches, it named no kernel
             given.setdefault("kernel", "exact")
         form = given.get("format", FORMAT)
         if form not in (FORMAT, _FROM_0):
-            raise ValueError(f"format must be {FORMAT!r}, got {short(form)}")
+            raise ValueError(f"format must be {FORMAT!r}, got {checks.short(form)}")
         if form == FORMAT:
             given = settings_of_file(given)
         reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS])
@@ -366,33 +365,14 @@ def _rig(rig: Any) -> Rig:
         return _PRESETS[rig.upper()]()
     raise ValueError(
         f"rig must be one of {tuple(_PRESETS)} or a Rig (cyclofeat.datasets.rig_preset makes others), "
-        f"got {short(rig)}"
+        f"got {checks.short(rig)}"
     )
 
 
-def _counts(counts: Any, n_lobes: int) -> tuple[int, ...]:
-    if isinstance(counts, str) or not isinstance(counts, Iterable):
-        raise TypeError(f"defect_counts must be several whole numbers, e.g. range(8), got {counts!r}")
-    numbers = tuple(whole("defect_counts", count, 0, n_lobes) for count in counts)
-    if not numbers or len(set(numbers)) < len(numbers):
-        raise ValueError(f"defect_counts must be distinct and from 0 to {n_lobes}, got {list(numbers)}")
-    return numbers
-
-
-def _wheels(wheels: Any) -> str | tuple[int, ...]:
-    if isinstance(wheels, str) and wheels == "random":
-        return wheels
-    try:
-        return _WHEELS[_WHEELS.index(tuple(sorted(wheels)))]
-    except (TypeError, ValueError):
-        raise ValueError(f"wheels must be 'random', (0,), (1,) or (0, 1), got {wheels!r}") from None
-
-
 def _severity(name: str, value: Any, most: float, words: str) -> float | tuple[float, float]:
-    is_range = isinstance(value, (tuple, list))
-    ends = [number(name, end, "a number or a pair (low, high)") for end in (value if is_range else [value])]
-    if len(ends) != 1 + is_range or not 0 < ends[0] <= ends[-1] <= most:
+    low, high = checks.ends(name, value)
+    if not 0 < low <= high <= most:
         raise ValueError(
-            f"{name} must lie above 0 and up to {words}, or be a pair (low, high), got {value!r}"
+            f"{name} must lie above 0 and up to {words}, or be a range (low, high), got {value!r}"
         )
-    return (ends[0], ends[1]) if is_range else ends[0]
+    return low if checks.is_number(value) else (low, high)

@@ -48,10 +48,10 @@ def check_order(effect: Effect, order: Any) -> None:
     whole(f"order of {effect.effect_id}", order, 1, 8)
 
 
-def decay_time(cutoff: float, order: int, share: float = 1e-9) -> float:
-    """Return the time in s in which the slowest pole of a Butterworth low-pass decays to a share."""
+def decay_time(cutoff: float, order: int) -> float:
+    """Return the time in s in which the slowest pole of a Butterworth low-pass decays to 1e-9."""
     slowest = 2 * np.pi * cutoff * math.sin(np.pi / (2 * order))
-    return math.log(1 / share) / slowest
+    return math.log(1e9) / slowest
 
 
 def seed_from(random: Generator) -> NDArray[np.int64]:

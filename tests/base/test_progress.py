@@ -160,7 +160,7 @@ def test_the_line_is_kept_going_without_being_asked():
     assert stream[-1].endswith("\n")
 
 
-def test_messages_take_the_line_away(clock, capsys, monkeypatch):
+def test_messages_take_the_line_away(clock, capsys):
     stream = Stream()
     progress = Progress("counting", stream)
     clock.now = 5.0

@@ -133,7 +133,14 @@ class Browser:
         """Load a file or an address and wait until all of it is there."""
         self._events.clear()
         self.call("Page.navigate", url=place if isinstance(place, str) else place.resolve().as_uri())
-        while not any(event.get("method") == "Page.loadEventFired" for event in self._events):
+        self._heard("Page.loadEventFired")
+
+    def _heard(self, name: str) -> dict[str, Any]:
+        """Wait for an event and return what it says."""
+        while True:
+            for event in self._events:
+                if event.get("method") == name:
+                    return dict(event["params"])
             self._note(self._next())
 
     def run(self, script: str) -> Any:
@@ -156,18 +163,41 @@ class Browser:
         """A key, as from the keyboard; ``" "`` is the space bar."""
         code = {
             "Tab": 9, "Enter": 13, " ": 32, "PageUp": 33, "PageDown": 34, "End": 35, "Home": 36,
-            "ArrowLeft": 37, "ArrowRight": 39, "0": 48, "+": 187, "-": 189, "Escape": 27,
+            "ArrowLeft": 37, "ArrowRight": 39, "ArrowDown": 40, "0": 48, "+": 187, "-": 189, "Escape": 27,
         }[key]  # fmt: skip
         text = {"text": "\r" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             more = text if kind == "keyDown" else {}
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **more)
 
-    def choose(self, selector: str, *files: Path) -> None:
-        """Choose files in an input, as in the dialog that a browser without a window cannot open."""
-        root = self.call("DOM.getDocument")["root"]["nodeId"]
-        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
-        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file) for file in files])
+    def choose(self, *files: Path) -> None:
+        """Open the dialog of the input in focus by the space bar, and choose files or a folder in it."""
+        self.call("Page.setInterceptFileChooserDialog", enabled=True)
+        self._events.clear()
+        self.press(" ")
+        dialog = self._heard("Page.fileChooserOpened")
+        self.call(
+            "DOM.setFileInputFiles",
+            backendNodeId=dialog["backendNodeId"],
+            files=[str(file) for file in files],
+        )
+
+    def box(self, selector: str) -> tuple[float, float, float, float]:
+        """Left, top, width and height of an element, which is scrolled into view."""
+        left, top, width, height = self.run(
+            f"(() => {{ const e = document.querySelector('{selector}');"
+            " e.scrollIntoView({block: 'center'}); const r = e.getBoundingClientRect();"
+            " return [r.x, r.y, r.width, r.height]; })()"
+        )
+        return left, top, width, height
+
+    def drop(self, selector: str, *files: Path) -> None:
+        """Drag files or folders onto an element and drop them there."""
+        left, top, width, height = self.box(selector)
+        dragged = {"items": [], "files": [str(file) for file in files], "dragOperationsMask": 1}  # a copy
+        for kind in ("dragEnter", "dragOver", "drop"):
+            x, y = left + width / 2, top + height / 2
+            self.call("Input.dispatchDragEvent", type=kind, x=x, y=y, data=dragged)
 
     def prefer(self, scheme: str) -> None:
         """Prefer ``"light"`` or ``"dark"`` pages."""

@@ -157,10 +157,7 @@ def ends(browser, plot=0):
 
 
 def drag(browser, start, stop):
-    left, top, width, height = browser.run(
-        "(() => { const e = document.querySelector('.u-over'); e.scrollIntoView({block: 'center'});"
-        " const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()"
-    )
+    left, top, width, height = browser.box(".u-over")
 
     def mouse(kind, share, **more):
         x, y = left + share * width, top + height / 2

@@ -7,12 +7,13 @@ import sys
 import numpy as np
 import pytest
 from devtools import Browser, find_chromium
-from live_server import Live
+from live_server import Live, wait_for
 from nptdms import ChannelObject, TdmsWriter
 from small_model import RATE, recording, small_model
 
-from cyclofeat.datasets import write_recording
+from cyclofeat.datasets import make_rig_recordings, write_recording
 from cyclofeat.models import save_model
+from cyclofeat.simulators import CycloidalGearbox, Hum, Noise, Rig
 
 pytestmark = [
     pytest.mark.browser,
@@ -74,13 +75,15 @@ def test_from_a_tdms_file_to_a_count_by_keyboard(browser, live, files):
     browser.wait_for(STATUS, lambda text: "train the default model" in text)
     for name in ("train", "model-files", "files", "folder", "example"):
         tab_to(browser, name)
-    browser.choose("#model-files", files / "model.skops", files / "model.skops.card.json")
+    tab_to(browser, "model-files")
+    browser.choose(files / "model.skops", files / "model.skops.card.json")
     browser.wait_for(text_of("model"), lambda text: "counts 0 to 3 worn lobes" in text)
-    browser.choose("#files", files / "Prüfstand 7.tdms")
+    tab_to(browser, "files")
+    browser.choose(files / "Prüfstand 7.tdms")
     # two channels: the page says so in the words of the command, and offers both
     browser.wait_for(text_of("recordings"), lambda text: "several channels fit" in text, 60)
-    browser.run("document.getElementById('channel').value = 'rig/left'")
-    browser.run("document.getElementById('channel').dispatchEvent(new Event('change', {bubbles: true}))")
+    tab_to(browser, "channel")
+    browser.press("ArrowDown")
     browser.wait_for(text_of("recordings"), lambda text: "rig/left (Nm)" in text, 60)
     tab_to(browser, "count")
     browser.press("Enter")
@@ -103,7 +106,7 @@ def test_recordings_are_compared_on_a_narrow_dark_screen(browser, live, files, t
     browser.open(live.address.url)
     browser.wait_for(STATUS, lambda text: "choose recordings" in text)
     hostile = files / "<img src=x onerror=alert(1)>.csv"
-    browser.choose("#files", files / "Prüfstand 7.tdms", hostile)
+    browser.drop("#drop", files / "Prüfstand 7.tdms", hostile)
     browser.wait_for(text_of("recordings"), lambda text: "500 RPM" in text, 60)
     browser.run("document.getElementById('count').click()")
     # one has no channel of a usual name: the other is counted all the same
@@ -114,6 +117,76 @@ def test_recordings_are_compared_on_a_narrow_dark_screen(browser, live, files, t
     assert max(browser.run(shade)) < 60
     assert browser.screenshot(tmp_path / "narrow.png").stat().st_size > 10_000
     browser.prefer("light")
+    assert browser.said == []
+
+
+def test_dropped_files_arrive_whole(browser, tmp_path):
+    sent = {
+        "a.csv": b"torque\n1\n2\n",
+        "measured/recordings.csv": b"file\nb.npz\n",
+        "measured/b.npz": bytes(range(256)),
+    }
+    (tmp_path / "measured" / "empty").mkdir(parents=True)
+    for name, content in sent.items():
+        (tmp_path / name).write_bytes(content)
+    with Live(cached=tmp_path / "model.skops") as live:
+        browser.said.clear()
+        browser.resize(1200)
+        browser.open(live.address.url)
+        browser.wait_for(STATUS, lambda text: "train the default model" in text)
+        browser.drop("#drop", tmp_path / "a.csv", tmp_path / "measured")
+        browser.wait_for(text_of("recordings"), lambda text: "measured (folder)" in text)
+        # beside the frame, and without a place on the disk, as programs give what they hold in memory
+        browser.run(
+            "const data = new DataTransfer(); data.items.add(new File(['torque\\n3\\n'], 'memory.csv'));"
+            "document.body.dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true}))"
+        )
+        sent["memory.csv"] = b"torque\n3\n"
+        browser.wait_for(text_of("recordings"), lambda text: "memory.csv" in text)
+        kept = live.session.store.recordings
+        assert {path.relative_to(kept).as_posix(): path.read_bytes() for path in kept.rglob("*.*")} == sent
+        # what cannot be read is said
+        browser.drop("#drop", tmp_path / "measured" / "empty")
+        browser.wait_for(text_of("problem"), lambda text: "no files" in text)
+    assert browser.said == []
+
+
+@pytest.mark.slow
+def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp_path):
+    gearbox = CycloidalGearbox.steel(input_speed=2 * np.pi * 690 / 60)
+    measured = tmp_path / "measured"
+    measured.mkdir()
+    with_hum = make_rig_recordings(
+        1, (0, 3), rig=Rig(gearbox, [Hum(0.5), Noise(0.05)]), duration=1.4, kernel="batch"
+    )
+    for k, one in enumerate(with_hum):
+        write_recording(measured / f"r{k}.npz", one)
+    browser.said.clear()
+    browser.resize(1200)
+    browser.open(live.address.url)
+    browser.wait_for(STATUS, lambda text: "train the default model" in text)
+    tab_to(browser, "folder")
+    browser.choose(measured)
+    browser.wait_for(text_of("recordings"), lambda text: text.count("690 RPM") == 2, 60)
+    tab_to(browser, "gap-summary")
+    browser.press("Enter")
+    tab_to(browser, "gap")
+    browser.press("Enter")
+    for stage in ("comparing measurement and model", "simulating rigs", "simulating the named effects, 1"):
+        browser.wait_for(STATUS, lambda text, stage=stage: stage in text, 300)
+        assert stage in browser.run(text_of("jobs"))
+    browser.wait_for(STATUS, lambda text: "Next:" in text, 300)
+    found = browser.run(text_of("jobs"))
+    for part in ("model and measurement disagree", "Mains hum in the torque signal (100%)"):
+        assert part in found
+    browser.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    for name, part in (("gap.html", "Mains hum in the torque signal"), ("corrected.json", "hum")):
+        tab_to(browser, f"download-2-{name}")  # 1: the inspection
+        browser.press("Enter")
+        wait_for((tmp_path / name).exists)
+        assert part in (tmp_path / name).read_text(encoding="utf-8")
+    browser.open(browser.run("document.querySelector('#jobs a').href"))
+    assert "Mains hum in the torque signal" in browser.run("document.body.innerText")
     assert browser.said == []
 
 

@@ -444,7 +444,7 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
 
 
-def test_evaluate_labelled_files(capsys, folder, tmp_path, monkeypatch, surrogates):
+def test_evaluate_labelled_files(capsys, tmp_path, monkeypatch, surrogates):
     shared_out = []
 
     def alone(*windows, protocol, **options):
@@ -510,7 +510,7 @@ def test_no_file_is_overwritten_unasked(capsys, folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_closed_pipe_prints_no_error(folder):
+def test_a_closed_pipe_prints_no_error():
     command = [sys.executable, "-m", "cyclofeat", "plan", "--worn-count", "3", "--noise", "0.5"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()

@@ -47,7 +47,7 @@ def history(tmp_path_factory, model_file, files):
     return file
 
 
-def test_count_keeps_each_recording_and_prints_a_line(history, model_file, files, tmp_path, capsys):
+def test_count_keeps_each_recording_and_prints_a_line(history, model_file, files, capsys):
     again = ["--model", str(model_file), "--trust", "--history", str(history), "--gearbox", "press 4"]
     assert main(["count", *files[-2:], *again, *RATES, "--jsonl"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]

@@ -1,9 +1,14 @@
-"""Parameters and bad windows of every transformer."""
+"""Parameters, chunks and bad windows of every transformer."""
 
 import pickle
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import config_context
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from transformers import SPECTRAL, STATISTICS, WAVELET, torque
@@ -25,7 +30,34 @@ def test_parameters_are_stored_untouched_and_transform_writes_nothing(transforme
     assert pickle.dumps(made) == before
     for name, value in parameters.items():
         assert getattr(made, name) is value
-    np.testing.assert_array_equal(pickle.loads(before).transform(X), result)
+    assert_array_equal(pickle.loads(before).transform(X), result)
+
+
+@every_transformer
+def test_chunks_and_memory_order_change_nothing(transformer):
+    # 220: more than the functions of windows work on at one time
+    X = torque(9, 6000) if transformer in WAVELET else torque(220, 600)
+    y = np.arange(len(X)) % 2
+    whole = clone(transformer).fit(X, y).transform(X)
+    assert_array_equal(clone(transformer).fit(np.asfortranarray(X), y).transform(np.asfortranarray(X)), whole)
+    tolerance = {"rtol": 1e-9, "atol": 1e-12} if transformer in SPECTRAL else {"rtol": 1e-12}
+    with config_context(working_memory=2.17 * X.shape[1] / 2**17):
+        assert_allclose(clone(transformer).fit(X, y).transform(X), whole, **tolerance)
+
+
+samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
+
+
+@every_transformer
+@settings(derandomize=True, deadline=None, database=None, max_examples=10)
+@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
+def test_batch_is_one_by_one_and_order_does_not_matter(transformer, X):
+    fitted = clone(transformer).fit(X)
+    batch = fitted.transform(X)
+    assert np.isfinite(batch).all()
+    tolerance = {"rtol": 1e-9, "atol": 1e-9 if transformer in SPECTRAL else 1e-12}
+    assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, **tolerance)
+    assert_allclose(fitted.transform(X[::-1])[::-1], batch, **tolerance)
 
 
 @every_transformer

@@ -3,11 +3,7 @@
 import naive
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn import config_context
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.model_selection import GridSearchCV
@@ -91,15 +87,6 @@ def test_values_against_brute_force():
 
 
 @every_transformer
-def test_chunks_and_memory_order_change_nothing(transformer):
-    X = torque(9, 600)
-    whole = clone(transformer).fit_transform(X)
-    assert_array_equal(clone(transformer).fit_transform(np.asfortranarray(X)), whole)
-    with config_context(working_memory=1300 / 2**17):
-        assert_allclose(clone(transformer).fit_transform(X), whole, rtol=1e-12)
-
-
-@every_transformer
 @pytest.mark.parametrize("n_samples", [1, 2, 8, 9, 50])
 @pytest.mark.parametrize("value", [0.0, 22.1, -3.0])
 def test_constant_and_short_windows_are_finite(transformer, n_samples, value):
@@ -117,20 +104,6 @@ def test_single_precision(transformer):
     single = clone(transformer).fit_transform(X.astype(np.float32))
     assert single.dtype == np.float64
     assert_allclose(single, double, rtol=1e-5, atol=1e-6)
-
-
-samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
-
-
-@settings(derandomize=True, deadline=None, database=None, max_examples=10)
-@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
-def test_batch_is_one_by_one_and_order_does_not_matter(X):
-    for transformer in STATISTICS:
-        fitted = clone(transformer).fit(X)
-        batch = fitted.transform(X)
-        assert np.isfinite(batch).all()
-        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, rtol=1e-9, atol=1e-12)
-        assert_allclose(fitted.transform(X[::-1])[::-1], batch, rtol=1e-9, atol=1e-12)
 
 
 # Parameters and errors

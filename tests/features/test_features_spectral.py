@@ -4,9 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import config_context
 from sklearn.base import clone
@@ -267,16 +264,6 @@ def test_bad_parameters_of_the_composite(parameters, message):
 
 
 @every_transformer
-def test_chunks_and_memory_order_change_nothing(transformer):
-    X = torque(220, 600)  # more than the functions of windows work on at one time
-    y = np.arange(len(X)) % 2
-    whole = clone(transformer).fit(X, y).transform(X)
-    assert_array_equal(clone(transformer).fit(np.asfortranarray(X), y).transform(np.asfortranarray(X)), whole)
-    with config_context(working_memory=1300 / 2**17):
-        assert_allclose(clone(transformer).fit(X, y).transform(X), whole, rtol=1e-9, atol=1e-12)
-
-
-@every_transformer
 def test_constant_and_short_windows_are_finite(transformer):
     for n_samples, value in itertools.product((1, 2, 8, 9, 50), (0.0, 22.1, -3.0)):
         result = clone(transformer).fit_transform(np.full((3, n_samples), value))
@@ -294,21 +281,6 @@ def test_single_precision(transformer):
     single = clone(transformer).fit(X.astype(np.float32), y).transform(X.astype(np.float32))
     assert single.dtype == np.float64
     assert_allclose(single, double, rtol=1e-4, atol=1e-4 * np.abs(double).max(initial=1))
-
-
-samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
-
-
-@settings(derandomize=True, deadline=None, database=None, max_examples=6)
-@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
-def test_batch_is_one_by_one_and_order_does_not_matter(X):
-    for transformer in SPECTRAL:
-        fitted = clone(transformer).fit(X)
-        batch = fitted.transform(X)
-        assert np.isfinite(batch).all()
-        tolerance = {"rtol": 1e-9, "atol": 1e-9, "err_msg": str(transformer)}
-        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, **tolerance)
-        assert_allclose(fitted.transform(X[::-1])[::-1], batch, **tolerance)
 
 
 # Under X -> scale * X: which features stay, which grow by its first or second power

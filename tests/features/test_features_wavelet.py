@@ -7,9 +7,7 @@ import pytest
 import pywt
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose, assert_array_equal
-from sklearn import config_context
 from sklearn.base import clone
 from transformers import BANK, WAVELET, torque
 from transformers import SAMPLING_RATE as RATE
@@ -111,15 +109,6 @@ def test_any_form_of_a_wavelet_gives_the_same(transformer):
 
 
 @every_transformer
-def test_chunks_and_memory_order_change_nothing(transformer):
-    X = torque(9, 6000)
-    whole = clone(transformer).fit_transform(X)
-    assert_array_equal(clone(transformer).fit_transform(np.asfortranarray(X)), whole)
-    with config_context(working_memory=13_000 / 2**17):
-        assert_allclose(clone(transformer).fit_transform(X), whole, rtol=1e-12)
-
-
-@every_transformer
 def test_constant_and_short_windows(transformer):
     for n_samples, value in itertools.product((1, 2, 8, 9, 50), (0.0, 22.1, -3.0)):
         X = np.full((3, n_samples), value)
@@ -141,20 +130,6 @@ def test_single_precision(transformer):
     cells = np.char.find(clone(transformer).fit(X).get_feature_names_out().astype(str), "colours") >= 0
     assert_allclose(single[:, cells], double[:, cells], atol=2e-3)
     assert_allclose(single[:, ~cells], double[:, ~cells], rtol=1e-4, atol=1e-6)
-
-
-samples = st.integers(-100_000, 100_000).map(lambda number: number / 1024)
-
-
-@settings(derandomize=True, deadline=None, database=None, max_examples=10)
-@given(X=st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (4, n), elements=samples)))
-def test_batch_is_one_by_one_and_order_does_not_matter(X):
-    for transformer in WAVELET:
-        fitted = clone(transformer).fit(X)
-        batch = fitted.transform(X)
-        assert np.isfinite(batch).all()
-        assert_allclose(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch, rtol=1e-9, atol=1e-12)
-        assert_allclose(fitted.transform(X[::-1])[::-1], batch, rtol=1e-9, atol=1e-12)
 
 
 @settings(derandomize=True, deadline=None, database=None, max_examples=8)

@@ -426,7 +426,7 @@ def test_same_simulator_wrong_simulator_and_order(fit: Bank, hold: Bank, cache: 
     assert proof_of(wrong, of(fit), shuffled, cache).result.grr == pytest.approx(expected, abs=0.05)
 
 
-def test_no_gap_is_said(fit: Bank, cache: Path) -> None:
+def test_no_gap_is_said(cache: Path) -> None:
     null = bank_of([], [0, 4], 8, 107, cache)
     few = Windows(null.X[:2], null.counts[:2])
     row = proof_of(BASE.with_added(Hum(0.05)), few, of(null), cache).result

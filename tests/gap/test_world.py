@@ -111,7 +111,7 @@ def test_rigs_are_as_the_prior_says_and_summaries_show_their_effects(rigs):
 
 
 @pytest.mark.slow
-def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path, folder):
+def test_a_rig_depends_on_its_own_number_only(rigs, tmp_path):
     few = prepare_world(SMALL, tmp_path, 3)
     np.testing.assert_array_equal(few.numbers, rigs.numbers[:16])
     for name in ("values", "conditions", "counts", "sizes", "speeds"):

@@ -1,70 +1,174 @@
-"""Models on disk: round trip, trust, damage."""
+"""Models as files: every kind of counter, in other processes, and what must not be loaded."""
 
 import hashlib
 import json
 import os
 import subprocess
 import sys
+import zipfile
 
 import joblib
 import numpy as np
 import pytest
+import skops.io
+from numpy.testing import assert_array_equal
+from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.naive_bayes import GaussianNB
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
 
-from cyclofeat.counting import LobeModel
-from cyclofeat.models import ModelFileError, card_path, load_model, save_model
+from cyclofeat.counting import KINDS, ConformalCounter, GroupCalibratedCounter, LobeModel, make_lobe_counter
+from cyclofeat.features.registry import REGISTRY
+from cyclofeat.models import (
+    TRUSTED_TYPES,
+    ModelFileError,
+    as_lobe_model,
+    card_path,
+    load_model,
+    read_card,
+    save_model,
+)
+from cyclofeat.recordings import Recording
+
+pytest.importorskip("skops")
+RATE = 6400  # Hz: windows of an output turn are short
+FORMATS = ("joblib", "skops")
 
 
 @pytest.fixture(scope="module")
-def model(surrogates):
-    return LobeModel.train(surrogates[::2], n_splits=0, n_trees=20)
+def data():
+    """Windows with a bump at every passage of a worn lobe, two of each of 12 assemblies."""
+    random = np.random.default_rng(0)
+    counts = np.tile([0, 2, 4], 8)
+    slot = np.arange(11_520) / RATE * 500 / 60 * 16 / 15 * 15
+    X = np.stack(
+        [
+            (slot.astype(int) % 15 < n) * np.sin(2 * np.pi * slot) ** 3 + 0.3 * random.normal(size=slot.size)
+            for n in counts
+        ]
+    )
+    return X, counts, np.array([f"A{k}" for k in np.arange(24) % 12])
+
+
+@pytest.fixture(scope="module")
+def counters(data):
+    """One of each kind, with few trees."""
+    X, counts, assemblies = data
+    made = {kind: make_lobe_counter(RATE, kind=kind, n_trees=10) for kind in KINDS}
+    made = {kind: one if kind == "lobes" else GroupCalibratedCounter(one) for kind, one in made.items()}
+    made["conformal"] = ConformalCounter(make_lobe_counter(RATE, n_trees=10), method="cross", n_splits=2)
+    made["plain"] = make_lobe_counter(RATE, n_trees=10)
+    made["lobes"].set_params(points_per_lobe=2, n_hidden=16, n_splits=2, n_epochs=5)
+    for kind, counter in made.items():
+        if kind == "plain":
+            counter.fit(X, counts)
+        else:
+            counter.fit(X, counts, groups=assemblies)
+    return made
+
+
+@pytest.fixture(scope="module")
+def model(data):
+    X, counts, assemblies = data
+    recordings = [
+        Recording(x, RATE, assembly=a, defect_count=n, speed_rpm=500)
+        for x, n, a in zip(X, counts.tolist(), assemblies.tolist(), strict=True)
+    ]
+    return LobeModel.train(recordings, n_splits=0, n_trees=20, description="bumps")
 
 
 @pytest.fixture
-def stored(model, tmp_path):
-    return save_model(tmp_path / "model.joblib", model)
+def stored(counters, tmp_path):
+    """A small model of each format: file and card."""
+    return {suffix: save_model(tmp_path / f"m.{suffix}", counters["ladder"]) for suffix in FORMATS}
+
+
+def smuggled(counter, file):
+    """A model's file with another counter in it, its card in order."""
+    file.write_bytes(skops.io.dumps(counter))
+    restate(file)
+    return file
+
+
+def change_card(file, **changes):
+    card = json.loads(card_path(file).read_text(encoding="utf-8"))
+    card_path(file).write_text(json.dumps(card | changes), encoding="utf-8")
+
+
+def restate(file):
+    """Make the card agree with the file: who can write the one can write the other."""
+    change_card(file, sha256=hashlib.sha256(file.read_bytes()).hexdigest())
 
 
 @pytest.mark.slow
-def test_a_model_survives_the_way_to_another_process(model, stored, surrogates, tmp_path):
-    np.save(tmp_path / "torque.npy", surrogates[1].torque)
+def test_every_kind_is_the_same_in_another_process(counters, model, data, tmp_path):
+    np.save(tmp_path / "X.npy", data[0][:3])
+    expected = {}
+    for kind, counter in counters.items():
+        for suffix in FORMATS:
+            file = save_model(tmp_path / f"{kind}.{suffix}", counter)
+            expected[file.name] = counter.predict_proba(data[0][:3]).tolist()
+    for suffix in FORMATS:
+        save_model(tmp_path / f"model.{suffix}", model)
+    expected["model"] = model.count(Recording(data[0][0], RATE, speed_rpm=500)).to_dict()
+    (tmp_path / "names.json").write_text(json.dumps(sorted(expected.keys() - {"model"})), encoding="utf-8")
     code = (
-        "import sys, numpy as np\n"
+        "import json, sys, numpy as np, pathlib\n"
         "from cyclofeat import Recording\n"
         "from cyclofeat.models import load_model\n"
-        "model = load_model(sys.argv[1], trusted=True)\n"
-        "print(repr(model.count(Recording(np.load(sys.argv[2]), 25_600.0, speed_rpm=500)).probability))\n"
+        "folder = pathlib.Path(sys.argv[1]); X = np.load(folder / 'X.npy')\n"
+        "names = json.loads((folder / 'names.json').read_text())\n"
+        "trust = lambda name: name.endswith('.joblib')\n"
+        "said = {n: load_model(folder / n, trusted=trust(n)).predict_proba(X).tolist() for n in names}\n"
+        "models = [load_model(folder / n, trusted=trust(n)) for n in ('model.joblib', 'model.skops')]\n"
+        "one, other = [m.count(Recording(X[0], 6400, speed_rpm=500)).to_dict() for m in models]\n"
+        "assert one == other\n"
+        "print(json.dumps(said | {'model': one}))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(stored), str(tmp_path / "torque.npy")],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    here = model.count(surrogates[1].replace(angle=None, angle_is_absolute=False)).probability
-    assert done.stdout.strip() == repr(here)
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert json.loads(done.stdout) == expected
 
 
-def test_a_file_is_loaded_only_when_trusted(stored):
-    with pytest.raises(ModelFileError, match=r"can run any code.*trusted=True \(--trust on"):
-        load_model(stored)
+def test_the_list_of_trusted_types_is_what_counters_need(counters, model):
+    """This package's own types, that of trees and what a network leaves; no function, no module."""
+    import skops.io
+
+    own = {name for name in TRUSTED_TYPES if name.startswith("cyclofeat.")}
+    assert set(TRUSTED_TYPES) - own == {
+        "sklearn.tree._tree.Tree",
+        "sklearn.neural_network._stochastic_optimizers.AdamOptimizer",
+    }
+    for name in own:
+        module, _, kind = name.rpartition(".")
+        assert isinstance(getattr(sys.modules[module], kind), type)
+    needed = set()
+    for item in (*counters.values(), model):
+        needed |= set(skops.io.get_untrusted_types(data=skops.io.dumps(item)))
+    assert needed <= set(TRUSTED_TYPES)
 
 
-def test_an_untrusted_file_runs_nothing(stored, tmp_path):
-    marker = tmp_path / "ran"
-    evil = tmp_path / "evil.joblib"
-    joblib.dump(Touch(str(marker)), evil)
-    digest = hashlib.sha256(evil.read_bytes()).hexdigest()
-    card = json.loads(card_path(stored).read_text(encoding="utf-8")) | {"sha256": digest}
-    card_path(evil).write_text(
-        json.dumps(card), encoding="utf-8"
-    )  # who can write the one file can write the other
-    with pytest.raises(ModelFileError):
-        load_model(evil)
-    assert not marker.exists()
-    with pytest.raises(ModelFileError, match="holds no cyclofeat counter: .* got NoneType"):
-        load_model(evil, trusted=True)
-    assert marker.exists()  # which is why trust must be stated
+def test_the_card_tells_what_a_user_must_know(model, tmp_path):
+    card = read_card(save_model(tmp_path / "m.skops", model, scores={"accuracy": np.float64(0.5)}))
+    assert card["sampling_rate"] is card["window_s"] is card["input_speed_hz"] is None
+    assert (card["samples_per_turn"], card["window_samples"]) == (128, 1882)
+    assert card["training"]["quantity"] == "output_torque"
+    assert card["training"]["speeds_rpm"] == pytest.approx([500, 500], rel=0.01)
+    assert card["classes"] == [0, 2, 4]
+    assert card["training"]["assemblies"] == sorted(f"A{k}" for k in range(12))
+    assert card["training"]["description"] == "bumps"
+    assert card["scores"] == {"accuracy": 0.5}
+    assert set(card["versions"]) >= {"python", "numpy", "scipy", "scikit-learn", "cyclofeat", "skops"}
+    assert len(card["features"]["columns"]) == model.counter[0].get_feature_names_out().size
+    assert card["features"]["definitions"] == {
+        name: REGISTRY[name].version for name in card["features"]["definitions"]
+    }
+    assert len(card["features"]["definitions"]) == 4
 
 
-class Touch:
+class Evil:
     """Creates a folder when it is unpickled."""
 
     def __init__(self, path):
@@ -74,27 +178,199 @@ class Touch:
         return (os.mkdir, (self.path,))
 
 
+def test_a_file_runs_nothing_unless_it_is_trusted(stored, tmp_path):
+    with pytest.raises(ModelFileError, match=r"can run any code.*trusted=True \(--trust on"):
+        load_model(stored["joblib"])
+    marker = tmp_path / "ran"
+    joblib.dump(Evil(str(marker)), stored["joblib"])
+    restate(stored["joblib"])
+    with pytest.raises(ModelFileError):
+        load_model(stored["joblib"])
+    assert not marker.exists()
+    with pytest.raises(ModelFileError, match="holds no cyclofeat counter: .* got NoneType"):
+        load_model(stored["joblib"], trusted=True)
+    assert marker.exists()  # which is why trust must be stated
+
+
+def test_a_pickle_that_calls_itself_skops_runs_nothing(stored, tmp_path):
+    joblib.dump(Evil(str(tmp_path / "ran")), stored["skops"])
+    restate(stored["skops"])
+    for trusted in (False, True):
+        with pytest.raises(ModelFileError, match="cannot be read as a skops model"):
+            load_model(stored["skops"], trusted=trusted)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_skops_with_another_type_is_refused_in_writing_and_reading(stored, data, tmp_path):
+    strange = make_pipeline(FunctionTransformer(os.path.basename), GaussianNB())
+    strange.steps[-1][1].fit(data[0][:, :5], data[1])
+    strange.steps[0][1].n_features_in_ = 5
+    with pytest.raises(ValueError, match="holds .*posixpath.basename.*write .joblib"):
+        save_model(tmp_path / "strange.skops", strange, sampling_rate=RATE)
+    assert not (tmp_path / "strange.skops").exists()
+    file = smuggled(strange, stored["skops"])
+    with pytest.raises(ModelFileError, match="types that no counter needs.*posixpath.basename"):
+        load_model(file, trusted=True)
+
+
+def test_a_compiled_estimator_that_believes_its_numbers_is_refused(stored, data, tmp_path):
+    """Its tree of neighbours holds indices that a file could set to anything."""
+    neighbours = KNeighborsClassifier(algorithm="kd_tree").fit(data[0][:, :5], data[1])
+    with pytest.raises(ValueError, match=r"sklearn.neighbors.*write .joblib"):
+        save_model(tmp_path / "m.skops", neighbours, sampling_rate=RATE)
+    file = smuggled(neighbours, stored["skops"])
+    with pytest.raises(ModelFileError, match=r"types that no counter needs.*sklearn\.neighbors"):
+        load_model(file)
+
+
+@pytest.mark.parametrize(("field", "value"), [("left_child", 10**6), ("feature", 10**6), ("left_child", 0)])
+def test_a_tree_that_points_outside_itself_is_refused(data, tmp_path, field, value):
+    """Compiled trees believe their indices: such a file would read foreign memory, or run in circles."""
+    forest = ExtraTreesClassifier(2, random_state=0).fit(data[0][:, :5], data[1])
+    tree = forest.estimators_[1].tree_
+    state = tree.__getstate__()
+    state["nodes"][field][0] = value
+    tree.__setstate__(state)
+    file = save_model(tmp_path / "bad.skops", forest, sampling_rate=RATE)
+    with pytest.raises(ModelFileError, match="point outside the tree"):
+        load_model(file)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("damage", ["flipped", "truncated", "empty", "longer"])
+def test_a_damaged_file_is_not_loaded(stored, suffix, damage):
+    whole = stored[suffix].read_bytes()
+    middle = len(whole) // 2
+    flipped = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+    changed = {"flipped": flipped, "truncated": whole[:middle], "empty": b"", "longer": whole + b"\0"}
+    stored[suffix].write_bytes(changed[damage])
+    with pytest.raises(ModelFileError, match="not the file that its card describes.*SHA-256"):
+        load_model(stored[suffix], trusted=True)
+
+
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.99])
-def test_a_truncated_file_is_a_clear_error(stored, kept):
-    whole = stored.read_bytes()
-    stored.write_bytes(whole[: int(kept if kept >= 1 or kept == 0 else kept * len(whole))])
-    with pytest.raises(ModelFileError, match="is not the file that its card describes"):
-        load_model(stored, trusted=True)
-    # a card that agrees, as of a file that was cut before it was written
-    card = json.loads(card_path(stored).read_text(encoding="utf-8"))
-    card["sha256"] = hashlib.sha256(stored.read_bytes()).hexdigest()
-    card_path(stored).write_text(json.dumps(card), encoding="utf-8")
+def test_a_cut_file_whose_card_agrees_is_a_clear_error(stored, kept):
+    whole = stored["joblib"].read_bytes()
+    stored["joblib"].write_bytes(whole[: int(kept if kept >= 1 else kept * len(whole))])
+    restate(stored["joblib"])
     with pytest.raises(ModelFileError, match="cannot be read as a joblib model"):
-        load_model(stored, trusted=True)
+        load_model(stored["joblib"], trusted=True)
 
 
-def test_other_mistakes(model, tmp_path):
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "has no card: m.* must lie beside it"),
+        ("", "is empty"),
+        ('{"format": 2, "sha', "cannot be read as JSON"),
+        ("[]", "is no card of a model: format, sha256"),
+        ('{"format": 2}', "sha256, bytes, versions, .* missing or wrong"),
+        ('{"format": 2, "classes": [], "scores": 0.9}', "classes, scores, features missing or wrong"),
+        ('{"format": 3}', "of format 3, but 2 can be read; update cyclofeat"),
+    ],
+)
+def test_without_a_whole_card_nothing_is_loaded(stored, suffix, text, message):
+    card = card_path(stored[suffix])
+    card.unlink() if text is None else card.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelFileError, match=message):
+        load_model(stored[suffix], trusted=True)
+
+
+@pytest.mark.parametrize("name", ["cyclofeat", "scikit-learn", "python", "numpy", "scipy"])
+def test_other_versions_are_refused_unless_named(stored, name):
+    file = stored["skops"]
+    versions = read_card(file)["versions"]
+    change_card(file, versions=versions | {name: "0.9"})
+    with pytest.raises(ModelFileError, match=rf'{name} 0.9 \(here .*allow=\("{name}",\) \(--allow {name}\)'):
+        load_model(file)
+    with pytest.raises(ModelFileError, match=f"{name} 0.9"):
+        load_model(file, allow=("joblib", "features"))
+    load_model(file, allow=(name,))
+
+
+def test_the_usual_name_of_scikit_learn_is_understood(stored):
+    versions = read_card(stored["joblib"])["versions"]
+    change_card(stored["joblib"], versions=versions | {"scikit-learn": "0.1", "python": "3.1.0"})
+    with pytest.raises(ModelFileError, match="--allow scikit-learn --allow python"):
+        load_model(stored["joblib"], trusted=True)
+    load_model(stored["joblib"], trusted=True, allow=("sklearn", "python"))
+    with pytest.raises(ValueError, match="allow must name any of cyclofeat, .* got 'numba'"):
+        load_model(stored["joblib"], trusted=True, allow=("numba",))
+
+
+def test_bug_fixes_of_numpy_and_python_are_no_difference(stored):
+    versions = read_card(stored["skops"])["versions"]
+    later = {name: ".".join([*versions[name].split(".")[:2], "99"]) for name in ("python", "numpy", "scipy")}
+    change_card(stored["skops"], versions=versions | later)
+    load_model(stored["skops"])
+
+
+def test_another_definition_of_a_feature_is_refused_unless_allowed(stored):
+    file = stored["skops"]
+    features = read_card(file)["features"]
+    change_card(file, features=features | {"definitions": {"shannon_entropy": 99}})
+    with pytest.raises(ModelFileError, match="shannon_entropy version 99 .here version 1.*--allow features"):
+        load_model(file)
+    load_model(file, allow=("features",))
+    change_card(file, features=features | {"columns": ["other"]})
+    with pytest.raises(ModelFileError, match="column 0 is 'shannon_entropy.*the card has 'other'"):
+        load_model(file)
+    load_model(file, allow=("features",))
+
+
+def test_the_card_is_of_the_file_beside_it(counters, tmp_path):
+    one = save_model(tmp_path / "one.skops", counters["ladder"])
+    other = save_model(tmp_path / "other.skops", counters["ordinal"])
+    card_path(one).write_bytes(card_path(other).read_bytes())
+    with pytest.raises(ModelFileError, match="the card of another file"):
+        load_model(one)
+
+
+def test_a_counter_from_a_file_counts_recordings(counters, data, tmp_path):
+    for kind in ("conformal", "lobes"):
+        file = save_model(tmp_path / f"{kind}.skops", counters[kind], description="bumps")
+        model = as_lobe_model(load_model(file), read_card(file))
+        assert model.card["description"] == "bumps"
+        count = model.count(Recording(np.tile(data[0][1], 2), RATE, speed_rpm=500))
+        assert (count.defect_count, count.n_windows) == (2, 2)
+        assert not count.refused
+    assert np.isnan(count.distance)
+
+
+def test_a_counter_of_other_windows_is_no_model_of_recordings(counters):
+    with pytest.raises(
+        ValueError, match="one output turn, 5760 samples at 6400 Hz and 1000 RPM, got .* 11520"
+    ):
+        LobeModel.of_counter(counters["plain"], sampling_rate=RATE, input_speed_hz=1000 / 60)
+
+
+def test_the_file_of_a_model_is_data(stored):
+    """A .skops file is a zip of JSON and arrays: nothing in it is a pickle."""
+    with zipfile.ZipFile(stored["skops"]) as archive:
+        assert {name.rsplit(".", 1)[-1] for name in archive.namelist()} <= {"json", "npy"}
+
+
+def test_writing_says_what_is_wrong(counters, tmp_path):
+    with pytest.raises(ValueError, match="must end in .skops .safe. or .joblib .a pickle., got 'm.pkl'"):
+        save_model(tmp_path / "m.pkl", counters["plain"])
+    with pytest.raises(TypeError, match="counter must be fitted, got Pipeline that is not"):
+        save_model(tmp_path / "m.joblib", make_lobe_counter(RATE))
+    with pytest.raises(ValueError, match="sampling_rate must be given"):
+        save_model(tmp_path / "m.joblib", GaussianNB().fit([[0.0], [1.0]], [0, 1]))
+    with pytest.raises(FileNotFoundError, match="folder .* does not exist: make it first"):
+        save_model(tmp_path / "absent" / "m.joblib", counters["plain"])
+    with pytest.raises(TypeError, match="must be a LobeModel or a classifier with predict_proba, got dict"):
+        save_model(tmp_path / "m.joblib", {})
     with pytest.raises(FileNotFoundError, match=r"model file .*absent\.joblib does not exist"):
         load_model(tmp_path / "absent.joblib", trusted=True)
-    with pytest.raises(FileNotFoundError, match="folder .* does not exist: make it first"):
-        save_model(tmp_path / "absent" / "model.joblib", model)
-    with pytest.raises(TypeError, match="must be a LobeModel or a classifier with predict_proba, got dict"):
-        save_model(tmp_path / "model.joblib", {})
-    assert list(tmp_path.iterdir()) == []
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_second_model_in_the_same_place_replaces_both_files(counters, data, tmp_path):
+    for kind in ("ladder", "ordinal"):
+        file = save_model(tmp_path / "m.joblib", counters[kind])
+        assert_array_equal(load_model(file, trusted=True).predict(data[0]), counters[kind].predict(data[0]))
+    assert len(list(tmp_path.iterdir())) == 2

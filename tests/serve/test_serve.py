@@ -444,7 +444,18 @@ def test_the_page_says_what_to_do_next(tmp_path):
         assert following().startswith("choose recordings")
         live.add("a.csv")
         assert following().startswith("check what was found")
+        live.job(live.start("inspect", "a.csv")[1]["number"])
+        assert following().startswith("state what a.csv lacks")
+        found = {
+            "file": "a.csv", "channel": "a", "unit": "Nm", "sampling_rate": 9, "duration_s": 1,
+            "whole_output_turns": None, "speed_rpm": None, "speed_measured_rpm": None, "warnings": [],
+        }  # fmt: skip
+        (live.session.store.recordings / "printed.json").write_text(json.dumps([found]))
+        live.job(live.start("inspect", "a.csv")[1]["number"])
+        assert following().startswith("state the speed")
+        (live.session.store.recordings / "printed.json").unlink()
         live.job(live.start("count", "a.csv")[1]["number"])
+        assert following().startswith("open the page of the result")
 
 
 # -- the command

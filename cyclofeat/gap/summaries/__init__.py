@@ -8,6 +8,7 @@ turn for pictures (:func:`phase_maps`).
 from cyclofeat.gap.summaries._phase import PhaseMap, phase_maps
 from cyclofeat.gap.summaries._summarise import (
     FAMILIES,
+    HANN_POWER,
     RESOLUTION_NM,
     SPEED_TOLERANCE,
     Cell,
@@ -32,6 +33,7 @@ from cyclofeat.gap.summaries._windows import (
 
 __all__ = [
     "FAMILIES",
+    "HANN_POWER",
     "RESOLUTION_NM",
     "SPEED_TOLERANCE",
     "Cell",

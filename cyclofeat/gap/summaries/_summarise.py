@@ -35,7 +35,7 @@ SPEED_TOLERANCE = 0.03
 _AT_THE_END = 0.99  # share of the tolerance from which a speed counts as at the end of the range
 _BINS = 64  # bins of a synchronous average
 _PER_PERIOD = 16  # samples in a period that are enough
-_HANN_POWER = 3 / 8  # mean square of the Hann window
+HANN_POWER = 3 / 8  # mean square of the Hann window
 _AT_A_TIME = 16
 
 # Assumption: less than a millinewtonmetre of white noise is no difference. It is added, as a power, to every
@@ -264,7 +264,7 @@ def signed_log(values: Float) -> Float:
 
 def _bands(lines: NDArray[np.complex128], n_samples: int, sampling_rate: float) -> tuple[Float, list[Cell]]:
     frequencies = np.fft.rfftfreq(n_samples, 1 / sampling_rate)
-    psd = 2 * np.abs(lines) ** 2 / (sampling_rate * n_samples * _HANN_POWER) + _white(sampling_rate)
+    psd = 2 * np.abs(lines) ** 2 / (sampling_rate * n_samples * HANN_POWER) + _white(sampling_rate)
     last = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
     columns, cells = [], []
     for band in range(_LOWEST_BAND, last + 1):
@@ -373,7 +373,7 @@ def _lines_of_a_turn(x: Float, sampling_rate: float, speed: float, n_lobes: int,
     else:
         # Rounded to whole samples: the highest line is less than 0.03 of a bin from its multiple.
         lines = hann_lines(rfft(piece)[None, : n_bins + 1])[0, :n_bins]
-    power = 2 * np.abs(lines) ** 2 / n_cut**2 / _HANN_POWER
+    power = 2 * np.abs(lines) ** 2 / n_cut**2 / HANN_POWER
     return np.asarray(power + 2 * RESOLUTION_NM**2 / n_cut)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
 from cyclofeat.gap.summaries import (
+    HANN_POWER,
     RESOLUTION_NM,
     SPEED_TOLERANCE,
     Cell,
@@ -146,7 +147,7 @@ def _fixed_in_hz(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]
     hz = np.fft.rfftfreq(n, 1 / sampling_rate)
     lines = rfft(ripple, axis=1)[:, : np.searchsorted(hz, 2 * _MAINS_HZ[-1])]
     hz = hz[: lines.shape[1]]
-    power = 2 * np.abs(hann_lines(lines)) ** 2 / (n * 3 / 8 * n) + 2 * RESOLUTION_NM**2 / n
+    power = 2 * np.abs(hann_lines(lines)) ** 2 / (n * HANN_POWER * n) + 2 * RESOLUTION_NM**2 / n
     columns, cells = [], []
     for mains in _MAINS_HZ:
         distance = np.abs(hz - mains)

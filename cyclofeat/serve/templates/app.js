@@ -129,6 +129,10 @@ function grouped(files) {
 }
 
 async function entered(entry, files) {
+  if (entry instanceof File) {
+    files.push(entry);
+    return;
+  }
   if (entry.isFile) {
     const file = await new Promise((resolve, reject) => entry.file(resolve, reject));
     file.place = entry.fullPath.slice(1);
@@ -151,10 +155,12 @@ for (const name of ["dragover", "dragleave", "drop"]) {
 }
 
 document.addEventListener("drop", (event) => {
-  const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry()).filter(Boolean);
+  // A file that another program holds in memory has no entry.
+  const dropped = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry() || item.getAsFile());
   attempt(async () => {
     const files = [];
-    for (const entry of entries) await entered(entry, files);
+    for (const entry of dropped.filter(Boolean)) await entered(entry, files);
+    if (!files.length) throw new Error("What was dropped holds no files.");
     await upload(grouped(files));
   });
 });

@@ -23,7 +23,6 @@ from cyclofeat.features import (
 )
 
 SAMPLING_RATE = 25_600
-SYM4 = pywt.Wavelet("sym4")
 BANK = [list(taps) for taps in pywt.Wavelet("db2").filter_bank]
 
 STATISTICS = [
