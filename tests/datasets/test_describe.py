@@ -166,6 +166,7 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
     np.testing.assert_array_equal(dropped(torque), expected)
 
 
+@pytest.mark.slow
 def test_a_long_recording_is_described_with_little_memory():
     torque = np.random.default_rng(0).normal(size=4_000_000)
     torque.flags.writeable = False

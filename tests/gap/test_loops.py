@@ -67,6 +67,7 @@ def test_many_frictions_at_once_are_each_alone():
         assert both[k] == pytest.approx(elastic_torque(torque, coulomb[k], share[k]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 3.0])
 def test_a_factor_on_the_contacts_is_that_factor_in_the_simulation(factor):
     stiffer = DRIVE.replace(

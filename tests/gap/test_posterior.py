@@ -191,6 +191,7 @@ def test_networks_are_averaged_and_progress_is_told(few):
     assert not np.allclose(*weights)
 
 
+@pytest.mark.slow
 def test_a_tiny_learning_rate_leaves_the_start_as_it_is(few, hasty):
     gone_on = EffectPosterior(1, epochs=1, learning_rate=1e-9).fit(few, start=hasty)
     np.testing.assert_allclose(gone_on.networks_[0]["answer"], hasty.networks_[0]["answer"], atol=1e-6)
