@@ -37,7 +37,7 @@ html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_align": "left",
     "navigation_with_keys": False,
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": {"**": ["page-toc"], "gallery/**": []},  # pictures need the width
     "show_toc_level": 2,
     "footer_start": ["copyright"],
     "footer_end": ["theme-version"],
@@ -67,6 +67,7 @@ sphinx_gallery_conf = {
     "run_stale_examples": True,  # an example that did not change may draw what did
     "download_all_examples": False,
     "show_signature": False,
+    "default_thumb_file": str(Path(__file__).parent / "_static" / "logo.svg"),
     "remove_config_comments": True,
     # An example that warns or draws nothing fails.
     "image_scrapers": ("_gallery.check_and_save",),

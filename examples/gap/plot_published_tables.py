@@ -133,7 +133,7 @@ plt.show()
 # The corrected simulator, with the statistics that it gives for the eight discs. Its torque is a surrogate
 # and must be labelled as one.
 
-print(gap.effects)
+print("effects:", ", ".join(effect.effect_id for effect in gap.effects))
 simulated, measured = gap.fitted, gap.measured
 for k, name in enumerate(("mean - set-point, Nm", "ln std", "ln up", "ln down")):
     print(f"  {name:21} measured {measured[:, k].mean():+.2f}, its rig {simulated[:, k].mean():+.2f}")
