@@ -47,7 +47,7 @@ def check_and_save(
 def save_thumbnail(figure: Figure, path: Path) -> None:
     """Save a figure small enough to be read in a thumbnail: of several panels one, with its labels."""
     panels = [ax for ax in figure.axes if ax.has_data() and ax.get_label() != "<colorbar>"]
-    if len(panels) < 3 and figure.get_figwidth() < _WIDE * figure.get_figheight():
+    if len(panels) <= 3 and figure.get_figwidth() < _WIDE * figure.get_figheight():
         figure.savefig(path, dpi=100)
         return
     for legend in figure.legends:

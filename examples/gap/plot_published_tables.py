@@ -80,7 +80,8 @@ def held_out(statistic: str) -> list:
     return [row for row in gap.held_out if row.statistic == statistic]
 
 
-print("named without disc:", {row.disc: "+".join(row.effects) for row in held_out("std")})
+for row in held_out("std"):
+    print(f"named without disc {row.disc}:", " + ".join(row.effects))
 print("mean error on discs left out     named   nothing  constant  in its 80 % interval")
 units = {"std": "ln", "up": "ln", "down": "ln", "range": "ln", "mean": "Nm", "entropy": "bits"}
 for statistic, unit in units.items():

@@ -102,7 +102,7 @@ above.set(xlim=(5, 55), yscale="log", xlabel="frequency (Hz)", ylabel="amplitude
 above.set_title("The lines of disc_c lie 8 % lower")
 above.legend()
 TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn).plot(below)
-below.set_title("disc_b lies inside the training data: a distance is below 1", pad=32)
+below.set_title("disc_b lies inside the training data: a distance is below 1", pad=40)
 plt.show()
 
 # %%

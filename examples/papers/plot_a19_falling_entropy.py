@@ -12,10 +12,10 @@ import numpy as np
 from _papers import ABS, BOTH, ONE, SOFT_ABS, STEEL_A, bands_of_falling_entropy, n_bands, torques
 
 cases = (
-    ("steel, both wheels worn", STEEL_A, BOTH),
     ("steel, one wheel worn", STEEL_A, ONE),
-    ("ABS, contact stiffness H = 0.2", ABS, BOTH),
+    ("steel, both wheels worn", STEEL_A, BOTH),
     ("ABS, contact stiffness H = 0.1", SOFT_ABS, BOTH),
+    ("ABS, contact stiffness H = 0.2", ABS, BOTH),
 )
 fig, axes = plt.subplots(2, 2, figsize=(10, 9), layout="constrained", sharex=True, sharey=True)
 for ax, (name, gearbox, wheels) in zip(axes.flat, cases, strict=True):
