@@ -45,10 +45,17 @@ def check_and_save(
 
 
 def save_thumbnail(figure: Figure, path: Path) -> None:
-    """Save a figure, of a wide one its first axes with their labels."""
+    """Save a figure small enough to be read in a thumbnail: of several panels one, with its labels."""
+    panels = [ax for ax in figure.axes if ax.has_data() and ax.get_label() != "<colorbar>"]
+    if len(panels) <= 3 and figure.get_figwidth() < _WIDE * figure.get_figheight():
+        figure.savefig(path, dpi=100)
+        return
+    for legend in figure.legends:
+        legend.set_visible(False)
     figure.canvas.draw()
-    box = None
-    if figure.get_figwidth() > _WIDE * figure.get_figheight():
-        first = next(ax for ax in figure.axes if ax.has_data())
-        box = first.get_tightbbox().transformed(figure.dpi_scale_trans.inverted()).padded(0.06)
-    figure.savefig(path, bbox_inches=box, dpi=100)
+    # Many panels are mostly numbers of worn lobes in their order, of which the last shows most.
+    shown = panels[-1] if len(panels) > 3 else panels[0]
+    box = shown.get_tightbbox().transformed(figure.dpi_scale_trans.inverted())
+    figure.savefig(path, bbox_inches=box.padded(0.06), dpi=100)
+    for legend in figure.legends:
+        legend.set_visible(True)

@@ -67,6 +67,7 @@ sphinx_gallery_conf = {
     "run_stale_examples": True,  # an example that did not change may draw what did
     "download_all_examples": False,
     "show_signature": False,
+    "default_thumb_file": str(Path(__file__).parent / "_static" / "logo.svg"),
     "remove_config_comments": True,
     # An example that warns or draws nothing fails.
     "image_scrapers": ("_gallery.check_and_save",),

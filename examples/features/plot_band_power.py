@@ -35,6 +35,6 @@ for ax, fundamental, name in ((axes[1], 100.0, "100 Hz"), (axes[2], 400 / 3, "13
 plt.show()
 
 # %%
-# Below 400 Hz the power grows several times over from healthy to seven worn lobes; above 800 Hz there is only
-# the noise of the torque meter. The *shares* are below one per cent. They follow the power between the lines,
-# which drift and resonance cause, and separate counts as little as in paper A.
+# Below 400 Hz the power grows several times over from healthy to seven worn lobes; above 800 Hz there is
+# only the noise of the torque meter. The *shares* are mostly below one per cent. They follow the power
+# between the lines, which drift and resonance cause, and separate counts as little as in paper A.

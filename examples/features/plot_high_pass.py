@@ -29,7 +29,7 @@ for ax in axes[-1]:
 plt.show()
 
 # %%
-# Nearly all of the healthy torque's variation is drift, which 10 Hz removes. The effect of wear remains,
-# because on this rig it excites the resonance near 80 Hz. A cut-off of 50 Hz preserves the ringing and
-# removes the lines of lobe and shaft (8.9 and 8.3 Hz). Near both ends of a window the filter is less
-# accurate, over about one period of the cut-off; with 0.5 Hz this is the whole window of 1.8 s.
+# Half of the healthy torque's variance is drift, which 10 Hz removes. The effect of wear remains, because
+# on this rig it excites the resonance near 80 Hz. A cut-off of 50 Hz preserves the ringing and removes the
+# lines of lobe and shaft (8.9 and 8.3 Hz). Near both ends of a window the filter is less accurate, over
+# about one period of the cut-off; with 0.5 Hz this is the whole window of 1.8 s.

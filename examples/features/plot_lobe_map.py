@@ -4,8 +4,8 @@ Fold the torque, and each lobe has a slot of its own
 
 :class:`~cyclofeat.features.LobeMap` removes the rig's resonance from the torque and folds it at the rate at
 which lobes pass the load, so that each lobe has a slot. It gives the mean and rms of each slot and two
-numbers per lobe line. The papers have no such method. **Surrogate** torque: four assemblies per count on
-the assumed rig R1, each worn on adjacent lobes from a random one on.
+numbers per lobe line, the multiple k of that rate. The papers have no such method. **Surrogate** torque: four
+assemblies per count on the assumed rig R1, each worn on adjacent lobes from a random one on.
 """
 
 import matplotlib.pyplot as plt

@@ -35,9 +35,9 @@ dots_by_count(right, y, entropy, f"widest: {low:g} to {high:g} Hz", "Shannon ent
 plt.show()
 
 # %%
-# Shuffled counts seldom give as many bands, so on this rig the order is more than chance: wear adds power at
-# the lower end of these bands, above the flat noise floor, and their spectra become less flat. The class
-# means fall, but single assemblies of adjacent counts overlap by more than the steps between the means: a
-# band of falling entropy is a trend, not a counter. Bands that begin above about 3 kHz contain almost only
-# noise and are probably due to chance. Four counts fall in order by chance far more often than seven would; p
-# accounts for this.
+# One of four shuffles of the counts gives as many bands, so their number is no evidence. Those that begin
+# below 1 kHz have a reason: wear adds power at their lower end, above the flat noise floor, and their
+# spectra become less flat. Those above 3 kHz contain almost only noise. The class means fall, but single
+# assemblies of adjacent counts overlap by more than the steps between the means: a band of falling entropy
+# is a trend, not a counter. Four counts fall in order by chance far more often than seven would; p accounts
+# for this.

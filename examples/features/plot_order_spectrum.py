@@ -32,7 +32,7 @@ for ax, count in zip(axes, (0, 1, 5), strict=True):
             of_step, amplitudes[window, of_step - 1], marker, color="C0" if step == 16 else "C1", label=name
         )
     ax.set(
-        title=f"{count} worn, speed found: {speeds[window]:.1f} rpm",
+        title=f"{count} worn, speed found: {speeds[window]:.1f} RPM",
         yscale="log",
         ylim=(1e-3, 5),
         ylabel="Nm",

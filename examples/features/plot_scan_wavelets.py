@@ -30,9 +30,10 @@ ax.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize="small")
 plt.show()
 
 # %%
-# The best of 48 columns (6 wavelets, 8 levels) has a tau that looks promising. Two numbers judge it. p is the
-# share of shuffled counts that give as high a tau *anywhere in the scan*. Separability is the share of the
-# differences among assemblies that the count explains:
+# Kendall's tau is +1 where the mean overlap grows at every step. The best of 48 columns (6 wavelets, 8
+# levels) has a tau that looks promising. Two numbers judge it. p is the share of shuffled counts that give
+# as high a tau *anywhere in the scan*. Separability is the share of the differences among assemblies that
+# the count explains:
 
 for row in best:
     print(f"{row.wavelet:7} level {row.level}: separability {row.separability:+.2f}, p {row.p_value:.2f}")

@@ -25,7 +25,9 @@ for count, colour, style in zip(counts, shades(4), ("-", "--", "-.", ":"), stric
         frequencies = transformer.frequencies_[: transformer.get_feature_names_out().size]
         median = np.median(transformer.transform(X[y == count]), axis=0)
         ax.plot(frequencies, median, style, color=colour, label=f"{count} worn", lw=1)
-left.set(title="density (matlab_pwelch)", xlabel="frequency in Hz", ylabel="dB over 1 Nm²/Hz", ylim=(-58, 30))
+left.set(
+    title="density (MATLAB's pwelch)", xlabel="frequency in Hz", ylabel="dB over 1 Nm²/Hz", ylim=(-58, 30)
+)
 right.set(title="amplitudes (Hamming, 8192 points)", xlabel="frequency in Hz", ylabel="Nm", yscale="log")
 right.axvline(400 / 3, color="grey", lw=0.8)
 right.annotate("mesh", (400 / 3, 10), xytext=(3, 0), textcoords="offset points", color="grey")

@@ -91,7 +91,7 @@ def _model(step, drive):
 # %%
 # Records of the model, and of a rig whose shaft has half the stiffness
 # ----------------------------------------------------------------------
-# The resonance of the shaft moves down by a factor of :math:`\sqrt{2}`.
+# The resonance of the shaft moves down by the square root of two.
 
 stiff = MujocoDrive()
 drive = Rig(effects=[LoadDrift(0.3, cutoff_hz=150.0), Noise(0.02)], name="drive", simulator=stiff)
@@ -104,5 +104,6 @@ for rig, label in ((drive, "model"), (soft, "rig with a soft shaft")):
     resonance = np.sqrt(rig.simulator.stiffness * (1 / 0.02 + 1 / 0.05)) / (2 * np.pi)
     (line,) = ax.semilogy(frequencies, density, label=f"{label}, resonance {resonance:.0f} Hz")
     ax.axvline(resonance, color=line.get_color(), linestyle=":")
-ax.set(xlabel="frequency [Hz]", ylabel="torque [Nm²/Hz]", xlim=(0, 200))
+ax.set(xlabel="frequency in Hz", ylabel="torque in Nm²/Hz", xlim=(0, 200))
 ax.legend()
+plt.show()

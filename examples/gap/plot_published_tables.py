@@ -80,7 +80,8 @@ def held_out(statistic: str) -> list:
     return [row for row in gap.held_out if row.statistic == statistic]
 
 
-print("named without disc:", {row.disc: "+".join(row.effects) for row in held_out("std")})
+for row in held_out("std"):
+    print(f"named without disc {row.disc}:", " + ".join(row.effects))
 print("mean error on discs left out     named   nothing  constant  in its 80 % interval")
 units = {"std": "ln", "up": "ln", "down": "ln", "range": "ln", "mean": "Nm", "entropy": "bits"}
 for statistic, unit in units.items():
@@ -133,7 +134,7 @@ plt.show()
 # The corrected simulator, with the statistics that it gives for the eight discs. Its torque is a surrogate
 # and must be labelled as one.
 
-print(gap.effects)
+print("effects:", ", ".join(effect.effect_id for effect in gap.effects))
 simulated, measured = gap.fitted, gap.measured
 for k, name in enumerate(("mean - set-point, Nm", "ln std", "ln up", "ln down")):
     print(f"  {name:21} measured {measured[:, k].mean():+.2f}, its rig {simulated[:, k].mean():+.2f}")

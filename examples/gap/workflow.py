@@ -6,8 +6,13 @@ The papers' model has a free output. This rig has a brake behind a shaft, a load
 noise: four effects at once, hidden in **surrogate** torque, simulated and not measured.
 :func:`cyclofeat.gap.find_gap` receives recordings at two loads and the model without the effects, names what
 is missing, estimates its size, and judges the corrected model on recordings held out. This script writes the
-picture of the README, ``docs/figures/gap_workflow.png``.
+picture of the README:
+
+.. image:: /figures/gap_workflow.png
+   :alt: Probabilities of the missing effects, spectra before and after, share of the gap that closes
 """
+
+# sphinx_gallery_thumbnail_path = 'figures/gap_workflow.png'
 
 from pathlib import Path
 

@@ -60,9 +60,10 @@ for effect in result.effects:
 print("something left unexplained:", result.remainder.unexplained)
 
 # %%
-# The intervals are of 90 % and should hold the truth, which only a surrogate rig lets us check: 0.020 kg m²,
-# 12,000 Nm/rad, hum of 0.3 Nm, noise of 0.1 Nm, drift of 0.3 Nm. Where something stays unexplained, the sizes
-# are those of the posterior, and wider.
+# The intervals are of 90 % and should hold the truth, which only a surrogate rig lets us check: 0.020 kg
+# m², 12,000 Nm/rad, hum of 0.3 Nm, noise of 0.1 Nm, drift of 0.3 Nm. Those of brake and hum do, those of
+# noise and drift end just below it. Where something stays unexplained, the sizes are those of the
+# posterior, and wider.
 
 # %%
 # Look at the correction before you use it

@@ -3,7 +3,7 @@ A rig engineer's Monday: count, and decide when the model refuses
 =================================================================
 
 You run the test bench. Over the weekend it wrote three files, one per gearbox, and you want to know which
-discs are worn. We look into the files, train a model, count, and then deal with the file that the model
+discs are worn. We look into the files, train a model, count, and then deal with the files that the model
 refuses.
 
 The commands are those of the terminal. In Jupyter you would write ``!cyclofeat inspect ...``; here a small
@@ -37,7 +37,7 @@ def run(line):
 # %%
 # What the bench wrote
 # --------------------
-# Three CSV files with a column of time and one of torque, 3.7 s each at 25.6 kHz. With your own files, skip
+# Three CSV files with a column of time and one of torque, 3.9 s each at 25.6 kHz. With your own files, skip
 # this cell. Remember for later: disc_a is healthy and disc_b has three worn lobes. disc_c has three as well,
 # but somebody left the inverter at 460 RPM.
 
@@ -84,24 +84,25 @@ run("cyclofeat count disc_a.csv disc_b.csv disc_c.csv --speed 500 --model model.
 # %%
 # When the model refuses
 # ----------------------
-# The third file is refused. A refusal is an answer: *this recording is unlike everything that I have
+# Two files are refused. A refusal is an answer: *this recording is unlike everything that I have
 # learned from, do not trust my count*. With ``--strict`` the exit code is 3, and in
 # ``--json`` its ``defect_count`` is null.
 #
-# The disc has three worn lobes and the count without the refusal would have been 0. The reason tells where to
-# look: the speed. At 500 RPM lobes pass 8.89 times per second, and the lobe lines are the multiples of that
-# frequency; in this file the lines stand elsewhere.
+# The reason tells where to look: the speed. At 500 RPM lobes pass 8.89 times per second, and the lobe lines
+# are the multiples of that frequency. In disc_c they stand elsewhere: three lobes are worn, and the count
+# without the refusal would have been 0. The healthy disc_a has hardly any lines; without a tachometer its
+# speed cannot be told.
 
-healthy, worn, refused = (read_recording(desk / f"disc_{letter}.csv", speed_rpm=500) for letter in "abc")
+worn, refused = (read_recording(desk / f"disc_{letter}.csv", speed_rpm=500) for letter in "bc")
 figure, (above, below) = plt.subplots(2, 1, figsize=(8, 7), layout="constrained")
 for recording, label in ((worn, "disc_b, counted"), (refused, "disc_c, refused")):
     spectrum = SpectrumDisplay.from_recording(recording)
     above.plot(spectrum.frequencies, spectrum.values, label=label)
 above.set(xlim=(5, 55), yscale="log", xlabel="frequency (Hz)", ylabel="amplitude (Nm)")
-above.set_title("The lines of the refused file lie 8 % lower")
+above.set_title("The lines of disc_c lie 8 % lower")
 above.legend()
 TrainingDisplay.from_estimator(load_model(desk / "model.skops"), worn).plot(below)
-below.set_title("The counted file lies inside the training data: its distance is below 1")
+below.set_title("disc_b lies inside the training data: a distance is below 1", pad=40)
 plt.show()
 
 # %%
@@ -110,8 +111,8 @@ plt.show()
 # ================================  ====================================================================
 # the refusal says                  do this
 # ================================  ====================================================================
-# other speed                       correct ``--speed`` or the inverter and record again, or train at the
-#                                   speeds of your rig (``cyclofeat train --speeds 100:1500``)
+# other speed                       correct ``--speed`` or the inverter, record again with a tachometer, or
+#                                   train at the speeds of your rig (``cyclofeat train --speeds 100:1500``)
 # unlike all training data          compare with the other recordings of the bench: a new coupling, brake
 #                                   or torque meter is not in the training rig. Describe it in the rig's
 #                                   file and train again, or let ``cyclofeat gap`` find what is missing
@@ -119,9 +120,11 @@ plt.show()
 #                                   ``cyclofeat train measured/ --out model.skops``
 # ================================  ====================================================================
 #
-# Never lower the bar until the file passes. In this case the inverter is set back to 500 RPM, and disc_c is
-# recorded again on Tuesday:
+# Never lower the bar until the file passes. In this case the inverter is set back to 500 RPM, and both
+# discs are recorded again on Tuesday, with a tachometer:
 
-(recording,) = make_rig_recordings(1, [3], rig="R1", duration=3.9, random_state=9)
-np.savez(desk / "disc_c.npz", torque=recording.torque, sampling_rate=recording.sampling_rate)
-run("cyclofeat count disc_c.npz --speed 500 --model model.skops")
+for name, worn in (("disc_a", 0), ("disc_c", 3)):
+    (recording,) = make_rig_recordings(1, [worn], rig="R1", duration=3.9, random_state=9, with_angle=True)
+    rate = recording.sampling_rate
+    np.savez(desk / f"{name}.npz", torque=recording.torque, sampling_rate=rate, angle=recording.angle)
+run("cyclofeat count disc_a.npz disc_c.npz --speed 500 --model model.skops")

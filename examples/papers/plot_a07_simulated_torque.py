@@ -39,11 +39,11 @@ for gearbox, name, style in ((ABS, "simulated, ABS", "s--"), (STEEL_A, "simulate
     records = np.array([settled(torque) for torque in torques(gearbox)])
     left.semilogy(COUNTS, np.ptp(records, axis=1), style, label=name)
     right.semilogy(COUNTS, upward_over_downward(records), style, label=name)
-left.set(xlabel="worn lobes", ylabel="peak-to-peak in Nm", title="lower in simulation")
+left.set(xlabel="worn lobes", ylabel="peak-to-peak in Nm", title="peak-to-peak: lower in simulation")
 right.axhline(1, color="0.6", lw=0.8)
 right.set_yticks([0.5, 1, 2], ["0.5", "1", "2"])
 right.minorticks_off()
-right.set(xlabel="worn lobes", ylabel="upward over downward swing", title="symmetric: 1")
+right.set(xlabel="worn lobes", ylabel="upward over downward swing", title="asymmetry (1: symmetric)")
 left.legend()
 plt.show()
 

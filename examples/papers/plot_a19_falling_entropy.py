@@ -12,19 +12,19 @@ import numpy as np
 from _papers import ABS, BOTH, ONE, SOFT_ABS, STEEL_A, bands_of_falling_entropy, n_bands, torques
 
 cases = (
-    ("steel, both wheels worn", STEEL_A, BOTH),
     ("steel, one wheel worn", STEEL_A, ONE),
-    ("ABS, H = 0.2", ABS, BOTH),
-    ("ABS, H = 0.1", SOFT_ABS, BOTH),
+    ("steel, both wheels worn", STEEL_A, BOTH),
+    ("ABS, contact stiffness H = 0.1", SOFT_ABS, BOTH),
+    ("ABS, contact stiffness H = 0.2", ABS, BOTH),
 )
 fig, axes = plt.subplots(2, 2, figsize=(10, 9), layout="constrained", sharex=True, sharey=True)
 for ax, (name, gearbox, wheels) in zip(axes.flat, cases, strict=True):
     frequencies, falls = bands_of_falling_entropy(torques(gearbox, wheels)[1:])
     low, high = np.nonzero(falls)
-    ax.plot(frequencies[low], frequencies[high], ",", color="C0")
+    ax.plot(frequencies[low], frequencies[high], "s", color="C0", markersize=2)
     ax.plot([0, 5000], [0, 5000], color="0.7")
     share = len(low) / n_bands(frequencies.size)
-    ax.set(title=f"{name}: {len(low)} bands, {100 * share:.2g} %", xlim=(-100, 5000), ylim=(0, 5100))
+    ax.set(title=f"{name}:\n{len(low)} bands, {100 * share:.2g} %", xlim=(-100, 5000), ylim=(0, 5100))
 for ax in axes[-1]:
     ax.set_xlabel("lower limit in Hz")
 for ax in axes[:, 0]:

@@ -46,10 +46,10 @@ graded = [name for name, rises in wavelets.items() if rises]
 for name in wavelets:
     of_wavelet = minima_shared_with_seven(of_count, wavelet=name, levels=4)[1][:, 2:].mean(axis=1)
     chosen = {"color": "C1", "lw": 2, "zorder": 3} if name == "mb32.3" else {"color": "C0", "lw": 0.7}
-    right.plot(range(1, 7), 100 * of_wavelet, alpha=1 if name in graded else 0.15, **chosen)
+    right.plot(range(1, 7), 100 * of_wavelet, alpha=1 if name in graded else 0.3, **chosen)
 right.plot([], [], color="C1", lw=2, label="mb32.3")
 right.plot([], [], color="C0", lw=0.7, label=f"the {len(graded) - 1} others that rise at both levels")
-right.plot([], [], color="C0", lw=0.7, alpha=0.15, label=f"{len(wavelets) - len(graded)} that do not")
+right.plot([], [], color="C0", lw=0.7, alpha=0.3, label=f"{len(wavelets) - len(graded)} that do not")
 right.set(xlabel="worn lobes", title="mean of levels 3 and 4, all wavelets")
 right.legend(fontsize="small")
 plt.show()

@@ -29,7 +29,8 @@ grid = np.linspace(0.015, 0.05, 100)
 right.plot(100 * grid, constant + slope * binary_entropy(grid), color="C0")
 for count in COUNTS:
     right.plot(100 * share[count], entropy[count], "kx")
-    right.annotate(f"{count}", (100 * share[count], entropy[count]), (5, -9), textcoords="offset points")
+    place = {3: (-10, 2), 4: (5, 2), 5: (2, -13)}.get(count, (5, -9))  # three crosses touch
+    right.annotate(f"{count}", (100 * share[count], entropy[count]), place, textcoords="offset points")
 right.set(xlabel="a = std² / (mean² + std²) in %", title="measured; number of worn lobes beside each")
 plt.show()
 

@@ -60,7 +60,7 @@ for ax, size in ((middle, 0.0), (right, 1.0)):
 plt.show()
 
 # %%
-# Without drift the entropy grows with the count and measures the ripple. With 1 Nm of drift it shows nothing,
-# and removing the mean restores little, because the drift is not the mean. The lobe map hardly changes. (A
-# drift of the *load* also changes the mesh's amplitude; at one speed the two drifts are almost impossible to
-# distinguish. ``benchmarks/counting.md`` has the load's, with more assemblies.)
+# Without drift the entropy grows with the count and measures the ripple. With 1 Nm of drift it shows
+# nothing, and removing the mean restores a part of it, because the drift is not the mean. The lobe map
+# hardly changes. (A drift of the *load* also changes the mesh's amplitude; at one speed the two drifts are
+# almost impossible to distinguish. ``benchmarks/counting.md`` has the load's, with more assemblies.)
