@@ -38,12 +38,14 @@ class Data:
         self.training, self.judged = list(recordings[:last]), list(recordings[last:])
 
 
-def simulated(n: int, quantity: str, n_jobs: int, rig: str = "R2", seed: int = 0, **at: object) -> Data:
+def simulated(
+    n: int, quantity: str, n_jobs: int, rig: str = "R2", seed: int = 0, turns: float = TURNS, **at: object
+) -> Data:
     # Effects of the torque meter are divided by the reduction at the input: 0.015 Nm there.
     noise = {"output_torque": Noise(0.2), "input_torque": Noise(0.225), "motor_current": Noise(0.0)}[quantity]
     where = {"speed_rpm": SPEEDS, "load_nm": LOADS} | at
     made = make_rig_recordings(
-        n, rig=rig_preset(rig).with_effects(noise), output_turns=TURNS, random_state=seed, n_jobs=n_jobs,
+        n, rig=rig_preset(rig).with_effects(noise), output_turns=turns, random_state=seed, n_jobs=n_jobs,
         sampling_rate=CURRENT_HZ if quantity == "motor_current" else 25_600.0, with_angle=True,
         kernel="auto", solver=Solver(integrator="adams_bashforth"), quantity=quantity, **where,  # type: ignore[arg-type]
     )  # fmt: skip

@@ -23,6 +23,7 @@ from cyclofeat.recordings import Recording
 from cyclofeat.signal.speed import SEARCHED_HZ, FollowedSpeed, search_speed
 
 SAME, SAME_IF_WANDERING = 0.02, 0.06  # of the true speed before it wanders
+LONG = 3.1  # output turns
 OUTCOMES = ("found", "asked", "wrong")
 
 
@@ -49,34 +50,49 @@ def searched(recording: Recording, true_hz: float | None, same: float) -> tuple[
     return outcome(found, true_hz, same), time.process_time() - began
 
 
+def true_hz(recording: Recording) -> float:
+    """Return the mean speed by the tachometer, which the search does not look at."""
+    return float(recording.mean_input_speed() or 0)
+
+
 def rows(n: int, n_jobs: int) -> list[list[str]]:
     """Return the rows of the table."""
-    data = simulated(n, "output_torque", n_jobs, seed=7)
-    recordings = [*data.training, *data.judged]
-    true = [float(one.mean_input_speed() or 0) for one in recordings]
-    random = np.random.default_rng(5)
+
+    def all_of(quantity: str, turns: float = TURNS) -> list[Recording]:
+        data = simulated(n, quantity, n_jobs, seed=7, turns=turns)
+        return [*data.training, *data.judged]
+
+    recordings, random = all_of("output_torque"), np.random.default_rng(5)
+    true = [*map(true_hz, recordings)]
     wander = [wandering(one, random) for one in recordings]
     empty = [noise(one, random) for one in recordings[: len(recordings) // 4]]
-    calls = [delayed(searched)(*call) for call in zip(recordings, true, repeat(SAME))]
-    calls += [delayed(searched)(*call) for call in zip(wander, true, repeat(SAME_IF_WANDERING))]
-    calls += [delayed(searched)(one, None, SAME) for one in empty]
-    found, spent = zip(*Parallel(n_jobs)(calls), strict=True)
+    long, at_input = all_of("output_torque", LONG), all_of("input_torque")
+    cases = {
+        "all": zip(recordings, true, repeat(SAME)),
+        f"all, {LONG:g} output turns": zip(long, map(true_hz, long), repeat(SAME)),
+        "all, speed wandering by 5 %": zip(wander, true, repeat(SAME_IF_WANDERING)),
+        "input torque": zip(at_input, map(true_hz, at_input), repeat(SAME)),
+        "noise, drift and hum alone": zip(empty, repeat(None), repeat(SAME)),
+    }
+    found: dict[str, list[str]] = {}
+    spent: list[float] = []
+    for name, calls in cases.items():
+        outcomes, seconds = zip(*Parallel(n_jobs)(delayed(searched)(*call) for call in calls), strict=True)
+        found[name] = [*outcomes]
+        spent += seconds
     worn = np.array([bool(one.defect_count) for one in recordings])
     rpm = 60 * np.array(true)
-    first, last = found[: len(recordings)], found[len(recordings) :]
-
-    def row(what: str, some: Sequence[str]) -> list[str]:
-        return [what, *(share(some.count(name), len(some)) for name in OUTCOMES), str(len(some))]
-
     parts = {"sound discs": ~worn} | {
         f"worn discs, {low} to {high:,} RPM": worn & (rpm >= low) & (rpm < high)
         for low, high in ((100, 250), (250, 600), (600, 1_500))
     }
+    of_parts = {f"- {what}": [*compress(found["all"], part)] for what, part in parts.items()}
+    every = {"all": found.pop("all")} | of_parts | found
     return [
-        row("all", first),
-        *(row(f"- {what}", [*compress(first, part)]) for what, part in parts.items()),
-        row("all, speed wandering by 5 %", last[: len(recordings)]),
-        row("noise, drift and hum alone", last[len(recordings) :]),
+        *(
+            [what, *(share(some.count(name), len(some)) for name in OUTCOMES), str(len(some))]
+            for what, some in every.items()
+        ),
         ["processor time of a search, median in s", f"{np.median(spent):.2f}", "", "", str(len(spent))],
     ]
 

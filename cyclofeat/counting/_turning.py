@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cyclofeat._base.arguments import ArgumentError
+from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.orders import mean_speed, samples_at
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, SEARCHED_HZ, follow_speed, search_speed
@@ -76,23 +77,27 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
 
 
 def _searched(recording: Recording, n_lobes: int) -> Turning:
-    """Return how the shaft turned by the torque alone, if only one speed is possible."""
+    """Return how the shaft turned by the torque alone, if only one speed is possible.
+
+    A motor's own lines may look like a disc's at another speed: its current proposes speeds only.
+    """
     found = search_speed(recording.torque, recording.sampling_rate, n_lobes)
-    if len(found) == 1:
+    if len(found) == 1 and recording.quantity != "motor_current":
         speed_hz = found[0].speed_hz
         return Turning(
             found[0].angle,
             speed_hz,
             f"neither tachometer nor stated speed: {60 * speed_hz:.5g} RPM found in the torque",
         )
+    what = in_words(recording.quantity)
     if found:
         speeds = " or ".join(f"{60 * one.speed_hz:.4g}" for one in found)
-        torque = f"its torque allows {speeds} RPM"
+        seen = f"its {what} allows {speeds} RPM"
     else:
         low, high = (f"{60 * end:,.0f}" for end in SEARCHED_HZ)
-        torque = f"its torque shows none from {low} to {high} RPM"
+        seen = f"its {what} shows none from {low} to {high} RPM"
     raise ArgumentError(
-        "the recording has neither a tachometer's angle nor a speed, and {torque}: give {speed_rpm:=} "
+        "the recording has neither a tachometer's angle nor a speed, and {seen}: give {speed_rpm:=} "
         "(nominal speed of the input in RPM)",
-        torque=torque,
+        seen=seen,
     )

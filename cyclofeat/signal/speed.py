@@ -32,8 +32,9 @@ _SAMPLES_PER_TURN = 160
 # Samples per turn that suffice: six times the highest lobe line.
 _DENSE = 230
 # Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
-# the shaft's lines (in orders) at which those are not seen any more.
-_PRESENT, _ABSENT, _APART = 0.6, -0.2, 0.11
+# the shaft's lines (in orders) at which those are not seen any more; mean ratio beyond lobe line n_lobes that
+# a worn disc's lobe lines exceed, and the even lines of a sound one's shaft (beyond order 2 n_lobes) do not.
+_PRESENT, _ABSENT, _APART, _FEW = 0.6, -0.2, 0.11, 0.3
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -61,17 +62,19 @@ _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
 
 @dataclass(frozen=True)
 class _Lines:
-    """Last lobe line, and last line of the shaft, that a record holds at any speed of the search."""
+    """Last lobe line, and last line of the shaft, that are used, and the orders that a record holds."""
 
     n_lobes: int
     last_lobe: int
     last_shaft: int
+    orders: float
 
     @classmethod
     def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
         orders = sampling_rate / 2 / (nominal_hz * (1 + _COARSE.tolerance))
         last_lobe = int(orders / lobe_frequency(1.0, n_lobes))
-        return cls(n_lobes, min(_LAST_LOBE_LINE, last_lobe), min(_LAST_SHAFT_LINE, int(orders)))
+        last_shaft = min(_LAST_SHAFT_LINE, int(orders))
+        return cls(n_lobes, min(_LAST_LOBE_LINE, last_lobe), last_shaft, orders)
 
 
 @dataclass(frozen=True)
@@ -90,12 +93,16 @@ class FollowedSpeed:
     fits : bool
         Whether the lines are those of a disc at the stated speed, and not at a half, a third, twice or any
         other multiple of it.
+    reaches : bool
+        Whether the lobe lines reach beyond what the shaft of a sound disc has at (n_lobes + 1) / (2 n_lobes)
+        of the speed, where its even lines are in the places of a worn disc's lobe lines.
     """
 
     angle: Float
     speed_hz: float
     evidence: float
     fits: bool
+    reaches: bool
 
 
 def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15) -> FollowedSpeed:
@@ -150,12 +157,12 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
         )
     lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
-    kept, evidence, fits = _followed(thinned, rate, nominal_hz, lines)
+    kept, evidence, fits, reaches = _followed(thinned, rate, nominal_hz, lines)
     step = sampling_rate / rate
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
     angle = np.interp(np.arange(torque.size), step * np.arange(marks.size), marks)
-    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits)
+    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
@@ -163,8 +170,10 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
 
     :func:`follow_speed` starts at speeds whose tolerances overlap, in the middle of the record. Of those
     where the lines are those of a disc (``fits``), the one with the most evidence is meant. Others with at
-    least half as much are possible too: those that fit, and 8/15 of that speed, where the even lines of a
-    sound disc's shaft would be taken for the lobe lines of a worn one.
+    least half as much are possible too: those that fit, and some that look alike. For 15 lobes these are 15/8
+    of the speed, where a worn disc's lobe lines would be taken for the even lines of a sound one's shaft; 8/15,
+    the other way round, unless the lobe lines reach further (``reaches``); and 16/15, where all lines of a
+    motor's shaft would be taken for lobe lines.
 
     Parameters
     ----------
@@ -211,12 +220,13 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
         return []
-    if_sound = best.speed_hz * (n_lobes + 1) / (2 * n_lobes)
+    shaft = (n_lobes + 1) / n_lobes  # the speed whose shaft has its lines at the best one's lobe lines
+    alike = [best.speed_hz * factor for factor in (shaft, 2 / shaft, *([] if best.reaches else [shaft / 2]))]
     possible = [best]
     for one in clear:
         new = not any(_same(one.speed_hz, other.speed_hz) for other in possible)
         likely = one.evidence >= _POSSIBLE * best.evidence
-        if new and likely and (one.fits or _same(one.speed_hz, if_sound)):
+        if new and likely and (one.fits or any(_same(one.speed_hz, other) for other in alike)):
             possible.append(one)
     return [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
 
@@ -227,8 +237,8 @@ def _same(speed: float, other: float) -> bool:
 
 def _followed(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines
-) -> tuple[Float, float, bool]:
-    """Return angle, evidence and fit at the samples of a record that are not more than needed."""
+) -> tuple[Float, float, bool, bool]:
+    """Return angle, evidence, fit and reach at the samples of a record that are not more than needed."""
     turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
@@ -248,21 +258,23 @@ def _followed(
         low, high = smooth.x[0], smooth.x[-1]
         factors = smooth(np.clip(at_turn, low, high))
         angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
-    fits = evidence > 0 and _fits(torque, sampling_rate, angle, lines)
-    return angle, evidence, fits
+    fits, reaches = _fit(torque, sampling_rate, angle, lines) if evidence > 0 else (False, False)
+    return angle, evidence, fits, reaches
 
 
-def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> bool:
-    """Return True if the lines over the angle are those of a worn or a sound disc.
+def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[bool, bool]:
+    """Return whether the lines over the angle are those of a worn or a sound disc, and whether they reach.
 
     At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
     second or third only (twice or three times), or on the odd lines of the shaft, which no disc has. Where
-    lobe lines abound, odd lines are left to a motor, which may have some.
+    lobe lines abound, odd lines are left to a motor, which may have some. The lobe lines of a worn disc are
+    the even lines of the shaft of a sound one at (n_lobes + 1) / (2 n_lobes) of the speed, but a sound disc
+    has few of them beyond order 2 n_lobes.
     """
-    even, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
+    turned, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes
-    length = min(even.size, n_lobes * _SAMPLES_PER_TURN)
-    windows = even[: even.size // length * length].reshape(-1, length)
+    length = min(turned.size, n_lobes * _SAMPLES_PER_TURN)
+    windows = turned[: turned.size // length * length].reshape(-1, length)
     lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
     mesh, lobe = lobe[lobe % n_lobes == 0], lobe[lobe % n_lobes != 0]
     per_order = n_lobes / (n_lobes + 1)
@@ -270,18 +282,27 @@ def _fits(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> b
     orders = between / per_order
     between = between[np.abs(orders - np.round(orders)) > _APART]  # lines of the shaft prove nothing
     odd = np.arange(_FIRST_SHAFT_LINE + 1, lines.last_shaft, 2) * per_order
-    parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd}
+    high = (lobe > n_lobes) & (2 * lobe % (n_lobes + 1) != 0)
+    even = 2 * lobe[high]
+    even = even[even <= lines.orders] * per_order
+    parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd, "even": even}
     numbers = np.concatenate(list(parts.values()))
     power = comb_prominence(windows, _SAMPLES_PER_TURN, 1.0, np.ones(1), numbers, n_lobes)
     ratios = _log_ratio(np.minimum(power[:, 0], _MOST), _LOBE_LINE).mean(axis=0)
     cuts = np.cumsum([part.size for part in parts.values()])[:-1]
     ratio = dict(zip(parts, np.split(ratios, cuts), strict=True))
+    reaches = bool(high.any() and ratio["lobe"][high].mean() > _FEW)
     if ratio["between"].mean() > _ABSENT:
-        return False
+        return False, reaches
     some = [ratio["lobe"][lobe % 2 == 0], ratio["lobe"][lobe % 2 == 1], ratio["lobe"][lobe % 3 != 0]]
     worn = ratio["lobe"].mean() > _PRESENT and min(one.mean() for one in some) > 0
-    sound = ratio["lobe"].mean() < 0 and ratio["mesh"].mean() > _PRESENT and ratio["odd"].mean() <= _ABSENT
-    return bool(worn or sound)
+    sound = (
+        ratio["lobe"].mean() < 0
+        and ratio["mesh"].mean() > _PRESENT
+        and ratio["odd"].mean() <= _ABSENT
+        and (not even.size or ratio["even"].mean() <= _FEW)
+    )
+    return bool(worn or sound), reaches
 
 
 def _integrated(speed_hz: Float, sampling_rate: float) -> Float:

@@ -615,7 +615,7 @@ def no_speed(folder):
         (constant, "constant"),
         (too_short, "short"),
         (other_rate, "sampling_rate must be at least .* 1000 Hz"),
-        (no_speed, "nor a speed, and its torque .* RPM: give --speed"),
+        (no_speed, "nor a speed, and its output torque .* RPM: give --speed"),
     ],
 )
 def test_bad_recordings(capsys, folder, make, message):

@@ -12,6 +12,7 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.pipeline import Pipeline
 from small_model import recording, small_model
 
+from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting import (
     LobeLocator,
     LobeModel,
@@ -21,6 +22,7 @@ from cyclofeat.counting import (
     make_lobe_counter,
     passage_of_lobe_zero,
 )
+from cyclofeat.counting._turning import turning_of
 from cyclofeat.recordings import Windower
 
 SPEED = 500 / 60
@@ -387,11 +389,15 @@ def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
     stated, searched = (model.count(blind.replace(speed_rpm=speed)) for speed in (worn.speed_rpm, None))
     assert (searched.defect_count, searched.refused) == (stated.defect_count, stated.refused)
     assert searched.warnings[0].startswith("neither tachometer nor stated speed: ")
+    # A motor's own lines may be taken for a disc's: its current only proposes a speed.
+    current = blind.replace(speed_rpm=None, quantity="motor_current")
+    with pytest.raises(ArgumentError, match=r"its motor current allows \d+(\.\d+)? RPM"):
+        turning_of(current, 15)
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     recording = surrogates[0]
-    with pytest.raises(ValueError, match="nor a speed, and its torque .* RPM: give speed_rpm="):
+    with pytest.raises(ValueError, match="nor a speed, and its output torque .* RPM: give speed_rpm="):
         model.count(recording.replace(speed_rpm=None, angle=None, angle_is_absolute=False))
     with pytest.raises(ValueError, match="quantity of the recording is input_torque"):
         model.count(recording.replace(quantity="input_torque"))
