@@ -172,8 +172,8 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     where the lines are those of a disc (``fits``), the one with the most evidence is meant. Others with at
     least half as much are possible too: those that fit, and some that look alike. For 15 lobes these are 15/8
     of the speed, where a worn disc's lobe lines would be taken for the even lines of a sound one's shaft;
-    8/15, the other way round, unless the lobe lines reach further (``reaches``); and 16/15, where all lines of
-    a motor's shaft would be taken for lobe lines.
+    8/15, the other way round, unless the lobe lines reach further (``reaches``); and 16/15, where all lines
+    of a motor's shaft would be taken for lobe lines.
 
     Parameters
     ----------
