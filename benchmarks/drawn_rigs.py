@@ -1,6 +1,6 @@
 """Counters trained on corrected models: what the correction, and its uncertainty, gain in counts.
 
-    python -m benchmarks.drawn_rigs     # some 40 minutes on two cores; writes benchmarks/drawn_rigs.md
+    python -m benchmarks.drawn_rigs     # some 10 minutes on two cores; writes benchmarks/drawn_rigs.md
 
 Four recordings of a rig with hidden effects correct the default gearbox. Counters of worn lobes, trained on
 the model, on its most probable correction, on rigs drawn from the posterior, and on the true rig, count other
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -121,34 +121,42 @@ def gained(shares: np.ndarray, which: int) -> list[str]:
     return [NAMES[which], f"{middle:.2f}", f"{low:.2f} to {high:.2f}", f"{of_mean:.2f}"]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rigs", type=int, default=30, help="where the model costs counts (default 30)")
-    parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
-    made, every, n_drawn = [], [], 0
-    for seed, names, shares in cases(given.rigs, given.jobs):
-        n_drawn = seed + 1
-        every.append(shares)
-        made.append([*names, *(f"{share:.2f}" for share in shares)])
-        print(line(made[-1]), end="", flush=True)
+def page(every: Sequence[Sequence[float]], names: Sequence[Sequence[str]], n_drawn: int, wanted: int) -> str:
+    """Return the page of the cases so far."""
     found = np.array(every)
+    made = [
+        [*words, *(f"{share:.2f}" for share in shares)] for words, shares in zip(names, every, strict=True)
+    ]
     made.append(["mean", "", *(f"{share:.3f}" for share in found.mean(axis=0))])
-    text = f"""# Counters trained on corrected models
+    shares = table(
+        ["trained on", "median", "quartiles", "of the means"], [gained(found, 1), gained(found, 2)]
+    )
+    return f"""# Counters trained on corrected models
 
-Made by `python -m benchmarks.drawn_rigs --rigs {given.rigs}`. All recordings are **simulated**. Share of
+Made by `python -m benchmarks.drawn_rigs --rigs {wanted}`. All recordings are **simulated**. Share of
 {JUDGED} recordings of each true rig, with 0 to 7 worn lobes, that a counter trained on
 {TRAINED * len(COUNTS)} recordings counts right; standard error up to {0.5 / JUDGED**0.5:.3f}.
-Of {n_drawn} rigs with {N_EFFECTS} random effects, these are the {given.rigs} where the model costs at least
+Of {n_drawn} rigs with {N_EFFECTS} random effects, these are the {len(every)} where the model costs at least
 {LEAST_COST:g} of the counts. The posterior has learned from {load_posterior().n_rigs_:,} rigs.
 
 Share of the true rig's gain (goal: a median of 0.9):
 
-"""
-    text += table(["trained on", "median", "quartiles", "of the means"], [gained(found, 1), gained(found, 2)])
-    text += "\n" + table(["hidden effects", "named", *NAMES], made)
-    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
-    print(text)
+{shares}
+{table(["hidden effects", "named", *NAMES], made)}"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--rigs", type=int, default=12, help="where the model costs counts (default 12)")
+    parser.add_argument("--jobs", type=int, default=2)
+    given = parser.parse_args()
+    every, words = [], []
+    for seed, names, shares in cases(given.rigs, given.jobs):
+        every.append(shares)
+        words.append(names)
+        print(line([*names, *(f"{share:.2f}" for share in shares)]), end="", flush=True)
+        text = page(every, words, seed + 1, given.rigs)
+        Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -92,6 +92,7 @@ RESULTS = {
     "wear": "Depth and count of early radial wear",
     "spoiled": "Spoiled recordings",
     "gap": "Hidden effects: names, sizes and proof",
+    "drawn_rigs": "Counters trained on corrected models",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
     "published_rig": "The rig called published",
     "simulator": "Speed of the simulator",

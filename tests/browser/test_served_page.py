@@ -161,10 +161,10 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
     )
     for k, one in enumerate(with_hum):
         write_recording(measured / f"r{k}.npz", one)
-    browser.said.clear()
     browser.resize(1200)
     browser.open(live.address.url)
     browser.wait_for(STATUS, lambda text: "train the default model" in text)
+    browser.said.clear()  # the page before may have asked for its server, which is gone
     tab_to(browser, "folder")
     browser.choose(measured)
     browser.wait_for(text_of("recordings"), lambda text: text.count("690 RPM") == 2, 60)
