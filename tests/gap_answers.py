@@ -20,6 +20,7 @@ from cyclofeat.gap import (
     Remainder,
     RemainderRow,
     Size,
+    VisibleFrom,
     where_of,
 )
 from cyclofeat.gap._result import GapResult
@@ -33,6 +34,9 @@ EFFECTS = (
     FoundEffect("gain", 0.61, "unresolved", (Size("factor", "1", 1.05, 1.01, 1.09),), ("offset",)),
     FoundEffect("offset", 0.36, "unresolved", (), ("gain",)),
     FoundEffect("clearance", 0.3, "unresolved", (Size("clearance", "m", 1e-5, math.nan, math.nan),)),
+    FoundEffect(
+        "run_out", 0.12, "absent", visible=0.01, visible_from=VisibleFrom("runout", "m", math.nan, 2.5e-5)
+    ),
     FoundEffect("noise", 0.02, "absent"),
 )
 

@@ -114,10 +114,20 @@ class Answer:
         """The same without ties."""
         return self.seen <= self.named <= self.true
 
-    def told_apart(self, members: Collection[str]) -> bool | None:
-        """Whether of these effects the true ones are named, None if the oracle sees none of them."""
-        here = set(members)
-        return self.seen & here <= self.named & here <= self.true if self.seen & here else None
+    def told_apart(self, *sides: Collection[str]) -> bool | None:
+        """Whether of these sides the true ones are named, None if the oracle sees none of their effects.
+
+        A side is one effect, or look-alikes whose probabilities are added.
+        """
+
+        def probability(side: Collection[str]) -> float:
+            return sum(self.effects[name]["probability"] for name in side if name in self.effects)
+
+        named = [probability(side) >= _LIKELY for side in sides]
+        true, seen = ([bool(of & set(side)) for side in sides] for of in (self.true, self.seen))
+        if not any(seen):
+            return None
+        return all(a <= b <= c for a, b, c in zip(seen, named, true, strict=True))
 
 
 def read_answers(folder: Path) -> list[Answer]:

@@ -17,7 +17,7 @@ from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
 from cyclofeat.gap import GapSettings, find_gap
-from cyclofeat.gap.posterior import EffectPosterior
+from cyclofeat.gap.posterior import EffectPosterior, answer_of
 from cyclofeat.gap.simulations import Memory
 from cyclofeat.gap.world import Session
 from cyclofeat.simulators import Rig
@@ -60,9 +60,9 @@ def shown(session: Session, n: int | None = None, *, counts: bool = True) -> Ses
 def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[dict[str, Any]]:
     """Results that hold what a posterior says, without verdict, confirmation and proof."""
     probabilities = posterior.predict_proba(sessions)
-    quantiles = posterior.predict_quantiles(sessions)
+    visible, quantiles = posterior.predict_visible(sessions), posterior.predict_quantiles(sessions)
     found = []
-    for p_of, sizes_of in zip(probabilities, quantiles, strict=True):
+    for p_of, seen_of, sizes_of in zip(probabilities, visible, quantiles, strict=True):
         sizes: dict[str, dict[str, dict[str, float]]] = {name: {} for name in posterior.names_}
         for key, ends in zip(posterior.size_names_, sizes_of.tolist(), strict=True):
             name, _, parameter = key.partition(".")
@@ -70,8 +70,8 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
                 middle = ends[len(ends) // 2]
                 sizes[name][parameter] = {"value": middle, "low": ends[0], "high": ends[-1]}
         effects = [
-            {"id": name, "probability": p, "sizes": sizes[name]}
-            for name, p in zip(posterior.names_, p_of.tolist(), strict=True)
+            {"id": name, "probability": p, "answer": answer_of(p, seen), "sizes": sizes[name]}
+            for name, p, seen in zip(posterior.names_, p_of.tolist(), seen_of.tolist(), strict=True)
             if np.isfinite(p)
         ]
         found.append({"format": FORMAT, "effects": effects})

@@ -156,9 +156,11 @@ def _conditions(inside: Sequence[Answer]) -> list[Figure]:
     several = [one.right for one in three if one.seen]
     found = [
         share("3 conditions: gain or offset, without ties", at_least(0.92),
-              [one.told_apart(("gain", "offset")) for one in three]),
+              [one.told_apart(["gain"], ["offset"]) for one in three]),
+        share("3 conditions: offset, or gain or scale of the load", at_least(0.92),
+              [one.told_apart(["offset"], ["gain", "load_scale"]) for one in three]),
         share("3 conditions: drift of load or sensor, without ties", at_least(0.95),
-              [one.told_apart(("load_drift", "sensor_drift")) for one in three]),
+              [one.told_apart(["load_drift"], ["sensor_drift"]) for one in three]),
     ]  # fmt: skip
     for name, some in (("any speed and load", other), ("3 conditions", several)):
         loss = [float(np.mean(standard) - np.mean(some))] if standard and some else []

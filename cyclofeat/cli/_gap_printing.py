@@ -37,6 +37,13 @@ def gap_lines(result: GapResult) -> list[str]:
     ]
     if open_ones:
         lines.append(f"open: {', '.join(open_ones)}")
+    small = [
+        f"{found.effect} ({found.probability:.0%}, seen with {found.visible_from})"
+        for found in result.effects
+        if found.answer == "absent" and found.effect not in named and found.probability >= _OPEN
+    ]
+    if small:
+        lines.append(f"absent, or too small to be seen: {', '.join(small)}")
     if result.remainder is not None:
         lines += _remaining(result.remainder)
     for one in result.next_measurements[:1]:

@@ -31,6 +31,7 @@ from cyclofeat.gap._result import (
     Remainder,
     RemainderRow,
     Size,
+    VisibleFrom,
 )
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap._where import Where, WhereRow, where_of
@@ -77,6 +78,7 @@ __all__ = [
     "RemainderRow",
     "Row",
     "Size",
+    "VisibleFrom",
     "Where",
     "WhereRow",
     "Windows",

@@ -56,6 +56,30 @@ class Size:
 
 
 @dataclass(frozen=True)
+class VisibleFrom:
+    """Sizes of an effect that recordings show: half of the simulated rigs with it so large are named.
+
+    Attributes
+    ----------
+    name, unit : str
+        Of its main parameter.
+    below, above : float
+        Values beyond which it is seen; NaN on a side on which it grows no stronger.
+    """
+
+    name: str
+    unit: str
+    below: float
+    above: float
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        ends = (("below", self.below), ("above", self.above))
+        words = " or ".join(f"{word} {end:.3g}" for word, end in ends if not math.isnan(end))
+        return f"{self.name} {words}{unit}"
+
+
+@dataclass(frozen=True)
 class FoundEffect:
     """Whether an effect is missing in the model.
 
@@ -66,10 +90,15 @@ class FoundEffect:
     probability : float
         That it is missing.
     answer : {"present", "absent", "unresolved"}
+        Absent too if it may be there, but too small to be seen.
     sizes : tuple of Size
         Its parameters, if it is missing; empty where they were not learned.
     ties : tuple of str
         Other effects that the recordings cannot tell from it.
+    visible : float
+        Probability that it is missing and large enough to be seen; NaN where no size is.
+    visible_from : VisibleFrom or None
+        Sizes that are large enough.
     """
 
     effect: str
@@ -77,6 +106,8 @@ class FoundEffect:
     answer: str
     sizes: tuple[Size, ...] = ()
     ties: tuple[str, ...] = ()
+    visible: float = math.nan
+    visible_from: VisibleFrom | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,7 +302,8 @@ class GapResult(EffectRows[FoundEffect]):
 
     def _rows(self, table: Table) -> list[dict[str, Any]]:
         if table == "effects":
-            return [{k: v for k, v in asdict(found).items() if k != "sizes"} for found in self.effects]
+            hidden = ("sizes", "visible_from")
+            return [{k: v for k, v in asdict(found).items() if k not in hidden} for found in self.effects]
         if table == "sizes":
             return [{"effect": found.effect} | asdict(size) for found in self.effects for size in found.sizes]
         if table == "remainder":
@@ -358,7 +390,8 @@ def _plain_effect(found: FoundEffect) -> dict[str, Any]:
     sizes = {size.name: {k: v for k, v in asdict(size).items() if k != "name"} for size in found.sizes}
     return {
         "id": found.effect, "probability": round(found.probability, 6), "answer": found.answer,
-        "sizes": sizes, "ties": list(found.ties),
+        "sizes": sizes, "ties": list(found.ties), "visible": found.visible,
+        "visible_from": None if found.visible_from is None else asdict(found.visible_from),
     }  # fmt: skip
 
 

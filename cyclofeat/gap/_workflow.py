@@ -10,11 +10,18 @@ import numpy as np
 
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._overlays import Overlay, overlays
-from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRow, Size
+from cyclofeat.gap._result import FoundEffect, GapResult, Remainder, RemainderRow, Size, VisibleFrom
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap._where import where_of
 from cyclofeat.gap.confirm import Confirmed, confirm, draw_effects, simulate_possible
-from cyclofeat.gap.posterior import ABSENT, PRESENT, TIES, EffectPosterior, load_posterior, named_effects
+from cyclofeat.gap.posterior import (
+    ABSENT,
+    TIES,
+    EffectPosterior,
+    answer_of,
+    load_posterior,
+    named_effects,
+)
 from cyclofeat.gap.proof import Proof, prove
 from cyclofeat.gap.simulations import as_rig
 from cyclofeat.gap.where import LocatedGap, locate_all
@@ -132,20 +139,30 @@ def _effects(
     quantiles = {name: (row[0], row[2], row[-1]) for name, row in posterior.sizes(session).items()}
     fitted = zip(confirmed.low, confirmed.middle, confirmed.high, strict=True)
     quantiles |= dict(zip(confirmed.names, fitted, strict=True))
+    limits = posterior.visible_from()
+    visible = dict(zip(posterior.names_, posterior.predict_visible([session])[0].tolist(), strict=True))
     found = []
     for effect in posterior.world.effects or ():
         name = effect.effect_id
         if not np.isfinite(presence[name]):
             continue
         p = presence[name]
-        answer = "present" if p >= PRESENT else "absent" if p <= ABSENT else "unresolved"
+        seen_from = None
+        if name in limits:
+            key, *beyond = limits[name]
+            seen_from = VisibleFrom(key, effect.parameters[key].unit, *beyond)
         sizes = []
         for key in effect.vector_names():
             low, middle, high = (float(value) for value in quantiles[f"{name}.{key}"])
             sizes.append(Size(key, effect.parameters[key].unit, middle, low, high))
         others = [other for group in TIES if name in group for other in group if other != name]
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
-        found.append(FoundEffect(name, p, answer, tuple(sizes), ties if p > ABSENT else ()))
+        found.append(
+            FoundEffect(
+                name, p, answer_of(p, visible[name]), tuple(sizes), ties if p > ABSENT else (),
+                visible[name], seen_from,
+            )
+        )  # fmt: skip
     return tuple(sorted(found, key=lambda one: -one.probability))
 
 

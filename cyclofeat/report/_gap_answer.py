@@ -33,8 +33,10 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
         "heading": _heading(result, word),
         "sentences": _sentences(result, word),
         "rows": rows,
-        "rest": [f"{effect_name(found.effect)} ({probability_text(found.probability)})" for found in rest],
-        "rest_heading": f"{number(len(rest), 'other effect')} not missing" if rest else "",
+        "rest": [_rest(found) for found in rest],
+        "rest_heading": f"{number(len(rest), 'other effect')} not missing, or too small to be seen"
+        if rest
+        else "",
         "tiles": _tiles(result) if result.effects else [],
     }
 
@@ -143,6 +145,16 @@ def _rows(result: GapResult) -> list[dict[str, Any]]:
         seen |= {found.effect, *ties}
         rows.append(_row(result, found, ties, found.effect in named))
     return rows
+
+
+def _rest(found: FoundEffect) -> str:
+    """An effect that is not missing: its probability, and the size that would have been seen."""
+    text, seen = probability_text(found.probability), found.visible_from
+    if seen is not None:
+        ends = (("below", seen.below), ("above", seen.above))
+        sizes = [f"{word} {quantity([end], seen.unit)}" for word, end in ends if not math.isnan(end)]
+        text += f"; seen {' or '.join(sizes)}"
+    return f"{effect_name(found.effect)} ({text})"
 
 
 def _row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:

@@ -45,7 +45,10 @@ def test_plain_values(result) -> None:
     assert plain["effects"][2] == {
         "id": "gain", "probability": 0.61, "answer": "unresolved", "ties": ["offset"],
         "sizes": {"factor": {"unit": "1", "value": 1.05, "low": 1.01, "high": 1.09}},
+        "visible": None, "visible_from": None,
     }  # fmt: skip
+    small = next(one for one in plain["effects"] if one["id"] == "run_out")
+    assert small["visible_from"] == {"name": "runout", "unit": "m", "below": None, "above": 2.5e-5}
     assert [one["speed_rpm"] for one in plain["conditions"]] == [500.0, 400.0]
     assert plain["proof"][1]["closed"]["after"]["all"] == 0.97
     assert plain["proof"][1]["direction"] == -1
@@ -56,7 +59,7 @@ def test_plain_values(result) -> None:
 def test_tables(result) -> None:
     unexplained = dataclasses.replace(result, remainder=REMAINDER)
     rows = {
-        "effects": 6, "sizes": 4, "remainder": 2, "next_measurements": 2, "proof": 13,
+        "effects": 7, "sizes": 4, "remainder": 2, "next_measurements": 2, "proof": 13,
         "where": 2 * len(result.where[0].rows),
     }  # fmt: skip
     for table, n in rows.items():

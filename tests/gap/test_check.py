@@ -12,8 +12,7 @@ from scipy.special import expit, logit
 import cyclofeat.gap.posterior
 from cyclofeat.cli import main
 from cyclofeat.gap import CheckedEffect, Condition, GapCheck, NextMeasurement, check_recordings
-from cyclofeat.gap.check import detection_limit
-from cyclofeat.gap.posterior import PosteriorScore
+from cyclofeat.gap.posterior import PosteriorScore, detection_limit
 from cyclofeat.gap.world import Session, World
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Noise, Offset

@@ -443,8 +443,11 @@ def test_ties_count_as_one_and_invisible_effects_may_be_named_or_not() -> None:
     assert not answered(gain, gain=0.2).right
     assert answered(gain, seen=set(), gain=0.2).right
     assert answered(gain, seen=set(), gain=0.7).right
-    assert tied.told_apart(("gain", "offset")) is False
-    assert tied.told_apart(("hum",)) is None
+    assert tied.told_apart(["gain"], ["offset"]) is False
+    assert tied.told_apart(["hum"]) is None
+    one_of_two = answered(gain, gain=0.3, load_scale=0.4, offset=0.2)
+    assert one_of_two.told_apart(["gain"], ["offset"]) is False
+    assert one_of_two.told_apart(["offset"], ["gain", "load_scale"]) is True
     shared = answered(gain, gain=0.3, offset=0.3, hum=0.1)
     assert shared.right
     assert shared.named == set()

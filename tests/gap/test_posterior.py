@@ -17,7 +17,8 @@ from cyclofeat.gap.posterior import (
     load_posterior,
     score_posterior,
 )
-from cyclofeat.gap.world import Rigs, Session
+from cyclofeat.gap.world import Rigs, Session, World
+from cyclofeat.simulators import Gain, Hum, Offset
 
 CELLS = ("speed: input speed by the mesh lines", "amplitudes: mean", "hum", "noise", "other")
 SIZES = ("hum.amplitude_nm", "offset.offset_nm", "gain.factor", "unseen.size")
@@ -52,6 +53,7 @@ def made(n_rigs, seed):
         conditions=conditions, counts=counts,
         speeds=conditions[:, :, 0] * (1 + random.normal(0, 1e-3, counts.shape)),
         sizes=np.where(present, sizes, np.nan),
+        world=World(effects=(Hum(), Offset(), Gain()), most=3).to_dict(),
     )  # fmt: skip
 
 
@@ -124,6 +126,30 @@ def test_intervals_hold_as_often_as_they_say_and_sizes_are_in_their_unit(posteri
     # Of a size that no recording shows, the interval is that of the prior.
     of_unseen = np.median(found[:, 3], axis=0)
     np.testing.assert_allclose(of_unseen, [-1.64, -0.67, 0, 0.67, 1.64], atol=0.45)
+
+
+@pytest.mark.slow
+def test_an_effect_is_seen_from_the_size_at_which_half_of_the_rigs_are_named(posterior, rigs, held_out):
+    learned = posterior.limits_.copy()
+    try:
+        posterior.learn_limits(held_out)
+        # Of the hum nearly all is named, of what nobody sees nothing: it is in no world, and has no limit.
+        seen_from = posterior.visible_from()
+        assert list(seen_from) == ["hum", "offset", "gain"]
+        assert seen_from["hum"][0] == "amplitude_nm"
+        assert np.isnan(seen_from["hum"][1])
+        assert seen_from["hum"][2] < 0.4
+        assert seen_from["gain"][1] == pytest.approx(1 / seen_from["gain"][2])
+        others = rigs.of(rigs.machines < 1600)
+        sessions = [others.session(k) for k in range(len(others))]
+        visible, presence = posterior.predict_visible(sessions), posterior.predict_proba(sessions)
+        assert np.all(np.isnan(visible[:, 3]))
+        assert np.all(visible[:, :3] <= presence[:, :3])
+        strengths = np.abs(others.sizes[:, 1])
+        truly = np.nan_to_num(strengths) > posterior.limits_[1]
+        assert visible[:, 1].mean() == pytest.approx(truly.mean(), abs=0.04)
+    finally:
+        posterior.limits_ = learned
 
 
 def test_the_order_of_recordings_does_not_matter(hasty, held_out):

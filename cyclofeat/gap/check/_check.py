@@ -17,9 +17,17 @@ from cyclofeat._base.checks import check_type, whole
 from cyclofeat._base.frames import frame
 from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._result import EffectRows, NextMeasurement, finite
-from cyclofeat.gap.check._sizes import detection_limit, ends, main_parameter, strengths_of
 from cyclofeat.gap.confirm import FurtherRecordings, simulate_prior
-from cyclofeat.gap.posterior import EffectPosterior, PosteriorScore, load_posterior, score_posterior
+from cyclofeat.gap.posterior import (
+    EffectPosterior,
+    PosteriorScore,
+    detection_limit,
+    ends,
+    load_posterior,
+    main_parameter,
+    score_posterior,
+    strengths_of,
+)
 from cyclofeat.gap.world import Rigs, Session, World
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Effect

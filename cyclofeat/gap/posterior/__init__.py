@@ -5,17 +5,11 @@ of recordings, the probability of each effect and quantiles of its size. :func:`
 often it is right on rigs that it has not seen.
 """
 
+from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, TIES, answer_of, named_effects
 from cyclofeat.gap.posterior._inputs import gain_and_offset
 from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
-from cyclofeat.gap.posterior._score import (
-    ABSENT,
-    PRESENT,
-    TIES,
-    PosteriorScore,
-    calibration_error,
-    named_effects,
-    score_posterior,
-)
+from cyclofeat.gap.posterior._score import PosteriorScore, calibration_error, score_posterior
+from cyclofeat.gap.posterior._strengths import detection_limit, ends, main_parameter, strengths_of
 
 __all__ = [
     "ABSENT",
@@ -24,9 +18,14 @@ __all__ = [
     "TIES",
     "EffectPosterior",
     "PosteriorScore",
+    "answer_of",
     "calibration_error",
+    "detection_limit",
+    "ends",
     "gain_and_offset",
     "load_posterior",
+    "main_parameter",
     "named_effects",
     "score_posterior",
+    "strengths_of",
 ]

@@ -21,20 +21,32 @@ from cyclofeat._base.checks import positive, whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
+from cyclofeat.gap.posterior._answers import NAMED, with_look_alikes
 from cyclofeat.gap.posterior._inputs import Inputs, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior._reference import Reference
+from cyclofeat.gap.posterior._strengths import (
+    detection_limit,
+    ends,
+    main_parameter,
+    reach_beyond,
+    strengths_of,
+)
 from cyclofeat.gap.posterior._train import Targets, Weights, random_inputs, train
 from cyclofeat.gap.world import Rigs, Session, World
+from cyclofeat.simulators.effects import EffectParameter
 
 Float = NDArray[np.float64]
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 DEFAULT = Path(__file__).with_name("default.npz")
-_FORMAT = "cyclofeat effect posterior 3"
+_FORMAT = "cyclofeat effect posterior 4"
 _FEWEST = 20  # machines with an effect from which it is learned
 _CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
+_SEEN = 0.5  # share of the rigs with an effect of a size in which it is named, from which that size is seen
 _AT_A_TIME = 500
-_ARRAYS = ("learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "size_quantiles_")
+_ARRAYS = (
+    "learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "size_quantiles_", "limits_",
+)  # fmt: skip
 _STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
 
 
@@ -68,6 +80,10 @@ class EffectPosterior(DocumentedEstimator):
         Weights.
     learned_ : ndarray of bool, shape (n_effects,)
         False for an effect that fewer than 20 machines have, or lack.
+    limits_ : ndarray, shape (n_effects,)
+        Strength of each effect's main parameter, its distance from neutral on the scale of its fit, from
+        which half of the rigs with the effect are named, itself or a look-alike; NaN where no strength
+        suffices.
     n_rigs_ : int
         Simulated rigs that it has learned from, those of what it started from included.
 
@@ -163,7 +179,49 @@ class EffectPosterior(DocumentedEstimator):
         rows = np.flatnonzero(held)
         logits, mean, spread = self._outputs(random_inputs(made.of(rows), self.reference_, random))
         self._calibrate(logits, (sizes[rows] - mean) / spread, rigs.present[rows])
+        self.limits_ = self._limits(self._probabilities(logits), rigs.sizes[rows])
         return self
+
+    def learn_limits(self, rigs: Rigs, *, random_state: int = 0) -> EffectPosterior:
+        """Learn from which size each effect is seen, from other simulated rigs; nothing else changes.
+
+        Parameters
+        ----------
+        rigs : Rigs
+            Of the same world, of machines that it was not fitted to.
+        random_state : int
+            Draws which recordings of each rig are shown, and what is known of them.
+
+        Returns
+        -------
+        EffectPosterior
+        """
+        check_is_fitted(self, "networks_")
+        made = recordings_of_rigs(rigs, self.reference_)
+        inputs = random_inputs(made, self.reference_, np.random.default_rng(random_state))
+        self.limits_ = self._limits(self._probabilities(self._outputs(inputs)[0]), rigs.sizes)
+        return self
+
+    def _limits(self, probabilities: Float, sizes: Float) -> Float:
+        """Return the strengths from which effects are named, by rigs with these sizes."""
+        limits = np.full(len(self.names_), np.nan)
+        named = with_look_alikes(np.nan_to_num(probabilities), self.names_) > NAMED
+        for k, column, parameter in self._main_parameters():
+            there = np.isfinite(sizes[:, column])
+            strengths = strengths_of(parameter, sizes[there, column])
+            limits[k] = detection_limit(strengths, named[there, k], _SEEN)
+        return limits
+
+    def _main_parameters(self) -> list[tuple[int, int, EffectParameter]]:
+        """Column of each effect, column of its main parameter, and this parameter."""
+        if not self.world_:
+            return []
+        found = []
+        for effect in self.world.effects or ():
+            name = main_parameter(effect)
+            column = self.size_names_.index(f"{effect.effect_id}.{name}")
+            found.append((self.names_.index(effect.effect_id), column, effect.parameters[name]))
+        return found
 
     def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Weights]:
         """Return the networks of another posterior, with the outputs of this one; take over its scales."""
@@ -237,9 +295,44 @@ class EffectPosterior(DocumentedEstimator):
 
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
         """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
-        logits, _, _ = self._outputs(self._inputs(sessions))
-        probabilities = expit(self.slopes_ * logits)
-        return np.where(self.learned_, probabilities, np.nan)
+        return self._probabilities(self._outputs(self._inputs(sessions))[0])
+
+    def _probabilities(self, logits: Float) -> Float:
+        return np.where(self.learned_, expit(self.slopes_ * logits), np.nan)
+
+    def predict_visible(self, sessions: Sequence[Session]) -> Float:
+        """Return the probability that each effect is there and large enough to be seen.
+
+        "Large enough" are sizes beyond ``limits_``: half of the simulated rigs that have the effect so large
+        are named.
+
+        Returns
+        -------
+        ndarray, shape (n_sessions, n_effects)
+            NaN for an effect that no size shows, or that was not learned.
+        """
+        logits, mean, spread = self._outputs(self._inputs(sessions))
+        middle, width = self._on_scale_of_fit(mean, spread)
+        beyond = np.full(logits.shape, np.nan)
+        for k, column, parameter in self._main_parameters():
+            beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
+        return self._probabilities(logits) * beyond
+
+    def visible_from(self) -> dict[str, tuple[str, float, float]]:
+        """Return the main parameter of each effect that is seen, and the values beyond which it is.
+
+        Returns
+        -------
+        dict from str to (str, float, float)
+            Name of the parameter, and the values below and above which half of the simulated rigs are named;
+            NaN on a side on which the effect grows no stronger. Without effects that no size shows.
+        """
+        check_is_fitted(self, "networks_")
+        return {
+            self.names_[k]: (self.size_names_[column].partition(".")[2], *ends(parameter, self.limits_[k]))
+            for k, column, parameter in self._main_parameters()
+            if np.isfinite(self.limits_[k])
+        }
 
     def predict_quantiles(self, sessions: Sequence[Session]) -> Float:
         """Return quantiles of each parameter if its effect is present, in the parameter's unit.
@@ -263,11 +356,16 @@ class EffectPosterior(DocumentedEstimator):
     def size_distribution(self, session: Session, names: Sequence[str]) -> tuple[Float, Float]:
         """Return median and standard deviation of some sizes on the scale of their fit, each (n_names,)."""
         columns = [self.size_names_.index(name) for name in names]
-        _, mean, spread = (values[0] for values in self._outputs(self._inputs([session])))
+        _, mean, spread = self._outputs(self._inputs([session]))
+        middle, width = self._on_scale_of_fit(mean, spread)
+        return middle[0, columns], width[0, columns]
+
+    def _on_scale_of_fit(self, mean: Float, spread: Float) -> tuple[Float, Float]:
+        """Return median and standard deviation of sizes from the outputs of the networks."""
         low, _, middle, _, high = self.size_quantiles_.T
         reach = (high - low) / (2 * norm.ppf(QUANTILES[-1]))
         centre = (mean + spread * middle) * self.size_spread_ + self.size_mean_
-        return centre[columns], (spread * reach * self.size_spread_)[columns]
+        return centre, spread * reach * self.size_spread_
 
     def deviations(self, session: Session) -> Float:
         """Return the summaries less those of a rig without effects, shape (n_recordings, 2 * n_cells).

@@ -2,51 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import whole
+from cyclofeat.gap.posterior._answers import NAMED, TIES
 from cyclofeat.gap.posterior._posterior import EffectPosterior
 from cyclofeat.gap.world import Rigs
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Effects that one speed, load and direction cannot separate.
-TIES: tuple[tuple[str, ...], ...] = (
-    ("gain", "offset", "load_scale"),
-    ("load_drift", "sensor_drift"),
-    ("clock_error", "speed_scale"),
-)
-PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
 _BINS = 15
-_NAMED = 0.5
-
-
-def named_effects(presence: Mapping[str, float]) -> list[str]:
-    """Return the effects that are more probable than not.
-
-    Of look-alikes (``TIES``) of which only the group is, the most probable one is named.
-
-    Parameters
-    ----------
-    presence : mapping from str to float
-        Probability of each effect; NaN for one not learned.
-
-    Examples
-    --------
-    >>> named_effects({"noise": 0.9, "gain": 0.3, "offset": 0.35, "hum": 0.4})
-    ['noise', 'offset']
-    """
-    named = {name for name, p in presence.items() if p > _NAMED}
-    for group in TIES:
-        members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
-        if members and not named & members.keys() and sum(members.values()) > _NAMED:
-            named.add(max(members, key=lambda name: members[name]))
-    return [name for name in presence if name in named]
 
 
 @dataclass(frozen=True)
@@ -122,7 +92,7 @@ def score_posterior(
     sessions = [rigs.session(k, shown, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
     probabilities = posterior.predict_proba(sessions)
     learned = np.isfinite(probabilities)
-    present, named = rigs.present, learned & (probabilities > 0.5)
+    present, named = rigs.present, learned & (probabilities > NAMED)
     number = present.sum(axis=1)
     exact = np.all(named == present, axis=1)
     tied = np.all(_joined(named, rigs.names, ties) == _joined(present, rigs.names, ties), axis=1)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logit
+from scipy.stats import norm
 from sklearn.linear_model import LogisticRegression
 
 from cyclofeat.simulators import Effect
@@ -77,8 +78,26 @@ def ends(parameter: EffectParameter, strength: float) -> tuple[float, float]:
         scaled = (math.nan, strength) if neutral < 0 else (-strength, math.nan)
     else:
         scaled = neutral - strength, neutral + strength
-    low, high = (math.exp(end) if parameter.log else end for end in scaled)
+    low, high = (math.exp(end) if parameter.log else float(end) for end in scaled)
     return low, high
+
+
+def reach_beyond(parameter: EffectParameter, strength: float, middle: Float, spread: Float) -> Float:
+    """Return the probability that normally distributed sizes are stronger; NaN where ``strength`` is.
+
+    Parameters
+    ----------
+    parameter : EffectParameter
+    strength : float
+    middle, spread : ndarray
+        Mean and standard deviation of the sizes on the scale of the fit.
+    """
+    neutral = _neutral(parameter)
+    if math.isinf(neutral):
+        away = middle if neutral < 0 else -middle
+        return np.asarray(norm.sf(strength, away, spread))
+    above, below = norm.sf(neutral + strength, middle, spread), norm.cdf(neutral - strength, middle, spread)
+    return np.asarray(above + below)
 
 
 def _neutral(parameter: EffectParameter) -> float:

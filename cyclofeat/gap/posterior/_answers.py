@@ -1,0 +1,84 @@
+"""From probabilities to answers: effects that are present, absent or unresolved, and look-alikes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+EffectAnswer = Literal["present", "absent", "unresolved"]
+
+# Effects that one speed, load and direction cannot separate.
+TIES: tuple[tuple[str, ...], ...] = (
+    ("gain", "offset", "load_scale"),
+    ("load_drift", "sensor_drift", "proportional_drift"),
+    ("load_warm_up", "sensor_warm_up"),
+    ("clock_error", "speed_scale"),
+)
+PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
+NAMED = 0.5
+# A set has some twenty effects that are called absent: that one of them is there and visible is to be rarer
+# than for a single effect.
+_VISIBLE = 0.02
+
+
+def answer_of(probability: float, visible: float) -> EffectAnswer:
+    """Return the answer for one effect.
+
+    Parameters
+    ----------
+    probability : float
+        That it is missing in the model.
+    visible : float
+        That it is missing, and large enough to be seen; NaN where that is not known. An effect that is too
+        small to be seen counts as absent.
+
+    Examples
+    --------
+    >>> answer_of(0.97, 0.96), answer_of(0.12, 0.02), answer_of(0.12, 0.11)
+    ('present', 'absent', 'unresolved')
+    """
+    if probability >= PRESENT:
+        return "present"
+    return "absent" if probability <= ABSENT or visible <= _VISIBLE else "unresolved"
+
+
+def named_effects(presence: Mapping[str, float]) -> list[str]:
+    """Return the effects that are more probable than not.
+
+    Of look-alikes (``TIES``) of which only the group is, the most probable one is named.
+
+    Parameters
+    ----------
+    presence : mapping from str to float
+        Probability of each effect; NaN for one not learned.
+
+    Examples
+    --------
+    >>> named_effects({"noise": 0.9, "gain": 0.3, "offset": 0.35, "hum": 0.4})
+    ['noise', 'offset']
+    """
+    named = {name for name, p in presence.items() if p > NAMED}
+    for group in TIES:
+        members = {name: presence[name] for name in group if presence.get(name, 0.0) > 0}
+        if members and not named & members.keys() and sum(members.values()) > NAMED:
+            named.add(max(members, key=lambda name: members[name]))
+    return [name for name in presence if name in named]
+
+
+def with_look_alikes(probabilities: Float, names: Sequence[str]) -> Float:
+    """Return for each effect the sum of the probabilities of its group in ``TIES``, at most 1.
+
+    Parameters
+    ----------
+    probabilities : ndarray, shape (n_sessions, n_effects)
+    names : sequence of str
+        Of the effects.
+    """
+    group = {name: k for k, members in enumerate(TIES) for name in members}
+    labels = np.array([group.get(name, len(TIES) + k) for k, name in enumerate(names)])
+    together = probabilities @ (labels[:, None] == labels)
+    return np.minimum(together, 1.0)
