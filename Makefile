@@ -12,7 +12,7 @@ WHEEL := dist/.wheel
 SOURCES := $(shell find cyclofeat simulators datasets -name __pycache__ -prune -o -print) LICENSE README.md
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-wear bench-asv papers test-gap bench-gap clean
+.PHONY: help demo test test-slow test-nojit test-browser test-array-api test-oldest coverage lint types contracts wheel-check docs bench-simulator bench-features bench-campaign bench-counting bench-spoiled bench-wear bench-posterior-peers bench-asv papers test-gap bench-gap clean
 
 help:  ## list the commands
 	@sed -n 's/^\([a-z-]*\):.*##/  make \1:/p' Makefile | sed 's/:  */\t/' | expand -t 22
@@ -130,6 +130,13 @@ TABLES = bench-operating-points bench-disc-sizes bench-speed-search bench-sampli
 .PHONY: $(TABLES)
 $(TABLES): bench-%: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.$(subst -,_,$*)
+
+# Their libraries need a torch of some gigabytes: an environment of its own.
+bench-posterior-peers: $(INSTALLED)  ## the gap's posterior beside sbi, BayesFlow, forests; writes benchmarks/posterior_peers.md
+	@test -d build/posterior_peers/venv/lib/python*/site-packages/bayesflow || \
+		{ $(BIN)/python -m venv build/posterior_peers/venv && \
+		  build/posterior_peers/venv/bin/pip install -q torch sbi bayesflow; }
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.posterior_peers
 
 COMMITS ?= HEAD^!
 bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMITS (v0.2.0..HEAD); writes build/asv/html

@@ -93,6 +93,7 @@ RESULTS = {
     "spoiled": "Spoiled recordings",
     "gap": "Hidden effects: names, sizes and proof",
     "drawn_rigs": "Counters trained on corrected models",
+    "posterior_peers": "The joint posterior beside other methods",
     "hidden_effects/README": "Hidden effects: the sets, and how to compete",
     "published_rig": "The rig called published",
     "simulator": "Speed of the simulator",

@@ -1,0 +1,1 @@
+"""The joint posterior beside other methods that learn from the same simulated rigs."""
