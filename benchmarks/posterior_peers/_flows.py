@@ -33,11 +33,15 @@ def sbi(x: np.ndarray, theta: np.ndarray) -> Samples:
     trainer.append_simulations(*data).train(training_batch_size=_BATCH, validation_fraction=_VALIDATING)
     posterior = trainer.build_posterior()
 
-    def samples(given: np.ndarray) -> np.ndarray:
+    def of_some(given: np.ndarray) -> np.ndarray:
         drawn = posterior.sample_batched(
             (_SAMPLES,), x=torch.as_tensor(given), show_progress_bars=False, reject_outside_prior=False
         )
         return np.swapaxes(drawn.detach().numpy(), 0, 1)
+
+    def samples(given: np.ndarray) -> np.ndarray:
+        # All at once take tens of gigabytes.
+        return np.concatenate([of_some(given[first : first + 25]) for first in range(0, len(given), 25)])
 
     return samples
 

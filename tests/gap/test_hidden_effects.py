@@ -411,9 +411,15 @@ def test_the_oracles_distance_is_that_of_the_samples() -> None:
     assert abs(unseen) < 0.2
 
 
-def test_visible_effects_are_hidden_ones() -> None:
-    for name, sigmas in _visible.visible().items():
+def test_the_oracle_has_judged_every_effect_of_every_set_and_no_other() -> None:
+    known = _visible.visible()
+    assert set(known) == set(_sets.set_names(["single", "several"]))
+    for name, sigmas in known.items():
         assert set(sigmas) == {effect for effect, _ in _sets.definitions()[name].hidden}
+    seen = [sigma >= _visible.SIGMA for sigmas in known.values() for sigma in sigmas.values()]
+    page = " ".join((HERE / "README.md").read_text(encoding="utf-8").split())
+    assert f"Of the {len(seen):,} effects" in page
+    assert f"it sees {sum(seen):,}." in page
 
 
 # The score.
