@@ -35,7 +35,7 @@ EFFECTS = (
     FoundEffect("offset", 0.36, "unresolved", (), ("gain",)),
     FoundEffect("clearance", 0.3, "unresolved", (Size("clearance", "m", 1e-5, math.nan, math.nan),)),
     FoundEffect(
-        "run_out", 0.12, "absent", visible=0.01, visible_from=VisibleFrom("runout", "m", math.nan, 2.5e-5)
+        "run_out", 0.12, "unresolved", visible=0.01, visible_from=VisibleFrom("runout", "m", math.nan, 2.5e-5)
     ),
     FoundEffect("noise", 0.02, "absent"),
 )

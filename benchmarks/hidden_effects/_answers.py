@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,6 +12,7 @@ from typing import Any
 
 from benchmarks.hidden_effects._sets import Definition, definitions, tie_groups
 from benchmarks.hidden_effects._visible import SIGMA, visible
+from cyclofeat.gap.posterior import UNSEEN
 
 FORMAT = "cyclofeat gap 2"
 PRESENT, ABSENT, UNRESOLVED = "present", "absent", "unresolved"
@@ -95,6 +97,14 @@ class Answer:
             for group, said in found.items()
         }
 
+    def perhaps_seen(self) -> set[str]:
+        """Unresolved groups of which an effect may be there and large enough to be seen."""
+        large = {
+            group_of(name) for name, one in self.effects.items()
+            if one["probability"] > _SURELY_NOT and not _number(one.get("visible")) <= UNSEEN
+        }  # fmt: skip
+        return {group for group, said in self.claims().items() if said == UNRESOLVED} & large
+
     @property
     def wrong_claim(self) -> bool:
         """Whether an absent group is said to be present, or one that the oracle sees to be absent."""
@@ -128,6 +138,10 @@ class Answer:
         if not any(seen):
             return None
         return all(a <= b <= c for a, b, c in zip(seen, named, true, strict=True))
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def read_answers(folder: Path) -> list[Answer]:

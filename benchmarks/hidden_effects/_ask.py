@@ -70,7 +70,7 @@ def names_of(posterior: EffectPosterior, sessions: Sequence[Session]) -> list[di
                 middle = ends[len(ends) // 2]
                 sizes[name][parameter] = {"value": middle, "low": ends[0], "high": ends[-1]}
         effects = [
-            {"id": name, "probability": p, "answer": answer_of(p, seen), "sizes": sizes[name]}
+            {"id": name, "probability": p, "answer": answer_of(p), "visible": seen, "sizes": sizes[name]}
             for name, p, seen in zip(posterior.names_, p_of.tolist(), seen_of.tolist(), strict=True)
             if np.isfinite(p)
         ]

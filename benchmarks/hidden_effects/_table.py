@@ -49,6 +49,9 @@ def calibration_error(probabilities: Sequence[float], right: Sequence[bool]) -> 
 _Goal = tuple[str, Callable[[float], bool]]
 
 
+_STATED: _Goal = ("", lambda _: True)
+
+
 def at_least(limit: float) -> _Goal:
     return f">= {limit:g}", lambda value: value >= limit - 1e-12
 
@@ -77,7 +80,8 @@ def number(
     if not len(values):
         return Figure(name, goal[0], None, 0, None)
     value = float(how(values))
-    return Figure(name, goal[0], value, len(values), goal[1](value))
+    met = goal[1](value) if goal[0] else None
+    return Figure(name, goal[0], value, len(values), met)
 
 
 def figures(every: Sequence[Answer]) -> list[Figure]:
@@ -104,6 +108,8 @@ def figures(every: Sequence[Answer]) -> list[Figure]:
     unresolved = [float(sum(said == UNRESOLVED for said in one.claims().values())) for one in several]
     found += [
         number("2 to 6 effects: unresolved per set, mean", at_most(2), unresolved, np.mean),
+        number("2 to 6 effects: of these, perhaps large enough to be seen", _STATED,
+               [float(len(one.perhaps_seen())) for one in several], np.mean),
         share("precision, by groups", at_least(0.96), _precision(inside)),
         share("recall of visible effects, by groups", at_least(0.94), _recall(inside)),
         *_conditions(inside),

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["gap_lines"]
 
-_OPEN = 0.05  # probability from which an effect that is neither missing nor not is told
 _N_REMAINING = 3
 
 
@@ -30,20 +29,15 @@ def gap_lines(result: GapResult) -> list[str]:
     for found in result.effects:
         if found.effect in named or found.answer == "present":
             lines += _effect(found, "missing" if found.answer == "present" else "probably missing")
-    open_ones = [
-        f"{found.effect} ({found.probability:.0%})"
-        for found in result.effects
-        if found.answer == "unresolved" and found.effect not in named and found.probability >= _OPEN
-    ]
+    rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in named]
+    open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
     if open_ones:
         lines.append(f"open: {', '.join(open_ones)}")
     small = [
-        f"{found.effect} ({found.probability:.0%}, seen with {found.visible_from})"
-        for found in result.effects
-        if found.answer == "absent" and found.effect not in named and found.probability >= _OPEN
+        f"{found.effect} ({found.probability:.0%}, {found.visible_from})" for found in rest if found.small
     ]
     if small:
-        lines.append(f"absent, or too small to be seen: {', '.join(small)}")
+        lines.append(f"open, but if there too small to be seen, as it would be with: {', '.join(small)}")
     if result.remainder is not None:
         lines += _remaining(result.remainder)
     for one in result.next_measurements[:1]:

@@ -16,6 +16,7 @@ from cyclofeat._base.words import number
 from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._overlays import Overlay
 from cyclofeat.gap._where import Where
+from cyclofeat.gap.posterior import UNSEEN
 from cyclofeat.gap.proof import Proof
 from cyclofeat.gap.summaries import Cell
 from cyclofeat.gap.where import p_over_conditions, verdict_over_conditions
@@ -90,7 +91,6 @@ class FoundEffect:
     probability : float
         That it is missing.
     answer : {"present", "absent", "unresolved"}
-        Absent too if it may be there, but too small to be seen.
     sizes : tuple of Size
         Its parameters, if it is missing; empty where they were not learned.
     ties : tuple of str
@@ -108,6 +108,11 @@ class FoundEffect:
     ties: tuple[str, ...] = ()
     visible: float = math.nan
     visible_from: VisibleFrom | None = None
+
+    @property
+    def small(self) -> bool:
+        """Whether it is open, but too small to be seen if it is there."""
+        return self.answer == "unresolved" and self.visible <= UNSEEN
 
 
 @dataclass(frozen=True, kw_only=True)

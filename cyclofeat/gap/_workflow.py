@@ -159,7 +159,7 @@ def _effects(
         ties = tuple(other for other in others if presence.get(other, 0.0) > ABSENT)
         found.append(
             FoundEffect(
-                name, p, answer_of(p, visible[name]), tuple(sizes), ties if p > ABSENT else (),
+                name, p, answer_of(p), tuple(sizes), ties if p > ABSENT else (),
                 visible[name], seen_from,
             )
         )  # fmt: skip

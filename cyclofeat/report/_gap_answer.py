@@ -14,8 +14,6 @@ from cyclofeat.report._page import probability_text, unbroken
 if TYPE_CHECKING:
     from cyclofeat.gap import FoundEffect, GapResult, Remainder, Size
 
-_NEGLIGIBLE = 0.05  # probability below which an open effect is not listed by itself
-
 
 def the_answer(result: GapResult, word: str) -> dict[str, Any]:
     """Heading, sentences, and one row for each effect that is missing or may be.
@@ -136,9 +134,7 @@ def _rows(result: GapResult) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     seen: set[str] = set()
     for found in result.effects:
-        may_be = found.answer == "present" or (
-            found.answer == "unresolved" and found.probability >= _NEGLIGIBLE
-        )
+        may_be = found.answer == "present" or (found.answer == "unresolved" and not found.small)
         if found.effect not in named and (not may_be or found.effect in seen):
             continue
         ties = [name for name in found.ties if name not in named]

@@ -26,7 +26,7 @@ def test_all_is_told_in_order(result):
         "probably missing: gain (61%), or offset: Gain of the torque meter",
         "  factor = 1.05 (1.01 to 1.09)",
         "open: offset (36%), clearance (30%)",
-        "absent, or too small to be seen: run_out (12%, seen with runout above 2.5e-05 m)",
+        "open, but if there too small to be seen, as it would be with: run_out (12%, runout above 2.5e-05 m)",
         "left unexplained: nothing (p = 0.31)",
         "measure next: a record at 44 Nm, to tell apart gain, offset",
         "held out at 500 RPM, 22 Nm: 91% of the gap closed (86% to 95%)",

@@ -547,6 +547,9 @@ class Guess:
     def predict_proba(self, sessions: list[Session]) -> np.ndarray:
         return np.tile([0.9, 0.2, np.nan], (len(sessions), 1))
 
+    def predict_visible(self, sessions: list[Session]) -> np.ndarray:
+        return np.tile([0.88, 0.01, np.nan], (len(sessions), 1))
+
     def predict_quantiles(self, sessions: list[Session]) -> np.ndarray:
         return np.tile([[0.1, 0.2, 0.3, 0.4, 0.5], [1.0] * 5, [np.nan] * 5], (len(sessions), 1, 1))
 
@@ -559,6 +562,8 @@ def test_what_a_posterior_says_is_a_result() -> None:
     assert result["effects"][0]["sizes"] == {"amplitude_nm": {"value": 0.3, "low": 0.1, "high": 0.5}}
     (answer,) = _answers.answers({name: json.loads(json.dumps(result))})
     assert answer.named == {"hum"}
+    assert answer.claims()["hum"] == "unresolved"
+    assert answer.perhaps_seen() == {"hum"}  # a gain would be too small
     text = "\n".join(gap.by_posterior(Guess(), {name: session}))
     assert "| all recordings, counts unknown | 1 | 1 | 1 | 1 |" in text
 

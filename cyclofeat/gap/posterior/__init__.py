@@ -5,7 +5,7 @@ of recordings, the probability of each effect and quantiles of its size. :func:`
 often it is right on rigs that it has not seen.
 """
 
-from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, TIES, answer_of, named_effects
+from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, TIES, UNSEEN, answer_of, named_effects
 from cyclofeat.gap.posterior._inputs import gain_and_offset
 from cyclofeat.gap.posterior._posterior import QUANTILES, EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import PosteriorScore, calibration_error, score_posterior
@@ -16,6 +16,7 @@ __all__ = [
     "PRESENT",
     "QUANTILES",
     "TIES",
+    "UNSEEN",
     "EffectPosterior",
     "PosteriorScore",
     "answer_of",

@@ -20,30 +20,21 @@ TIES: tuple[tuple[str, ...], ...] = (
 )
 PRESENT, ABSENT = 0.95, 0.05  # probabilities from which, and up to which, an effect counts as that
 NAMED = 0.5
-# A set has some twenty effects that are called absent: that one of them is there and visible is to be rarer
-# than for a single effect.
-_VISIBLE = 0.02
+# An open effect counts as too small to be seen up to this probability of being there and visible.
+UNSEEN = 0.02
 
 
-def answer_of(probability: float, visible: float) -> EffectAnswer:
-    """Return the answer for one effect.
-
-    Parameters
-    ----------
-    probability : float
-        That it is missing in the model.
-    visible : float
-        That it is missing, and large enough to be seen; NaN where that is not known. An effect that is too
-        small to be seen counts as absent.
+def answer_of(probability: float) -> EffectAnswer:
+    """Return the answer for an effect that is missing in the model with this probability.
 
     Examples
     --------
-    >>> answer_of(0.97, 0.96), answer_of(0.12, 0.02), answer_of(0.12, 0.11)
-    ('present', 'absent', 'unresolved')
+    >>> answer_of(0.97), answer_of(0.12), answer_of(0.01)
+    ('present', 'unresolved', 'absent')
     """
     if probability >= PRESENT:
         return "present"
-    return "absent" if probability <= ABSENT or visible <= _VISIBLE else "unresolved"
+    return "absent" if probability <= ABSENT else "unresolved"
 
 
 def named_effects(presence: Mapping[str, float]) -> list[str]:
