@@ -778,6 +778,7 @@ def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, c
         ("train --out m.skops --jobs 0", "--jobs must be a whole number of workers, or -1 for all, got 0"),
         ("train --out m.skops --seed=-1", "--seed must be at least 0, got -1"),
         ("train --out m.skops --wear 5:300", "--wear must be a number of um or a range (low, high)"),
+        ("evaluate a.npz --folds 1", "--folds must be at least 2, got 1"),
         ("simulate --out r.npz --duration 0", "--duration must be positive and finite, got 0.0"),
         ("plan --worn-count 2 --noise=-1", "--noise must be positive and finite, got -1.0"),
         ("plan --worn-count 2 --noise 0.2 --wear --load=-1", "--load must be positive and finite, got -1.0"),
