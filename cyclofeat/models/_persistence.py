@@ -168,7 +168,7 @@ def load_model(
 
     Raises
     ------
-    FileNotFoundError
+    FileNotFoundError, IsADirectoryError
         Where there is no such file.
     ImportError
         Where skops is needed and not installed.
@@ -180,6 +180,8 @@ def load_model(
     """
     source = Path(path)
     allowed = allowed_differences(allow)
+    if source.is_dir():
+        raise IsADirectoryError(f"{source} is a folder, no model file: those end in .skops or .joblib")
     if not source.is_file():
         raise FileNotFoundError(f"model file {source} does not exist")
     if source.suffix not in SUFFIXES:
