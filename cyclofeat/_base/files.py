@@ -11,6 +11,13 @@ from pathlib import Path
 from typing import IO
 
 
+def check_parent(path: Path, of: str = "") -> None:
+    """Raise FileNotFoundError unless the folder of a file to be written exists; ``of`` names the file."""
+    if not path.parent.is_dir():
+        named = f" for {of}" if of else ""
+        raise FileNotFoundError(f"folder {path.parent}{named} does not exist: make it first")
+
+
 @contextmanager
 def naming(path: str | Path, part: Path | None = None) -> Iterator[None]:
     """Name the file in errors of writing it: of a full disk the system names none, or the one beside it."""
@@ -43,8 +50,7 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bo
     OSError
         If the file cannot be written; the message names it.
     """
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"folder {path.parent} does not exist: make it first")
+    check_parent(path)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         with naming(path, part):
