@@ -5,9 +5,29 @@ from __future__ import annotations
 import errno
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
+
+
+def check_parent(path: Path, of: str = "") -> None:
+    """Raise FileNotFoundError unless the folder of a file to be written exists; ``of`` names the file."""
+    if not path.parent.is_dir():
+        named = f" for {of}" if of else ""
+        raise FileNotFoundError(f"folder {path.parent}{named} does not exist: make it first")
+
+
+@contextmanager
+def naming(path: str | Path, part: Path | None = None) -> Iterator[None]:
+    """Name the file in errors of writing it: of a full disk the system names none, or the one beside it."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename not in (None, str(part)):
+            raise
+        reason = error.strerror or str(error)
+        raise OSError(error.errno or errno.EIO, reason, str(path)) from error
 
 
 def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bool = False) -> Path:
@@ -30,22 +50,16 @@ def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bo
     OSError
         If the file cannot be written; the message names it.
     """
-    if not path.parent.is_dir():
-        raise FileNotFoundError(f"folder {path.parent} does not exist: make it first")
+    check_parent(path)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with part.open("xb") as file:
-            write(file)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        if error.filename not in (None, str(part)):
-            raise
-        # A full disk: the system names no file, or the one beside it.
-        reason = error.strerror or str(error)
-        raise OSError(error.errno or errno.EIO, reason, str(path)) from error
+        with naming(path, part):
+            with part.open("xb") as file:
+                write(file)
+                if durable:
+                    file.flush()
+                    os.fsync(file.fileno())
+            part.replace(path)
     finally:
         part.unlink(missing_ok=True)
     if durable and os.name == "posix":

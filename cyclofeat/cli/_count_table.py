@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from cyclofeat._base.files import naming
 from cyclofeat.cli._reading import FileResult
 
 if TYPE_CHECKING:
@@ -23,25 +23,25 @@ COLUMNS = (
 AddRow: TypeAlias = Callable[[FileResult[Any], "LobeCount | None"], None]
 
 
-@contextmanager
-def count_table(path: str | None) -> Iterator[AddRow]:
-    """Open the table of counts, and give the function that adds a row; without a path it does nothing."""
+def count_table(path: str | None) -> AddRow:
+    """Begin the table of counts, and return the function that adds a row; without a path it does nothing."""
     if path is None:
-        yield lambda result, count: None
-        return
-    # The mark at the beginning tells spreadsheets that the file is UTF-8.
-    with open(path, "w", encoding="utf-8-sig", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
+        return lambda result, count: None
 
-        def add(result: FileResult[Any], count: LobeCount | None) -> None:
-            row: dict[str, Any] = {"file": str(result.path), "error": result.error}
-            if count is not None:
-                row |= count.to_dict()
-                row["probability"] = f"{count.probability[count.defect_count]:.6g}"
-                row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
-                row["warnings"] = "; ".join(count.warnings)
-            writer.writerow(row)
-            stream.flush()  # what is counted stays, whatever comes
+    def write(mode: str, row: dict[str, Any]) -> None:
+        # Opened for each row: what is counted stays, whatever comes. The mark at the beginning tells
+        # spreadsheets that the file is UTF-8.
+        with naming(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
+            csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
 
-        yield add
+    def add(result: FileResult[Any], count: LobeCount | None) -> None:
+        row: dict[str, Any] = {"file": str(result.path), "error": result.error}
+        if count is not None:
+            row |= count.to_dict()
+            row["probability"] = f"{count.probability[count.defect_count]:.6g}"
+            row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
+            row["warnings"] = "; ".join(count.warnings)
+        write("a", row)
+
+    write("w", {column: column for column in COLUMNS})
+    return add

@@ -70,10 +70,10 @@ def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:
-    """Return the errors of input and surroundings; the import takes a second: ask after an error only."""
-    from cyclofeat.simulators import SimulationFailed
-
-    return ValueError, TypeError, OSError, ImportError, MemoryError, SimulationFailed
+    """Return the errors of input and surroundings, without importing the simulators for one of theirs."""
+    simulators = sys.modules.get("cyclofeat.simulators")
+    failed = () if simulators is None else (simulators.SimulationFailed,)
+    return ValueError, TypeError, OSError, ImportError, MemoryError, *failed
 
 
 def show_warning(message: Warning | str, *_: Any, **__: Any) -> None:

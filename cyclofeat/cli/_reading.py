@@ -113,6 +113,7 @@ def error_text(error: Exception, typed: Collection[str] = ()) -> str:
     message = error.spelled(option_of) if isinstance(error, ArgumentError) else str(error)
     if isinstance(error, MemoryError):
         message = f"not enough memory: {error}"
+    message = message.replace("n_splits=", "--folds ").replace("n_splits", "--folds")  # no other means these
     first, *rest = message.split() or [""]
     options = (f"--{first.replace('_', '-')}", *_ALIASES.get(first, ()))
     return " ".join([next((option for option in options if option in typed), first), *rest])

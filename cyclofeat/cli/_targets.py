@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, Literal
 
+from cyclofeat._base.files import check_parent
 from cyclofeat.cli._idle import add_idle
 
 __all__ = ["add_target", "check_folder", "check_targets"]
@@ -53,8 +54,8 @@ def check_targets(arguments: argparse.Namespace) -> None:
             written = [path] if path.is_dir() and any(path.iterdir()) else []
         elif path.is_dir():
             raise IsADirectoryError(f"{option} must name a file, {path} is a folder")
-        elif not path.parent.is_dir():
-            raise FileNotFoundError(f"folder {path.parent} for {option} does not exist: make it first")
+        else:
+            check_parent(path, option)
         if kind == "page":
             from cyclofeat.report import check_page_path
 

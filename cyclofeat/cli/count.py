@@ -62,7 +62,8 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     files, options = entries(arguments.files), reading_arguments(arguments)
 
     results = []
-    with count_table(arguments.csv) as add_row, history_writer(arguments, model) as writer:
+    add_row = count_table(arguments.csv)
+    with history_writer(arguments, model) as writer:
 
         def counted_of(path: Path, recording: Recording) -> Counted:
             recording = without_start(recording, arguments.skip)

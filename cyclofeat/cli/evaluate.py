@@ -47,8 +47,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Evaluation]:
         raise ValueError("evaluate needs labelled recording files")
     from cyclofeat.counting import Protocol
 
-    recordings = read_all(arguments.files, arguments)
     protocol = Protocol(n_splits=arguments.folds, random_state=arguments.seed, n_jobs=arguments.jobs)
+    recordings = read_all(arguments.files, arguments)
     files = ", ".join(arguments.files[:5]) + (", ..." if len(arguments.files) > 5 else "")
     thorough = bool(arguments.report)
     return cross_validated(recordings, protocol, page=arguments.report, files=files, thorough=thorough)

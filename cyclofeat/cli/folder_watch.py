@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cyclofeat._base.files import check_parent
+
 __all__ = ["DoneList", "FolderWatch"]
 
 # A file that cannot be read is bad, and not only half written, after this many times the time to settle.
@@ -129,8 +131,7 @@ class DoneList:
         self._whole: int | None = None  # bytes before a line that was cut
         if path is None:
             return
-        if not path.parent.is_dir():
-            raise FileNotFoundError(f"folder {path.parent} for --done does not exist: make it first")
+        check_parent(path, "--done")
         written = path.read_bytes() if path.exists() else b""
         whole = written[: written.rfind(b"\n") + 1]
         if not whole and written and not written.startswith(_BEGINNING):

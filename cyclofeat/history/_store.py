@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from cyclofeat._base.files import check_parent
 from cyclofeat._base.frames import frame
 from cyclofeat.history._state import GearboxState, Point, state_of
 
@@ -142,10 +143,7 @@ class History:
                 raise FileNotFoundError(f"no such history: {self.path}")
             if not self.path.stat().st_size:
                 raise ValueError(f"{self.path} is no history: it is empty")
-        if not self.path.parent.is_dir():
-            raise FileNotFoundError(
-                f"folder {self.path.parent} for the history does not exist: make it first"
-            )
+        check_parent(self.path, "the history")
         self._pending: list[tuple[tuple[Any, ...], tuple[Any, ...]]] = []
         with self._errors():
             # Not as a name alone: SQLite takes some for a database in memory.

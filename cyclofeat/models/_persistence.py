@@ -27,7 +27,7 @@ from sklearn.base import BaseEstimator
 from sklearn.exceptions import InconsistentVersionWarning, NotFittedError
 from sklearn.utils.validation import check_is_fitted
 
-from cyclofeat._base.files import write_whole
+from cyclofeat._base.files import check_parent, write_whole
 from cyclofeat.counting import Evaluation, LobeModel
 from cyclofeat.models._cache import read_through
 from cyclofeat.models._card import (
@@ -60,8 +60,7 @@ def check_model_path(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix not in SUFFIXES:
         raise ValueError(f"model file must end in .skops (safe) or .joblib (a pickle), got {target.name!r}")
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
+    check_parent(target)
     if target.suffix == ".skops":
         the_skops()
     return target
@@ -168,7 +167,7 @@ def load_model(
 
     Raises
     ------
-    FileNotFoundError
+    FileNotFoundError, IsADirectoryError
         Where there is no such file.
     ImportError
         Where skops is needed and not installed.
@@ -180,6 +179,8 @@ def load_model(
     """
     source = Path(path)
     allowed = allowed_differences(allow)
+    if source.is_dir():
+        raise IsADirectoryError(f"{source} is a folder, no model file: those end in .skops or .joblib")
     if not source.is_file():
         raise FileNotFoundError(f"model file {source} does not exist")
     if source.suffix not in SUFFIXES:

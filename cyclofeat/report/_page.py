@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base import words
-from cyclofeat._base.files import write_whole
+from cyclofeat._base.files import check_parent, write_whole
 from cyclofeat._base.versions import package_versions
 from cyclofeat._base.words import number
 
@@ -38,8 +38,7 @@ def check_page_path(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a report is a page: its name must end in .html, got {target.name!r}")
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"folder {target.parent} does not exist: make it first")
+    check_parent(target)
     environment()
     return target
 

@@ -7,6 +7,7 @@ gives one centroid for each disc: no gradual dependence. This example shows **su
 assumed rig ``published`` beside the table (statement A7).
 """
 
+# sphinx_gallery_thumbnail_number = 3
 import matplotlib.pyplot as plt
 import numpy as np
 from _papers import COUNTS, RIG_RATE, surrogate_sets

@@ -201,7 +201,7 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     """
     folder = Path(path)
     if not (folder / DESIGN).is_file():
-        raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN}); run_campaign makes one")
+        raise FileNotFoundError(f"{folder}: holds no campaign (no {DESIGN})")
     _, tables = parquet()
     campaign, _ = read_design(folder)
     if not (folder / MANIFEST).is_file():

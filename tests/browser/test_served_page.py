@@ -113,6 +113,11 @@ def test_recordings_are_compared_on_a_narrow_dark_screen(browser, live, files, t
     browser.wait_for(STATUS, lambda text: "1 of 2 recordings counted" in text, 60)
     assert browser.run("document.querySelectorAll('img').length") == 0
     assert browser.run("document.documentElement.scrollWidth") <= 400
+    # tables are blocks of lines here: no error and no note is cut off at the edge
+    over = "[...document.querySelectorAll('.scroll')].map(one => one.scrollWidth - one.clientWidth)"
+    assert browser.run(over) == [0, 0]
+    head = "getComputedStyle(document.querySelector('#recordings td[data-head]'), '::before').content"
+    assert "Channel" in browser.run(head)
     shade = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
     assert max(browser.run(shade)) < 60
     assert browser.screenshot(tmp_path / "narrow.png").stat().st_size > 10_000

@@ -564,6 +564,14 @@ def test_a_full_disk_below_standard_output_is_an_error(capsys, monkeypatch, smal
     )
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+def test_a_full_disk_below_the_table_is_an_error_that_names_it(capsys, folder):
+    model = ["--model", folder / "model.joblib", "--trust"]
+    code, out, err = run(capsys, "count", folder / "worn.csv", *model, "--csv", "/dev/full", "--force")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"cyclofeat: error: .*No space left.*'/dev/full'\n", err)
+
+
 def wrong_column(folder):
     file = folder / "other.csv"
     file.write_text("time_s,speed\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
@@ -632,6 +640,7 @@ def test_bad_recordings(capsys, folder, make, message):
     [
         (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
         (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
+        (["count", "x.csv", "--model", "{folder}"], "is a folder, no model file: those end in"),
         (
             ["count", "x.csv", "--model", "{folder}/worn.csv", "--trust"],
             "is no model file: those end in .skops or .joblib",
@@ -661,7 +670,7 @@ def test_bad_recordings(capsys, folder, make, message):
             ["animate", "--out", "{folder}/a.html", "--duration", "0"],
             "--duration must be above 0 and up to 20",
         ),
-        (["evaluate", "{folder}/worn.csv"], "fewer than n_splits=5"),
+        (["evaluate", "{folder}/worn.csv"], "fewer than --folds 5"),
     ],
 )
 def test_bad_arguments(capsys, folder, tmp_path, monkeypatch, arguments, message):
@@ -778,6 +787,7 @@ def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, c
         ("train --out m.skops --jobs 0", "--jobs must be a whole number of workers, or -1 for all, got 0"),
         ("train --out m.skops --seed=-1", "--seed must be at least 0, got -1"),
         ("train --out m.skops --wear 5:300", "--wear must be a number of um or a range (low, high)"),
+        ("evaluate a.npz --folds 1", "--folds must be at least 2, got 1"),
         ("simulate --out r.npz --duration 0", "--duration must be positive and finite, got 0.0"),
         ("plan --worn-count 2 --noise=-1", "--noise must be positive and finite, got -1.0"),
         ("plan --worn-count 2 --noise 0.2 --wear --load=-1", "--load must be positive and finite, got -1.0"),

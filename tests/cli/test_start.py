@@ -57,6 +57,16 @@ def test_a_count_loads_nothing_that_it_does_not_need(counting, capsys, monkeypat
     assert not UNUSED & set(modules)
 
 
+def test_an_error_loads_nothing_that_it_does_not_need(tmp_path):
+    code = "import sys; from cyclofeat.cli import main; print(main(sys.argv[1:]), *sys.modules)"
+    command = [sys.executable, "-c", code, "history", str(tmp_path / "absent.sqlite")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    status, *modules = done.stdout.split()
+    assert status == "2"
+    assert done.stderr.startswith("cyclofeat: error: no such history: ")
+    assert not UNUSED & set(modules)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 @pytest.mark.parametrize("moment", ["argparse", "cyclofeat.cli.count", "numpy.linalg", "scipy.special"])
 def test_ctrl_c_ends_imports_with_one_line(moment, counting):

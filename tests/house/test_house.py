@@ -56,6 +56,8 @@ def test_every_folder_with_code_is_in_the_wheel():
         (r"^(?:<{7}|>{7}) ", "a merge conflict"),
         (r"index[-_]url", "a package registry"),
         (r"pip install ['\"]?cyclofeat\b", "advice to install what is on no index"),
+        # Python in the checkout would find its folder cyclofeat, without the rooms that are mapped into it.
+        (r"pip install ['\"]\.", "advice to install the checkout without -e"),
     ],
 )
 def test_no_file_holds(pattern, meaning):

@@ -411,7 +411,11 @@ def test_the_page_shows_what_the_commands_print(printed, tmp_path):
     for part in ("torque (Nm)", "2000 Hz", "500 RPM", "which column is the torque"):
         assert part in state["html"]["recordings"]
     assert [f'value="{name}"' in state["html"]["channel"] for name in ("left", "right")] == [True, True]
-    for part in ("3 worn lobes", "<td>5, 6, 7</td>", "two.csv: --channel must be given"):
+    for part in (
+        "3 worn lobes",
+        '<td data-head="Positions">5, 6, 7</td>',
+        "two.csv: --channel must be given",
+    ):
         assert part in state["html"]["jobs"]
     assert state["status"].startswith("1 of 2 recordings counted")
 
