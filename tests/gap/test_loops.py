@@ -132,6 +132,15 @@ def test_no_effect_is_named_where_the_model_is_right():
     model = LoopModel(max_iter=10, n_points=80)
     gap = find_loop_gap(transfers, model=model, library=("clearance", "torsional_compliance"))
     assert gap.effects == ()
+    rows = gap.to_frame()
+    assert sorted(rows["effects"]) == [
+        "",
+        "clearance",
+        "clearance, torsional_compliance",
+        "torsional_compliance",
+    ]
+    assert rows["error"].is_monotonic_increasing
+    assert rows.filter(like="error of transfer").mean(axis=1).to_numpy() == pytest.approx(rows["error"])
 
 
 def test_too_few_transfers_are_warned_of():

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Integral
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Wh
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.arguments import different_names
+from cyclofeat._base.frames import frame
 from cyclofeat._base.sklearn_private import DocumentedEstimator, Interval, fit_context
 from cyclofeat.gap.loops._parts import (
     LARGEST_TORQUE,
@@ -34,6 +35,9 @@ from cyclofeat.gap.loops._parts import (
 )
 from cyclofeat.gap.published import fewest_units, sign_flip_p
 from cyclofeat.simulators import CycloidalGearbox
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Float = NDArray[np.float64]
 
@@ -269,6 +273,21 @@ class LoopGap:
     look_alikes: tuple[tuple[str, ...], ...]
     models: Mapping[tuple[str, ...], Sequence[LoopModel]] = field(repr=False)
     warnings: tuple[str, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the subsets as a data frame: effects, mean error, error of each transfer.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        rows = [
+            {"effects": ", ".join(one.effects), "error": one.error}
+            | {f"error of transfer {k}": error for k, error in enumerate(one.errors)}
+            for one in self.subsets
+        ]
+        return frame(rows)
 
 
 def find_loop_gap(
