@@ -96,25 +96,22 @@ def whole_names(names: Sequence[str], n: int) -> list[str]:
 
 
 def whole(names: Sequence[str], posterior: EffectPosterior, given: argparse.Namespace) -> list[Answer]:
-    """Return the whole workflow's answers; those that are stored for this version are read."""
-    settings = GapSettings(baselines=BASELINES, pictures=False)
+    """Return the whole workflow's answers; those that are stored for this version are read.
+
+    One set after the other, each with all jobs, so that their seconds are those of a user.
+    """
+    settings = GapSettings(baselines=BASELINES, pictures=False, n_jobs=given.jobs)
     folder = given.out / made_with(settings=settings, posterior=joblib.hash(vars(posterior)))
     folder.mkdir(parents=True, exist_ok=True)
     missing = [name for name in names if not (folder / f"{name}.json").exists()]
-    work = joblib.Parallel(n_jobs=given.jobs, return_as="generator_unordered")
     began = time.monotonic()
-    made = work(joblib.delayed(_store)(name, given.sets, posterior, settings, folder) for name in missing)
-    for k, name in enumerate(made, start=1):
+    for k, name in enumerate(missing, start=1):
+        content = json.dumps(whole_answer(name, given.sets, posterior, settings), indent=1).encode()
+        write_whole(folder / f"{name}.json", lambda stream, content=content: stream.write(content))
         print(f"{k} of {len(missing)}: {name}, {(time.monotonic() - began) / 60:.1f} min", flush=True)
     return answers(
         {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in names}
     )
-
-
-def _store(name: str, sets: Path, posterior: EffectPosterior, settings: GapSettings, folder: Path) -> str:
-    content = json.dumps(whole_answer(name, sets, posterior, settings), indent=1).encode()
-    write_whole(folder / f"{name}.json", lambda stream: stream.write(content))
-    return name
 
 
 HEAD = """# Hidden effects: names, sizes and proof
