@@ -154,8 +154,9 @@ def row(name: str, said: Answers, judged: Rigs, scale: Scale) -> list[str]:
     error = np.abs(said.middle - sizes)[there]
     covered = ((said.low <= sizes) & (sizes <= said.high))[there]
     stated = np.isfinite(said.low).all()
+    right = f"{present[named].mean():.3f}" if named.any() else "-"
     return [
-        name, f"{loss:.2f}", f"{present[named].mean():.3f}", f"{named[present].mean():.3f}",
+        name, f"{loss:.2f}", right, f"{named[present].mean():.3f}",
         f"{named[none].any(axis=1).mean():.3f}", f"{error_of_calibration:.3f}",
         f"{np.nanmedian(error):.2f}", f"{covered.mean():.2f}" if stated else "-",
         f"{said.fit:.0f}" if said.fit > 0.5 else "-", f"{1e3 * said.answer / len(judged):.1f}",
