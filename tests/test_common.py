@@ -22,6 +22,7 @@ from cyclofeat.counting import (
     GroupCalibratedCounter,
     LobeCounter,
     OrdinalCounter,
+    RowCounter,
     TrainingDomain,
     make_entropy_counter,
     make_lobe_counter,
@@ -47,6 +48,7 @@ def estimators() -> list[BaseEstimator]:
         LobeCounter(
             SAMPLING_RATE, n_lobes=4, points_per_lobe=2, n_trees=2, n_hidden=2, n_epochs=1, n_splits=2
         ),
+        RowCounter(SAMPLING_RATE, n_lobes=4, n_epochs=1, n_splits=2),
         GroupCalibratedCounter(OrdinalCounter()),
         GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
         ConformalCounter(OrdinalCounter()),

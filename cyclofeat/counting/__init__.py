@@ -6,6 +6,7 @@ name                         job
 ``make_lobe_counter``        counter of worn lobes of a chosen kind, ready to fit to windows
 ``make_entropy_counter``     the same with the papers' best feature, for comparison
 ``LobeCounter``              count and positions together, from a probability per lobe
+``RowCounter``               the same for rows of neighbours, from where a row begins and how long it is
 ``EntropyLadder``            one number per window, thresholds between counts: the papers' way
 ``OrdinalCounter``           cumulative logit: ordinal regression on features
 ``GroupCalibratedCounter``   a counter whose probabilities are corrected on held-out assemblies
@@ -69,6 +70,7 @@ from cyclofeat.counting._pooling import pool_weights as pool_weights
 from cyclofeat.counting._predictions import REFUSED
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._recording_counter import RecordingCounter
+from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting._speed import other_speed as other_speed
 from cyclofeat.counting._stream import LobeStream
 from cyclofeat.counting._wear import RadialWear, WearDepth
@@ -95,6 +97,7 @@ __all__ = [
     "RecordingCounter",
     "RecordingCounts",
     "RecordingPlan",
+    "RowCounter",
     "TrainingDomain",
     "WearDepth",
     "WearPlan",

@@ -233,8 +233,7 @@ class LobeCounter(Counter):
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
-        lines = self._lines(X)
-        return self._count_proba(lines, self._logits(lines, None))
+        return self.proba_of_lines(self._lines(X))
 
     def predict_lobe_proba(self, X: ArrayLike, passage: ArrayLike | None = None) -> Float:
         """Return the probability of each lobe given the count: they add up to the expected count.
@@ -288,6 +287,10 @@ class LobeCounter(Counter):
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
         """Return the probability that each lobe is worn, whatever the count, from given lobe lines."""
         return np.asarray(expit(self._logits(found, _begins(passage, len(found.lines)))))
+
+    def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
+        """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
+        return self._count_proba(lines, self._logits(lines, None))
 
     def _lines(self, X: ArrayLike) -> lobes.LobeLines:
         windows = self._windows(X)  # raises NotFittedError before lobe_map_ is used

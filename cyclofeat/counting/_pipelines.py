@@ -12,11 +12,12 @@ from cyclofeat.counting._ladder import EntropyLadder
 from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._ordinal import OrdinalCounter
+from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import SpectralEntropy, TorqueFeatures
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
-KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes")
+KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes", "rows")
 
 
 def make_lobe_counter(
@@ -39,13 +40,14 @@ def make_lobe_counter(
     ``"ladder"``    :class:`~cyclofeat.features.SpectralEntropy`, then :class:`EntropyLadder`: the papers'
     ``"ordinal"``   :class:`~cyclofeat.features.LobeMap`, scaled, then :class:`OrdinalCounter`
     ``"lobes"``     :class:`LobeCounter`: count and positions
+    ``"rows"``      :class:`RowCounter`: count and positions of lobes that are neighbours
     ==============  ====================================================================================
 
     Parameters
     ----------
     sampling_rate : float
         Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
-    kind : {"lobe_map", "features", "ladder", "ordinal", "lobes"}
+    kind : {"lobe_map", "features", "ladder", "ordinal", "lobes", "rows"}
     input_speed_hz : float
         Nominal input speed in turns per second.
     n_lobes : int
@@ -60,7 +62,7 @@ def make_lobe_counter(
 
     Returns
     -------
-    sklearn.pipeline.Pipeline or LobeCounter
+    sklearn.pipeline.Pipeline, LobeCounter or RowCounter
         Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
         ``"trees"``; ``"entropy"`` and ``"ladder"``; ``"lobe_map"``, ``"scaler"`` and ``"ordinal"``.
 
@@ -89,6 +91,8 @@ def make_lobe_counter(
         return LobeCounter(
             sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
         )
+    if kind == "rows":
+        return RowCounter(sampling_rate, **disc, random_state=random_state, speed_tolerance=speed_tolerance)
     trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
     lobe_map = ("lobe_map", held_lobe_map(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
     steps: dict[str, list[tuple[str, BaseEstimator]]] = {

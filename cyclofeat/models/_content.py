@@ -50,6 +50,7 @@ TRUSTED_TYPES: tuple[str, ...] = (
     *_type_names(
         LobeModel,
         counting.LobeCounter,
+        counting.RowCounter,
         counting.LobeLocator,
         counting.EntropyLadder,
         counting.OrdinalCounter,

@@ -1,0 +1,346 @@
+"""Counter of rows of neighbouring worn lobes: where a row begins, and how long it is."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import logsumexp
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.neural_network import MLPClassifier
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat.counting._assembly_folds import (
+    Float,
+    Int,
+    assemblies_of,
+    drawn_seed,
+    grouped_folds,
+    of_windows,
+)
+from cyclofeat.counting._base import Counter
+from cyclofeat.counting._combine import learn_dependence
+from cyclofeat.counting._lobe_map import held_lobe_map
+from cyclofeat.counting._lobe_network import begins_by_mesh
+from cyclofeat.counting._lobe_sets import Bool
+from cyclofeat.counting._pooling import pool_weights, pooled, softmax
+from cyclofeat.counting.scores import shares
+from cyclofeat.features import LobeMap
+from cyclofeat.signal import lobes
+from cyclofeat.signal.windows import Complex
+
+# Places within a lobe at which a row is looked for, where no tachometer says where lobes pass.
+_PLACES = 8
+# Places between two lobes whose views are examples of what is no beginning of a row.
+_BESIDE = (0.25, 0.5, 0.75)
+# Share of the views at lobes that are such examples too, and of each of those between lobes.
+_SHARE_AT, _SHARE_BESIDE = 0.3, 0.075
+# The resonance of rotor and torque meter is one pair of poles; the other four follow the slope of the
+# spectrum. More of them would take out the pattern of the worn lobes as well.
+_AR_ORDER = 6
+# Lower lobe lines hold the brake's drift.
+_LOWEST_LINE = 3
+# Logarithms of probabilities are limited to this.
+_LEAST_LOG = -12.0
+# Windows whose places are tried at once, to limit the memory.
+_BLOCK = 256
+
+
+@dataclass(eq=False, repr=False)
+class RowCounter(Counter):
+    """Counter of neighbouring worn lobes, from the lobe lines seen from each lobe.
+
+    The complex lobe lines of a window (:mod:`cyclofeat.signal.lobes`), turned until a given lobe comes first,
+    are one *view* of the disc. One small network tells whether a row of worn lobes begins at the first lobe
+    of a view. Another, which also sees how far each line stands out, tells how long a row is that begins
+    there. What is learned at one lobe holds for all. The probability of a count is the sum over all
+    beginnings; that of each lobe follows from the same terms.
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second of the windows, in Hz.
+    input_speed_hz : float, default=500/60
+        Nominal input speed in turns per second.
+    n_lobes : int, default=15
+        Number of lobes of a disc.
+    n_epochs : int, default=20
+        Times that the first network learns from all its views of 1,200 windows and more; as many more of
+        fewer windows, up to three times. The second learns twice as often.
+    n_splits : int, default=5
+        Folds by assembly on which probabilities are calibrated; less where a class has fewer assemblies, and
+        none for less than 2.
+    random_state : int or None, default=0
+        Seed of the networks and folds.
+    speed_tolerance : float, default=0.015
+        As of :class:`~cyclofeat.features.LobeMap`; 0 for windows over the angle of the shaft.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (n_classes,)
+        Counts in training, in order.
+    calibrated_ : bool
+        Whether there were enough assemblies to hold some out.
+    dependence_ : float or None
+        As of :class:`GroupCalibratedCounter`.
+    weights_ : ndarray, shape (4,)
+        Powers of the odds of a row and of the probabilities of its length, and log odds for and against a
+        sound disc, learned on held-out assemblies.
+    networks_ : list of Pipeline
+        Scaling, then the network: of beginnings and of lengths. The second is missing where all worn windows
+        have one count.
+    lobe_map_ : LobeMap
+
+    Notes
+    -----
+    Counting needs no tachometer: a row is looked for at eight places within each lobe, and the first network
+    is trained on views from between two lobes too.
+
+    Where training does not know the worn lobes (``worn`` not given) a row is taken to lie about the centre of
+    the fold's energy. Counts are then less accurate, and positions are not reliable.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> random = np.random.default_rng(0)
+    >>> counts = np.tile([0, 2, 4], 12)
+    >>> slot = np.arange(46_080) / 25_600 * 500 / 60 * 16 / 15 * 15
+    >>> torque = [
+    ...     (slot.astype(int) % 15 < n) * np.sin(2 * np.pi * slot) ** 3 + 0.3 * random.normal(size=slot.size)
+    ...     for n in counts
+    ... ]
+    >>> worn = np.arange(15) < counts[:, np.newaxis]
+    >>> counter = RowCounter(sampling_rate=25_600).fit(torque, counts, worn, passage=np.zeros(36))
+    >>> counter.predict(torque[:3])
+    array([0, 2, 4])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "sampling_rate": [Interval(Real, 0, None, closed="neither")],
+        "input_speed_hz": [Interval(Real, 0, None, closed="neither")],
+        "n_lobes": [Interval(Integral, 3, 44, closed="both")],
+        "n_epochs": [Interval(Integral, 1, None, closed="left")],
+        "n_splits": [Interval(Integral, 0, None, closed="left")],
+        "random_state": ["random_state"],
+        "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
+    }
+
+    sampling_rate: float
+    input_speed_hz: float = 500 / 60
+    n_lobes: int = 15
+    n_epochs: int = 20
+    n_splits: int = 5
+    random_state: int | None = 0
+    speed_tolerance: float = lobes.SPEED_TOLERANCE
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        worn: ArrayLike | None = None,
+        passage: ArrayLike | None = None,
+        groups: ArrayLike | None = None,
+    ) -> Self:
+        """Fit to windows with known counts and, better, known worn lobes.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm.
+        y : array-like, shape (n_windows,)
+            Number of worn lobes.
+        worn : array-like of bool, shape (n_windows, n_lobes), optional
+            Whether each lobe is worn. Together with ``passage``.
+        passage : array-like, shape (n_windows,), optional
+            When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window counts as one assembly; if windows share an
+            assembly, the calibration is then learned on windows like those in training.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there is one class only, shapes do not match, ``worn`` is given without ``passage``, or holds
+            lobes that are no row of neighbours.
+        """
+        windows, labels, rank = self._labelled(X, y)
+        member = assemblies_of(groups, len(windows))
+        seed = drawn_seed(self.random_state)
+        self.lobe_map_: LobeMap = held_lobe_map(
+            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
+        )
+        self.lobe_map_.set_params(ar_order=_AR_ORDER).fit(windows)
+        lines = self.lobe_map_.lines(windows)
+        begins, first = self._rows(lines.lines, labels, rank, worn, passage)
+        folds = grouped_folds(rank, member, self.n_splits, seed) if self.n_splits >= 2 else []
+        self.networks_ = self._trained(lines, rank, begins, first, seed)
+        self.calibrated_ = bool(folds)
+        self.weights_: Float = np.array([1.0, 1.0, 0.0, 0.0])
+        self.dependence_: float | None = None
+        if folds:
+            held_out = np.full((rank.size, self.classes_.size), np.nan)
+            for train, test in folds:
+                networks = self._trained(lines.part(train), rank[train], begins[train], first[train], seed)
+                held_out[test] = self._log_counts(networks, lines.part(test))
+            known = np.isfinite(held_out).all(axis=1)
+            opinions, rank, member = self._opinions(held_out[known]), rank[known], member[known]
+            weights = shares(np.unique(member, return_inverse=True)[1])
+            self.weights_ = pool_weights(opinions, rank, weights, np.unique(member).size)
+            self.dependence_ = learn_dependence(pooled(opinions, self.weights_), rank, member)
+        return self
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
+        windows = self._windows(X)
+        return self.proba_of_lines(self.lobe_map_.lines(windows))
+
+    def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
+        """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
+        return pooled(self._opinions(self._log_counts(self.networks_, lines)), self.weights_)
+
+    def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
+        """Return the probability that each lobe is worn, from given lobe lines."""
+        begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
+        by_place = self._log_rows(self.networks_, found, [begins])
+        first = softmax(by_place.transpose(0, 2, 1))  # of each class
+        proba = self.proba_of_lines(found)
+        worn = np.zeros(first.shape[::2])
+        for k in np.flatnonzero(~self._sound):
+            for j in range(min(int(self.classes_[k]), self.n_lobes)):
+                worn += proba[:, [k]] * np.roll(first[:, k], j, axis=1)
+        return np.asarray(np.clip(worn, 0.0, 1.0))
+
+    @property
+    def _sound(self) -> Bool:
+        """Mark the class of a sound disc, where there is one."""
+        is_number = self.classes_.dtype.kind in "iuf"
+        return np.asarray(self.classes_ == 0) if is_number else np.zeros(self.classes_.size, dtype=bool)
+
+    def _rows(
+        self, lines: Complex, y: NDArray[Any], rank: Int, worn: ArrayLike | None, passage: ArrayLike | None
+    ) -> tuple[Float, Int]:
+        """Return where slots begin, as a share of the fold, and the first worn lobe of each window."""
+        if worn is not None:
+            if passage is None:
+                raise ValueError(
+                    "passage must be given together with worn: it says when the lobes pass, got None"
+                )
+            known: Bool = np.asarray(worn, dtype=bool)
+            if known.shape != (len(y), self.n_lobes):
+                raise ValueError(
+                    f"worn must have shape (n_windows, n_lobes) = {(len(y), self.n_lobes)}, got {known.shape}"
+                )
+            starts = known & ~np.roll(known, 1, axis=1)
+            if (starts.sum(axis=1) > 1).any():
+                raise ValueError("worn must hold rows of neighbours, use LobeCounter for other lobes")
+            return np.asarray(of_windows("passage", passage, len(y)), dtype=float), starts.argmax(axis=1)
+        counts = y.astype(float) if y.dtype.kind in "iuf" else rank.astype(float)
+        begins = begins_by_mesh(lines, self.n_lobes) if lines.shape[1] >= self.n_lobes else np.zeros(len(y))
+        centre = lobes.energy_centre(lobes.fold(lobes.shift(lines, begins), self.n_lobes))
+        return begins, np.round(centre * self.n_lobes - counts / 2).astype(np.int64) % self.n_lobes
+
+    def _trained(
+        self, found: lobes.LobeLines, rank: Int, begins: Float, first: Int, seed: int
+    ) -> list[Pipeline]:
+        """Train the networks of beginnings and of lengths."""
+        random = np.random.default_rng(seed)
+        lines = found.lines
+        row = ~self._sound[rank]
+        at = _views(lines, begins, self.n_lobes)
+        begin = row[:, np.newaxis] & (np.arange(self.n_lobes) == first[:, np.newaxis])
+        rows = at[row, first[row]]
+        examples = [rows, at[~begin & (random.random(begin.shape) < _SHARE_AT)]]
+        for place in _BESIDE:
+            beside = _views(lines, begins + place / self.n_lobes, self.n_lobes)
+            examples.append(beside[random.random(begin.shape) < _SHARE_BESIDE])
+        is_row = np.repeat([True, False], [len(rows), sum(map(len, examples[1:]))])
+        epochs = int(np.clip(1200 / max(len(lines), 1), 1, 3) * self.n_epochs)
+        networks = [_network((64,), 0.1, epochs, np.concatenate(examples), is_row, seed)]
+        if np.unique(rank[row]).size > 1:
+            rows = np.hstack([rows, _levels(found)[row]])
+            networks.append(_network((128, 64), 1.0, 2 * epochs, rows, rank[row], seed))
+        return networks
+
+    def _log_rows(self, networks: list[Pipeline], found: lobes.LobeLines, begins: Sequence[Float]) -> Float:
+        """Return the log odds of each class with a row at each place, (n_windows, n_places, n_classes).
+
+        Places are the lobes, with slots from each of ``begins`` on. Zero for the class of a sound disc.
+        """
+        at = np.concatenate([_views(found.lines, one, self.n_lobes) for one in begins], axis=1)
+        views = at.reshape(-1, at.shape[-1])
+        is_row = _log_proba(networks[0], views, np.array([False, True]))
+        logs = np.zeros((len(views), self.classes_.size))
+        worn = np.flatnonzero(~self._sound)
+        if len(networks) > 1:
+            levels = np.repeat(_levels(found), at.shape[1], axis=0)
+            logs[:, worn] = _log_proba(networks[1], np.hstack([views, levels]), worn)
+        logs[:, worn] += (is_row[:, 1] - is_row[:, 0])[:, np.newaxis]
+        return logs.reshape(*at.shape[:2], -1)
+
+    def _log_counts(self, networks: list[Pipeline], found: lobes.LobeLines) -> Float:
+        """Return the log odds of each class over no row, (n_windows, n_classes)."""
+        logs = np.zeros((len(found.lines), self.classes_.size))
+        worn = ~self._sound
+        for k in range(0, len(logs), _BLOCK):
+            block = found.part(slice(k, k + _BLOCK))
+            turns = np.arange(_PLACES) / (_PLACES * self.n_lobes)
+            by_place = self._log_rows(networks, block, [np.full(len(block.lines), turn) for turn in turns])
+            logs[k : k + _BLOCK, worn] = logsumexp(by_place[..., worn], axis=1)
+        return logs
+
+    def _opinions(self, logs: Float) -> Float:
+        """Return what is pooled: odds of a row, probabilities of its length, and one for and against none."""
+        sound = np.broadcast_to(self._sound.astype(float), logs.shape)
+        total = logsumexp(logs[:, ~self._sound], axis=1, keepdims=True)
+        any_row = np.where(self._sound, 0.0, np.clip(total, _LEAST_LOG, -_LEAST_LOG))
+        length = np.where(self._sound, 0.0, np.maximum(logs - total, _LEAST_LOG))
+        return np.stack([any_row, length, sound, -sound])
+
+
+def _views(lines: Complex, begins: Float, n_lobes: int) -> Float:
+    """Return the lobe lines seen from each lobe, of unit power: (n_windows, n_lobes, 2 n_lines)."""
+    number = np.arange(min(_LOWEST_LINE, lines.shape[1]), lines.shape[1] + 1)
+    kept = lines[:, number - 1].astype(np.complex64)
+    power = np.sqrt((np.abs(kept) ** 2).sum(axis=1))
+    scale = np.where(power > 0, power, 1)[:, np.newaxis, np.newaxis]
+    turns = begins[:, np.newaxis] + np.arange(n_lobes) / n_lobes
+    turned = np.exp(2j * np.pi * turns[..., np.newaxis] * number).astype(np.complex64)
+    seen = kept[:, np.newaxis] * turned
+    return np.concatenate([seen.real, seen.imag], axis=2) / scale
+
+
+def _levels(found: lobes.LobeLines) -> Float:
+    """Return how far each lobe line stands out, in dB, (n_windows, 2 n_lines)."""
+    return np.hstack([lobes.line_prominence(found), lobes.line_contrast(found)]).astype(np.float32)
+
+
+def _network(
+    hidden: tuple[int, ...], alpha: float, n_epochs: int, views: Float, target: NDArray[Any], seed: int
+) -> Pipeline:
+    network = MLPClassifier(
+        hidden, alpha=alpha, batch_size=min(200, len(views)), max_iter=n_epochs, random_state=seed
+    )
+    with warnings.catch_warnings():
+        # A fixed number of epochs: at convergence the network would overfit.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return make_pipeline(StandardScaler(), network).fit(views, target)
+
+
+def _log_proba(network: Pipeline, views: Float, classes: NDArray[Any]) -> Float:
+    """Return log probabilities, one column for each class; the least of those not in training."""
+    logs = np.full((len(views), classes.size), _LEAST_LOG)
+    seen = np.flatnonzero(np.isin(classes, network.classes_))
+    logs[:, seen] = np.log(np.maximum(network.predict_proba(views), np.exp(_LEAST_LOG)))
+    return logs
