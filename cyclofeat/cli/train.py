@@ -61,6 +61,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="worn lobes of the simulated assemblies: neighbours (default), any, or half of each",
     )  # fmt: skip
     parser.add_argument(
+        "--counter", choices=("trees", "rows"), default="trees",
+        help="trees (default), or rows: for neighbouring worn lobes at many speeds and loads, with a small "
+        "file",
+    )  # fmt: skip
+    parser.add_argument(
         "--wear", type=_range_of("um"), metavar="LOW:HIGH",
         help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
         "once; simulated lobes then have such wear in place of the papers' chord",
@@ -115,8 +120,9 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     with Steps() as step:
         step(f"training on {origin}")
         model = LobeModel.train(
-            recordings, random_state=arguments.seed, description=origin, wear_um=arguments.wear
-        )
+            recordings, random_state=arguments.seed, description=origin, wear_um=arguments.wear,
+            counter=arguments.counter,
+        )  # fmt: skip
     save_model(arguments.out, model)
     return model
 
