@@ -1,6 +1,7 @@
 """Use the installed wheel as a stranger would, in an environment that knows nothing of the checkout."""
 
 import importlib.metadata
+import importlib.util
 import json
 import subprocess
 import sys
@@ -100,6 +101,21 @@ def check_counting() -> None:
     print(f"counted {answer['defect_count']} worn lobes")
 
 
+def check_packaged_model() -> None:
+    """The packaged model was written with one version of scikit-learn, and counts with others."""
+    rig = ["--rig", "r2", "--worn-count", "3", "--duration", "4", "--seed", "1"]
+    command("simulate", *rig, "--quantity", "input_torque", "--out", "disc.csv")
+    if importlib.util.find_spec("skops") is None:
+        print("no skops: the packaged models are not read")
+        return
+    (answer,) = json.loads(
+        command("count", "disc.csv", "--quantity", "input_torque", "--speed", "500", "--json")
+    )
+    assert answer["defect_count"] == 3, answer
+    assert answer["model"] == "packaged, input torque"
+    print("counted 3 worn lobes with the packaged model")
+
+
 def check_gap() -> None:
     """A missing effect is named, and a loop shaped: both take much of numpy and scipy."""
     import numpy as np
@@ -126,6 +142,7 @@ for check in (
     check_simulation,
     check_command_line,
     check_counting,
+    check_packaged_model,
     check_gap,
 ):
     try:

@@ -7,7 +7,9 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
+from cyclofeat._base.quantities import QUANTITIES, in_words
 from cyclofeat.cli._idle import add_idle
+from cyclofeat.cli._printing import note
 
 if TYPE_CHECKING:
     from cyclofeat.counting import LobeModel
@@ -22,10 +24,12 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+def add_model_file(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a model and state how it is loaded."""
     parser.add_argument(
-        "--model", required=required, help="model file that train wrote, with its card beside it"
+        "--model",
+        help="model file that train wrote, with its card beside it (default: the packaged model of the "
+        "quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
     )
     parser.add_argument(
         "--trust",
@@ -42,19 +46,26 @@ def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) ->
         help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
     )
     add_idle(parser, "--trust", beside=["--model *.skops"])
-    if not required:
-        add_idle(parser, "--trust", "--allow", without=["--model"])
+    add_idle(parser, "--trust", "--allow", without=["--model"])
 
 
 def read_model(arguments: argparse.Namespace) -> LobeModel:
-    """Return the model that the options name."""
+    """Return the model that the options name, or the packaged one, which is then stated."""
     _import_scikit_learn()
-    from cyclofeat.models import as_lobe_model, load_model, read_card, user_cache
+    from cyclofeat.models import as_lobe_model, load_default_model, load_model, read_card, user_cache
 
-    loaded = load_model(
-        arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=user_cache() / "models"
-    )
+    cache = user_cache() / "models"
+    if arguments.model is None:
+        model = load_default_model(arguments.quantity or QUANTITIES[0], cache=cache)
+        note(f"model: {model_name(arguments)}, trained on {model.card['description']}")
+        return model
+    loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=cache)
     return as_lobe_model(loaded, read_card(arguments.model))
+
+
+def model_name(arguments: argparse.Namespace) -> str:
+    """Return what names the model in a result: its file, or which of the packaged ones it is."""
+    return arguments.model or f"packaged, {in_words(arguments.quantity or QUANTITIES[0])}"
 
 
 def _import_scikit_learn() -> None:

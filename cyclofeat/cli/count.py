@@ -11,7 +11,7 @@ from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._count_table import count_table
 from cyclofeat.cli._history import add_history_options, history_writer
-from cyclofeat.cli._models import add_model_options, read_model, without_start
+from cyclofeat.cli._models import add_model_options, model_name, read_model, without_start
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import (
     FILES,
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
         return
     from cyclofeat.report import CountedRecording, write_count_report
 
-    settings = {"model file": arguments.model}
+    settings = {"model": model_name(arguments)}
     if arguments.skip:
         settings["left out at the start"] = f"{arguments.skip:g} s"
     # Read again, one at a time: all recordings together may be larger than memory.
@@ -120,7 +120,7 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
     length = f"one output turn ({window:.4g} s)"
     lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
-    facts = {**count.to_dict(), "window_s": window, "unused_s": unused}
+    facts = {**count.to_dict(), "model": model_name(arguments), "window_s": window, "unused_s": unused}
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}

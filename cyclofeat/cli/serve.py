@@ -14,7 +14,7 @@ __all__ = ["add_arguments", "printed", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_model_file(parser, required=False)
+    add_model_file(parser)
     parser.add_argument("--port", type=int, default=8765, help="port of this machine (default 8765; 0: any)")
     parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._history import HistoryWriter, add_history_options, history_writer
-from cyclofeat.cli._models import add_model_options, read_model, without_start
+from cyclofeat.cli._models import add_model_options, model_name, read_model, without_start
 from cyclofeat.cli._printing import note, warn
 from cyclofeat.cli._reading import (
     UNREADABLE,
@@ -230,7 +230,7 @@ def printed(arguments: argparse.Namespace, result: FileResult[Watched]) -> Print
         line += f" at {lobes_text(count.lobes)}{'' if count.absolute else ' (relative)'}"
     line += f", {number(count.n_windows, 'window')}"
     line += "".join(f"; note: {warning}" for warning in count.warnings)
-    facts |= count.to_dict()
+    facts |= {**count.to_dict(), "model": model_name(arguments)}
     if state is not None:
         line += f"; {state.gearbox}: {state}"
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}

@@ -5,6 +5,8 @@ name                     job
 =======================  =========================================================================
 ``save_model``           write a model or counter (``.skops`` or ``.joblib``) and its card
 ``load_model``           read it after checks of its card, versions and features
+``load_default_model``   read the packaged model of a quantity
+``default_model_path``   its path
 ``read_card``            read the card alone
 ``as_lobe_model``        make a ``LobeModel`` of what was loaded
 ``check_model_path``     check that a model can be written, before training
@@ -23,6 +25,7 @@ from cyclofeat.models._card import card_path, feature_definitions, read_card
 from cyclofeat.models._content import PLAIN_TYPES as PLAIN_TYPES
 from cyclofeat.models._content import TRUSTED_TYPES as TRUSTED_TYPES
 from cyclofeat.models._content import ModelFileError, estimators_in
+from cyclofeat.models._default import default_model_path, load_default_model
 from cyclofeat.models._persistence import as_lobe_model, check_model_path, load_model, save_model
 
 __all__ = [
@@ -30,8 +33,10 @@ __all__ = [
     "as_lobe_model",
     "card_path",
     "check_model_path",
+    "default_model_path",
     "estimators_in",
     "feature_definitions",
+    "load_default_model",
     "load_model",
     "read_card",
     "save_model",

@@ -12,7 +12,7 @@ module         job
 ``_running``   address, browser and end of the server
 =============  ===========================================================================
 
-The page computes nothing: every answer is what ``cyclofeat inspect``, ``count``, ``gap``, ``train`` or
+The page computes nothing: every answer is what ``cyclofeat inspect``, ``count``, ``gap`` or
 ``simulate`` prints with ``--json``, run as a process. So a job can be cancelled or die while the page lives,
 and its errors are those of the command line.
 

@@ -21,7 +21,7 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cyclofeat.serve._jobs import PROGRAM, Jobs
-from cyclofeat.serve._session import Session, default_model
+from cyclofeat.serve._session import Session
 from cyclofeat.serve._store import Limits, Refused, Store
 from cyclofeat.serve._view import page, parts
 
@@ -49,7 +49,6 @@ def make_app(
     *,
     model: Sequence[str] = (),
     limits: Limits | None = None,
-    cached: Path | None = None,
     program: Sequence[str] = PROGRAM,
 ) -> Starlette:
     """Make the web application; its uploads lie in a private folder that its end deletes.
@@ -59,11 +58,9 @@ def make_app(
     key : str
         Secret, the first part of every path. Requests without it, and from other origins, are refused.
     model : sequence of str
-        Options of ``cyclofeat count`` that name the model: ``("--model", "model.skops")``. Default: a model
-        trained by the page, if there is one.
+        Options of ``cyclofeat count`` that name the model: ``("--model", "model.skops")``. Default: the
+        packaged models.
     limits : Limits, optional
-    cached : pathlib.Path, optional
-        Where a model trained by the page is kept. Default: the user's folder for caches.
     program : sequence of str
         The command line's program, to which commands are given.
 
@@ -82,7 +79,7 @@ def make_app(
         root = Path(tempfile.mkdtemp(prefix="cyclofeat-"))  # readable by its owner only
         store = Store(root, bounds)
         jobs = Jobs(root, store.recordings, bounds.jobs, program)
-        app.state.session = Session(store, jobs, tuple(model), cached or default_model())
+        app.state.session = Session(store, jobs, tuple(model))
         try:
             yield
         finally:

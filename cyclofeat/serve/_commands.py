@@ -45,7 +45,7 @@ class Order(NamedTuple):
     outputs: tuple[str, ...] = ()
 
 
-def order(asked: Mapping[str, Any], store: Store, model: list[str], cached: Path, folder: Path) -> Order:
+def order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
     """Return the command for a request of the page.
 
     Parameters
@@ -54,9 +54,7 @@ def order(asked: Mapping[str, Any], store: Store, model: list[str], cached: Path
         ``command``, ``recordings`` (names), ``options`` (name to text).
     store : Store
     model : list of str
-        Options that name the model; empty where there is none.
-    cached : pathlib.Path
-        Where a model trained here is written.
+        Options that name the model; empty for the packaged ones.
     folder : pathlib.Path
         For the files that the command writes.
 
@@ -66,7 +64,6 @@ def order(asked: Mapping[str, Any], store: Store, model: list[str], cached: Path
         If the page may not ask this.
     """
     makers: dict[Any, Callable[[], Order]] = {
-        "train": lambda: Order("train", "Training of the default model", ["--out", str(cached), "--force"]),
         "simulate": lambda: _example(store),
         "inspect": lambda: _of_recordings(asked, store, "inspect", "Inspection of", [], ()),
         "count": lambda: _count(asked, store, model, folder),
@@ -86,8 +83,6 @@ def _example(store: Store) -> Order:
 
 
 def _count(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
-    if not model:
-        raise Refused(409, "there is no model yet: train the default one, or choose a file")
     page = "count.html"
     arguments = [*model, "--report", str(folder / page)]
     return _of_recordings(asked, store, "count", "Count of", arguments, (page,), {"skip": "--skip"})

@@ -7,16 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cyclofeat import __version__
-from cyclofeat.models import card_path, user_cache
 from cyclofeat.serve._commands import Order, order
 from cyclofeat.serve._jobs import Job, Jobs
 from cyclofeat.serve._store import Store
-
-
-def default_model() -> Path:
-    """Return where the default model lies once it has been trained here: in the user's cache."""
-    return user_cache() / f"model-{__version__}.skops"
 
 
 @dataclass
@@ -29,30 +22,23 @@ class Session:
     jobs : Jobs
     given : sequence of str
         Options that name the model, from the command line: ``--model FILE`` and what goes with it.
-    cached : pathlib.Path
-        Where a model trained here is written, and looked for at the next start.
     """
 
     store: Store
     jobs: Jobs
     given: Sequence[str]
-    cached: Path
     uploaded: Path | None = None
 
     @property
     def model(self) -> Path | None:
-        """The model file to count with: the uploaded one, else the one given, else the one trained here."""
+        """The model file to count with: the uploaded one, else the one given; None for the packaged ones."""
         if self.uploaded is not None:
             return self.uploaded
-        if self.given:
-            return Path(self.given[1])
-        return self.cached if card_path(self.cached).is_file() else None
+        return Path(self.given[1]) if self.given else None
 
     def model_options(self) -> list[str]:
-        """Return the options that name the model; empty where there is none."""
-        if self.uploaded is None and self.given:
-            return list(self.given)
-        return [] if self.model is None else ["--model", str(self.model)]
+        """Return the options that name the model; empty for the packaged ones."""
+        return list(self.given) if self.uploaded is None else ["--model", str(self.uploaded)]
 
     async def add_model(self, name: str, content: AsyncIterable[bytes]) -> None:
         """Store an uploaded model file, or the card that belongs to the one before."""
@@ -60,10 +46,9 @@ class Session:
 
     def start(self, asked: Mapping[str, Any]) -> Job:
         """Start the command that the page asks for."""
-        self.cached.parent.mkdir(parents=True, exist_ok=True)
 
         def make(folder: Path) -> Order:
-            return order(asked, self.store, self.model_options(), self.cached, folder)
+            return order(asked, self.store, self.model_options(), folder)
 
         return self.jobs.start(make)
 

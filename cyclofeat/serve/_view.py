@@ -42,7 +42,7 @@ def parts(session: Session) -> dict[str, Any]:
     jobs = [_job(job) for job in reversed(session.jobs.jobs.values()) if job.order.command != "inspect"]
     channels = {name: unit for row in facts.values() for name, unit in (row.get("channels") or {}).items()}
     html = {
-        "model": {"model": _model(session), "training": bool(_running(session, "train"))},
+        "model": {"model": _model(session)},
         "channel": {"channels": channels},
         "simulated": {"names": present},
         "recordings": {"recordings": recordings},
@@ -58,18 +58,12 @@ def parts(session: Session) -> dict[str, Any]:
     }
 
 
-def _running(session: Session, command: str) -> list[Job]:
-    return [job for job in session.jobs.running if job.order.command == command]
-
-
 def _model(session: Session) -> dict[str, str] | None:
-    """Describe the model by its card; None where there is none."""
+    """Describe the model by its card; None for the packaged ones."""
     path = session.model
     if path is None:
         return None
-    name = "default model" if path == session.cached else path.name
-    if path == session.uploaded:
-        name = "the model that you chose"
+    name = "the model that you chose" if path == session.uploaded else path.name
     try:
         card = read_card(path)
     except (ModelFileError, OSError) as error:
@@ -187,9 +181,7 @@ def _status(session: Session, recordings: list[dict[str, Any]]) -> str:
     said = f"{_outcome(jobs[-1])}. " if jobs else ""
     files = [file for recording in recordings for file in recording["files"]]
     wrong = [file["name"] for file in files if file["error"]]
-    if session.model is None:
-        following = "train the default model (one or two minutes), or choose a model file."
-    elif not recordings:
+    if not recordings:
         following = "choose recordings, or simulate an example."
     elif jobs and jobs[-1].state == "done" and jobs[-1].outputs:
         following = "open the page of the result, or choose other recordings."

@@ -55,7 +55,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture
 def live(tmp_path):
-    with Live(program=COMMANDS, cached=tmp_path / "model.skops") as live:
+    with Live(program=COMMANDS) as live:
         yield live
 
 
@@ -72,9 +72,11 @@ def test_from_a_tdms_file_to_a_count_by_keyboard(browser, live, files):
     browser.said.clear()
     browser.resize(1200)
     browser.open(live.address.url)
-    browser.wait_for(STATUS, lambda text: "train the default model" in text)
-    for name in ("train", "model-files", "files", "folder", "example"):
+    browser.wait_for(STATUS, lambda text: "choose recordings" in text)
+    for name in ("files", "folder", "example"):
         tab_to(browser, name)
+    tab_to(browser, "other-model-summary")
+    browser.press("Enter")
     tab_to(browser, "model-files")
     browser.choose(files / "model.skops", files / "model.skops.card.json")
     browser.wait_for(text_of("model"), lambda text: "counts 0 to 3 worn lobes" in text)
@@ -134,11 +136,11 @@ def test_dropped_files_arrive_whole(browser, tmp_path):
     (tmp_path / "measured" / "empty").mkdir(parents=True)
     for name, content in sent.items():
         (tmp_path / name).write_bytes(content)
-    with Live(cached=tmp_path / "model.skops") as live:
+    with Live() as live:
         browser.said.clear()
         browser.resize(1200)
         browser.open(live.address.url)
-        browser.wait_for(STATUS, lambda text: "train the default model" in text)
+        browser.wait_for(STATUS, lambda text: "choose recordings" in text)
         browser.drop("#drop", tmp_path / "a.csv", tmp_path / "measured")
         browser.wait_for(text_of("recordings"), lambda text: "measured (folder)" in text)
         # beside the frame, and without a place on the disk, as programs give what they hold in memory
@@ -168,7 +170,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
         write_recording(measured / f"r{k}.npz", one)
     browser.resize(1200)
     browser.open(live.address.url)
-    browser.wait_for(STATUS, lambda text: "train the default model" in text)
+    browser.wait_for(STATUS, lambda text: "choose recordings" in text)
     browser.said.clear()  # the page before may have asked for its server, which is gone
     tab_to(browser, "folder")
     browser.choose(measured)
@@ -196,10 +198,10 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
 
 
 def test_a_job_is_cancelled_and_a_lost_server_is_said(browser, tmp_path):
-    with Live(cached=tmp_path / "model.skops") as live:  # commands that stand in for the real ones
+    with Live() as live:  # commands that stand in for the real ones
         browser.resize(1200)
         browser.open(live.address.url)
-        browser.wait_for(STATUS, lambda text: "train the default model" in text)
+        browser.wait_for(STATUS, lambda text: "choose recordings" in text)
         live.add("a.csv")
         number = live.start("gap", "a.csv", channel="wait")[1]["number"]
         browser.wait_for(text_of("jobs"), lambda text: "running" in text)

@@ -34,7 +34,7 @@ from cyclofeat.simulators import (
 # Arguments without which a command is not understood.
 NEEDED = {
     "simulate": ["--out", "x"], "animate": ["--out", "x"], "inspect": ["x"], "train": ["--out", "x"],
-    "count": ["x", "--model", "m"], "watch": ["x", "--model", "m"], "gap": ["x"],
+    "count": ["x"], "watch": ["x"], "gap": ["x"],
     "plan": ["--worn-count", "1", "--noise", "1"], "history": ["x"],
 }  # fmt: skip
 

@@ -1,0 +1,84 @@
+"""The packaged models: what they say of themselves, what they count, and that they are of this version."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from cyclofeat import __version__
+from cyclofeat._base.quantities import QUANTITIES
+from cyclofeat.cli import main
+from cyclofeat.datasets import make_rig_recordings, write_recording
+from cyclofeat.models import (
+    card_path,
+    default_model_path,
+    feature_definitions,
+    load_default_model,
+    load_model,
+    read_card,
+)
+
+pytest.importorskip("skops")
+COUNTS = (0, 2, 4, 6)
+
+
+def rig_recordings(quantity, seed, **options):
+    return make_rig_recordings(
+        1, COUNTS, rig="R2", quantity=quantity, random_state=seed, with_angle=True, kernel="auto", **options
+    )
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_each_quantity_has_a_small_model_of_this_version(quantity):
+    path = default_model_path(quantity)
+    card = read_card(path)
+    assert path.stat().st_size + card_path(path).stat().st_size < 3_000_000
+    # Models of another version are refused: make default-models.
+    assert card["versions"]["cyclofeat"] == __version__
+    model = load_model(path)
+    assert model.quantity == quantity
+    assert feature_definitions(model) == card["features"]
+    assert model.card["classes"] == list(range(8))
+    low, high = model.card["speeds_rpm"]
+    assert low < 110
+    assert high > 1400
+    assert "simulated assemblies of rig R2" in model.card["description"]
+
+
+def test_an_unknown_quantity_is_refused():
+    with pytest.raises(
+        ValueError, match="quantity must be one of output_torque, input_torque, motor_current"
+    ):
+        load_default_model("torque")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_other_assemblies_are_counted_at_speeds_and_loads_far_apart(quantity):
+    model, right, sure = load_default_model(quantity), [], []
+    for seed, (speed, load) in enumerate([(300.0, 10.0), (500.0, 22.0), (900.0, 30.0)]):
+        for one in rig_recordings(quantity, 900 + seed, speed_rpm=speed, load_nm=load, output_turns=1.1):
+            counted = model.count(one)
+            right.append(counted.defect_count == one.defect_count)
+            if not right[-1] and not counted.refused:
+                sure.append(counted.probability[counted.defect_count])
+    assert np.mean(right) >= 0.75
+    assert max(sure, default=0.0) < 0.99
+
+
+@pytest.mark.slow
+def test_count_needs_no_model_and_says_which_it_took(tmp_path, capsys):
+    one = rig_recordings("motor_current", 7, output_turns=1.1)[2]
+    write_recording(tmp_path / "disc.npz", one)
+    command = ["count", str(tmp_path / "disc.npz"), "--quantity", "motor_current"]
+    assert main([*command, "--json", "--report", str(tmp_path / "page.html")]) == 0
+    out, err = capsys.readouterr()
+    (answer,) = json.loads(out)
+    assert answer["model"] == "packaged, motor current"
+    assert answer["defect_count"] == 4
+    assert "model: packaged, motor current, trained on" in err
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "packaged, motor current" in page
+    assert "simulated assemblies of rig R2" in page
