@@ -2,8 +2,9 @@
 
     python -m benchmarks.operating_points     # writes benchmarks/operating_points.md
 
-Simulated assemblies of rig R2 (and R1), speed and load log-uniform, whole assemblies held out: three quarters
-train, a quarter is counted, one window of one output turn each.
+The packaged models count one window of one output turn of simulated assemblies of rig R2, speed and load
+log-uniform, that they have not seen. Speeds and loads never trained, and single speeds, have models of their
+own.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from scipy.interpolate import CubicSpline
 from benchmarks._markdown import line, share, table
 from cyclofeat.counting import LobeCount, LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
+from cyclofeat.models import load_default_model
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Noise, Solver
 
@@ -27,6 +29,8 @@ SPEEDS, LOADS = (100.0, 1500.0), (3.0, 40.0)
 TURNS = 1.05
 # Sampling rate of motor currents: drives log at some kHz.
 CURRENT_HZ = 8000.0
+# Seeds; the packaged models have 0.
+JUDGED, TRAINED, SPECIAL = 21, 22, 3
 Answers = Sequence[LobeCount | None]
 
 
@@ -39,21 +43,21 @@ class Data:
 
 
 def simulated(
-    n: int, quantity: str, n_jobs: int, rig: str = "R2", seed: int = 0, turns: float = TURNS, **at: object
-) -> Data:
+    n: int, quantity: str, n_jobs: int, seed: int, rig: str = "R2", turns: float = TURNS, **at: object
+) -> list[Recording]:
+    """Return one recording of each of n assemblies of each count."""
     # Effects of the torque meter are divided by the reduction at the input: 0.015 Nm there.
     noise = {"output_torque": Noise(0.2), "input_torque": Noise(0.225), "motor_current": Noise(0.0)}[quantity]
     where = {"speed_rpm": SPEEDS, "load_nm": LOADS} | at
-    made = make_rig_recordings(
+    return make_rig_recordings(
         n, rig=rig_preset(rig).with_effects(noise), output_turns=turns, random_state=seed, n_jobs=n_jobs,
         sampling_rate=CURRENT_HZ if quantity == "motor_current" else 25_600.0, with_angle=True,
         kernel="auto", solver=Solver(integrator="adams_bashforth"), quantity=quantity, **where,  # type: ignore[arg-type]
     )  # fmt: skip
-    return Data(made)
 
 
-def trained(recordings: Sequence[Recording], counter: str = "trees") -> LobeModel:
-    return LobeModel.train(recordings, n_splits=0, counter=counter)
+def trained(recordings: Sequence[Recording]) -> LobeModel:
+    return LobeModel.train(recordings, n_splits=0)
 
 
 def blind(recording: Recording, random: np.random.Generator) -> Recording:
@@ -116,7 +120,7 @@ def row(what: str, goal: str, recordings: Sequence[Recording], answers: Answers)
     ]  # fmt: skip
 
 
-def rows(n: int, n_jobs: int, counter: str) -> list[list[str]]:
+def rows(n_judged: int, n_trained: int, n_jobs: int) -> list[list[str]]:
     """Return the rows of the table."""
     made = []
 
@@ -124,14 +128,15 @@ def rows(n: int, n_jobs: int, counter: str) -> list[list[str]]:
         made.append(row(what, goal, recordings, answers))
         print(line(made[-1]), end="", flush=True)
 
-    torque = simulated(n, "output_torque", n_jobs)
-    model = trained(torque.training, counter)
-    judged = torque.judged
+    model = load_default_model("output_torque")
+    judged = simulated(n_judged, "output_torque", n_jobs, JUDGED)
     seeing = counted(model, judged)
     add("output torque, 0.2 Nm, tachometer", ">= 0.97", judged, seeing)
     for name, low, high in (("100 to 250", 100, 250), ("250 to 600", 250, 600), ("600 to 1,500", 600, 1500)):
         within = [low <= float(one.speed_rpm or 0) < high for one in judged]
         add(f"- of these, {name} RPM", "stated", [*compress(judged, within)], [*compress(seeing, within)])
+    sound = [one.defect_count == 0 for one in judged]
+    add("- of these, sound discs", "stated", [*compress(judged, sound)], [*compress(seeing, sound)])
     add("the same without a tachometer, steady speed", ">= 0.95", judged, counted(model, judged, blind))
     add("- speed wandering by 5 %", ">= 0.93", judged, counted(model, judged, wandering))
     for factor, words in ((2.0, "half"), (3.0, "a third of"), (4.0, "a quarter of"), (0.5, "twice")):
@@ -139,46 +144,52 @@ def rows(n: int, n_jobs: int, counter: str) -> list[list[str]]:
             f"- turning at {words} the stated speed (all must be refused)", "refused", judged,
             counted(model, judged, at_multiple(factor)),
         )  # fmt: skip
-    gap = [one for one in torque.training if not 300 <= float(one.speed_rpm or 0) < 500]
-    some = [one for one in judged if 300 <= float(one.speed_rpm or 0) < 500]
-    add("speeds of 300 to 500 RPM never trained", ">= 0.93", some, counted(trained(gap, counter), some))
-    gap = [one for one in torque.training if not 12 <= float(one.load_nm or 0) < 20]
-    some = [one for one in judged if 12 <= float(one.load_nm or 0) < 20]
-    add("loads of 12 to 20 Nm never trained", ">= 0.93", some, counted(trained(gap, counter), some))
-    for rig in ("R1", "R2"):
-        special = simulated(n, "output_torque", n_jobs, rig=rig, seed=3, speed_rpm=500.0, load_nm=22.0)
-        own = counted(trained(special.training, counter), special.judged)
-        add(f"{rig} at 500 RPM, 22 Nm: a model for these alone", "stated", special.judged, own)
-        if rig == "R2":
-            add("- the model for all speeds and loads", "not below by more than 0.01", special.judged,
-                counted(model, special.judged))  # fmt: skip
     for quantity, words, goal in (
         ("input_torque", "input torque, 0.015 Nm (1 %), tachometer", ">= 0.98"),
         ("motor_current", "motor current with all its effects, encoder", ">= 0.95"),
     ):
-        data = simulated(n, quantity, n_jobs)
-        add(words, goal, data.judged, counted(trained(data.training, counter), data.judged))
+        others = simulated(n_judged, quantity, n_jobs, JUDGED)
+        add(words, goal, others, counted(load_default_model(quantity), others))
+    training = simulated(n_trained, "output_torque", n_jobs, TRAINED)
+    for words, name, low, high in (
+        ("speeds of 300 to 500 RPM never trained", "speed_rpm", 300, 500),
+        ("loads of 12 to 20 Nm never trained", "load_nm", 12, 20),
+    ):
+        some = [one for one in judged if low <= float(getattr(one, name)) < high]
+        rest = [one for one in training if not low <= float(getattr(one, name)) < high]
+        own = LobeModel.train(rest, n_splits=0, counter="rows")
+        add(f"{words} ({n_trained} assemblies of each count)", ">= 0.93", some, counted(own, some))
+    del training
+    for rig in ("R1", "R2"):
+        special = Data(
+            simulated(96, "output_torque", n_jobs, SPECIAL, rig=rig, speed_rpm=500.0, load_nm=22.0)
+        )
+        own = counted(trained(special.training), special.judged)
+        add(f"{rig} at 500 RPM, 22 Nm: a model for these alone", "stated", special.judged, own)
+        if rig == "R2":
+            add("- the model for all speeds and loads", "not below by more than 0.01", special.judged,
+                counted(model, special.judged))  # fmt: skip
     return made
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--assemblies", type=int, default=128, help="per count (default 128)")
-    parser.add_argument("--counter", choices=("trees", "rows"), default="trees")
+    parser.add_argument("--judged", type=int, default=48, help="assemblies of each count (default 48)")
+    parser.add_argument("--trained", type=int, default=200, help="the same, of models trained here (200)")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/operating_points.md"))
     arguments = parser.parse_args()
     began = time.monotonic()
     head = ["work", "goal", "right, of all", "refused", "right, of those counted", "wrong and sure", "n"]
-    made = rows(arguments.assemblies, arguments.jobs, arguments.counter)
+    made = rows(arguments.judged, arguments.trained, arguments.jobs)
     text = f"""# Counts at any speed and load
 
 Made by
-`python -m benchmarks.operating_points --assemblies {arguments.assemblies} --counter {arguments.counter}` in
+`python -m benchmarks.operating_points --judged {arguments.judged} --trained {arguments.trained}` in
 {(time.monotonic() - began) / 60:.0f} minutes. Simulated assemblies of rig R2, speeds of {SPEEDS[0]:g} to
 {SPEEDS[1]:g} RPM and loads of {LOADS[0]:g} to {LOADS[1]:g} Nm (log-uniform), counts of 0 to 7, chance 0.125;
-the drift of the load shrinks with loads below 22 Nm. One model for each quantity, trained on three quarters
-of the assemblies; one window of one output turn of each of the others. "Right, of all" takes the count of
+the drift of the load shrinks with loads below 22 Nm. The packaged models (`make default-models`) count one
+window of one output turn of assemblies that they have not seen. "Right, of all" takes the count of
 refused recordings too (95 % interval by Wilson); "wrong and sure" is the share of all that is wrong, not
 refused, and has a probability above 0.9.
 

@@ -59,8 +59,7 @@ def rows(n: int, n_jobs: int) -> list[list[str]]:
     """Return the rows of the table."""
 
     def all_of(quantity: str, turns: float = TURNS) -> list[Recording]:
-        data = simulated(n, quantity, n_jobs, seed=7, turns=turns)
-        return [*data.training, *data.judged]
+        return simulated(n, quantity, n_jobs, seed=7, turns=turns)
 
     recordings, random = all_of("output_torque"), np.random.default_rng(5)
     true = [*map(true_hz, recordings)]

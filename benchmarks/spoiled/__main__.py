@@ -3,7 +3,7 @@
     python -m benchmarks.spoiled                 # writes benchmarks/spoiled.md
     python -m benchmarks.spoiled --model mine.skops --out mine.md    # of the model's quantity
 
-The default models and the recordings are made once and stored in ``--folder``.
+The recordings are made once and stored in ``--folder``.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ from benchmarks.spoiled._run import (
     Found,
     all_outcomes,
     bases,
-    model,
 )
-from cyclofeat.models import load_model
+from cyclofeat.models import load_default_model, load_model
 
 _GOALS = {"spoiled": {WRONG: 0.02, SURE: 0.003}, "unspoiled": {REFUSED: 0.03}}
 
@@ -49,7 +48,7 @@ def page(found: Mapping[str, Found]) -> str:
         "Made by `python -m benchmarks.spoiled`: **simulated** recordings of rig R2 with 0 to 7 worn lobes,",
         f"of three output turns at {speeds} RPM and {LOAD_NM:g} Nm with {NOISE_NM:g} Nm of noise, every",
         f"second one without a tachometer, spoiled in {len(KINDS)} ways in three strengths each, and counted",
-        "by the default model of their quantity. Each kind spoils",
+        "by the packaged model of their quantity. Each kind spoils",
         f"{n_bases} of the {_total(clean)} recordings of a quantity.",
         "",
         f"Strengths in Nm, and the noise, are those of an output torque with a mean of {LOAD_NM:g} Nm. Every",
@@ -96,8 +95,8 @@ def main() -> None:
     """Count all, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/spoiled.md"), help="file to write")
-    parser.add_argument("--folder", type=Path, default=Path("build/spoiled"), help="models and recordings")
-    parser.add_argument("--model", type=Path, help="model file (default: those of cyclofeat train)")
+    parser.add_argument("--folder", type=Path, default=Path("build/spoiled"), help="recordings")
+    parser.add_argument("--model", type=Path, help="model file (default: the packaged ones)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +104,7 @@ def main() -> None:
         mine = load_model(arguments.model)
         counters = {mine.card["quantity"]: mine}
     else:
-        counters = {quantity: model(arguments.folder, quantity) for quantity in MISTAKEN}
+        counters = {quantity: load_default_model(quantity) for quantity in MISTAKEN}
     found = {
         quantity: all_outcomes(counter, bases(arguments.folder, quantity, arguments.jobs), arguments.jobs)
         for quantity, counter in counters.items()

@@ -1,4 +1,4 @@
-"""Base recordings, the model, and what it says of spoiled recordings."""
+"""Base recordings, and what a model says of spoiled ones."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ import joblib
 import numpy as np
 
 from benchmarks.spoiled._kind import KINDS, Base, Kind, noisy
-from cyclofeat.cli import main as cyclofeat
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
-from cyclofeat.models import load_model
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Rig, Solver, motor_effects
 
@@ -76,14 +74,6 @@ def _silent_rig(speed_rpm: float, quantity: str) -> Rig:
         gearbox = rig.gearbox.replace(input_speed=speed_rpm * np.pi / 30)
         rig = rig.with_effects(*motor_effects(gearbox))
     return rig.without("noise", "current_sensor")
-
-
-def model(folder: Path, quantity: str) -> LobeModel:
-    """Return the model of ``cyclofeat train`` for a quantity, trained if the folder has none."""
-    stored = folder / f"{quantity}.skops"
-    if not stored.exists():
-        assert cyclofeat(["train", "--quantity", quantity, "--out", str(stored)]) == 0
-    return load_model(stored)
 
 
 def outcome(model: LobeModel, recording: Recording, truth: int | None) -> list[str]:
