@@ -137,6 +137,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     if windows is None:
         windows = _WINDOWS if arguments.wear is None else _WINDOWS_OF_WEAR
     whole("output_turns", windows, 1)
+    if arguments.counter == "rows" and arguments.lobes != "consecutive":
+        raise ValueError(f"--counter rows takes --lobes consecutive only, got {arguments.lobes}")
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)

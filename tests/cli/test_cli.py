@@ -638,6 +638,10 @@ def test_bad_recordings(capsys, folder, make, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (
+            ["train", "--out", "{folder}/m.skops", "--counter", "rows", "--lobes", "mixed"],
+            "--counter rows takes --lobes consecutive only, got mixed",
+        ),
         (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
         (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
         (["count", "x.csv", "--model", "{folder}"], "is a folder, no model file: those end in"),

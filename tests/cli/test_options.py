@@ -21,11 +21,19 @@ ALWAYS = {
     "simulate": MACHINE | {"--out", "--duration", "--sampling-rate", "--quantity", "--no-angle"},
     "animate": MACHINE | {"--out", "--duration", "--frames"},
     "inspect": READING | {"FILE", "--jsonl"},
-    "train": {"--out", "--force", "recordings", "--sampling-rate", "--seed", "--quantity", "--wear"},
-    "count": READING
-    | {"FILE", "--jsonl", "--model", "--allow", "--skip", "--report", "--csv", "--history", "--strict"},
+    "train": {
+        "--out",
+        "--force",
+        "recordings",
+        "--sampling-rate",
+        "--seed",
+        "--quantity",
+        "--wear",
+        "--counter",
+    },
+    "count": READING | {"FILE", "--jsonl", "--model", "--skip", "--report", "--csv", "--history", "--strict"},
     "watch": READING
-    | {"FOLDER", "--model", "--allow", "--skip", "--once", "--done", "--interval", "--settle", "--history"}
+    | {"FOLDER", "--model", "--skip", "--once", "--done", "--interval", "--settle", "--history"}
     | {"--strict"},
     "history": {"FILE", "--jsonl", "--gearbox", "--report", "--strict"}
     | {"--false-alarms-per-month", "--recordings-per-month"},
