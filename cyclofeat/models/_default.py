@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 from cyclofeat._base.checks import one_of
 from cyclofeat._base.quantities import QUANTITIES
@@ -63,5 +62,5 @@ def load_default_model(
     >>> load_default_model("motor_current").made_for()
     'of motor current at 99.39 to 1503 RPM and 3.014 to 39.94 Nm'
     """
-    loaded: Any = load_model(default_model_path(quantity), allow=_TESTED_WITH, cache=cache)
+    loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH, cache=cache)
     return loaded

@@ -71,5 +71,5 @@ def with_look_alikes(probabilities: Float, names: Sequence[str]) -> Float:
     """
     group = {name: k for k, members in enumerate(TIES) for name in members}
     labels = np.array([group.get(name, len(TIES) + k) for k, name in enumerate(names)])
-    together = probabilities @ (labels[:, None] == labels)
-    return np.minimum(together, 1.0)
+    together: Float = probabilities @ (labels[:, None] == labels)
+    return np.asarray(np.minimum(together, 1.0))

@@ -316,7 +316,7 @@ class EffectPosterior(DocumentedEstimator):
         beyond = np.full(logits.shape, np.nan)
         for k, column, parameter in self._main_parameters():
             beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
-        return self._probabilities(logits) * beyond
+        return np.asarray(self._probabilities(logits) * beyond)
 
     def visible_from(self) -> dict[str, tuple[str, float, float]]:
         """Return the main parameter of each effect that is seen, and the values beyond which it is.
