@@ -25,7 +25,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
 def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add the options that name a model and state how it is loaded."""
     parser.add_argument(
-        "--model", required=required, help="model file that train wrote, with its card beside it"
+        "--model", required=required, help="model file that train wrote, with its card in the same folder"
     )
     parser.add_argument(
         "--trust",
@@ -39,7 +39,7 @@ def add_model_file(parser: argparse.ArgumentParser, *, required: bool = True) ->
         action="append",
         default=[],
         metavar="NAME",
-        help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
+        help="accept a version other than the model's, of scikit-learn, numpy, features, ...",
     )
     add_idle(parser, "--trust", beside=["--model *.skops"])
     if not required:
