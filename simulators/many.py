@@ -208,7 +208,7 @@ def run_planned(plans: Sequence[PlannedRun], *, kernel: str = "auto") -> list[Ma
 def attempt_planned(
     plans: Sequence[PlannedRun | ValueError], kernel: str
 ) -> list[MachineRun | SimulationFailed | ValueError]:
-    """As :func:`run_planned`; the ValueError of a run that cannot be planned or begun stands in its place."""
+    """Simulate as :func:`run_planned`, but return the ValueError of a run that cannot be planned or begun."""
     possible = [plan for plan in plans if isinstance(plan, PlannedRun)]
     made: list[Any]
     try:

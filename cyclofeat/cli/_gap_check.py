@@ -1,4 +1,4 @@
-"""``cyclofeat gap --check``: what recordings could tell, and how often the posterior is right about them."""
+"""``cyclofeat gap --check``: which effects recordings could reveal, and how often the posterior is right."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ def add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="say which effects recordings like MEASURED could tell, from which size, and how often the "
-        "posterior is right; without MEASURED, of planned recordings (one or two minutes on two cores)",
+        help="state which effects recordings like MEASURED could reveal, from which size on, and how often "
+        "the posterior is right; without MEASURED, the same for planned recordings (one or two minutes on "
+        "two cores)",
     )
     parser.add_argument(
         "--recordings",
@@ -44,8 +45,8 @@ def add_check(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=_RIGS,
         metavar="N",
-        help=f"simulated rigs with known effects that --check asks about (default {_RIGS}); more of them "
-        "give surer sizes",
+        help=f"simulated rigs with known effects that --check uses (default {_RIGS}); more rigs give "
+        "more precise sizes",
     )
     add_idle(parser, "--recordings", beside=["MEASURED"])
     add_idle(parser, "--recordings", "--rigs", without=["--check"])

@@ -46,12 +46,13 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         "--prepare",
         metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
-        "there are some, and write it to FILE, .npz; with --posterior, what that one knows is the start",
+        "there are some, and write it to FILE, .npz; with --posterior, start from that one",
     )
     parser.add_argument(
         "--effects",
         metavar="NAMES",
-        help="effects that --prepare learns, with commas (default: all that the model can have and lacks)",
+        help="effects that --prepare learns, separated by commas (default: all that the model can have "
+        "but lacks)",
     )
     parser.add_argument(
         "--machines",
@@ -59,7 +60,7 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         default=_MACHINES,
         metavar="N",
         help=f"simulated machines that --prepare learns from (default {_MACHINES}: about an hour on two "
-        "cores); more of them later go on in the same --cache",
+        "cores); more of them can be added later with the same --cache",
     )
     add_idle(parser, "--machines", "--effects", without=["--prepare"])
     add_idle(

@@ -37,7 +37,7 @@ def gap_lines(result: GapResult) -> list[str]:
         f"{found.effect} ({found.probability:.0%}, {found.visible_from})" for found in rest if found.small
     ]
     if small:
-        lines.append(f"open, but if there too small to be seen, as it would be with: {', '.join(small)}")
+        lines.append(f"open, but too small to be seen; would be seen with: {', '.join(small)}")
     if result.remainder is not None:
         lines += _remaining(result.remainder)
     for one in result.next_measurements[:1]:
@@ -61,8 +61,8 @@ def _remaining(remainder: Remainder) -> Iterator[str]:
         return
     if remainder.p_open is not None and not remainder.unexplained:
         yield (
-            f"left unexplained: what open effects may explain ({p_words(remainder.p_open)}; without them "
-            f"{p_words(remainder.p)}); sizes are not confirmed by simulation"
+            f"left unexplained: differences that open effects may explain ({p_words(remainder.p_open)}; "
+            f"without them {p_words(remainder.p)}); sizes are not confirmed by simulation"
         )
         return
     yield f"left unexplained ({p_words(remainder.p)}):"

@@ -23,7 +23,7 @@ __all__ = ["HistoryWriter", "add_alarm_options", "add_history_options", "alarm_r
 def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
     """Add the options that name a history and the gearbox whose recordings are counted."""
     parser.add_argument(
-        "--history", metavar="FILE.sqlite", help="file to which each count is added, made where there is none"
+        "--history", metavar="FILE.sqlite", help="file to which each count is added; created if missing"
     )
     parser.add_argument(
         "--gearbox",
@@ -44,11 +44,11 @@ def add_alarm_options(parser: argparse.ArgumentParser) -> None:
     """Add the options from which the rule of the alarm follows."""
     parser.add_argument(
         "--false-alarms-per-month", type=float, default=0.1, metavar="N",
-        help="false alarms to be put up with, per gearbox and month (default 0.1)",
+        help="accepted false alarms per gearbox and month (default 0.1)",
     )  # fmt: skip
     parser.add_argument(
         "--recordings-per-month", type=float, metavar="N",
-        help="recordings of a gearbox in a month (default: as frequent as they were, over at least an hour)",
+        help="recordings of a gearbox per month (default: the rate so far, over at least an hour)",
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ def add_model_file(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a model and state how it is loaded."""
     parser.add_argument(
         "--model",
-        help="model file that train wrote, with its card beside it (default: the packaged model of the "
+        help="model file that train wrote, with its card in the same folder (default: the packaged model of the "
         "quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
     )
     parser.add_argument(
@@ -43,7 +43,7 @@ def add_model_file(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="accept another version than the model was written with: of scikit-learn, numpy, features, ...",
+        help="accept a version other than the model's, of scikit-learn, numpy, features, ...",
     )
     add_idle(parser, "--trust", beside=["--model *.skops"])
     add_idle(parser, "--trust", "--allow", without=["--model"])

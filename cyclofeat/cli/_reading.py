@@ -31,7 +31,7 @@ _OPTIONS: dict[str, tuple[str, dict[str, Any]]] = {
         {"choices": QUANTITIES, "help": "quantity that the channel holds (default output_torque)"},
     ),
     "sampling_rate": ("--sampling-rate", {"type": float, "metavar": "HZ", "help": "sampling rate in Hz"}),
-    "time_channel": ("--time-channel", {"help": "channel of times, from which the sampling rate follows"}),
+    "time_channel": ("--time-channel", {"help": "channel of times, which gives the sampling rate"}),
     "angle_channel": ("--angle-channel", {"help": "channel of the shaft's angle"}),
     "angle_unit": ("--angle-unit", {"choices": ("rad", "deg", "rev"), "help": "unit of the angle"}),
     "pulses_per_turn": (
@@ -69,7 +69,7 @@ def add_reading_options(parser: argparse.ArgumentParser, *, sampling_rate: bool 
     for argument, (option, parsing) in _OPTIONS.items():
         if argument != "sampling_rate" or sampling_rate:
             group.add_argument(option, dest=argument, **parsing)
-    group.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+    group.add_argument("--no-angle", action="store_true", help="ignore the shaft's angle")
     of_angle = ("--angle-channel", "--angle-unit", "--angle-absolute", "--pulses-per-turn")
     add_idle(parser, *of_angle, beside=["--no-angle"])
     add_idle(parser, "--angle-unit", beside=["--pulses-per-turn"])

@@ -27,16 +27,24 @@ def add_machine(parser: argparse.ArgumentParser, *, drawn: Sequence[str] = _FROM
     kind.add_argument("--worn-lobes", metavar="LOBES", help="worn lobes, counted from 1, like 1,5")
     kind.add_argument("--removed-lobes", metavar="LOBES", help="removed lobes, counted from 1")
     parser.add_argument(
-        "--wheels", choices=("both", "1", "2"), default="both", help="wheels with these lobes (default: both)"
+        "--wheels",
+        choices=("both", "1", "2"),
+        default="both",
+        help="wheels that have these lobes (default: both)",
     )
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0 to 1 (default 1)")
     parser.add_argument(
         "--wear-um", type=float, metavar="UM", help="radial wear in um, 0 to 200, in place of --depth"
     )
     parser.add_argument(
-        "--material", choices=("steel", "abs"), default="steel", help="of the gearbox (default: steel)"
+        "--material",
+        choices=("steel", "abs"),
+        default="steel",
+        help="material of the gearbox (default: steel)",
     )
-    parser.add_argument("--seed", type=int, default=1000, help="of assembly, drift and noise (default 1000)")
+    parser.add_argument(
+        "--seed", type=int, default=1000, help="seed of assembly, drift and noise (default 1000)"
+    )
     add_idle(parser, "--depth", "--wear-um", beside=["--removed-lobes"])
     add_idle(parser, "--depth", beside=["--wear-um"])
     add_idle(parser, "--depth", "--wear-um", "--wheels", without=_LOBES)
@@ -55,7 +63,7 @@ def add_rig(parser: argparse.ArgumentParser, default: str) -> None:
         "JSON file that describes gearbox, rig and effects, such as a corrected model of cyclofeat gap: each "
         f"assembly draws from its ranges and variants (default: {default})",
     )
-    group.add_argument("--simulator", metavar="FILE", help="the same, as a file only")
+    group.add_argument("--simulator", metavar="FILE", help="like --rig, but only a JSON file")
     add_effects(parser)
     add_idle(parser, "--effects-from", without=_FROM_A_RIG)
     add_idle(parser, "--effects-from", beside=[f"--rig {name}" for name in _RIGS])  # they name none

@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, cast
 
 @dataclass(frozen=True)
 class Printed:
-    """What is printed of a result: text for people, plain values for JSON, and an error.
+    """Printed form of a result: text for people, plain values for JSON, and an error.
 
     ``failed`` makes the exit code 2, ``refused`` makes it 3 if nothing failed.
     """
@@ -51,20 +51,22 @@ class Command:
 COMMANDS = {
     "simulate": Command("simulate one recording and write it to a file", "simulate"),
     "animate": Command(
-        "simulate the gearbox and write a page that shows it turning, with its forces and its torque",
+        "simulate the gearbox and write a page that animates it with its forces and its torque",
         "animate",
     ),
-    "inspect": Command("show what recordings hold, and what in them would spoil a count", "inspect", "list"),
+    "inspect": Command("show what recordings contain and what would spoil a count", "inspect", "list"),
     "train": Command("train a model and write it to a file", "train"),
     "count": Command("count the worn lobes of recordings", "count", "list"),
     "watch": Command("count recordings as they arrive in a folder", "watch", "lines"),
-    "history": Command("show what was counted of each gearbox over time, and alarms", "history", "list"),
+    "history": Command("show the counts of each gearbox over time, and alarms", "history", "list"),
     "evaluate": Command("cross-validate counters, with whole assemblies held out", "evaluate"),
     "plan": Command("state how long to record, at what noise, to tell N worn lobes from N + 1", "plan"),
-    "campaign": Command("simulate thousands of assemblies to files; a broken run is completed", "campaign"),
+    "campaign": Command(
+        "simulate thousands of assemblies to files, or complete an interrupted run", "campaign"
+    ),
     "gap": Command(
-        "find where model and measurement disagree, name all that is missing, correct the model", "gap"
+        "find where model and measurement disagree, name all missing effects, correct the model", "gap"
     ),
     "serve": Command("open a page in the browser that inspects, counts and compares", "serve", "lines"),
-    "demo": Command("train, write surrogate recordings, count them, write the pages of both", "demo"),
+    "demo": Command("train a model, write surrogate recordings, count them, and write the pages", "demo"),
 }

@@ -25,8 +25,10 @@ _LONGEST = 20.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target(parser, "--out", "page", required=True, metavar="FILE.html", help="page to write")
     add_machine(parser)
-    parser.add_argument("--duration", type=float, help="seconds of the machine (default: one output turn)")
-    parser.add_argument("--frames", type=int, default=720, help="moments at which forces are shown (720)")
+    parser.add_argument("--duration", type=float, help="simulated seconds (default: one output turn)")
+    parser.add_argument(
+        "--frames", type=int, default=720, help="instants at which forces are shown (default 720)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> SimulationRun:

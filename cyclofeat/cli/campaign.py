@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers simulate")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"),
-        help="instead of the design's: many runs at once in single precision where that is possible (auto; "
-        "batch makes it an error where it is not), or one by one in double precision (exact)",
+        help="kernel in place of the design's: many runs at once in single precision, where possible (auto) "
+        "or always, with an error where impossible (batch); or one by one in double precision (exact)",
     )  # fmt: skip
     add_target(parser, "--example", metavar="FILE", help="write a design to edit, and do nothing else")
     parser.add_argument("--verify", metavar="FOLDER", help="compare a finished campaign with its manifest")

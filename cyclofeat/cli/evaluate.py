@@ -26,7 +26,7 @@ _MAIN, _BY_LOBE, _PAPERS = "lobe map", "lobes one by one", "Shannon entropy (pap
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", nargs="*", metavar="FILE", help="labelled recordings or folders")
     parser.add_argument("--folds", type=int, default=5, help="number of folds (default 5)")
-    parser.add_argument("--seed", type=int, default=0, help="of folds and counters (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of folds and counters (default 0)")
     parser.add_argument(
         "--jobs", type=int, default=-1, help="processes that fit folds side by side (default: all cores)"
     )

@@ -44,21 +44,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--posterior",
         metavar="FILE",
-        help="what --prepare has learned from the model, .npz, or the word 'packaged' (the default): that of "
-        "paper B's gearbox, which comes with the package",
+        help="posterior that --prepare has learned for the model, .npz; or 'packaged' (the default): the "
+        "posterior for paper B's gearbox that comes with the package",
     )
     parser.add_argument(
         "--simulated",
         metavar="FOLDER",
-        help="recordings of another simulator: where they and MEASURED differ is found, and nothing named",
+        help="recordings of another simulator: show where MEASURED differs from them, and name no effects",
     )
     parser.add_argument(
         "--hold-out",
         metavar="FOLDER|SHARE|speed|load",
         help="recordings on which the corrected model is judged: a folder, a share of MEASURED like 0.4, or "
-        "those at the middle one of at least three speeds or loads",
+        "those at the middle of at least three speeds or loads",
     )
-    add_target(parser, "--out", "page", metavar="FILE", help="report to write, .html")
+    add_target(parser, "--out", "page", metavar="FILE", help="page to write, .html")
     add_target(
         parser,
         "--save-simulator",
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="all recordings are of one gearbox that was not taken apart between them",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all simulations (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all simulations (default 0)")
     parser.add_argument("--jobs", type=int, default=-1, help="processes (default: all cores)")
     add_reading_options(parser)
     add_idle(

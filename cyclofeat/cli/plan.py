@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
     parser.add_argument("--speed", type=float, default=500.0, metavar="RPM", help="input speed (default 500)")
     parser.add_argument(
-        "--wear", action="store_true", help="least depth of radial wear that shows, by a short simulation"
+        "--wear",
+        action="store_true",
+        help="find the least depth of radial wear that shows, by a short simulation",
     )
     parser.add_argument("--load", type=float, metavar="NM", help="load, in Nm (default: the rig's)")
     parser.add_argument("--turns", type=int, default=5, help="output turns recorded (default 5)")

@@ -15,8 +15,10 @@ __all__ = ["add_arguments", "printed", "run"]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_model_file(parser)
-    parser.add_argument("--port", type=int, default=8765, help="port of this machine (default 8765; 0: any)")
-    parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    parser.add_argument(
+        "--port", type=int, default=8765, help="port on this machine (default 8765; 0: any free port)"
+    )
+    parser.add_argument("--no-browser", action="store_true", help="print the address and open no browser")
 
 
 def run(arguments: argparse.Namespace) -> Iterator[str]:

@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--quantity",
         choices=QUANTITIES,
         default=QUANTITIES[0],
-        help="quantity to record (default output_torque); a rig without a motor is given one for a current",
+        help="quantity to record (default output_torque); for a current, a rig without a motor gets one",
     )
-    parser.add_argument("--no-angle", action="store_true", help="leave the shaft's angle out")
+    parser.add_argument("--no-angle", action="store_true", help="do not write the shaft's angle")
 
 
 def run(arguments: argparse.Namespace) -> Recording:

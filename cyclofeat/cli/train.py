@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--loads", type=_range_of("Nm"), metavar="LOW:HIGH",
-        help="their loads in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
+        help="loads of the simulated assemblies in Nm, such as 3:40 (default: 0.8 to 1.25 times the rig's)",
     )  # fmt: skip
     parser.add_argument("--max-count", type=int, default=7, help="largest number of worn lobes (default 7)")
     parser.add_argument(
@@ -72,14 +72,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--sampling-rate", type=float, metavar="HZ",
-        help="in Hz; of simulated recordings 25600 by default. The model then counts recordings of this rate "
-        "and of higher ones",
+        help="sampling rate in Hz (default for simulated recordings: 25600). The model counts recordings "
+        "with this rate or a higher one",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="of simulation and training (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of simulation and training (default 0)")
     parser.add_argument(
         "--kernel", choices=("exact", "batch", "auto"), default="auto",
-        help="of the simulation: many assemblies at once in single precision where that is possible (auto, "
-        "default; batch makes it an error where it is not), or one by one in double precision (exact)",
+        help="many assemblies at once in single precision: where possible (auto, the default) or always, "
+        "with an error where impossible (batch); or one by one in double precision (exact)",
     )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=-1, help="threads of the simulation (default: all cores)")
     add_rig(parser, "r2")

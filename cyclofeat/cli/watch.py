@@ -49,8 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_model_options(parser)
     parser.add_argument("--once", action="store_true", help="count the files of the folder and stop")
-    parser.add_argument("--done", metavar="FILE", help="file that keeps what was counted, for the next start")
-    parser.add_argument("--interval", type=float, default=1.0, help="seconds between looks (default 1)")
+    parser.add_argument("--done", metavar="FILE", help="list of counted files, which the next start skips")
+    parser.add_argument(
+        "--interval", type=float, default=1.0, help="seconds between checks of the folder (default 1)"
+    )
     parser.add_argument(
         "--settle",
         type=float,

@@ -1,4 +1,4 @@
-"""How the input shaft turned during a recording: by its tachometer, or by the lines of its torque."""
+"""Angle of the input shaft during a recording, from its tachometer or from the lines of its torque."""
 
 from __future__ import annotations
 

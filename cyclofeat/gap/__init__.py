@@ -1,4 +1,4 @@
-"""Where model and measurement disagree, what is missing, how large it is, and how much better it gets.
+"""Find where model and measurement disagree, name and size missing effects, and correct the model.
 
 =================  =========================================================================================
 room               question

@@ -82,7 +82,7 @@ class VisibleFrom:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """Whether an effect is missing in the model.
+    """Answer about one effect: its probability of being missing in the model.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class FoundEffect:
 
     @property
     def small(self) -> bool:
-        """Whether it is open, but too small to be seen if it is there."""
+        """True if the effect is open but would be too small to be seen."""
         return self.answer == "unresolved" and self.visible <= UNSEEN
 
 
@@ -133,7 +133,7 @@ class RemainderRow(Cell):
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the corrected model leaves unexplained.
+    """Differences that the corrected model leaves unexplained.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class Remainder:
 
     @property
     def cause(self) -> Literal["chance", "open effects", "unknown"]:
-        """What explains it."""
+        """Explanation of the remainder."""
         if self.unexplained:
             return "unknown"
         return "chance" if self.p_open is None else "open effects"
@@ -209,7 +209,7 @@ class EffectRows(Generic[AnyRow]):
 
 @dataclass(frozen=True, kw_only=True)
 class GapResult(EffectRows[FoundEffect]):
-    """Result of :func:`find_gap`: what the model lacks, how sure and how large, and what is left.
+    """Result of :func:`find_gap`: missing effects with probabilities and sizes, and the remainder.
 
     Attributes
     ----------

@@ -69,7 +69,7 @@ class GearboxState:
 
     @property
     def rates(self) -> str:
-        """How often the rule is wrong, and how soon it is right, in words; empty without a rule."""
+        """False alarms of the rule and its delay, in words; empty without a rule."""
         if self.rule is None or self.recordings_per_month is None:
             return ""
         false_alarms = self.recordings_per_month / self.rule.recordings_to_false_alarm

@@ -40,7 +40,7 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
 
 
 def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
-    """What a model, named in words, leaves unexplained."""
+    """Return the differences that a model, named in words, leaves unexplained."""
     p = unbroken(p_words(remainder.p))
     if remainder.cause == "chance":
         text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
@@ -64,7 +64,7 @@ def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
 
 
 def measure_next(result: GapResult) -> list[dict[str, str]]:
-    """What to measure next, the most useful first."""
+    """Return the recordings to make next, the most useful first."""
     return [
         {
             "what": one.what[:1].upper() + one.what[1:],

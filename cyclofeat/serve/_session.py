@@ -1,4 +1,4 @@
-"""What one server holds: model, recordings, jobs."""
+"""State of one server: model, recordings, jobs."""
 
 from __future__ import annotations
 

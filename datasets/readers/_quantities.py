@@ -1,4 +1,4 @@
-"""Which quantity a channel holds, by its name and its unit."""
+"""Quantity of a channel, by its name and its unit."""
 
 from __future__ import annotations
 

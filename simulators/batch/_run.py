@@ -87,7 +87,7 @@ class Request:
 
     @property
     def form(self) -> tuple[int, int, bool, bool, Settings]:
-        """What all runs of a batch share."""
+        """Properties that all runs of a batch share."""
         one = self.gearbox
         pitched = self.constants.wheel.has_pitch_errors
         return one.n_lobes, one.n_internal_sleeves, one.has_friction, pitched, self.settings

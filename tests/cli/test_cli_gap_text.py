@@ -26,7 +26,7 @@ def test_all_is_told_in_order(result):
         "probably missing: gain (61%), or offset: Gain of the torque meter",
         "  factor = 1.05 (1.01 to 1.09)",
         "open: offset (36%), clearance (30%)",
-        "open, but if there too small to be seen, as it would be with: run_out (12%, runout above 2.5e-05 m)",
+        "open, but too small to be seen; would be seen with: run_out (12%, runout above 2.5e-05 m)",
         "left unexplained: nothing (p = 0.31)",
         "measure next: a record at 44 Nm, to tell apart gain, offset",
         "held out at 500 RPM, 22 Nm: 91% of the gap closed (86% to 95%)",
@@ -54,6 +54,6 @@ def test_what_is_left_may_be_open_effects(result):
     perhaps = dataclasses.replace(REMAINDER, unexplained=False, p_open=0.2)
     lines = gap_lines(dataclasses.replace(result, remainder=perhaps))
     assert (
-        "left unexplained: what open effects may explain (p = 0.2; without them p < 0.001); sizes are not "
-        "confirmed by simulation"
+        "left unexplained: differences that open effects may explain (p = 0.2; without them p < 0.001); "
+        "sizes are not confirmed by simulation"
     ) in lines

@@ -1,4 +1,4 @@
-"""What recordings could tell, before they are made, and how often the posterior is right about known rigs."""
+"""Check planned recordings: effects that they could reveal, and right answers on known rigs."""
 
 from cyclofeat.gap.check._check import CheckedEffect, GapCheck, check_recordings
 

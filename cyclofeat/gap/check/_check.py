@@ -1,4 +1,4 @@
-"""Which effects recordings could tell, from which size, and how often the posterior is right about them."""
+"""Effects that recordings could reveal, with their least sizes, and the posterior's right answers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _FEWEST, _MOST_NAMES = 3, 3  # rigs in which an effect is missed, and names that
 
 @dataclass(frozen=True)
 class CheckedEffect:
-    """How well recordings show one effect.
+    """Detectability of one effect in recordings.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class CheckedEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class GapCheck(EffectRows[CheckedEffect]):
-    """What recordings could tell, and how often the posterior is right about simulated rigs.
+    """Result of :func:`check_recordings`: detectable effects, and right answers of the posterior.
 
     Attributes
     ----------

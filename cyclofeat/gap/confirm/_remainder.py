@@ -1,4 +1,4 @@
-"""What a corrected rig leaves unexplained."""
+"""Differences that a corrected rig leaves unexplained."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _BINS = 15
 
 @dataclass(frozen=True)
 class PosteriorScore:
-    """How often a posterior is right.
+    """Shares of right answers of a posterior.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ _STANDARDISING = 2000  # sessions from which the pools are standardised
 
 @dataclass(frozen=True)
 class Targets:
-    """What the network is to answer: presence and standardised sizes, NaN where absent."""
+    """Targets of the network: presence and standardised sizes, NaN where absent."""
 
     present: Flags
     sizes: Float

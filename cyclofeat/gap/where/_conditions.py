@@ -1,4 +1,4 @@
-"""Where measured and simulated torque disagree at several conditions, with one verdict."""
+"""Comparison of measured and simulated torque at several conditions, with one verdict."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class World:
 
     @property
     def logarithmic(self) -> tuple[bool, ...]:
-        """Whether each of these parameters is fitted in its logarithm."""
+        """Return for each parameter whether it is fitted in its logarithm."""
         return tuple(e.parameters[name].log for e in self.effects or () for name in e.vector_names())
 
     @property
