@@ -28,8 +28,8 @@ def add_model_file(parser: argparse.ArgumentParser) -> None:
     """Add the options that name a model and state how it is loaded."""
     parser.add_argument(
         "--model",
-        help="model file that train wrote, with its card in the same folder (default: the packaged model of the "
-        "quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
+        help="model file that train wrote, with its card in the same folder (default: the packaged model of "
+        "the quantity, trained on simulated assemblies of rig R2 at 100 to 1,500 RPM and 3 to 40 Nm)",
     )
     parser.add_argument(
         "--trust",
