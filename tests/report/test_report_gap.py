@@ -77,7 +77,7 @@ def test_all_is_stated(parsed, result):
         "meter gain or: Offset of the torque meter (one of them: 0.97) probably missing 0.61 factor 1.05",
         "clearance open 0.30 clearance, if present 10 µm",
         "2 other effects not missing, or too small to be seen Each with its probability and the size "
-        "from which such recordings show it in half of the cases: Run-out of the wheels (0.12; seen above "
+        "from which on such recordings show it in half of the cases: Run-out of the wheels (0.12; seen above "
         "25 µm), Noise of the sensor (0.02).",
         f"(p = {result.p:.2g}, 12 recordings at 2 conditions)",
         "Simulation of the corrected model has confirmed",
