@@ -30,6 +30,8 @@ extensions = [
 ]
 templates_path = ["_templates"]
 exclude_patterns = ["_build"]
+# Curly quotes, but no dash in place of the two hyphens of an option.
+smartquotes_action = "qe"
 
 html_theme = "pydata_sphinx_theme"
 html_theme_options = {

@@ -27,7 +27,7 @@ from cyclofeat.counting._domain import TrainingDomain
 
 Bool = NDArray[np.bool_]
 
-OUTSIDE = "outside what I was trained on"
+OUTSIDE = "outside the training data"
 NO_CLASS = "no count fits"
 
 
@@ -127,7 +127,7 @@ class ConformalCounter(Counter):
     ...     print(answer)
     {1}
     {0, 1}
-    refused: outside what I was trained on
+    refused: outside the training data
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {

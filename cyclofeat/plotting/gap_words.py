@@ -44,7 +44,7 @@ _FAMILY_NAMES = {
 _OF_FAMILY = ("modulation", "course", "codes", "mains", "slow bands")  # names that say too little alone
 OURS = "after"  # the correction itself among the alternatives
 _ALTERNATIVES = {
-    OURS: "what was named, added",
+    OURS: "named effects added",
     "nothing": "nothing changed",
     "retuned": "contacts retuned only",
     "equaliser": "equaliser and shaped noise (black box)",

@@ -58,7 +58,7 @@ def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
         cause = f"effects that are still open may be the cause ({unbroken(p_words(remainder.p_open))})"
     text = (
         f"The {model} differs from the recordings by more than chance explains ({p}): {cause}. The clearest "
-        "of what is left says where to look for it."
+        "remaining differences show where to look for it."
     )
     return {"sentences": [text], "rows": rows}
 
@@ -120,8 +120,8 @@ def _sentences(result: GapResult, word: str) -> list[str]:
         ]
     if result.named and result.remainder is not None:
         texts.append(
-            "Effects and sizes are those that were learned from simulated rigs; simulation of this one has "
-            "not confirmed them."
+            "Effects and sizes come from the posterior, which learned from simulated rigs; a simulation of "
+            "this rig has not confirmed them."
             if result.remainder.cause != "chance"
             else "Simulation of the corrected model has confirmed the effects and their sizes."
         )
@@ -182,9 +182,9 @@ def _size(size: Size) -> dict[str, str]:
 def _tiles(result: GapResult) -> list[dict[str, str]]:
     tiles = [_closed(result)] if result.named else []
     if result.remainder is not None:
-        value, text = "nothing", f"what is left is chance ({p_words(result.remainder.p)})"
+        value, text = "nothing", f"the remaining differences are chance ({p_words(result.remainder.p)})"
         if result.remainder.cause == "open effects":
-            value, text = "perhaps nothing", "effects that are open may explain what is left"
+            value, text = "perhaps nothing", "open effects may explain the remaining differences"
         elif result.remainder.unexplained:
             value, text = "something", "none of the effects considered explains all of it"
             if result.remainder.rows:

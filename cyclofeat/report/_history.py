@@ -179,7 +179,7 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
     ]  # fmt: skip
     lines = _count_lines(state, rows)
     note = f"The page holds the last {len(rows)} recordings." if len(rows) == _MOST_ROWS else ""
-    counts = Plot(at, lines, (axis, Axis("worn lobes", "")), spans=spans, note=note)
+    counts = Plot(at, lines, (axis, Axis("worn lobes", "", whole=True)), spans=spans, note=note)
     deviations = np.array([row.deviation if row.unit == rows[-1].unit else np.nan for row in rows])
     spread = Line("standard deviation of the samples", deviations, style="points")
     deviation = Plot(at, [spread], (axis, Axis("deviation", rows[-1].unit)), spans=spans)
@@ -193,6 +193,8 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
                     ax.fill_between(at, *line.band, color=f"C{k}", alpha=0.2)
             for span in plot.spans:
                 ax.axvspan(span.start, span.stop, color="r", alpha=0.15, lw=0)
+            if plot.axes[1].whole:
+                ax.yaxis.get_major_locator().set_params(integer=True)
             ax.set_xlabel(f"{plot.axes[0].quantity} ({name})")
             ax.set_ylabel(
                 f"{plot.axes[1].quantity}" + (f" ({plot.axes[1].unit})" if plot.axes[1].unit else "")

@@ -16,11 +16,12 @@ _DYNAMIC_RANGE = 1e-8
 
 @dataclass(frozen=True)
 class Axis:
-    """Quantity of an axis, in singular and without unit, its unit, and its scale."""
+    """Quantity of an axis, in singular and without unit, its unit, and its scale; whole: of whole numbers."""
 
     quantity: str
     unit: str
     log: bool = False
+    whole: bool = False
 
 
 @dataclass(frozen=True, eq=False)

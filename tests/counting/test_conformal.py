@@ -206,12 +206,12 @@ def test_a_refused_window_has_an_empty_set_and_a_reason():
     assert answer.refused
     assert answer.counts == ()
     assert answer.distance > 1
-    assert str(answer) == "refused: outside what I was trained on"
+    assert str(answer) == "refused: outside the training data"
     for answer, row in zip(counter.predict_counts(X), counter.predict_set(X), strict=True):
         assert answer.counts == tuple(counter.classes_[row])
         assert answer.refused == (not row.any())
         assert not answer.refused or answer.reason in (
-            "outside what I was trained on",
+            "outside the training data",
             "no count fits",
         )
 

@@ -259,7 +259,7 @@ def test_reduction_draws_every_finite_ratio_and_says_those_beyond_its_edge():
     assert ("equaliser", "unseen", pytest.approx(-300)) in display.drawn_
     assert all_texts(display) == "-300 %"
     labels = [label.get_text() for label in display.ax_.get_yticklabels()]
-    assert labels == ["what was named, added", "equaliser and shaped noise (black box)"]
+    assert labels == ["named effects added", "equaliser and shaped noise (black box)"]
     legend = [text.get_text() for text in display.ax_.get_legend().get_texts()]
     assert legend == ["all recordings held out", "counts never seen in the fit"]
     dots = {

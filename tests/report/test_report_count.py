@@ -155,7 +155,7 @@ def test_windows_are_answered_one_by_one(model):
     spans = window_spans(answers)
     assert [span.label for span in spans] == ["0 worn", "refused", "3 worn"]
     assert [span.amiss for span in spans] == [False, True, False]
-    assert spans[1].text.startswith("window 2: refused, outside what I was trained on; would be ")
+    assert spans[1].text.startswith("window 2: refused, outside the training data; would be ")
 
 
 def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
@@ -174,7 +174,7 @@ def test_several_recordings_have_a_table_first(model, counted, drawn, tmp_path):
     assert "bad.csv - not counted : bad.csv: <i>empty</i>" in text
     assert text.index("strange.npz") < text.index("Against the training")
     refused = text[text.rindex("strange.npz") :]
-    assert refused.index("Refused Why:") < refused.index("outside what I was trained on")
+    assert refused.index("Refused Why:") < refused.index("outside the training data")
     assert "Against the training Outside" in refused
 
 

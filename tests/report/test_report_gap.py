@@ -75,14 +75,14 @@ def test_all_is_stated(parsed, result):
         "Mains hum in the torque signal hum missing > 0.99 amplitude 1.99 Nm 1.91 to 2.06 Nm",
         "Position errors of the pins pin_errors missing 0.96 rms 12 µm 2 to 50 µm",
         "meter gain or: Offset of the torque meter (one of them: 0.97) probably missing 0.61 factor 1.05",
-        "clearance open 0.30 clearance, if so 10 µm",
-        "2 other effects not missing, or too small to be seen With the probability of each, and the size "
-        "from which such recordings show it in half of the cases: Run-out of the wheels (0.12; seen above "
+        "clearance open 0.30 clearance, if present 10 µm",
+        "2 other effects not missing, or too small to be seen Each with its probability and the size "
+        "from which on such recordings show it in half of the cases: Run-out of the wheels (0.12; seen above "
         "25 µm), Noise of the sensor (0.02).",
         f"(p = {result.p:.2g}, 12 recordings at 2 conditions)",
         "Simulation of the corrected model has confirmed",
         "Gap closed on recordings held out 91 to 97 % at 2 of 2 conditions",
-        "Left unexplained nothing what is left is chance (p = 0.31)",
+        "Left unexplained nothing the remaining differences are chance (p = 0.31)",
         "Measure next A record at 44 Nm to tell apart: Gain of the torque meter, Offset of the torque meter",
         "A record at 44 Nm Gain of the torque meter, Offset of the torque meter 0.83 bit Dead weights",
         "the corrected model agrees with the recordings (p = 0.31)",
@@ -197,9 +197,9 @@ def test_what_is_left_may_be_open_effects(result, bare, tmp_path):
     text = bare(dataclasses.replace(result, remainder=perhaps), tmp_path)
     for part in (
         "2 effects are missing in the model, 1 more probably",
-        "Left unexplained perhaps nothing effects that are open may explain what is left",
+        "Left unexplained perhaps nothing open effects may explain the remaining differences",
         "chance explains (p < 0.001): effects that are still open may be the cause (p = 0.2).",
-        "simulation of this one has not confirmed them",
+        "a simulation of this rig has not confirmed them",
     ):
         assert part in text, part
     assert "something unknown" not in text
@@ -207,7 +207,7 @@ def test_what_is_left_may_be_open_effects(result, bare, tmp_path):
 
 def test_sizes_that_leave_something_are_not_confirmed(result, bare, tmp_path):
     text = bare(dataclasses.replace(result, remainder=REMAINDER), tmp_path)
-    assert "simulation of this one has not confirmed them" in text
+    assert "a simulation of this rig has not confirmed them" in text
 
 
 def test_without_hold_out_it_says_how_to_get_a_ratio(result, bare, tmp_path):

@@ -184,7 +184,7 @@
     }
     make(svg, "text", { class: "axis", x: (box.left + box.right) / 2, y: 246, "text-anchor": "middle" }).textContent = "time (s)";
     const middle = (box.top + box.bottom) / 2;
-    const label = make(svg, "text", { class: "axis", x: 14, y: middle, "text-anchor": "middle", transform: `rotate(-90 14 ${middle})` });
+    const label = make(svg, "text", { class: "axis upright", x: 14, y: middle, "text-anchor": "middle", transform: `rotate(-90 14 ${middle})` });
     label.textContent = "output torque (Nm)";
     const points = machine.trace_times.map((time, k) => `${toX(time).toFixed(2)} ${toY(machine.trace[k]).toFixed(2)}`);
     make(svg, "path", { class: "curve", d: `M${points.join("L")}` });

@@ -59,6 +59,7 @@
       owner.push(first);
       const stroke = () => colour(line.colour);
       const shape = {stroke, width: line.style === "wide" ? 2.4 : 1, dash: line.style === "dashed" ? [6, 4] : []};
+      if (line.style === "dashed") shape.points = {show: false};
       if (line.style === "strokes") Object.assign(shape, {paths: stems, points: {show: false}, alpha: 0.4});
       if (line.style === "stems") Object.assign(shape, {paths: stems, points: {show: true, size: 5, fill: stroke}});
       if (line.style === "points") Object.assign(shape, {paths: () => null, points: {show: true, size: 6, fill: stroke}});
@@ -89,6 +90,7 @@
     const rangeY = (self, low, high) => {
       if (low == null) return up.log ? [1, 10] : [0, 1];
       const roof = plot.spans.length ? 0.16 : 0.05;
+      if (up.whole) return [low - 0.5, high + 0.5 + roof * (high - low + 1)];
       if (!up.log) {
         const size = high - low || Math.abs(high) || 1;
         return [low === 0 ? 0 : low - 0.05 * size, high + roof * size];
@@ -105,7 +107,8 @@
       side, label: of.unit ? `${of.quantity} (${of.unit})` : of.quantity,
       stroke: () => colour("faint"), font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif",
       labelSize: 20, gap: 4, grid: {stroke: () => colour("line"), width: 1}, ticks: {stroke: () => colour("line"), width: 1, size: 5},
-      splits: (self, _, low, high) => ticks(low, high, side === 3 ? self.over.clientHeight / 40 : self.over.clientWidth / 70, of.log),
+      splits: (self, _, low, high) => ticks(low, high, side === 3 ? self.over.clientHeight / 40 : self.over.clientWidth / 70, of.log)
+        .filter(value => !of.whole || Number.isInteger(value)),
       values: (_, values) => values.map(plain), filter: (_, values) => values,
       size: (_, values) => (side === 3 ? 14 + 7 * Math.max(3, ...(values || []).map(text => text.length)) : 32),
     });
@@ -137,6 +140,7 @@
       ctx.font = `${11 * r}px system-ui, sans-serif`;
       ctx.textAlign = "center";
       ctx.textBaseline = "middle";
+      ctx.setLineDash([]);
       for (const span of plot.spans) {
         const [from, to] = [span.start, span.stop].map(at =>
           clamp(self.valToPos(at, "x", true), bbox.left, bbox.left + bbox.width));

@@ -60,7 +60,7 @@ async function refresh() {
     }
     if (state.busy) wait = 500;
   } catch (error) {
-    say(`The page has lost its server (${error.message}). Start cyclofeat serve again, and open its address.`);
+    say(`The page has lost its connection to the server (${error.message}). Start cyclofeat serve again, and open its address.`);
   }
   clearTimeout(timer);
   timer = setTimeout(refresh, wait);
@@ -160,7 +160,7 @@ document.addEventListener("drop", (event) => {
   attempt(async () => {
     const files = [];
     for (const entry of dropped.filter(Boolean)) await entered(entry, files);
-    if (!files.length) throw new Error("What was dropped holds no files.");
+    if (!files.length) throw new Error("The dropped items contain no files.");
     await upload(grouped(files));
   });
 });
