@@ -36,8 +36,8 @@ def load_default_model(
     """Read the packaged model of a quantity.
 
     It has learned from simulated assemblies of rig R2 (:func:`cyclofeat.datasets.make_rig_recordings`), whose
-    brake, torque meter and contacts vary, at 100 to 1,500 RPM and 3 to 40 Nm. A model of your own rig, or of
-    its speed and load alone, counts better: ``benchmarks/operating_points.md``.
+    brake, torque meter and contacts vary, at 100 to 1,500 RPM and 3 to 40 Nm. A model of a rig whose brake is
+    known counts better: ``benchmarks/operating_points.md``.
 
     Parameters
     ----------
