@@ -46,7 +46,7 @@ def test_the_score_comes_first_with_its_interval(page, results):
     order = [
         "All recordings are SURROGATE", f"Accuracy {result.accuracy:.3f} {low:.3f} to {high:.3f}",
         "120 windows of 60 assemblies", "Methods on the same folds", "with sets",
-        "Details of bayes & co", "Confusion", "On the diagonal they are right as often as stated",
+        "Details of bayes & co", "Confusion", "On the diagonal, answers are right as often as stated",
         "Each count by itself", "Assemblies counted wrong", "How the folds were made",
         "stratified; 5 folds, seed 0", "What the words mean", "Made from",
     ]  # fmt: skip
