@@ -143,7 +143,9 @@ def counted(folder: Path) -> dict[str, Any]:
         return text.replace(f"{folder}/", "").replace(f"{folder}\\", "")
 
     def by_name(text: str) -> dict[str, Any]:
-        return {row.pop("file"): row for row in json.loads(named(text))}
+        rows = json.loads(named(text))
+        assert all(row.pop("model") == str(MODEL) for row in rows if "error" not in row)  # a path of today
+        return {row.pop("file"): row for row in rows}
 
     return {
         "exit_codes": [code, skip_code, told_code],
