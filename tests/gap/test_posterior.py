@@ -246,6 +246,7 @@ def test_a_posterior_goes_on_with_other_effects(posterior, few, held_out):
         return dataclasses.replace(
             some, names=("new", "offset", "hum"), size_names=("new.size", SIZES[1], SIZES[0]),
             logarithmic=(False, False, True), sizes=some.sizes[:, [3, 1, 0]],
+            world=World(effects=(Offset(), Hum()), most=2).to_dict(),
         )  # fmt: skip
 
     gone_on = EffectPosterior(1, epochs=2).fit(other(few), start=posterior)
