@@ -194,7 +194,7 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
             for span in plot.spans:
                 ax.axvspan(span.start, span.stop, color="r", alpha=0.15, lw=0)
             if plot.axes[1].whole:
-                ax.yaxis.get_major_locator().set_params(integer=True)
+                ax.locator_params(axis="y", integer=True)
             ax.set_xlabel(f"{plot.axes[0].quantity} ({name})")
             ax.set_ylabel(
                 f"{plot.axes[1].quantity}" + (f" ({plot.axes[1].unit})" if plot.axes[1].unit else "")
