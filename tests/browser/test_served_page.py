@@ -207,5 +207,5 @@ def test_a_job_is_cancelled_and_a_lost_server_is_said(browser, tmp_path):
         browser.wait_for(text_of("jobs"), lambda text: "running" in text)
         browser.run(f"document.getElementById('cancel-{number}').click()")
         browser.wait_for(text_of("jobs"), lambda text: "cancelled" in text)
-    browser.wait_for(STATUS, lambda text: "lost its server" in text)
+    browser.wait_for(STATUS, lambda text: "lost its connection to the server" in text)
     browser.said.clear()
