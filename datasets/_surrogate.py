@@ -49,6 +49,7 @@ def make_rig_recordings(
     kernel: str = "exact",
     solver: Solver | None = None,
     quantity: str = "output_torque",
+    first_assembly: int = 0,
 ) -> list[Recording]:
     """Make surrogate recordings: simulated assemblies on an assumed rig, with drift and noise.
 
@@ -100,6 +101,8 @@ def make_rig_recordings(
     quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"
         Quantity to record (:meth:`cyclofeat.simulators.Rig.simulate`). For a motor current, a rig without a
         motor is given that of :func:`cyclofeat.simulators.motor_effects`, of the size that the gearbox needs.
+    first_assembly : int, default 0
+        Assemblies per defect count to leave out before the first: a set may be made in parts.
 
     Returns
     -------
@@ -150,15 +153,18 @@ def make_rig_recordings(
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     wear = _wear_range(wear_um)
-    defects = [_drawn_defects(run, index, counts, lobes, worn_wheels, wear) for index in range(total)]
+    first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
+    defects = [
+        _drawn_defects(run, index, counts, lobes, worn_wheels, wear) for index in range(first, first + total)
+    ]
     recordings: dict[int, Recording] = {}
-    for index, recording in _recordings(run, defects, kernel, n_jobs):
+    for place, recording in _recordings(run, defects, kernel, n_jobs, first):
         if isinstance(recording, Exception):
             raise recording
-        recordings[index] = recording
+        recordings[place] = recording
         if progress is not None:
             progress(len(recordings), total)
-    return [recordings[index] for index in range(total)]
+    return [recordings[place] for place in range(total)]
 
 
 def make_rig_recording(
@@ -276,22 +282,25 @@ def _drawn_defects(
 
 
 def _recordings(
-    run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int
+    run: _Run, defects: Sequence[LobeDefects], kernel: str, n_jobs: int, first: int = 0
 ) -> Iterator[tuple[int, Recording | SimulationFailed]]:
-    """Yield numbers and recordings; what is random in one follows from rig, seed and number."""
+    """Yield places in ``defects`` and recordings; what is random in one follows from rig, seed and number.
+
+    ``first`` is the number of the first recording.
+    """
     from cyclofeat.simulators import SimulationFailed
     from cyclofeat.simulators.many import simulate_each
 
-    def recorded(index: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
-        rig, plan = plans.pop(index)
+    def recorded(place: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
+        rig, plan = plans.pop(place)
         if isinstance(simulated, SimulationFailed):
-            words = _words(run.assembly(index), plan.machine, defects[index])
+            words = _words(run.assembly(first + place), plan.machine, defects[place])
             simulated.args = (f"{words}: {simulated}",)
             return simulated
-        return _recording(run, defects[index], rig, plan, simulated, index)
+        return _recording(run, defects[place], rig, plan, simulated, first + place)
 
     try:
-        plans = {index: _plan(run, index, worn) for index, worn in enumerate(defects)}
+        plans = {place: _plan(run, first + place, worn) for place, worn in enumerate(defects)}
         yield from simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None

@@ -32,6 +32,8 @@ _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "
 _RANGE = 1.25
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
+# Assemblies of each count that are simulated together.
+_PART = 50
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -130,6 +132,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
 def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.datasets import make_rig_recordings
+    from cyclofeat.recordings import thinned
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
@@ -142,27 +145,39 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
+    counts = range(arguments.max_count + 1)
+    n_assemblies = whole("assemblies", arguments.assemblies, 1)
+    recordings: list[Recording] = []
     with Progress("simulating assemblies") as progress:
-        recordings = make_rig_recordings(
-            arguments.assemblies,
-            range(arguments.max_count + 1),
-            rig=rig,
-            lobes=arguments.lobes,
-            speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
-            load_nm=arguments.loads or _around(gearbox.load_torque),
-            wear_um=arguments.wear,
-            output_turns=windows,
-            sampling_rate=sampling_rate,
-            random_state=arguments.seed,
-            n_jobs=arguments.jobs,
-            with_angle=True,
-            quantity=arguments.quantity or "output_torque",
-            kernel=arguments.kernel,
-            # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
-            solver=Solver(integrator="adams_bashforth"),
-            progress=progress,
-        )
+        # In parts, of which only what the windows need is kept: whole recordings would fill the memory.
+        for first in range(0, n_assemblies, _PART):
+            made = make_rig_recordings(
+                min(_PART, n_assemblies - first),
+                counts,
+                first_assembly=first,
+                rig=rig,
+                lobes=arguments.lobes,
+                speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
+                load_nm=arguments.loads or _around(gearbox.load_torque),
+                wear_um=arguments.wear,
+                output_turns=windows,
+                sampling_rate=sampling_rate,
+                random_state=arguments.seed,
+                n_jobs=arguments.jobs,
+                with_angle=True,
+                quantity=arguments.quantity or "output_torque",
+                kernel=arguments.kernel,
+                # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
+                solver=Solver(integrator="adams_bashforth"),
+                progress=_after(progress, first * len(counts), n_assemblies * len(counts)),
+            )
+            recordings += [thinned(one, gearbox.n_lobes) for one in made]
     return recordings, rig.name
+
+
+def _after(progress: Progress, n_before: int, total: int) -> Callable[[int, int], None]:
+    """Return a progress of one part of several, behind ``n_before`` of all."""
+    return lambda done, _: progress(n_before + done, total)
 
 
 def _around(nominal: float) -> tuple[float, float]:

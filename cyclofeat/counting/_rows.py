@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
+from sklearn.ensemble import BaggingClassifier
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline, make_pipeline
@@ -42,9 +43,16 @@ _PLACES = 8
 _BESIDE = (0.25, 0.5, 0.75)
 # Share of the views at lobes that are such examples too, and of each of those between lobes.
 _SHARE_AT, _SHARE_BESIDE = 0.3, 0.075
-# The resonance of rotor and torque meter is one pair of poles; the other four follow the slope of the
-# spectrum. More of them would take out the pattern of the worn lobes as well.
-_AR_ORDER = 6
+# The resonance of rotor and torque meter is one pair of poles; the others follow the slope of the spectrum.
+# More of them would take out the pattern of the worn lobes as well.
+_AR_ORDER = 8
+# Networks whose probabilities are averaged.
+_N_NETWORKS = 3
+# Windows learned from, with their variants; least and largest number of variants of each, itself included.
+_N_LEARNED, _LEAST_VARIANTS, _MOST_VARIANTS = 25_600, 2, 8
+# Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines, shift
+# as a share of a lobe. Number of terms.
+_GAIN_DB, _PHASE, _SHIFT, _N_TERMS = 2.0, 0.2, 0.05, 4
 # Lower lobe lines hold the brake's drift.
 _LOWEST_LINE = 3
 # Logarithms of probabilities are limited to this.
@@ -59,9 +67,12 @@ class RowCounter(Counter):
 
     The complex lobe lines of a window (:mod:`cyclofeat.signal.lobes`), turned until a given lobe comes first,
     are one *view* of the disc. One small network tells whether a row of worn lobes begins at the first lobe
-    of a view. Another, which also sees how far each line stands out, tells how long a row is that begins
-    there. What is learned at one lobe holds for all. The probability of a count is the sum over all
-    beginnings; that of each lobe follows from the same terms.
+    of a view. Another tells how long a row is that begins there. What is learned at one lobe holds for all.
+    The probability of a count is the sum over all beginnings; that of each lobe follows from the same terms.
+
+    The machine to be counted is none of those in training. So the networks also learn from variants of each
+    window, whose lobe lines have another gain and phase, smooth over the lines, as behind another rotor and
+    torque meter.
 
     Parameters
     ----------
@@ -72,8 +83,7 @@ class RowCounter(Counter):
     n_lobes : int, default=15
         Number of lobes of a disc.
     n_epochs : int, default=20
-        Times that the first network learns from all its views of 1,200 windows and more; as many more of
-        fewer windows, up to three times. The second learns twice as often.
+        Times that the first network learns from all its views. The second learns twice as often.
     n_splits : int, default=5
         Folds by assembly on which probabilities are calibrated; less where a class has fewer assemblies, and
         none for less than 2.
@@ -94,8 +104,8 @@ class RowCounter(Counter):
         Powers of the odds of a row and of the probabilities of its length, and log odds for and against a
         sound disc, learned on held-out assemblies.
     networks_ : list of Pipeline
-        Scaling, then the network: of beginnings and of lengths. The second is missing where all worn windows
-        have one count.
+        Scaling, then three networks with equal votes: of beginnings and of lengths. The second is missing
+        where all worn windows have one count.
     lobe_map_ : LobeMap
 
     Notes
@@ -182,8 +192,8 @@ class RowCounter(Counter):
             self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
         )
         self.lobe_map_.set_params(ar_order=_AR_ORDER).fit(windows)
-        lines = self.lobe_map_.lines(windows)
-        begins, first = self._rows(lines.lines, labels, rank, worn, passage)
+        lines = self.lobe_map_.lines(windows).lines
+        begins, first = self._rows(lines, labels, rank, worn, passage)
         folds = grouped_folds(rank, member, self.n_splits, seed) if self.n_splits >= 2 else []
         self.networks_ = self._trained(lines, rank, begins, first, seed)
         self.calibrated_ = bool(folds)
@@ -192,8 +202,8 @@ class RowCounter(Counter):
         if folds:
             held_out = np.full((rank.size, self.classes_.size), np.nan)
             for train, test in folds:
-                networks = self._trained(lines.part(train), rank[train], begins[train], first[train], seed)
-                held_out[test] = self._log_counts(networks, lines.part(test))
+                networks = self._trained(lines[train], rank[train], begins[train], first[train], seed)
+                held_out[test] = self._log_counts(networks, lines[test])
             known = np.isfinite(held_out).all(axis=1)
             opinions, rank, member = self._opinions(held_out[known]), rank[known], member[known]
             weights = shares(np.unique(member, return_inverse=True)[1])
@@ -208,12 +218,12 @@ class RowCounter(Counter):
 
     def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
         """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
-        return pooled(self._opinions(self._log_counts(self.networks_, lines)), self.weights_)
+        return pooled(self._opinions(self._log_counts(self.networks_, lines.lines)), self.weights_)
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike) -> Float:
         """Return the probability that each lobe is worn, from given lobe lines."""
         begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
-        by_place = self._log_rows(self.networks_, found, [begins])
+        by_place = self._log_rows(self.networks_, found.lines, [begins])
         first = softmax(by_place.transpose(0, 2, 1))  # of each class
         proba = self.proba_of_lines(found)
         worn = np.zeros(first.shape[::2])
@@ -251,52 +261,54 @@ class RowCounter(Counter):
         centre = lobes.energy_centre(lobes.fold(lobes.shift(lines, begins), self.n_lobes))
         return begins, np.round(centre * self.n_lobes - counts / 2).astype(np.int64) % self.n_lobes
 
-    def _trained(
-        self, found: lobes.LobeLines, rank: Int, begins: Float, first: Int, seed: int
-    ) -> list[Pipeline]:
+    def _trained(self, lines: Complex, rank: Int, begins: Float, first: Int, seed: int) -> list[Pipeline]:
         """Train the networks of beginnings and of lengths."""
         random = np.random.default_rng(seed)
-        lines = found.lines
         row = ~self._sound[rank]
-        at = _views(lines, begins, self.n_lobes)
         begin = row[:, np.newaxis] & (np.arange(self.n_lobes) == first[:, np.newaxis])
-        rows = at[row, first[row]]
-        examples = [rows, at[~begin & (random.random(begin.shape) < _SHARE_AT)]]
-        for place in _BESIDE:
-            beside = _views(lines, begins + place / self.n_lobes, self.n_lobes)
-            examples.append(beside[random.random(begin.shape) < _SHARE_BESIDE])
-        is_row = np.repeat([True, False], [len(rows), sum(map(len, examples[1:]))])
-        epochs = int(np.clip(1200 / max(len(lines), 1), 1, 3) * self.n_epochs)
-        networks = [_network((64,), 0.1, epochs, np.concatenate(examples), is_row, seed)]
+        rows: list[Float] = []
+        others: list[Float] = []
+        n_variants = int(np.clip(_N_LEARNED // len(rank), _LEAST_VARIANTS, _MOST_VARIANTS))
+        for variant in range(n_variants):
+            seen = _varied(lines, self.n_lobes, random) if variant else lines
+            at = _views(seen, begins, self.n_lobes)
+            rows.append(at[row, first[row]])
+            others.append(at[~begin & (random.random(begin.shape) < _SHARE_AT)])
+            for place in _BESIDE:
+                beside = _views(seen, begins + place / self.n_lobes, self.n_lobes)
+                others.append(beside[random.random(begin.shape) < _SHARE_BESIDE])
+        examples = np.concatenate(rows + others)
+        n_rows = n_variants * int(row.sum())
+        is_row = np.arange(len(examples)) < n_rows
+        networks = [_network((64,), 0.1, self.n_epochs, examples, is_row, seed)]
         if np.unique(rank[row]).size > 1:
-            rows = np.hstack([rows, _levels(found)[row]])
-            networks.append(_network((128, 64), 1.0, 2 * epochs, rows, rank[row], seed))
+            lengths = np.tile(rank[row], n_variants)
+            networks.append(_network((128, 64), 1.0, 2 * self.n_epochs, examples[:n_rows], lengths, seed))
         return networks
 
-    def _log_rows(self, networks: list[Pipeline], found: lobes.LobeLines, begins: Sequence[Float]) -> Float:
+    def _log_rows(self, networks: list[Pipeline], lines: Complex, begins: Sequence[Float]) -> Float:
         """Return the log odds of each class with a row at each place, (n_windows, n_places, n_classes).
 
         Places are the lobes, with slots from each of ``begins`` on. Zero for the class of a sound disc.
         """
-        at = np.concatenate([_views(found.lines, one, self.n_lobes) for one in begins], axis=1)
+        at = np.concatenate([_views(lines, one, self.n_lobes) for one in begins], axis=1)
         views = at.reshape(-1, at.shape[-1])
         is_row = _log_proba(networks[0], views, np.array([False, True]))
         logs = np.zeros((len(views), self.classes_.size))
         worn = np.flatnonzero(~self._sound)
         if len(networks) > 1:
-            levels = np.repeat(_levels(found), at.shape[1], axis=0)
-            logs[:, worn] = _log_proba(networks[1], np.hstack([views, levels]), worn)
+            logs[:, worn] = _log_proba(networks[1], views, worn)
         logs[:, worn] += (is_row[:, 1] - is_row[:, 0])[:, np.newaxis]
         return logs.reshape(*at.shape[:2], -1)
 
-    def _log_counts(self, networks: list[Pipeline], found: lobes.LobeLines) -> Float:
+    def _log_counts(self, networks: list[Pipeline], lines: Complex) -> Float:
         """Return the log odds of each class over no row, (n_windows, n_classes)."""
-        logs = np.zeros((len(found.lines), self.classes_.size))
+        logs = np.zeros((len(lines), self.classes_.size))
         worn = ~self._sound
         for k in range(0, len(logs), _BLOCK):
-            block = found.part(slice(k, k + _BLOCK))
+            block = lines[k : k + _BLOCK]
             turns = np.arange(_PLACES) / (_PLACES * self.n_lobes)
-            by_place = self._log_rows(networks, block, [np.full(len(block.lines), turn) for turn in turns])
+            by_place = self._log_rows(networks, block, [np.full(len(block), turn) for turn in turns])
             logs[k : k + _BLOCK, worn] = logsumexp(by_place[..., worn], axis=1)
         return logs
 
@@ -321,21 +333,31 @@ def _views(lines: Complex, begins: Float, n_lobes: int) -> Float:
     return np.concatenate([seen.real, seen.imag], axis=2) / scale
 
 
-def _levels(found: lobes.LobeLines) -> Float:
-    """Return how far each lobe line stands out, in dB, (n_windows, 2 n_lines)."""
-    return np.hstack([lobes.line_prominence(found), lobes.line_contrast(found)]).astype(np.float32)
+def _varied(lines: Complex, n_lobes: int, random: np.random.Generator) -> Complex:
+    """Return lobe lines as another machine might show them: gain and phase changed smoothly, and a shift."""
+    n_windows, n_lines = lines.shape
+    term = np.arange(1, _N_TERMS + 1)[:, np.newaxis]
+    smooth = np.cos(np.pi * term * np.arange(1, n_lines + 1) / n_lines) / term
+    gain = 10 ** (_GAIN_DB / 20 * random.normal(size=(n_windows, _N_TERMS)) @ smooth)
+    phase = random.normal(size=(n_windows, 1)) + random.normal(size=(n_windows, _N_TERMS)) @ smooth
+    turns = random.normal(0.0, _SHIFT / n_lobes, n_windows)
+    return lobes.shift(lines * gain * np.exp(1j * _PHASE * phase), turns)
 
 
 def _network(
     hidden: tuple[int, ...], alpha: float, n_epochs: int, views: Float, target: NDArray[Any], seed: int
 ) -> Pipeline:
-    network = MLPClassifier(
-        hidden, alpha=alpha, batch_size=min(200, len(views)), max_iter=n_epochs, random_state=seed
-    )
+    network = MLPClassifier(hidden, alpha=alpha, batch_size=min(200, len(views)), max_iter=n_epochs)
+    voting = BaggingClassifier(network, n_estimators=_N_NETWORKS, bootstrap=False, random_state=seed)
+    pipeline = make_pipeline(StandardScaler(), voting)
     with warnings.catch_warnings():
         # A fixed number of epochs: at convergence the network would overfit.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return make_pipeline(StandardScaler(), network).fit(views, target)
+        pipeline.fit(views, target)
+    for fitted in voting.estimators_:
+        # What training needs alone is two thirds of a file.
+        vars(fitted).pop("_optimizer", None)
+    return pipeline
 
 
 def _log_proba(network: Pipeline, views: Float, classes: NDArray[Any]) -> Float:

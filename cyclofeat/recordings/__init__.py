@@ -10,6 +10,7 @@ name                 job
 ``ShaftCutter``      the windows of ``shaft_windows`` from samples that arrive in pieces
 ``Windower``         cut recordings into windows of whole output turns, or of equal duration
 ``WindowSet``        windows with their counts, assemblies, start angles and worn lobes
+``thinned``          a recording at the lowest rate that ``shaft_windows`` needs
 ``window_set``       join cuts of recordings to a ``WindowSet``
 ``common_quantity``  quantity that recordings share
 ``common_n_lobes``   number of lobes that recordings share
@@ -19,7 +20,7 @@ name                 job
 
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.recordings._recording import Recording, common_n_lobes, common_quantity, common_speed
-from cyclofeat.recordings._shaft import SAMPLES_PER_TURN, ShaftCutter, ShaftWindow, shaft_windows
+from cyclofeat.recordings._shaft import SAMPLES_PER_TURN, ShaftCutter, ShaftWindow, shaft_windows, thinned
 from cyclofeat.recordings._windower import Windower, WindowSet, window_set
 
 __all__ = [
@@ -35,5 +36,6 @@ __all__ = [
     "common_quantity",
     "common_speed",
     "shaft_windows",
+    "thinned",
     "window_set",
 ]

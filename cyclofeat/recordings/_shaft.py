@@ -15,7 +15,7 @@ from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
 
-__all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows"]
+__all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows", "thinned"]
 
 #: Samples per input turn of windows that hold all 44 lobe lines of a count.
 SAMPLES_PER_TURN = 128
@@ -70,6 +70,34 @@ def shaft_windows(
         for recording, angle in zip(recordings, angles, strict=True)
     ]
     return window_set(recordings, cuts, float(samples_per_turn))
+
+
+def thinned(recording: Recording, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Recording:
+    """Return a recording with a tachometer at the lowest sampling rate that its windows need.
+
+    Many recordings then fit into memory. Their windows are those of the whole ones, up to rounding.
+
+    Parameters
+    ----------
+    recording : Recording
+    n_lobes, samples_per_turn
+        As of :func:`shaft_windows`.
+    """
+    angle = recording.input_angle(n_lobes)
+    assert angle is not None
+    assert recording.angle is not None
+    per_turn = angle.size / float(np.ptp(angle)) * 2 * np.pi
+    thinning = _thinning(per_turn, samples_per_turn)
+    if thinning < 2:
+        return recording
+    margin = _margin(angle.size, per_turn, samples_per_turn, thinning)
+    level = float(recording.torque.mean())
+    longer = _thinned(_continued(recording.torque - level, margin), thinning)
+    kept = slice(0, None, thinning)
+    torque = longer[margin // thinning :][: recording.torque[kept].size] + level
+    return recording.replace(
+        torque=torque, angle=recording.angle[kept], sampling_rate=recording.sampling_rate / thinning
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,6 +276,18 @@ def _thinning(per_turn: float, samples_per_turn: int) -> int:
     return max(1, int(per_turn / (samples_per_turn * _DENSE)))
 
 
+def _margin(n_samples: int, per_turn: float, samples_per_turn: int, thinning: int) -> int:
+    """Return the samples by which a recording is continued, a multiple of the thinning."""
+    longest = (n_samples - 1) // thinning
+    return min(math.ceil(_MARGIN / samples_per_turn * per_turn / thinning), longest) * thinning
+
+
+def _thinned(values: Float, thinning: int) -> Float:
+    if thinning == 1:
+        return values
+    return np.asarray(resample_poly(values, 1, thinning, window=anti_alias(thinning)))
+
+
 def _level_and_sign(torque: Float) -> tuple[float, float]:
     """Return the mean, and the sign that makes it positive: a load that brakes, whatever the convention."""
     mean = float(torque.mean())
@@ -264,14 +304,11 @@ def _on_grid(
     thinning: int,
 ) -> tuple[Float, Float]:
     """Return torque on the grid of the angle, without its level and of the sign given."""
-    longest = (torque.size - 1) // thinning
-    margin = min(math.ceil(_MARGIN / samples_per_turn * per_turn / thinning), longest) * thinning
+    margin = _margin(torque.size, per_turn, samples_per_turn, thinning)
     # One long array after the other: a record may fill a good part of the memory.
     longer = torque - level_sign[0]
     longer *= level_sign[1]
-    longer = _continued(longer, margin)
-    if thinning > 1:
-        longer = resample_poly(longer, 1, thinning, window=anti_alias(thinning))
+    longer = _thinned(_continued(longer, margin), thinning)
     turning = _continued(angle, margin)[::thinning].copy()
     even, grid = resample_by_angle(longer, turning, samples_per_turn, rate / thinning)
     inside = (grid >= angle[0] - _ROUNDING) & (grid <= angle[-1] + _ROUNDING)
