@@ -43,9 +43,10 @@ _PLACES = 8
 _BESIDE = (0.25, 0.5, 0.75)
 # Share of the views at lobes that are such examples too, and of each of those between lobes.
 _SHARE_AT, _SHARE_BESIDE = 0.3, 0.075
-# The resonance of rotor and torque meter is one pair of poles; the others follow the slope of the spectrum.
-# More of them would take out the pattern of the worn lobes as well.
-_AR_ORDER = 8
+# Share of an input turn over which the autoregressive model reaches: the resonance of rotor and torque meter is
+# one pair of its poles, the others follow the slope of the spectrum. A longer one would take out the pattern of
+# the worn lobes as well.
+_AR_TURNS = 1 / 16
 # Networks whose probabilities are averaged.
 _N_NETWORKS = 3
 # Windows learned from, with their variants; least and largest number of variants of each, itself included.
@@ -191,7 +192,10 @@ class RowCounter(Counter):
         self.lobe_map_: LobeMap = held_lobe_map(
             self.sampling_rate, self.input_speed_hz, self.n_lobes, self.speed_tolerance
         )
-        self.lobe_map_.set_params(ar_order=_AR_ORDER).fit(windows)
+        rate = lobes.whitened_rate(
+            self.sampling_rate, self.input_speed_hz, self.n_lobes, self.lobe_map_.n_lines
+        )
+        self.lobe_map_.set_params(ar_order=round(_AR_TURNS * rate / self.input_speed_hz)).fit(windows)
         lines = self.lobe_map_.lines(windows).lines
         begins, first = self._rows(lines, labels, rank, worn, passage)
         folds = grouped_folds(rank, member, self.n_splits, seed) if self.n_splits >= 2 else []

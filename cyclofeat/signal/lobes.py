@@ -44,6 +44,7 @@ __all__ = [
     "reduce_rate",
     "searched_factors",
     "shift",
+    "whitened_rate",
 ]
 
 #: Largest relative deviation from the nominal speed that the search for lobe lines covers by default.
@@ -125,13 +126,36 @@ def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Flo
 
     The mean goes first: the filter pads with zeros.
     """
-    factor = int(sampling_rate // wanted_rate)
+    factor = _reduction(sampling_rate, wanted_rate)
     if factor < 2:
         return X - X.mean(axis=1, keepdims=True), sampling_rate
     taps = anti_alias(factor)
     # Row by row: a window and what is made of it stay in the processor's cache.
     rows = [resample_poly(row - row.mean(), 1, factor, window=taps) for row in X]
     return np.asarray(rows).reshape(len(X), -1), sampling_rate / factor
+
+
+def _reduction(sampling_rate: float, wanted_rate: float) -> int:
+    return max(1, int(sampling_rate // wanted_rate))
+
+
+def whitened_rate(sampling_rate: float, input_speed_hz: float, n_lobes: int, n_lines: int) -> float:
+    """Return the sampling rate in Hz to which windows are reduced before :func:`prewhiten`.
+
+    Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
+
+    Examples
+    --------
+    >>> whitened_rate(25_600, 500 / 60, 15, 44)
+    2560.0
+    """
+    return sampling_rate / _reduction(
+        sampling_rate, _wanted_rate(lobe_frequency(input_speed_hz, n_lobes), n_lines)
+    )
+
+
+def _wanted_rate(lobe_frequency_hz: float, n_lines: int) -> float:
+    return _RATE_PER_LINE * n_lines * lobe_frequency_hz
 
 
 @functools.lru_cache(maxsize=16)
@@ -307,7 +331,7 @@ class _Whitened:
 
 
 def _whitened(X: Float, sampling_rate: float, nominal: float, n_lines: int, ar_order: int) -> _Whitened:
-    reduced, rate = reduce_rate(X, sampling_rate, _RATE_PER_LINE * n_lines * nominal)
+    reduced, rate = reduce_rate(X, sampling_rate, _wanted_rate(nominal, n_lines))
     white = prewhiten(reduced, rate, ar_order, lowest_hz=2 * nominal)
     spectrum, resolution, centre = _centred_spectrum(white, rate)
     power = np.abs(spectrum) ** 2

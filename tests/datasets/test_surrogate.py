@@ -47,6 +47,17 @@ def labelled():
     return make_rig_recordings(2, [0, 1, 3], rig="R2", duration=0.06, with_angle=True, random_state=9)
 
 
+def test_set_made_in_parts_is_the_set(labelled):
+    parts = [
+        one
+        for first in (0, 1)
+        for one in make_rig_recordings(
+            1, [0, 1, 3], rig="R2", duration=0.06, with_angle=True, random_state=9, first_assembly=first
+        )
+    ]
+    assert parts == labelled
+
+
 # Labels
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
-from cyclofeat.recordings import Recording, Windower, common_quantity, shaft_windows
+from cyclofeat.recordings import Recording, Windower, common_quantity, shaft_windows, thinned
 from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
 
 RATE = 25_600.0
@@ -780,3 +780,25 @@ def test_a_long_recording_is_cut_with_the_memory_of_three():
         tracemalloc.stop()
     assert len(windows) == 6
     assert peak < 3 * torque.nbytes
+
+
+@pytest.mark.parametrize("rpm", [100, 730, 1490])
+def test_thinned_recording_gives_the_same_windows(rpm):
+    """It keeps 2.5 to 5 times the samples of its windows; these hold nothing above half of theirs."""
+    seconds = 16 * 60 / rpm
+    angle = steady_angle(seconds, start=1.0, speed=rpm / 60)
+    torque = 22 + np.sin(16 / 15 * 5 * angle) + 0.3 * np.random.default_rng(3).normal(size=angle.size)
+    whole = Recording(torque, RATE, angle=angle, assembly="A", defect_count=2)
+    few = thinned(whole, 15)
+    per_turn = few.sampling_rate / (rpm / 60)
+    assert 2.5 * 128 <= per_turn < 5 * 128
+    assert (few.assembly, few.defect_count) == ("A", 2)
+    expected, found = (shaft_windows([one], [one.input_angle(15)], 15) for one in (whole, few))
+    np.testing.assert_allclose(found.start_angle, expected.start_angle, atol=1e-12)
+    np.testing.assert_allclose(found.X, expected.X, atol=1e-3 * expected.X.std())
+
+
+def test_recording_with_few_samples_is_not_thinned():
+    angle = steady_angle(2.0, rate=2560.0)
+    few = Recording(noise(angle.size), 2560.0, angle=angle)
+    assert thinned(few, 15) is few
