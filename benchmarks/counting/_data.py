@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
+from cyclofeat.counting import passage_of_lobe_zero
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Windower, WindowSet
 from cyclofeat.signal.lobes import reduce_rate
@@ -35,10 +36,21 @@ def simulated(rig: str, n_per_count: int, quantity: str, seed: int) -> tuple[Win
     return Windower().windows(recordings), wheels
 
 
-def held_out(counter: Any, X: Any, y: Any, n_folds: int = 5) -> int:
-    """Return how many windows are counted right by counters that never saw their assembly."""
+def held_out(counter: Any, X: Any, y: Any, n_folds: int = 5, **known: Any) -> int:
+    """Return how many windows are counted right by counters that never saw their assembly.
+
+    ``known`` is what else ``fit`` is told of each window.
+    """
     folds = StratifiedKFold(n_folds, shuffle=True, random_state=0)  # one window is one assembly
-    return int((cross_val_predict(counter, X, y, cv=folds) == y).sum())
+    return int((cross_val_predict(counter, X, y, cv=folds, params=known) == y).sum())
+
+
+def rows_known(windows: WindowSet) -> dict[str, Any]:
+    """Return the worn lobes of windows and when lobe 0 passes, which a ``RowCounter`` learns from."""
+    return {
+        "worn": windows.worn_table(N_LOBES),
+        "passage": passage_of_lobe_zero(windows.start_angle, N_LOBES),
+    }
 
 
 def noisy(windows: WindowSet, noise: float, seed: int) -> WindowSet:
