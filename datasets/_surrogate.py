@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -19,6 +20,7 @@ if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for
     from cyclofeat.simulators import (
         LobeDefects,
         Machine,
+        MachineRun,
         PlannedRun,
         Rig,
         SimulationFailed,
@@ -27,6 +29,9 @@ if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for
     )
 
 _PRESETS = ("R0", "R1", "R2", "published")
+# Machines that are drawn for one recording while none of them can run, and the number of the first child of
+# the recording's seed that draws another: those before are the rig's, the defects' and the conditions'.
+_MOST_DRAWS, _ANEW = 4, 5
 
 
 def make_rig_recordings(
@@ -118,15 +123,25 @@ def make_rig_recordings(
         ``stiffness_scale``, ``contact_damping``, ``clearance_m``, ``start_angle_rad`` (absolute angle of the
         input at the first sample, within one turn of the output), ``settling_s`` (time before it), ``rig``,
         and ``effects``: a list of objects as in the rig's file, with the values drawn for the assembly. With
-        radial wear it holds ``wear_um``, 0 for a healthy assembly.
+        radial wear it holds ``wear_um``, 0 for a healthy assembly; where another machine was drawn (see
+        Warns), ``drawn_anew`` with the reason.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type or out of range, or the rig needs more than a minute to settle.
+        If an argument is of the wrong type or out of range, the rig needs more than a minute to settle, or
+        the motors of four machines drawn for one recording do not hold their speed.
     SimulationFailed
-        If a simulation diverges or the gearbox locks; the message names assembly, parameters, time and
-        contact.
+        If the simulations of four machines drawn for one recording diverge or lock; the message names
+        assembly, parameters, time and contact.
+
+    Warns
+    -----
+    RuntimeWarning
+        If the machine drawn for a recording cannot run: its motor does not hold the speed, its gearbox locks
+        or its simulation diverges. Another is drawn in its place, for the same worn lobes and at the same
+        nominal speed and load. It too follows from ``random_state``, and all other recordings stay as they
+        are.
 
     Examples
     --------
@@ -292,40 +307,65 @@ def _recordings(
     from cyclofeat.simulators.many import simulate_each
 
     def recorded(place: int, simulated: SimulationRun | SimulationFailed) -> Recording | SimulationFailed:
+        index = first + place
         rig, plan = plans.pop(place)
-        if isinstance(simulated, SimulationFailed):
-            words = _words(run.assembly(first + place), plan.machine, defects[place])
-            simulated.args = (f"{words}: {simulated}",)
-            return simulated
-        return _recording(run, defects[place], rig, plan, simulated, first + place)
+        failures = list[str]()
+        while True:
+            try:
+                if isinstance(simulated, SimulationFailed):
+                    raise simulated
+                run_of_machine = plan.finished(simulated)
+            except (SimulationFailed, ValueError) as failure:  # a ValueError where the motor stalls
+                failures.append(str(failure))
+                if len(failures) < _MOST_DRAWS:
+                    rig, plan = _plan(run, index, defects[place], draw=len(failures))
+                    ((_, simulated),) = simulate_each([plan.arguments], "exact")
+                    continue
+                words = _words(run.assembly(index), plan.machine, defects[place])
+                failure.args = (f"{words}, the last of {_MOST_DRAWS} that were drawn: {failure}",)
+                if isinstance(failure, SimulationFailed):
+                    return failure
+                raise
+            return _recording(run, defects[place], rig, plan, run_of_machine, index, failures)
 
     try:
         plans = {place: _plan(run, first + place, worn) for place, worn in enumerate(defects)}
-        yield from simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
+        each = simulate_each([plan.arguments for _, plan in plans.values()], kernel, n_jobs, recorded)
+        for place, made in each:
+            if isinstance(made, Recording) and made.meta and "drawn_anew" in made.meta:
+                warnings.warn(
+                    f"assembly {made.assembly}: another machine is drawn, since {made.meta['drawn_anew']}",
+                    RuntimeWarning,
+                    stacklevel=3,
+                )
+            yield place, made
     except ValueError as error:
         raise ValueError(f"rig {run.rig.name}: {error}") from None
 
 
-def _plan(run: _Run, index: int, defects: LobeDefects) -> tuple[Rig, PlannedRun]:
-    """Draw the rig of a recording at its conditions, and the machine."""
+def _plan(run: _Run, index: int, defects: LobeDefects, draw: int = 0) -> tuple[Rig, PlannedRun]:
+    """Draw the rig of a recording at its conditions, and the machine; anew for each ``draw``."""
+    seed = run.rig.seed_of(run.random_state, index)
+    if draw:
+        seed = seed.spawn(_ANEW + draw)[-1]
     try:
         rig = run.rig_at(index)
         return rig, rig.plan_run(
             defects, duration=run.length.seconds(rig.gearbox), sampling_rate=run.sampling_rate,
-            random_state=run.rig.seed_of(run.random_state, index), quantity=run.quantity, solver=run.solver,
-            torque_in=False, motion=False,
+            random_state=seed, quantity=run.quantity, solver=run.solver, torque_in=False, motion=False,
         )  # fmt: skip
     except ValueError as error:
         raise ValueError(f"assembly {run.assembly(index)}: {error}") from None
 
 
 def _recording(
-    run: _Run, defects: LobeDefects, rig: Rig, plan: PlannedRun, simulated: SimulationRun, index: int
-) -> Recording:
-    """Return the recording of a machine's run."""
+    run: _Run, defects: LobeDefects, rig: Rig, plan: PlannedRun, made: MachineRun, index: int,
+    failures: Sequence[str],
+) -> Recording:  # fmt: skip
+    """Return the recording of a machine's run, and why the machines drawn before it could not run."""
     assembly = run.assembly(index)
     try:
-        record = plan.finished(simulated).record()
+        record = made.record()
     except ValueError as error:
         raise ValueError(f"assembly {assembly}: {error}") from None
     output_turn = 2 * np.pi * rig.gearbox.n_lobes  # as an angle of the input
@@ -339,6 +379,8 @@ def _recording(
     }
     if defects.wear_um is not None:
         meta["wear_um"] = np.asarray(defects.wear_um if defects.worn_lobes else 0.0).tolist()
+    if failures:
+        meta["drawn_anew"] = "; ".join(failures)
     return Recording.from_run(
         record,
         quantity=run.quantity,

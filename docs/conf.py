@@ -62,6 +62,7 @@ sphinx_gallery_conf = {
     "examples_dirs": [f"../examples/{folder}" for folder in EXAMPLES],
     "gallery_dirs": [f"gallery/{folder}" for folder in EXAMPLES],
     "filename_pattern": r"[/\\]plot_",
+    "within_subsection_order": "FileNameSortKey",
     "ignore_pattern": r"(^|[/\\])_\w+\.py$",
     "doc_module": ("cyclofeat",),
     "backreferences_dir": "generated/backreferences",

@@ -131,6 +131,7 @@ def run(arguments: argparse.Namespace) -> LobeModel:
 
 def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
+    from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
     from cyclofeat.recordings import thinned
     from cyclofeat.simulators import Solver
@@ -145,6 +146,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     sampling_rate = 25_600.0 if arguments.sampling_rate is None else arguments.sampling_rate
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
+    speeds = arguments.speeds or _around(60 * gearbox.input_speed_hz)
+    samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes)  # or an error before the work
     counts = range(arguments.max_count + 1)
     n_assemblies = whole("assemblies", arguments.assemblies, 1)
     recordings: list[Recording] = []
@@ -157,7 +160,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
                 first_assembly=first,
                 rig=rig,
                 lobes=arguments.lobes,
-                speed_rpm=arguments.speeds or _around(60 * gearbox.input_speed_hz),
+                speed_rpm=speeds,
                 load_nm=arguments.loads or _around(gearbox.load_torque),
                 wear_um=arguments.wear,
                 output_turns=windows,

@@ -59,6 +59,7 @@ from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeModel
+from cyclofeat.counting._model import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter

@@ -639,6 +639,23 @@ class LobeModel(RecordingPredictions):
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
 
+def samples_per_turn_at(sampling_rate: float, speed_hz: float, n_lobes: int) -> int:
+    """Return how many samples per input turn windows of a recording have, at most 128.
+
+    Raises ValueError if they hold no lobe lines up to half of the lobes.
+    """
+    per_turn = min(SAMPLES_PER_TURN, int(sampling_rate / (speed_hz * (1 + _SPEED_MARGIN))))
+    if 2 * lines_held(per_turn, 1.0, n_lobes) < n_lobes:
+        raise ArgumentError(
+            "{argument} of {rate:g} Hz is too low at {rpm:.5g} RPM: {per_turn} samples per input turn do not "
+            "hold lobe lines up to half of the {n_lobes} lobes; record at a higher rate or train on slower "
+            "speeds",
+            argument="sampling_rate", rate=sampling_rate, rpm=60 * speed_hz, per_turn=per_turn,
+            n_lobes=n_lobes,
+        )  # fmt: skip
+    return per_turn
+
+
 def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int) -> int:
     """Return how many samples per input turn windows have: what all recordings hold, at most 128."""
     held = [
@@ -646,13 +663,7 @@ def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turnin
         for one, turning in zip(recordings, turnings, strict=True)
     ]
     fewest = int(np.argmin(held))
-    per_turn = min(SAMPLES_PER_TURN, int(held[fewest]))
-    if 2 * lines_held(per_turn, 1.0, n_lobes) < n_lobes:
-        raise ValueError(
-            f"sampling_rate of {recordings[fewest].sampling_rate:g} Hz is too low at "
-            f"{60 * turnings[fewest].speed_hz:.5g} RPM: {per_turn} samples per input turn do not hold lobe "
-            f"lines up to half of the {n_lobes} lobes; record at a higher rate or train on slower speeds"
-        )
+    per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes)
     if per_turn < SAMPLES_PER_TURN <= np.median(held):
         file = (recordings[fewest].meta or {}).get("file")
         warnings.warn(

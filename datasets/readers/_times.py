@@ -82,23 +82,23 @@ def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, st
 
 
 def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float]:
-    """Rate of an evenly spaced column of times in Hz, and its largest jitter in samples."""
+    """Rate of an evenly spaced column of times from 0 in Hz, and its largest jitter in samples."""
     count = seconds.size - 1
     if not seconds[-1] > seconds[0]:
         raise ValueError(
             f"{called} must rise, from its first to its last sample it goes by {seconds[-1] - seconds[0]:g} s"
         )
-    falls = seconds[1:] < seconds[:-1]
-    if np.any(falls):
+    if np.any(falls := seconds[1:] < seconds[:-1]):
         where = int(np.argmax(falls)) + 1
         raise ValueError(
             f"{called} must rise, it falls by {seconds[where - 1] - seconds[where]:.3g} s at "
             f"{source.where(where)}"
         )
     rate = count / float(seconds[-1] - seconds[0])
-    off = seconds - seconds[0]
+    off = np.arange(seconds.size, dtype=np.float64)  # in place: each array is as long as the record
+    off /= -rate
+    off += seconds
     off *= rate
-    off -= np.arange(seconds.size)
     np.abs(off, out=off)
     worst = int(np.argmax(off))
     if off[worst] > _MOST_JITTER:

@@ -300,6 +300,13 @@ def test_train_learns_the_depth_of_the_wear(capsys, tmp_path, monkeypatch):
     assert "must state one depth from 100 to 200 um" in err
 
 
+def test_too_low_a_rate_is_refused_before_anything_is_simulated(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", None)
+    code, _, err = run(capsys, "train", "--out", tmp_path / "m.skops", "--sampling-rate", 1)
+    assert code == 2
+    assert err.startswith("cyclofeat: error: --sampling-rate of 1 Hz is too low at 625 RPM: 0 samples per ")
+
+
 def test_simulated_training_with_wear_takes_five_turns(capsys, tmp_path, monkeypatch):
     asked = {}
 

@@ -808,6 +808,19 @@ def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
     assert peak <= 3 * recording.torque.nbytes + blocks
 
 
+def test_the_times_of_a_long_record_take_little_memory(tmp_path):
+    times = np.arange(500_000) / 25_600 + 3
+    np.savez(tmp_path / "long.npz", torque=22 + np.sin(times), time=times)
+    tracemalloc.start()
+    try:
+        recording = read_recording(tmp_path / "long.npz")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert recording.sampling_rate == 25_600
+    assert peak <= 2.5 * recording.torque.nbytes
+
+
 # The shaft's angle by a tachometer
 
 

@@ -29,6 +29,7 @@ from cyclofeat.simulators import (
     ProportionalDrift,
     Quantisation,
     Rig,
+    ServoMotor,
     SimulationDiverged,
 )
 
@@ -456,6 +457,30 @@ def test_a_diverged_run_names_its_assembly(n_jobs):
     assert "diverged at t =" in str(caught.value)
     assert caught.value.time > 0
     assert "the contact of wheel" in caught.value.contact
+
+
+WEAK = {"duration": 0.02, "sampling_rate": 4_000, "quantity": "motor_current", "random_state": 1}
+
+
+def weak_motor(cogging_nm):
+    return Rig.r0().with_added(ServoMotor((1e-6, 1e-4), bandwidth_hz=(30.0, 100.0)), Cogging(cogging_nm))
+
+
+def test_a_machine_that_cannot_run_is_replaced_and_costs_no_other():
+    made = []
+    for n_jobs in (1, 2):
+        with pytest.warns(RuntimeWarning, match=r"assembly R0-1-0000: another .* not hold the speed") as told:
+            made.append(make_rig_recordings(2, [2], rig=weak_motor((0.001, 0.4)), n_jobs=n_jobs, **WEAK))
+        assert len(told) == 1
+        assert told[0].filename == __file__
+    assert made[0] == made[1]
+    assert ["drawn_anew" in one.meta for one in made[0]] == [True, False]
+
+
+def test_a_rig_of_which_no_machine_runs_says_what_to_change():
+    words = r"assembly R0-1-0000 \(worn lobes .* last of 4 .* does not hold the speed .* raise its inertia"
+    with pytest.raises(ValueError, match=words):
+        make_rig_recordings(2, [2], rig=weak_motor(2.0), **WEAK)
 
 
 def test_a_rig_that_never_settles_is_refused():
