@@ -132,8 +132,8 @@ $(TABLES): bench-%: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.$(subst -,_,$*)
 
 # Output torque needs more assemblies: its lobe lines hide in the resonance of rotor and torque meter.
-default-models: $(INSTALLED)  ## train the packaged models (ten minutes); writes cyclofeat/models/default
-	for one in output_torque:400 input_torque:150 motor_current:150; do \
+default-models: $(INSTALLED)  ## train the packaged models (an hour); writes cyclofeat/models/default
+	for one in output_torque:1500 input_torque:400 motor_current:400; do \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $${one%%:*} --counter rows \
 			--speeds 100:1500 --loads 3:40 --assemblies $${one##*:} --windows 1 --force \
 			--out cyclofeat/models/default/$${one%%:*}.skops || exit 1; \

@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--counter", choices=("trees", "rows"), default="trees",
-        help="trees (default), or rows: for neighbouring worn lobes at many speeds and loads, with a small "
-        "file",
+        help="trees (default), or rows: more accurate for neighbouring worn lobes, above all at many speeds "
+        "and loads; takes minutes to learn",
     )  # fmt: skip
     parser.add_argument(
         "--wear", type=_range_of("um"), metavar="LOW:HIGH",

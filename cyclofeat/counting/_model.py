@@ -144,8 +144,8 @@ class LobeModel(RecordingPredictions):
             with worn lobes. Counts are then made from as many windows in a row as the shortest recording
             holds, at most five, because early wear hardly shows in one. Default: no depth.
         counter : {"trees", "rows"}
-            ``"rows"``: a :class:`RowCounter`, for neighbouring lobes that all recordings state. Its file is
-            small. It needs some hundred assemblies of each count; with fewer it takes sound discs for worn.
+            ``"rows"``: a :class:`RowCounter`, for neighbouring lobes that all recordings state. It counts
+            more accurately, learns more slowly, and its file is small.
 
         Returns
         -------

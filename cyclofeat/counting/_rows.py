@@ -43,9 +43,9 @@ _PLACES = 8
 _BESIDE = (0.25, 0.5, 0.75)
 # Share of the views at lobes that are such examples too, and of each of those between lobes.
 _SHARE_AT, _SHARE_BESIDE = 0.3, 0.075
-# Share of an input turn over which the autoregressive model reaches: the resonance of rotor and torque meter is
-# one pair of its poles, the others follow the slope of the spectrum. A longer one would take out the pattern of
-# the worn lobes as well.
+# Share of an input turn over which the autoregressive model reaches: the resonance of rotor and torque meter
+# is one pair of its poles, the others follow the slope of the spectrum. A longer one would take out the
+# pattern of the worn lobes as well.
 _AR_TURNS = 1 / 16
 # Networks whose probabilities are averaged.
 _N_NETWORKS = 3
