@@ -139,6 +139,14 @@ def test_blocks_are_code_of_this_toolkit(path):
             assert block.language in ("pycon", "json", "text", "matlab"), where
 
 
+def test_the_cards_of_the_front_page_show_commands_that_are_understood():
+    page = (ROOT / "docs" / "index.rst").read_text(encoding="utf-8")
+    shown = [shlex.split(words) for words in re.findall(r"^ +``cyclofeat (.+)``$", page, flags=re.MULTILINE)]
+    assert [command for command, *_ in shown] == ["count", "gap", "simulate"]
+    for words in shown:
+        refuse_idle(make_parser().parse_args(words))
+
+
 @pytest.fixture(scope="session")
 def rig_files(tmp_path_factory, surrogates):
     """What the pages speak of: labelled recordings, and one of them from other programs' writers."""

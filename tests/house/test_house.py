@@ -148,6 +148,16 @@ def test_every_tested_python_is_stated_everywhere():
     assert stated == versions
 
 
+def test_a_public_host_finds_its_files():
+    here = ["CODE_OF_CONDUCT.md", "CONTRIBUTING.md", "SECURITY.md", ".github/pull_request_template.md"]
+    templates = list((ROOT / ".github" / "ISSUE_TEMPLATE").iterdir())
+    for path in (*(ROOT / name for name in here), *templates):
+        assert path.read_text(encoding="utf-8").strip(), path
+    assert {path.suffix for path in templates} == {".yml"}
+    publish = (ROOT / ".github" / "workflows" / "publish.yml").read_text(encoding="utf-8")
+    assert 'on:\n  push: {tags: ["v*"]}\n' in publish
+
+
 def test_hooks_use_the_ruff_of_the_checks():
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     (pin,) = [one for one in PYPROJECT["project"]["optional-dependencies"]["lint"] if one.startswith("ruff")]
