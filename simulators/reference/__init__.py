@@ -3,7 +3,7 @@
 Two shafts, two wheels, 8 internal and 16 external sleeves have 84 coordinates and 57 constraints (paper B,
 equations 2-16). :class:`ReferenceGearbox` solves this system in plain NumPy, a thousand times slower than
 :func:`~cyclofeat.simulators.simulate`, whose reduced model gives the same accelerations, forces and torques
-to rounding. :class:`RubbingGearbox` adds friction of sleeves, axles and bearings.
+to rounding.
 """
 
 from cyclofeat.simulators.reference._bodies import (
@@ -13,12 +13,9 @@ from cyclofeat.simulators.reference._bodies import (
     ramped_driver,
     ramped_load,
 )
-from cyclofeat.simulators.reference._friction import RubbingGearbox, RubbingSolution
 
 __all__ = [
     "ReferenceGearbox",
-    "RubbingGearbox",
-    "RubbingSolution",
     "Solution",
     "Trajectory",
     "ramped_driver",

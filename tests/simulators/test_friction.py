@@ -19,6 +19,7 @@ from reference_tools import (
     reference_of,
     simulate_with,
 )
+from rubbing_gearbox import RubbingGearbox
 
 from cyclofeat.simulators import (
     CycloidalGearbox,
@@ -28,7 +29,6 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators._chatter import friction_rates
-from cyclofeat.simulators.reference import RubbingGearbox
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")

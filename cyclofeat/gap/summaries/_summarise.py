@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -273,42 +272,8 @@ def _bands(lines: NDArray[np.complex128], n_samples: int, sampling_rate: float) 
         if not inside.any():  # the windows are too short for the band
             continue
         columns.append(level(psd[:, inside].sum(axis=1) * (frequencies[1] - frequencies[0])))
-        cells.append(Cell("spectrum", _band_name(band), "dB", low, high))
+        cells.append(Cell("spectrum", f"third octave at {10 ** (band / 10):.3g} Hz", "dB", low, high))
     return np.column_stack(columns), cells
-
-
-def left_out(cells: list[Cell], sampling_rate: float, n_lobes: int) -> list[str]:
-    """Return lines and bands without a cell, in words; none at usual sampling rates."""
-    names = {cell.name for cell in cells}
-    last_band = int(np.floor(10 * np.log10(_HIGHEST_BAND_SHARE * sampling_rate) - 0.5))
-    lobe_lines = {line: _lobe_line_name(line, n_lobes) for line in range(1, _LOBE_LINES + 1)}
-    # A multiple of the input speed that is also a lobe line is compared as a lobe line.
-    shaft_lines = {
-        turn: _shaft_line_name(turn) for turn in range(1, _SHAFT_LINES + 1) if turn * n_lobes % (n_lobes + 1)
-    }
-    bands = {10 ** (band / 10): _band_name(band) for band in range(_LOWEST_BAND, last_band + 1)}
-    words = []
-    for word, unit, all_of_them in (
-        ("lobe lines", "", lobe_lines), ("input orders", "", shaft_lines), ("third octaves at", " Hz", bands),
-    ):  # fmt: skip
-        runs = itertools.groupby(all_of_them.items(), key=lambda item: item[1] in names)
-        lacking = [[f"{number:.3g}" for number, _ in run] for compared, run in runs if not compared]
-        if lacking:
-            ends = [" to ".join(dict.fromkeys((run[0], run[-1]))) for run in lacking]
-            words.append(f"{word} {', '.join(ends)}{unit}")
-    return words
-
-
-def _lobe_line_name(line: int, n_lobes: int) -> str:
-    return f"lobe line {line} (order {line * (n_lobes + 1) / n_lobes:.3g})"
-
-
-def _shaft_line_name(turn: int) -> str:
-    return f"input order {turn}"
-
-
-def _band_name(band: int) -> str:
-    return f"third octave at {10 ** (band / 10):.3g} Hz"
 
 
 def _white(sampling_rate: float) -> float:
@@ -343,7 +308,8 @@ def _orders(
         floor = np.median(power[:, near], axis=1)
         hz, half = at / n_lobes * nominal_hz, per_line / 2 / n_lobes * nominal_hz
         columns.append(level(power[:, at]) - level(floor))
-        cells.append(Cell("lobe lines", _lobe_line_name(line, n_lobes), "dB", hz - half, hz + half))
+        name = f"lobe line {line} (order {at / n_lobes:.3g})"
+        cells.append(Cell("lobe lines", name, "dB", hz - half, hz + half))
         floors.append(level(floor))
         floor_cells.append(Cell("floor", f"around order {at / n_lobes:.3g}", "dB", hz - half, hz + half))
     for turn in range(1, _SHAFT_LINES + 1):
@@ -356,7 +322,7 @@ def _orders(
             continue
         hz, half = turn * nominal_hz, nominal_hz / 2
         columns.append(level(power[:, at]) - level(np.median(power[:, near], axis=1)))
-        cells.append(Cell("shaft lines", _shaft_line_name(turn), "dB", hz - half, hz + half))
+        cells.append(Cell("shaft lines", f"input order {turn}", "dB", hz - half, hz + half))
     return np.array([*columns, *floors]).T.reshape(len(ripple), -1), cells + floor_cells
 
 

@@ -20,7 +20,6 @@ from cyclofeat.gap.summaries import (
     Measured,
     PhaseMap,
     class_means,
-    left_out,
     less_class_means,
     phase_maps,
     smallest_spreads,
@@ -134,11 +133,6 @@ class LocatedGap:
     def cells(self) -> list[Cell]:
         """Columns of the summaries."""
         return self.measured.cells
-
-    @property
-    def not_compared(self) -> list[str]:
-        """Lines and bands without a cell: above the Nyquist frequency, or without a floor between them."""
-        return left_out(self.cells, self.comparison.sampling_rate, self.comparison.n_lobes)
 
     @functools.cached_property
     def p_global(self) -> dict[str, float]:

@@ -6,7 +6,7 @@ result. A :class:`Session` holds the recordings of one rig, measured or simulate
 
 from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._machine import FEWEST, DrawnMachine, simulate_drawn
-from cyclofeat.gap.world._prepare import load_rigs, prepare_world
+from cyclofeat.gap.world._prepare import prepare_world
 from cyclofeat.gap.world._prior import FLOOR, TOLERANCES, DrawnSession, EffectPrior
 from cyclofeat.gap.world._rigs import Rigs, Session, present_effects
 from cyclofeat.gap.world._world import World
@@ -21,7 +21,6 @@ __all__ = [
     "Rigs",
     "Session",
     "World",
-    "load_rigs",
     "prepare_world",
     "present_effects",
     "recording_cells",

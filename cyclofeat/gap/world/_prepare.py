@@ -78,21 +78,6 @@ def prepare_world(
     return _read(place, [_shard(place, shard) for shard in range(n_shards)])
 
 
-def load_rigs(folder: str | os.PathLike[str]) -> Rigs:
-    """Return all rigs that :func:`prepare_world` has written to a folder.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder holds none.
-    """
-    place = Path(folder)
-    files = sorted(place.glob("shard-*.npz"))
-    if not files or not (place / _SETTINGS).is_file():
-        raise FileNotFoundError(f"{place}: holds no world; prepare_world writes one")
-    return _read(place, files)
-
-
 def _shard(folder: Path, shard: int) -> Path:
     return folder / f"shard-{shard:05d}.npz"
 

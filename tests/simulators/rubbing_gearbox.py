@@ -6,24 +6,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat.simulators.reference._bodies import (
-    EXTERNAL,
-    HOUSING,
-    INPUT,
-    INTERNAL,
-    N_INTERNAL,
-    OUTPUT,
-    WHEELS,
-    Plane,
-    Real,
-    ReferenceGearbox,
-    _cross,
-    _dot,
-    _join,
-    _split,
-)
+from cyclofeat.simulators.reference import ReferenceGearbox
+from cyclofeat.simulators.reference import _bodies as bodies
+
+Real = NDArray[np.float64]
+Plane = NDArray[np.complex128]
 
 
 class RubbingSolution(NamedTuple):
@@ -93,8 +82,8 @@ class RubbingGearbox(ReferenceGearbox):
         shafts, external, internal = np.split(np.asarray(rates, dtype=float), [3, 3 + self.n_pins])
         v = self.velocities(u, omega, shafts)
         rate = v.reshape(-1, 3)[:, 2]  # a view
-        rate[EXTERNAL.start :], rate[INTERNAL] = external, internal
-        (at, _), (_, spin) = _split(u), _split(v)
+        rate[bodies.EXTERNAL.start :], rate[bodies.INTERNAL] = external, internal
+        (at, _), (_, spin) = bodies._split(u), bodies._split(v)
         _, outside, _, inside = self.contact_forces(u, v)
         rubbing, pressed, slip, friction = self._sleeve_friction(u, v, (outside, inside))
         journals, bearings = self._journal_friction(spin, pressed), self._bearing_friction(spin)
@@ -104,11 +93,11 @@ class RubbingGearbox(ReferenceGearbox):
         applied = self._applied(at, (outside, inside), load_torque) + rubbing + journals + bearings
         solved = np.linalg.solve(system, np.concatenate([applied, self.gamma(u, v, alpha)]))
         acceleration, driver = solved[2 : len(u) : 3], float(solved[-1])
-        psi = float(acceleration[OUTPUT])
+        psi = float(acceleration[bodies.OUTPUT])
         return RubbingSolution(
-            theta_acceleration=acceleration[WHEELS],
+            theta_acceleration=acceleration[bodies.WHEELS],
             psi_acceleration=psi,
-            spin_acceleration=np.append(acceleration[EXTERNAL.start :], acceleration[INTERNAL]),
+            spin_acceleration=np.append(acceleration[bodies.EXTERNAL.start :], acceleration[bodies.INTERNAL]),
             input_torque=driver - self.input_shaft_inertia * alpha,
             output_torque=load_torque - self.output_inertia * psi,
             sleeve_power=float(rubbing @ v),
@@ -126,34 +115,41 @@ class RubbingGearbox(ReferenceGearbox):
         Returns forces and moments on all bodies, the resultant on every sleeve, and slip and friction of
         external and internal sleeves.
         """
-        (at, _), (speed, spin) = _split(u), _split(v)
+        (at, _), (speed, spin) = bodies._split(u), bodies._split(v)
         force, moment = np.zeros(len(at), dtype=complex), np.zeros(len(at))
         pressed = force.copy()
         slips, frictions = [], []
-        for sleeves, vector in zip((EXTERNAL, INTERNAL), pressing, strict=True):
+        for sleeves, vector in zip((bodies.EXTERNAL, bodies.INTERNAL), pressing, strict=True):
             size = np.abs(vector)
             toward = np.where(size > 0, vector, 1.0) / np.where(size > 0, size, 1.0)  # from sleeve to wheel
-            radius = self.pin_radius if sleeves == EXTERNAL else self.internal_sleeve_radius
+            radius = self.pin_radius if sleeves == bodies.EXTERNAL else self.internal_sleeve_radius
             point = at[sleeves] + radius * toward
-            of_wheel = speed[WHEELS, None] + 1j * spin[WHEELS, None] * (point - at[WHEELS, None])
+            of_wheel = speed[bodies.WHEELS, None] + 1j * spin[bodies.WHEELS, None] * (
+                point - at[bodies.WHEELS, None]
+            )
             of_sleeve = speed[sleeves] + 1j * spin[sleeves] * radius * toward
             along = 1j * toward
-            slips.append(_dot(of_wheel - of_sleeve, along))
+            slips.append(bodies._dot(of_wheel - of_sleeve, along))
             frictions.append(self._friction(slips[-1], size))
             rub = frictions[-1] * along  # on the sleeve
             force[sleeves] += rub.sum(axis=0)
-            force[WHEELS] -= rub.sum(axis=1)
-            moment[sleeves] += _cross(point - at[sleeves], rub).sum(axis=0)
-            moment[WHEELS] -= _cross(point - at[WHEELS, None], rub).sum(axis=1)
+            force[bodies.WHEELS] -= rub.sum(axis=1)
+            moment[sleeves] += bodies._cross(point - at[sleeves], rub).sum(axis=0)
+            moment[bodies.WHEELS] -= bodies._cross(point - at[bodies.WHEELS, None], rub).sum(axis=1)
             pressed[sleeves] += (rub - vector).sum(axis=0)
-        return _join(force[:HOUSING], moment), pressed, (slips[0], slips[1]), (frictions[0], frictions[1])
+        return (
+            bodies._join(force[: bodies.HOUSING], moment),
+            pressed,
+            (slips[0], slips[1]),
+            (frictions[0], frictions[1]),
+        )
 
     def _journal_friction(self, spin: Real, pressed: Plane) -> Real:
         """Moments of the sleeves' axles; external ones belong to the housing, internal ones to the output."""
         moment = np.zeros(spin.size)
         for sleeves, parent, radius in (
-            (EXTERNAL, HOUSING, self.pin_radius),
-            (INTERNAL, OUTPUT, self.internal_sleeve_radius),
+            (bodies.EXTERNAL, bodies.HOUSING, self.pin_radius),
+            (bodies.INTERNAL, bodies.OUTPUT, self.internal_sleeve_radius),
         ):
             turning = spin[sleeves] - spin[parent]
             couple = self.journal_friction * radius * np.abs(pressed[sleeves])
@@ -166,8 +162,8 @@ class RubbingGearbox(ReferenceGearbox):
         """Moments of the shafts' bearings."""
         moment = np.zeros(spin.size)
         for shaft, coulomb, viscous in (
-            (INPUT, self.input_coulomb, self.input_viscous),
-            (OUTPUT, self.output_coulomb, self.output_viscous),
+            (bodies.INPUT, self.input_coulomb, self.input_viscous),
+            (bodies.OUTPUT, self.output_coulomb, self.output_viscous),
         ):
             moment[shaft] -= coulomb * np.tanh(spin[shaft] / self.bearing_transition)
             moment[shaft] -= viscous * spin[shaft]
@@ -176,9 +172,11 @@ class RubbingGearbox(ReferenceGearbox):
     @property
     def output_inertia(self) -> float:
         """Inertia of output shaft and internal sleeves' centres about the origin, in kg m2."""
-        return self.output_shaft_inertia + N_INTERNAL * self.sleeve_mass * self.internal_pitch_radius**2
+        return (
+            self.output_shaft_inertia + bodies.N_INTERNAL * self.sleeve_mass * self.internal_pitch_radius**2
+        )
 
 
 def _moments(moment: Real) -> Real:
     """Applied forces that are moments only, from those on all bodies and the housing."""
-    return _join(np.zeros(moment.size - 1, dtype=complex), moment)
+    return bodies._join(np.zeros(moment.size - 1, dtype=complex), moment)
