@@ -414,10 +414,6 @@ def rig_preset(name: str) -> Rig:
         of its eight discs. ``benchmarks/published_rig.py`` searched for its numbers; ``published_rig.md``
         beside it says which statistics match. The papers' rig may have been another.
 
-    Returns
-    -------
-    Rig
-
     Raises
     ------
     ValueError

@@ -52,7 +52,8 @@ html_sidebars = {"index": [], "gallery": [], "changelog": []}
 html_show_sourcelink = False
 
 autosummary_generate = True
-autodoc_typehints = "none"  # numpydoc sections state them
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 

@@ -237,10 +237,6 @@ class Rig:
     def with_effects(self, *effects: Effect) -> Rig:
         """Return a copy with effects added, each instead of those of the same name.
 
-        Parameters
-        ----------
-        *effects : Effect
-
         Examples
         --------
         >>> from cyclofeat.simulators import Hum
@@ -253,12 +249,7 @@ class Rig:
         return others.replace(effects=(*others.effects, *given))
 
     def with_added(self, *effects: Effect) -> Rig:
-        """Return a copy with effects added to those that it has.
-
-        Parameters
-        ----------
-        *effects : Effect
-        """
+        """Return a copy with effects added to those that it has."""
         return self.replace(effects=(*self.effects, *effects))
 
     def without(self, *effect_ids: str) -> Rig:

@@ -231,10 +231,6 @@ def simulate(
         Keep angle and speed of the output, the force of every sleeve, and its contact points. These are
         always picked, never filtered.
 
-    Returns
-    -------
-    SimulationRun
-
     Raises
     ------
     SimulationDiverged

@@ -82,10 +82,6 @@ class WindowTransformer(TransformerMixin, DocumentedEstimator, ABC):
         y : array-like, shape (n_windows,), optional
             Labels; ignored by transformers that learn nothing.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         ValueError

@@ -62,10 +62,6 @@ class Feature:
         *qualifiers : str
             The definition behind the number: preset, band, lobe, level, ...
 
-        Returns
-        -------
-        str
-
         Examples
         --------
         >>> from cyclofeat.features.registry import REGISTRY

@@ -106,10 +106,6 @@ def where_of(located: LocatedGap, *, pictures: bool = True) -> Where:
     located : LocatedGap
     pictures : bool, default=True
         Fold the torque over the turn and test all numbers at once too, which takes some seconds.
-
-    Returns
-    -------
-    Where
     """
     columns = {(cell.family, cell.name): k for k, cell in enumerate(located.cells)}
     measured, simulated = (values.std(axis=0, ddof=1) for values in located.centred_sets())

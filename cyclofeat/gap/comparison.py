@@ -221,10 +221,6 @@ class Comparison:
         random_state : int, optional
             Default: that of the comparison.
 
-        Returns
-        -------
-        Bank
-
         Raises
         ------
         SimulationFailed
@@ -275,10 +271,6 @@ class Comparison:
             Recording of each window. Default: each window is a recording of its own.
         angle : array-like, shape (n_windows, n_samples), optional
             Angle of the input shaft in rad; given if and only if ``tachometer`` is True.
-
-        Returns
-        -------
-        Measured
 
         Raises
         ------

@@ -58,10 +58,6 @@ def mean_run_length(k: int, n: int, probability: float) -> float:
     probability : float
         That one count exceeds the baseline, independently of the others; above 0, at most 1.
 
-    Returns
-    -------
-    float
-
     Raises
     ------
     ValueError
@@ -102,10 +98,6 @@ def alarm_states(exceeds: Iterable[bool], rule: AlarmRule) -> list[bool]:
     exceeds : iterable of bool
         Whether each count exceeds the baseline, in the order of time.
     rule : AlarmRule
-
-    Returns
-    -------
-    list of bool
     """
     last = alarm = 0
     states = []
@@ -142,10 +134,6 @@ def choose_rule(
         Largest mean number of false alarms per recording.
     seen : sequence of bool
         Whether the counts from which the baseline was taken exceed it.
-
-    Returns
-    -------
-    AlarmRule
 
     Raises
     ------

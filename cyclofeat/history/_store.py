@@ -236,10 +236,6 @@ class History:
     def to_frame(self, gearbox: str) -> pd.DataFrame:
         """Return the recordings of a gearbox as a table.
 
-        Parameters
-        ----------
-        gearbox : str
-
         Returns
         -------
         pandas.DataFrame
@@ -283,10 +279,6 @@ class History:
             From which the rule of the alarm follows, see :func:`choose_rule`.
         recordings_per_month : float, optional
             Default: as frequent as they were, if they span at least an hour.
-
-        Returns
-        -------
-        GearboxState
 
         Raises
         ------

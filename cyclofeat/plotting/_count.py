@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from cyclofeat.plotting.drawing import axes_for
+from cyclofeat.plotting.drawing import Display, axes_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.container import BarContainer
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.counting import LobeCount
 
 
-class CountDisplay:
+class CountDisplay(Display):
     """Probability of each number of worn lobes, and of each lobe of being worn.
 
     Parameters
@@ -24,8 +23,6 @@ class CountDisplay:
     Attributes
     ----------
     bars_ : matplotlib.container.BarContainer
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Examples
     --------
@@ -36,8 +33,6 @@ class CountDisplay:
     """
 
     bars_: BarContainer
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(self, count: LobeCount) -> None:
         self.count = count
@@ -55,14 +50,8 @@ class CountDisplay:
         **bar_kw
             Passed on to ``Axes.bar``.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If there is no such kind, or the model located no lobes.
         """

@@ -4,34 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from cyclofeat.plotting.drawing import axes_for, legend_above
+from cyclofeat.plotting.drawing import Display, axes_for, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.counting import Evaluation
 
 
-class EvaluationDisplay:
+class EvaluationDisplay(Display):
     """Confusion matrix and calibration of a counter on assemblies that it has not seen.
 
     Parameters
     ----------
     result : cyclofeat.counting.Evaluation
 
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
-
     Examples
     --------
     >>> EvaluationDisplay(result).plot("calibration")  # doctest: +SKIP
     """
-
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(self, result: Evaluation) -> None:
         self.result = result
@@ -60,14 +51,8 @@ class EvaluationDisplay:
         cmap : str, default="Blues"
             Name of the colour map of the confusion matrix.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If there is no such kind, or the counter gave no probabilities.
         """

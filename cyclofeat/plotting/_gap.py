@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from cyclofeat.plotting.drawing import Float, axes_for, one_of_result, plain_log_ticks
+from cyclofeat.plotting.drawing import Display, Float, axes_for, one_of_result, plain_log_ticks
 from cyclofeat.plotting.gap_words import difference_words, family_name, in_words, p_words, short_name
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import Where, WhereRow
     from cyclofeat.gap._result import GapResult
@@ -34,7 +33,7 @@ _PHASES = {
 }
 
 
-class GapDisplay:
+class GapDisplay(Display):
     """Display of the differences between recordings and simulator.
 
     Parameters
@@ -50,7 +49,6 @@ class GapDisplay:
         Axes drawn on; those of kinds with two panels are switched off and hold the panels.
     axes_ : list of matplotlib.axes.Axes
         The panels, from the top.
-    figure_ : matplotlib.figure.Figure
     flags_ : list of matplotlib.artist.Artist
         One for each cell, family or phase that is drawn as flagged.
     spread_flags_ : list of matplotlib.artist.Artist
@@ -73,9 +71,7 @@ class GapDisplay:
         "families": (8.0, 4.6), "spectrum": (8.0, 5.2), "orders": (8.0, 3.8), "phase": (8.0, 4.8),
     }  # fmt: skip
 
-    ax_: Axes
     axes_: list[Axes]
-    figure_: Figure | SubFigure
     flags_: list[Artist]
     spread_flags_: list[Artist]
 
@@ -105,10 +101,6 @@ class GapDisplay:
             Number of the condition.
         label : str, default="measured"
             As in :class:`GapDisplay`.
-
-        Returns
-        -------
-        GapDisplay
         """
         where = one_of_result("a comparison", result.where, condition)
         return cls(where, label=label).plot(kind=kind, ax=ax, phase=phase)
@@ -124,14 +116,8 @@ class GapDisplay:
         phase : {"lobe", "input"}, default="lobe"
             What the torque of ``kind="phase"`` is folded over.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If there is no such kind or phase, or the locator has nothing of that kind.
         """

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from cyclofeat.plotting._gap import RECORDED
-from cyclofeat.plotting.drawing import axes_for, legend_above, one_of_result, plain_log_ticks
+from cyclofeat.plotting.drawing import Display, axes_for, legend_above, one_of_result, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import GapResult, Overlay
 
@@ -23,7 +22,7 @@ _LABELS = {
 }
 
 
-class GapOverlayDisplay:
+class GapOverlayDisplay(Display):
     """Display of recordings, model and corrected model over each other.
 
     Lines are means over recordings; bands hold nine recordings in ten.
@@ -34,20 +33,12 @@ class GapOverlayDisplay:
     label : str, default="measured"
         Name of the recordings.
 
-    Attributes
-    ----------
-    ax_, figure_
-        As drawn on.
-
     Examples
     --------
     >>> GapOverlayDisplay.from_result(result, "orders")  # doctest: +SKIP
     """
 
     SIZE: ClassVar[tuple[float, float]] = (8.0, 3.6)
-
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(self, overlay: Overlay, *, label: str = "measured") -> None:
         self.overlay = overlay
@@ -76,10 +67,6 @@ class GapOverlayDisplay:
         label : str, default="measured"
             Name of the recordings.
 
-        Returns
-        -------
-        GapOverlayDisplay
-
         Raises
         ------
         ValueError
@@ -96,15 +83,6 @@ class GapOverlayDisplay:
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
         """
         from matplotlib import rcParams
 

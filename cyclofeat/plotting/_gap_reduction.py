@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from cyclofeat.plotting.drawing import axes_for, one_of_result
+from cyclofeat.plotting.drawing import Display, axes_for, one_of_result
 from cyclofeat.plotting.gap_words import CONDITIONS, alternative_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.gap import ProofRow
     from cyclofeat.gap._result import GapResult
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 _GRR_FLOOR = -100.0  # percent: smaller values are drawn there and stated in words
 
 
-class GapReductionDisplay:
+class GapReductionDisplay(Display):
     """Display of the share of the gap that each alternative closes on recordings held out.
 
     Parameters
@@ -29,8 +28,6 @@ class GapReductionDisplay:
 
     Attributes
     ----------
-    ax_, figure_
-        As drawn on.
     drawn_ : list of tuple
         ``(alternative, condition, percent)`` as drawn.
 
@@ -42,8 +39,6 @@ class GapReductionDisplay:
     [('after', 'all', 90.0), ('retuned', 'all', 20.0)]
     """
 
-    ax_: Axes
-    figure_: Figure | SubFigure
     drawn_: list[tuple[str, str, float]]
 
     def __init__(self, comparison: Sequence[ProofRow]) -> None:
@@ -61,10 +56,6 @@ class GapReductionDisplay:
         condition : int, default=0
             Number of the condition among those held out.
 
-        Returns
-        -------
-        GapReductionDisplay
-
         Raises
         ------
         ValueError
@@ -80,14 +71,8 @@ class GapReductionDisplay:
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If no share is defined.
         """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Float, axes_for, stated_speed
+from cyclofeat.plotting.drawing import Display, Float, axes_for, stated_speed
 from cyclofeat.recordings import Recording, Windower
 from cyclofeat.signal import lobes
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
     from matplotlib.colors import Colormap
-    from matplotlib.figure import Figure, SubFigure
     from matplotlib.text import Text
 
 _QUANTITY = "disturbance of the torque while the lobe passes (rms; 1 = std of the torque)"
@@ -55,7 +54,7 @@ class LobeMarks:
     probability: ArrayLike | None = None
 
 
-class LobeMapDisplay:
+class LobeMapDisplay(Display):
     """Ring of a disc's lobes, as dark as they are worn, and the disturbance while each passes the load.
 
     Parameters
@@ -74,8 +73,6 @@ class LobeMapDisplay:
     Attributes
     ----------
     colorbar_ : matplotlib.colorbar.Colorbar or None
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Raises
     ------
@@ -104,8 +101,6 @@ class LobeMapDisplay:
     """
 
     colorbar_: Colorbar | None
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(
         self,
@@ -225,10 +220,6 @@ class LobeMapDisplay:
         outline : array-like of complex, optional
             See :class:`LobeMapDisplay`.
 
-        Returns
-        -------
-        LobeMapDisplay
-
         Raises
         ------
         ValueError
@@ -270,14 +261,8 @@ class LobeMapDisplay:
         colorbar : bool, default=True
             If True, ``kind="disc"`` has a colour bar of a model's probabilities.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If the kind is unknown, or ``vmax`` is not positive.
         """

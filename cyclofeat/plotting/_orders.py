@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cyclofeat.plotting.drawing import axes_for, line_column, stated_speed
+from cyclofeat.plotting.drawing import Display, axes_for, line_column, stated_speed
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.orders import lines_per_input_turn, order_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
     from matplotlib.lines import Line2D
 
 _HIGHEST_ORDER = 48
@@ -23,7 +22,7 @@ _DYNAMIC_RANGE = 1e-5
 _MOST_MISSING = 0.02
 
 
-class OrderDisplay:
+class OrderDisplay(Display):
     """Amplitudes of the torque at the lines of the output turn, by their cause.
 
     Line k of the output turn has the order k/z_s of the input shaft. Every (z_s + 1)-th line belongs to the
@@ -47,8 +46,6 @@ class OrderDisplay:
         ``"mesh"``, ``"lobe"``, ``"input"`` or ``"other"``.
     lines_ : dict of str to matplotlib.lines.Line2D
         By kind.
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Raises
     ------
@@ -75,8 +72,6 @@ class OrderDisplay:
     """
 
     lines_: dict[str, Line2D]
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(self, *, amplitudes: ArrayLike, n_lobes: int = 15, unit: str = "Nm") -> None:
         if n_lobes < 2:
@@ -110,10 +105,6 @@ class OrderDisplay:
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
 
-        Returns
-        -------
-        OrderDisplay
-
         Raises
         ------
         ValueError
@@ -142,10 +133,6 @@ class OrderDisplay:
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw on; default, new ones.
-
-        Returns
-        -------
-        self
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.2))
         largest = float(self.amplitudes.max()) or 1.0

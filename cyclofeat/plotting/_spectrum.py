@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import periodogram
 
-from cyclofeat.plotting.drawing import Float, axes_for, line_column
+from cyclofeat.plotting.drawing import Display, Float, axes_for, line_column
 from cyclofeat.recordings import Recording
 from cyclofeat.signal import get_preset, welch_psd
 from cyclofeat.signal.lobes import lobe_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
     from matplotlib.lines import Line2D
 
 _QUANTITIES = ("amplitude", "psd")
@@ -24,7 +23,7 @@ _SCALES = ("log", "dB", "linear")
 _DYNAMIC_RANGE = 1e8
 
 
-class SpectrumDisplay:
+class SpectrumDisplay(Display):
     """Spectrum of the torque up to a frequency limit.
 
     Parameters
@@ -49,8 +48,6 @@ class SpectrumDisplay:
     line_ : matplotlib.lines.Line2D
     order_ax_ : matplotlib.axes.Axes or None
         The axis of orders on top; None where the input speed is not known.
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Raises
     ------
@@ -72,8 +69,6 @@ class SpectrumDisplay:
 
     line_: Line2D
     order_ax_: Any
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(
         self,
@@ -132,10 +127,6 @@ class SpectrumDisplay:
             ``LobeMapDisplay.input_speed_hz`` then.
         n_lobes : int, optional
             Number of lobes z_s of a disc; default, the recording's own.
-
-        Returns
-        -------
-        SpectrumDisplay
         """
         n_lobes = recording.n_lobes if n_lobes is None else n_lobes
         if input_speed_hz is None:
@@ -181,14 +172,8 @@ class SpectrumDisplay:
         **line_kw
             Passed on to ``Axes.plot``.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If the limit is below the second frequency, or the scale is unknown.
         """

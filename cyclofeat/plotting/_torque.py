@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cyclofeat._base.quantities import in_words
-from cyclofeat.plotting.drawing import axes_for, line_column, thinned
+from cyclofeat.plotting.drawing import Display, axes_for, line_column, thinned
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
     from matplotlib.lines import Line2D
 
 
-class TorqueDisplay:
+class TorqueDisplay(Display):
     """Torque, or motor current, over time.
 
     Parameters
@@ -34,8 +33,6 @@ class TorqueDisplay:
     Attributes
     ----------
     line_ : matplotlib.lines.Line2D
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Raises
     ------
@@ -55,8 +52,6 @@ class TorqueDisplay:
     """
 
     line_: Line2D
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(
         self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm"
@@ -84,10 +79,6 @@ class TorqueDisplay:
         stop_s : float, optional
             End of the slice in s; default, the recording's end.
 
-        Returns
-        -------
-        TorqueDisplay
-
         Raises
         ------
         ValueError
@@ -112,10 +103,6 @@ class TorqueDisplay:
             peaks remain.
         **line_kw
             Passed on to ``Axes.plot``.
-
-        Returns
-        -------
-        self
         """
         self.figure_, self.ax_ = axes_for(ax, (7.0, 3.0))
         (self.line_,) = self.ax_.plot(*thinned(self.time, self.torque, max_points), **line_kw)

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.features import LobeMap
-from cyclofeat.plotting.drawing import Float, axes_for, legend_above
+from cyclofeat.plotting.drawing import Display, Float, axes_for, legend_above
 from cyclofeat.plotting.kinds import words_of
 from cyclofeat.recordings import Recording, WindowSet
 from cyclofeat.signal import lobes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
     from cyclofeat.counting import LobeModel
 
@@ -43,7 +42,7 @@ class TrainingMoments:
     spread: ArrayLike
 
 
-class TrainingDisplay:
+class TrainingDisplay(Display):
     """Distance of a recording from the training windows of each count, overall and by feature.
 
     Parameters
@@ -61,11 +60,6 @@ class TrainingDisplay:
         labels of slots.
     absolute : bool, default=False
         True if these are numbers on the disc, False if they count from the recording's first sample.
-
-    Attributes
-    ----------
-    ax_ : matplotlib.axes.Axes
-    figure_ : matplotlib.figure.Figure
 
     Raises
     ------
@@ -89,9 +83,6 @@ class TrainingDisplay:
     ['slot']
     >>> _ = display.plot(kind="slot", counts=(1, 0))  # doctest: +SKIP
     """
-
-    ax_: Axes
-    figure_: Figure | SubFigure
 
     def __init__(
         self,
@@ -136,10 +127,6 @@ class TrainingDisplay:
             With a training domain.
         recording : Recording
             As for :meth:`cyclofeat.counting.LobeModel.count`.
-
-        Returns
-        -------
-        TrainingDisplay
 
         Raises
         ------
@@ -199,14 +186,8 @@ class TrainingDisplay:
         counts : tuple of int, optional
             Counts whose training windows are drawn, the first with its spread; default, the nearest.
 
-        Returns
-        -------
-        self
-
         Raises
         ------
-        ImportError
-            If matplotlib is not installed.
         ValueError
             If the kind or a count is unknown.
         """

@@ -21,6 +21,7 @@ Float = NDArray[np.float64]
 T = TypeVar("T")
 
 __all__ = [
+    "Display",
     "axes_for",
     "legend_above",
     "line_column",
@@ -32,6 +33,19 @@ __all__ = [
 ]
 
 
+class Display:
+    """What all displays have once they are drawn.
+
+    Attributes
+    ----------
+    ax_ : matplotlib.axes.Axes
+    figure_ : matplotlib.figure.Figure
+    """
+
+    ax_: Axes
+    figure_: Figure | SubFigure
+
+
 def require_matplotlib() -> None:
     """Raise ``ImportError`` that says what to install, where matplotlib is missing."""
     try:
@@ -41,13 +55,7 @@ def require_matplotlib() -> None:
 
 
 def axes_for(ax: Axes | None, figsize: tuple[float, float]) -> tuple[Figure | SubFigure, Axes]:
-    """Return the given axes with their figure, or new ones of ``figsize`` in inches.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    """
+    """Return the given axes with their figure, or new ones of ``figsize`` in inches."""
     require_matplotlib()
     if ax is None:
         import matplotlib.pyplot as plt

@@ -222,14 +222,6 @@ class Windower:
     def windows(self, recordings: Recording | Iterable[Recording]) -> WindowSet:
         """Windows with all that is known about each; recordings need no labels.
 
-        Parameters
-        ----------
-        recordings : Recording or iterable of Recording
-
-        Returns
-        -------
-        WindowSet
-
         Raises
         ------
         TypeError

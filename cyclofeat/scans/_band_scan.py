@@ -76,10 +76,6 @@ def find_monotone_bands(
     search : Search, optional
         Permutations. Default: ``Search()``.
 
-    Returns
-    -------
-    MonotoneBands
-
     Raises
     ------
     ValueError

@@ -121,10 +121,6 @@ def scan_wavelets(
     search : Search, optional
         Permutations (with groups only), processes and progress. Default: ``Search()``.
 
-    Returns
-    -------
-    WaveletScan
-
     Raises
     ------
     ValueError

@@ -19,13 +19,7 @@ _GRACE_S = 2
 
 @dataclass(frozen=True)
 class Address:
-    """Open port of this machine, and the key of those who may use it.
-
-    Parameters
-    ----------
-    listener : socket.socket
-    key : str
-    """
+    """Open port of this machine, and the key of those who may use it."""
 
     listener: socket.socket
     key: str

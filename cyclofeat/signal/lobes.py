@@ -253,10 +253,6 @@ def lobe_lines(
     comb : LobeComb, optional
         Lines and search. Default: ``LobeComb()``.
 
-    Returns
-    -------
-    LobeLines
-
     Notes
     -----
     The speed maximises the sum over lobe lines of power over local floor, by an exhaustive search. The power

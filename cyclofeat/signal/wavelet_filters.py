@@ -88,10 +88,6 @@ def as_wavelet(wavelet: str | pywt.Wavelet | Sequence[Sequence[float]]) -> pywt.
         Name of PyWavelets or of the Morris family, a wavelet, or a filter bank
         ``(dec_lo, dec_hi, rec_lo, rec_hi)``.
 
-    Returns
-    -------
-    pywt.Wavelet
-
     Raises
     ------
     ValueError

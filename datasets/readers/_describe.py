@@ -171,10 +171,6 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
 def describe_recording(recording: Recording) -> dict[str, Any]:
     """Describe the content of a recording: channel, unit, range, rate, duration and labels.
 
-    Parameters
-    ----------
-    recording : Recording
-
     Returns
     -------
     dict
@@ -224,14 +220,6 @@ def describe_recording(recording: Recording) -> dict[str, Any]:
 
 def one_line(recording: Recording) -> str:
     """Describe a recording in one line for people, lobes counted from 1.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    str
 
     Examples
     --------

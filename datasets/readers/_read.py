@@ -183,10 +183,6 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
         over labels in the file, and ``meta`` is merged.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     FileNotFoundError

@@ -176,10 +176,6 @@ def load_campaign(path: str | os.PathLike[str], *, verify: bool = False) -> Camp
     verify : bool
         Compare every file with its SHA-256 in the manifest, not only its size.
 
-    Returns
-    -------
-    CampaignData
-
     Raises
     ------
     FileNotFoundError

@@ -163,10 +163,6 @@ def is_known(kind: type[Effect]) -> bool:
 def unregister_effect(effect_id: str) -> None:
     """Remove a registered effect from those known.
 
-    Parameters
-    ----------
-    effect_id : str
-
     Raises
     ------
     ValueError

@@ -22,12 +22,6 @@ RATE = 25_600
 SPEED = 500 / 60
 
 
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
-
-
 def worn_recording(lobes, start_angle=0.0, speed=SPEED, with_angle=True, duration=1.85):
     """Torque that bursts for a tenth of a lobe whenever the cam points to the tip of one of ``lobes``."""
     phi = start_angle + 2 * np.pi * speed * np.arange(round(duration * RATE)) / RATE

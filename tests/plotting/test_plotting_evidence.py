@@ -1,6 +1,5 @@
 """Orders by what they belong to, and a recording beside the training windows."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -9,12 +8,6 @@ from small_model import RATE, SPEED, recording, small_model, unlike_training
 from cyclofeat import Recording, Windower
 from cyclofeat.counting import LobeModel
 from cyclofeat.plotting import LobeMapDisplay, OrderDisplay, TrainingDisplay, TrainingMoments
-
-
-@pytest.fixture(autouse=True)
-def _close_figures():
-    yield
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

@@ -29,12 +29,6 @@ KINDS = ("families", "spectrum", "orders", "phase")
 BASE = Rig(effects=[BrakeRotor(0.02, 1e4, 0.02), Noise(0.05)], name="R1")
 
 
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def where(located):
     return where_of(located)

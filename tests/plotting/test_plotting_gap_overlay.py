@@ -16,12 +16,6 @@ from cyclofeat.plotting import GapOverlayDisplay
 KINDS = ("spectrum", "orders", "distribution")
 
 
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_curves_and_bands_are_those_of_the_overlay(kind):
     shown = overlay(kind)

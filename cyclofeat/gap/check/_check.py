@@ -200,10 +200,6 @@ def check_recordings(
     progress : callable, optional
         Called with the number of simulated rigs and their total.
 
-    Returns
-    -------
-    GapCheck
-
     Raises
     ------
     ValueError, TypeError

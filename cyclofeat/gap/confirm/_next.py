@@ -98,11 +98,6 @@ class FurtherRecordings:
 
     At another load, another speed, in reverse, and more of the same; speeds and loads are those of the world.
 
-    Parameters
-    ----------
-    session : Session
-    world : World
-
     Attributes
     ----------
     session : Session

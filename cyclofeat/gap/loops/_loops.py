@@ -181,10 +181,6 @@ class LoopModel(_LoopEstimator):
             zero torque, as :func:`cyclofeat.datasets.load_jelmerv_cycloidal` gives them.
         y : ignored
 
-        Returns
-        -------
-        self
-
         Raises
         ------
         ValueError
@@ -314,10 +310,6 @@ def find_loop_gap(
     max_effects : int, default=3
     alpha : float, default=0.05
         One-sided sign-flip p over the transfers up to which a larger subset counts as better.
-
-    Returns
-    -------
-    LoopGap
 
     Raises
     ------

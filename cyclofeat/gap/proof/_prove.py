@@ -46,10 +46,6 @@ def prove(
     others : mapping from str to simulator, optional
         Further alternatives by name: ``"placebo"`` for a fitted wrong effect, ``"oracle"`` for the truth.
 
-    Returns
-    -------
-    Proof
-
     Raises
     ------
     ValueError

@@ -207,10 +207,6 @@ def locate(
         Recordings to compare with, of every count of the measured ones and as long as they. Default:
         simulated ones.
 
-    Returns
-    -------
-    LocatedGap
-
     Raises
     ------
     ValueError
