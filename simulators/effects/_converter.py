@@ -45,11 +45,8 @@ class ClockError(Effect):
     """
 
     place = Place.ADC_CLOCK
-    parameters: ClassVar = {"relative": EffectParameter("1", -0.05, 0.05, 0.0, norm(0.0, 1e-3))}
+    parameters: ClassVar = {"relative": EffectParameter("1", -0.05, 0.05, 0.0, norm(0.0, 1e-3), default=2e-4)}
     separated_by = "a tachometer on its own clock"
-
-    def __init__(self, relative: Any = 2e-4) -> None:
-        self.relative = relative
 
     def samples_needed(self, n_samples: int) -> int:
         if self.relative == 0:
@@ -125,14 +122,10 @@ class Quantisation(Effect):
 
     place = Place.ADC_CODES
     parameters: ClassVar = {
-        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(2e-3, 1.0), log=True),
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(2e-3, 1.0), log=True, default=0.05),
         "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True),
     }
     separated_by = "the comb of the histogram"
-
-    def __init__(self, lsb_nm: Any = 0.05, full_scale_nm: Any = math.inf) -> None:
-        self.lsb_nm = lsb_nm
-        self.full_scale_nm = full_scale_nm
 
     @classmethod
     def from_bits(cls, bits: int, full_scale_nm: float) -> Quantisation:
@@ -180,12 +173,11 @@ class Clipping(Effect):
 
     place = Place.ADC_CODES
     parameters: ClassVar = {
-        "limit_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, loguniform(12.0, 40.0), log=True)
+        "limit_nm": EffectParameter(
+            "Nm", 1e-6, math.inf, math.inf, loguniform(12.0, 40.0), log=True, default=25.0
+        )
     }
     separated_by = "a lower load, or a lower gain of the amplifier"
-
-    def __init__(self, limit_nm: Any = 25.0) -> None:
-        self.limit_nm = limit_nm
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None

@@ -129,12 +129,9 @@ class LoadScale(Effect):
     place = Place.LOAD_AND_SPEED
     parameters: ClassVar = {
         # 0.5 Nm on the papers' 22 Nm.
-        "factor": EffectParameter("1", 0.0, 1e3, 1.0, norm(1.0, 0.5 / 22)),
+        "factor": EffectParameter("1", 0.0, 1e3, 1.0, norm(1.0, 0.5 / 22), default=1.02),
     }
     separated_by = "a dead-weight calibration, and the brake's own reading"
-
-    def __init__(self, factor: Any = 1.02) -> None:
-        self.factor = factor
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(load_torque=gearbox.load_torque * self.factor)
@@ -157,11 +154,8 @@ class SpeedScale(Effect):
     """
 
     place = Place.LOAD_AND_SPEED
-    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01))}
+    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, norm(1.0, 0.01), default=1.01)}
     separated_by = "a tachometer"
-
-    def __init__(self, factor: Any = 1.01) -> None:
-        self.factor = factor
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(input_speed=gearbox.input_speed * self.factor)
@@ -275,14 +269,10 @@ class StickSlip(Effect):
     """
 
     parameters: ClassVar = {
-        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.1, 5.0), log=True),
-        "frequency_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(1.0, 30.0), log=True),
+        "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.1, 5.0), log=True, default=1.0),
+        "frequency_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(1.0, 30.0), log=True, default=5.0),
     }
     separated_by = "another speed"
-
-    def __init__(self, amplitude_nm: Any = 1.0, frequency_hz: Any = 5.0) -> None:
-        self.amplitude_nm = amplitude_nm
-        self.frequency_hz = frequency_hz
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator
@@ -319,16 +309,11 @@ class Rattle(Effect):
     """
 
     parameters: ClassVar = {
-        "blow_nm": EffectParameter("Nm", 0.0, 1e4, 0.0, loguniform(0.5, 20.0), log=True),
-        "rate_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(2.0, 50.0), log=True),
-        "blow_s": EffectParameter("s", 1e-4, 0.1, None),
+        "blow_nm": EffectParameter("Nm", 0.0, 1e4, 0.0, loguniform(0.5, 20.0), log=True, default=5.0),
+        "rate_hz": EffectParameter("Hz", 1e-2, 1e3, None, loguniform(2.0, 50.0), log=True, default=10.0),
+        "blow_s": EffectParameter("s", 1e-4, 0.1, None, default=2e-3),
     }
     separated_by = "the part taken off, or preloaded"
-
-    def __init__(self, blow_nm: Any = 5.0, rate_hz: Any = 10.0, blow_s: Any = 0.002) -> None:
-        self.blow_nm = blow_nm
-        self.rate_hz = rate_hz
-        self.blow_s = blow_s
 
     def load_fluctuation(
         self, gearbox: CycloidalGearbox, duration: float, random: Generator

@@ -35,11 +35,10 @@ class PinErrors(Effect):
         Standard deviation of each component, in m; 0 is neutral.
     """
 
-    parameters: ClassVar = {"rms": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 5e-5), log=True)}
+    parameters: ClassVar = {
+        "rms": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 5e-5), log=True, default=10e-6)
+    }
     separated_by = "several assemblies of one disc"
-
-    def __init__(self, rms: Any = 10e-6) -> None:
-        self.rms = rms
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         errors = self.rms * random.normal(size=(2, gearbox.n_pins))
@@ -64,11 +63,10 @@ class LobePitchErrors(Effect):
         Standard deviation in m at the circle of the pins; 0 is neutral.
     """
 
-    parameters: ClassVar = {"rms": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(1e-6, 5e-5), log=True)}
+    parameters: ClassVar = {
+        "rms": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(1e-6, 5e-5), log=True, default=5e-6)
+    }
     separated_by = "several discs in one housing"
-
-    def __init__(self, rms: Any = 5e-6) -> None:
-        self.rms = rms
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         errors = self.rms * random.normal(size=2 * gearbox.n_lobes)
@@ -134,11 +132,10 @@ class CamRunOut(Effect):
         Length of each cam's offset in m; 0 is neutral.
     """
 
-    parameters: ClassVar = {"runout": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 1e-4), log=True)}
+    parameters: ClassVar = {
+        "runout": EffectParameter("m", 0.0, 2e-4, 0.0, loguniform(2e-6, 1e-4), log=True, default=10e-6)
+    }
     separated_by = "at least one whole output turn"
-
-    def __init__(self, runout: Any = 10e-6) -> None:
-        self.runout = runout
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         directions = np.exp(2j * np.pi * random.random(2))
@@ -162,12 +159,9 @@ class Clearance(Effect):
     """
 
     parameters: ClassVar = {
-        "clearance": EffectParameter("m", 0.0, 1e-3, 0.0, loguniform(2e-6, 2e-4), log=True)
+        "clearance": EffectParameter("m", 0.0, 1e-3, 0.0, loguniform(2e-6, 2e-4), log=True, default=20e-6)
     }
     separated_by = "the torque-deflection loop with held output"
-
-    def __init__(self, clearance: Any = 20e-6) -> None:
-        self.clearance = clearance
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(clearance=gearbox.clearance + self.clearance)
@@ -186,11 +180,10 @@ class ContactStiffnessScale(Effect):
     """
 
     place = Place.CONTACT
-    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.25, 4.0), log=True)}
+    parameters: ClassVar = {
+        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.25, 4.0), log=True, default=2.0)
+    }
     separated_by = "the slope of the torque-deflection loop with held output"
-
-    def __init__(self, factor: Any = 2.0) -> None:
-        self.factor = factor
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(stiffness_scale=gearbox.stiffness_scale * self.factor)
@@ -210,11 +203,10 @@ class ContactDampingScale(Effect):
     """
 
     place = Place.CONTACT
-    parameters: ClassVar = {"factor": EffectParameter("1", 0.0, 1e3, 1.0, loguniform(0.25, 4.0), log=True)}
+    parameters: ClassVar = {
+        "factor": EffectParameter("1", 0.0, 1e3, 1.0, loguniform(0.25, 4.0), log=True, default=2.0)
+    }
     separated_by = "a tap test with the machine at rest"
-
-    def __init__(self, factor: Any = 2.0) -> None:
-        self.factor = factor
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(contact_damping=gearbox.contact_damping * self.factor)
@@ -306,20 +298,12 @@ class SleeveFriction(Effect):
 
     place = Place.JOINTS
     parameters: ClassVar = {
-        "coulomb": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.2), log=True),
+        "coulomb": EffectParameter("1", 0.0, 1.0, 0.0, loguniform(0.005, 0.2), log=True, default=0.05),
         "stribeck": EffectParameter("1", 0.0, 1.0, 0.0),
         "viscous": EffectParameter("Ns/m", 0.0, 1e3, 0.0),
         "journal": EffectParameter("1", 0.0, 1.0, 0.0),
     }
     separated_by = "two speeds and both directions"
-
-    def __init__(
-        self, coulomb: Any = 0.05, stribeck: Any = 0.0, viscous: Any = 0.0, journal: Any = 0.0
-    ) -> None:
-        self.coulomb = coulomb
-        self.stribeck = stribeck
-        self.viscous = viscous
-        self.journal = journal
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         if self.coulomb == self.stribeck == self.viscous == self.journal == 0:
@@ -350,14 +334,10 @@ class BearingFriction(Effect):
 
     place = Place.JOINTS
     parameters: ClassVar = {
-        "coulomb": EffectParameter("Nm", 0.0, 100.0, 0.0, loguniform(0.02, 2.0), log=True),
+        "coulomb": EffectParameter("Nm", 0.0, 100.0, 0.0, loguniform(0.02, 2.0), log=True, default=0.2),
         "viscous": EffectParameter("Nms/rad", 0.0, 100.0, 0.0),
     }
     separated_by = "two speeds and both directions"
-
-    def __init__(self, coulomb: Any = 0.2, viscous: Any = 0.0) -> None:
-        self.coulomb = coulomb
-        self.viscous = viscous
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         return gearbox.replace(
@@ -391,16 +371,11 @@ class BrakeRotor(Effect):
 
     place = Place.SHAFT_AND_METER
     parameters: ClassVar = {
-        "inertia": EffectParameter("kg m2", 0.0, 10.0, 0.0, loguniform(2e-3, 0.1), log=True),
-        "stiffness": EffectParameter("Nm/rad", 1.0, 1e7, None, loguniform(1e3, 3e4), log=True),
-        "damping_ratio": EffectParameter("1", 0.0, 0.99, None, loguniform(5e-3, 0.1), log=True),
+        "inertia": EffectParameter("kg m2", 0.0, 10.0, 0.0, loguniform(2e-3, 0.1), log=True, default=0.02),
+        "stiffness": EffectParameter("Nm/rad", 1.0, 1e7, None, loguniform(1e3, 3e4), log=True, default=1e4),
+        "damping_ratio": EffectParameter("1", 0.0, 0.99, None, loguniform(5e-3, 0.1), log=True, default=0.02),
     }
     separated_by = "a tap test on the rotor, or two speeds"
-
-    def __init__(self, inertia: Any = 0.02, stiffness: Any = 1e4, damping_ratio: Any = 0.02) -> None:
-        self.inertia = inertia
-        self.stiffness = stiffness
-        self.damping_ratio = damping_ratio
 
     def change_gearbox(self, gearbox: CycloidalGearbox, random: Generator) -> CycloidalGearbox:
         if self.inertia == 0:

@@ -117,11 +117,10 @@ class Gain(Effect):
         A pure number; 1 is neutral.
     """
 
-    parameters: ClassVar = {"factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.9, 1.1), log=True)}
+    parameters: ClassVar = {
+        "factor": EffectParameter("1", 1e-3, 1e3, 1.0, loguniform(0.9, 1.1), log=True, default=1.02)
+    }
     separated_by = "calibration with dead weights"
-
-    def __init__(self, factor: Any = 1.02) -> None:
-        self.factor = factor
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
@@ -141,11 +140,8 @@ class Offset(Effect):
         In Nm; 0 is neutral.
     """
 
-    parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5))}
+    parameters: ClassVar = {"offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 0.5), default=0.5)}
     separated_by = "the meter's reading without load, and both directions of rotation"
-
-    def __init__(self, offset_nm: Any = 0.5) -> None:
-        self.offset_nm = offset_nm
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None
@@ -173,14 +169,10 @@ class Noise(Effect):
     """
 
     parameters: ClassVar = {
-        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True),
-        "exponent": EffectParameter("1", 0.0, 3.0, None),
+        "rms_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True, default=0.2),
+        "exponent": EffectParameter("1", 0.0, 3.0, None, default=0.0),
     }
     separated_by = "a record with the machine at rest"
-
-    def __init__(self, rms_nm: Any = 0.2, exponent: Any = 0.0) -> None:
-        self.rms_nm = rms_nm
-        self.exponent = exponent
 
     def change_torque(
         self, torque: Float, sampling_rate: float, random: Generator, context: TorqueContext | None = None

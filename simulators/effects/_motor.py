@@ -144,7 +144,7 @@ class CurrentSensor(Effect):
     parameters: ClassVar = {
         "offset_nm": EffectParameter("Nm", -1e3, 1e3, 0.0),
         "noise_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.01),
-        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=0.002),
+        "lsb_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, default=2e-3),
     }
     separated_by = "the reading without current"
 

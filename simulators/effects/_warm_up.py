@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -18,13 +18,11 @@ class _WarmUp(Effect):
     """Base of both: size and time constant of the decay."""
 
     parameters: ClassVar = {
-        "size_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 1.5)),
-        "time_constant_s": EffectParameter("s", 1e-2, 1e5, None, loguniform(0.3, 10.0), log=True),
+        "size_nm": EffectParameter("Nm", -1e3, 1e3, 0.0, norm(0.0, 1.5), default=1.0),
+        "time_constant_s": EffectParameter(
+            "s", 1e-2, 1e5, None, loguniform(0.3, 10.0), log=True, default=2.0
+        ),
     }
-
-    def __init__(self, size_nm: Any = 1.0, time_constant_s: Any = 2.0) -> None:
-        self.size_nm = size_nm
-        self.time_constant_s = time_constant_s
 
     def _course(self, time: Float) -> Float:
         return np.asarray(self.size_nm * np.exp(-time / self.time_constant_s))
