@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from _markdown import table
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, batch, simulate_many
 from cyclofeat.simulators.courses import drive_and_load
@@ -89,11 +90,11 @@ class Machines:
 
 def accuracy_table() -> str:
     """Return errors over 0.6 s of batches, and of the time step, the largest of 8 machines of each rig."""
-    lines = [
-        "| rms error in mNm over 0.6 s, largest of 0 to 7 worn lobes | torque_out: batch | time step | "
-        "torque_in: batch | time step | machines where the batch errs less |",
-        "|---|---|---|---|---|---|",
-    ]
+    head = (
+        "rms error in mNm over 0.6 s, largest of 0 to 7 worn lobes", "torque_out: batch", "time step",
+        "torque_in: batch", "time step", "machines where the batch errs less",
+    )  # fmt: skip
+    rows = []
     for rig in RIGS:
         machines = Machines.of(rig, COUNTS)
         for integrator in INTEGRATORS:
@@ -107,11 +108,11 @@ def accuracy_table() -> str:
             of_step = rms(exact - finely)
             worst, worst_step = 1e3 * of_batch.max(axis=1), 1e3 * of_step.max(axis=1)
             better = int((of_batch < of_step).all(axis=0).sum())
-            lines.append(
-                f"| {rig.name}, {integrator} | {worst[0]:.3g} | {worst_step[0]:.3g} | {worst[1]:.2g} | "
-                f"{worst_step[1]:.3g} | {better} of {len(machines.defects)} |"
-            )
-    return "\n".join(lines) + "\n"
+            rows.append([
+                f"{rig.name}, {integrator}", f"{worst[0]:.3g}", f"{worst_step[0]:.3g}", f"{worst[1]:.2g}",
+                f"{worst_step[1]:.3g}", f"{better} of {len(machines.defects)}",
+            ])  # fmt: skip
+    return table(head, rows)
 
 
 def rms(values: np.ndarray) -> np.ndarray:

@@ -10,15 +10,15 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import joblib
-import psutil
 from _markdown import table
+from _timing import each_of_family, family_seconds
 from threadpoolctl import threadpool_limits
 
 from cyclofeat.simulators import (
@@ -60,23 +60,6 @@ DESIGNS = {
 }
 
 
-def family() -> list[psutil.Process]:
-    """This process and its child processes."""
-    here = psutil.Process()
-    return [here, *here.children(recursive=True)]
-
-
-def each(read: Callable[[psutil.Process], float]) -> dict[int, float]:
-    """A figure of every running process of the family."""
-    found = {}
-    for process in family():
-        try:
-            found[process.pid] = read(process)
-        except psutil.Error:
-            continue
-    return found
-
-
 class Watch(threading.Thread):
     """Peak memory (shared pages counted once) and processor time of the whole family of processes."""
 
@@ -84,7 +67,7 @@ class Watch(threading.Thread):
         super().__init__(daemon=True)
         self.peak = 0.0
         self.cpu: dict[int, float] = {}
-        self.before = each(_cpu)
+        self.before = family_seconds()
         self._end = threading.Event()
 
     def run(self) -> None:
@@ -92,8 +75,10 @@ class Watch(threading.Thread):
             self.look()
 
     def look(self) -> None:
-        self.peak = max(self.peak, sum(each(lambda process: process.memory_full_info().pss).values()))
-        self.cpu |= each(_cpu)
+        self.peak = max(
+            self.peak, sum(each_of_family(lambda process: process.memory_full_info().pss).values())
+        )
+        self.cpu |= family_seconds()
 
     def stop(self) -> float:
         """Processor time in s since the start."""
@@ -101,11 +86,6 @@ class Watch(threading.Thread):
         self._end.set()
         self.join()
         return sum(self.cpu.values()) - sum(self.before.values())
-
-
-def _cpu(process: psutil.Process) -> float:
-    times = process.cpu_times()
-    return float(times.user + times.system)
 
 
 @contextmanager

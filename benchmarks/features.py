@@ -16,14 +16,18 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import antropy
 import librosa
 import numpy as np
+import psutil
 import pycatch22
 import tsfel
+from _markdown import table
+from _timing import Work, in_turn, on_free_cores, processor_seconds, ratio
 from scipy import signal
 from threadpoolctl import threadpool_limits
 
@@ -55,23 +59,10 @@ def torque(n_windows: int) -> np.ndarray:
     return np.asarray(22 + lines + drift + rng.normal(size=(n_windows, N_SAMPLES)))
 
 
-def processor_seconds(work: Callable[[], object]) -> float:
-    """Return the processor time of one call, because the machine may be shared."""
-    began = time.process_time()
-    work()
-    return time.process_time() - began
-
-
-def in_turn(
-    one: Callable[[], object],
-    other: Callable[[], object],
-    repeats: int = REPEATS,
-) -> tuple[float, float, float]:
+def compared(one: Work, other: Work, repeats: int = REPEATS) -> tuple[float, float, float]:
     """Medians of both in seconds, and the median of their ratio."""
-    one(), other()
-    pairs = [(processor_seconds(one), processor_seconds(other)) for _ in range(repeats)]
-    times = [statistics.median(side) for side in zip(*pairs, strict=True)]
-    return times[0], times[1], statistics.median(a / b for a, b in pairs)
+    times = in_turn((one, other), repeats)
+    return statistics.median(times[0]), statistics.median(times[1]), ratio(*times)
 
 
 def spectral_set(X: np.ndarray) -> None:
@@ -137,21 +128,14 @@ def cold_import_seconds() -> float:
     return times[0] - times[1]
 
 
-def resident_kib(kind: str) -> int:
-    """Resident memory of this process in KiB: ``RssAnon`` its own, ``RssFile`` pages of mapped files."""
-    for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines():
-        if line.startswith(f"{kind}:"):
-            return int(line.split()[1])
-    raise RuntimeError(f"no {kind} in /proc/self/status")
-
-
 def transform_memory_map(path: str) -> None:
     """Fit and transform a memory map of MANY windows; print the peak of this process's own memory in KiB."""
-    peak, done = [0], threading.Event()
+    peak, done, here = [0], threading.Event(), psutil.Process()
 
     def watch() -> None:
         while not done.wait(0.005):
-            peak[0] = max(peak[0], resident_kib("RssAnon"))
+            memory = here.memory_info()
+            peak[0] = max(peak[0], (memory.rss - memory.shared) // 1024)
 
     watcher = threading.Thread(target=watch)
     watcher.start()
@@ -182,126 +166,70 @@ def memory_map_gib() -> float:
     return int(run.stdout) / 2**20
 
 
-def busy_seconds() -> float:
-    """Processor time that all processes of the machine have taken so far."""
-    user, nice, system, _idle, _wait, *interrupts = map(
-        int, Path("/proc/stat").read_text(encoding="utf-8").split()[1:9]
-    )
-    return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
-
-
 def on_two_cores() -> str:
-    """How many times faster ``n_jobs=2`` is than one thread, in wall time, while both cores are free.
-
-    Runs in which other processes used more than a tenth of a core are discarded: two threads are no faster
-    than one if the second core is in use.
-    """
+    """How many times faster ``n_jobs=2`` is than one thread."""
     X = torque(132)  # 6 chunks of windows
-    both = (TorqueFeatures(SAMPLING_RATE).fit(X), TorqueFeatures(SAMPLING_RATE, n_jobs=2).fit(X))
-    walls: tuple[list[float], list[float]] = ([], [])
-    for _ in range(40):
-        for features, undisturbed in zip(both, walls, strict=True):
-            machine, own, began = busy_seconds(), time.process_time(), time.perf_counter()
-            features.transform(X)
-            wall = time.perf_counter() - began
-            if busy_seconds() - machine - (time.process_time() - own) < 0.1 * wall:
-                undisturbed.append(wall)
-    if min(map(len, walls)) < 3:
-        return "not measured: the machine was busy"
-    return f"{statistics.median(walls[0]) / statistics.median(walls[1]):.2f} x faster"
+    one, two = TorqueFeatures(SAMPLING_RATE).fit(X), TorqueFeatures(SAMPLING_RATE, n_jobs=2).fit(X)
+    return on_free_cores(lambda: one.transform(X), lambda: two.transform(X))
 
 
-def table() -> str:
+def results() -> str:
     """Return the results as a Markdown table."""
     check_that_peers_agree()
     X = torque(44)
     n = len(X)
     rows: list[tuple[str, str, str]] = []
 
-    ours, bare, ratio = in_turn(lambda: spectral_set(X), lambda: signal.welch(X, SAMPLING_RATE))
-    rows.append(
-        (
-            "full spectral set, one bare `scipy.signal.welch` (its defaults)",
-            f"{ours / n * 1e3:.2f} ms, {bare / n * 1e3:.2f} ms: {ratio:.2f} x",
-            "<= 1.5 x",
-        )
-    )
     same = {"window": "hamming", "nperseg": SEGMENT, "nfft": N_FFT, "detrend": False}
-    ours, bare, ratio = in_turn(lambda: spectral_set(X), lambda: signal.welch(X, SAMPLING_RATE, **same))
-    rows.append(
-        (
-            "the same, `scipy.signal.welch` with our segments",
-            f"{ours / n * 1e3:.2f} ms, {bare / n * 1e3:.2f} ms: {ratio:.2f} x",
-            "",
+    for name, options, goal in (
+        ("full spectral set, one bare `scipy.signal.welch` (its defaults)", {}, "<= 1.5 x"),
+        ("the same, `scipy.signal.welch` with our segments", same, ""),
+    ):
+        ours, bare, factor = compared(
+            lambda: spectral_set(X),
+            lambda options=options: signal.welch(X, SAMPLING_RATE, **options),  # type: ignore[misc]
         )
-    )
-    theirs, ours, ratio = in_turn(lambda: four_by_peers(X), lambda: four_features(X))
-    rows.append(
-        (
-            "entropy, flatness, centroid, roll-off by antropy and librosa, our segments, one density",
-            f"{theirs / n * 1e3:.2f} ms, ours {ours / n * 1e3:.2f} ms: {ratio:.1f} x faster",
-            ">= 2 x",
-        )
-    )
-    theirs, ours, ratio = in_turn(lambda: four_by_peers_defaults(X), lambda: four_features(X), 5)
-    rows.append(
-        (
-            "the same by their own defaults",
-            f"{theirs / n * 1e3:.2f} ms, ours {ours / n * 1e3:.2f} ms: {ratio:.1f} x faster",
-            ">= 2 x",
-        )
-    )
+        rows.append((name, f"{ours / n * 1e3:.2f} ms, {bare / n * 1e3:.2f} ms: {factor:.2f} x", goal))
+    four = "entropy, flatness, centroid, roll-off by antropy and librosa, our segments, one density"
+    for name, by_peers, repeats in (
+        (four, four_by_peers, REPEATS),
+        ("the same by their own defaults", four_by_peers_defaults, 5),
+    ):
+        theirs, ours, factor = compared(partial(by_peers, X), lambda: four_features(X), repeats)
+        text = f"{theirs / n * 1e3:.2f} ms, ours {ours / n * 1e3:.2f} ms: {factor:.1f} x faster"
+        rows.append((name, text, ">= 2 x"))
 
     features = TorqueFeatures(SAMPLING_RATE).fit(X, np.arange(n) % 8)
     n_columns = features.get_feature_names_out().size
     taken = statistics.median(processor_seconds(lambda: features.transform(X)) for _ in range(REPEATS)) / n
     rows.append((f'`TorqueFeatures("all")`, {n_columns} features', f"{taken * 1e3:.1f} ms", "<= 10 ms"))
 
-    few = X[:2]
     window = list(X[0])
-    theirs, ours, _ = in_turn(lambda: pycatch22.catch22_all(window), lambda: features.transform(X), 5)
-    rows.append(
-        (
-            "pycatch22, 22 features",
-            f"{theirs * 1e3:.0f} ms, ours {ours / n * 1e3:.1f} ms: {theirs / (ours / n):.0f} x faster",
-            ">= 10 x",
-        )
-    )
     config = tsfel.get_features_by_domain()
+
+    def extracted() -> Any:
+        return tsfel.time_series_features_extractor(config, X[0], fs=SAMPLING_RATE, verbose=0)
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         began = time.process_time()
-        extracted = tsfel.time_series_features_extractor(config, few[0], fs=SAMPLING_RATE, verbose=0)
-        seconds = time.process_time() - began
-        theirs, ours, _ = in_turn(
-            lambda: tsfel.time_series_features_extractor(config, few[0], fs=SAMPLING_RATE, verbose=0),
-            lambda: features.transform(X),
-            3 if seconds < 20 else 1,
-        )
-    rows.append(
-        (
-            f"tsfel's full extractor, {extracted.shape[1]} features",
-            f"{theirs * 1e3:.0f} ms, ours {ours / n * 1e3:.1f} ms: {theirs / (ours / n):.0f} x faster",
-            ">= 10 x",
-        )
-    )
-    rows.append(
-        (
-            "two cores (`n_jobs=2`: threads), wall time while both are free",
-            on_two_cores(),
-            ">= 1.7 x",
-        )
-    )
-    rows.append(
-        (
-            f"peak memory of its own, {MANY:,} windows as a float32 memory map",
-            f"{memory_map_gib():.2f} GiB",
-            "< 1 GiB",
-        )
-    )
-    rows.append(("cold `import cyclofeat`", f"{cold_import_seconds():.2f} s", "< 1.5 s"))
-    lines = ["| per window of 1.8 s at 25.6 kHz, one core | result | goal |", "|---|---|---|"]
-    return "\n".join(lines + [f"| {name} | {value} | {goal} |" for name, value, goal in rows]) + "\n"
+        n_extracted = extracted().shape[1]
+        slow = time.process_time() - began >= 20
+        for name, work, repeats in (
+            ("pycatch22, 22 features", lambda: pycatch22.catch22_all(window), 5),
+            (f"tsfel's full extractor, {n_extracted} features", extracted, 1 if slow else 3),
+        ):
+            theirs, ours, _ = compared(work, lambda: features.transform(X), repeats)
+            text = f"{theirs * 1e3:.0f} ms, ours {ours / n * 1e3:.1f} ms: {theirs / (ours / n):.0f} x faster"
+            rows.append((name, text, ">= 10 x"))
+    two_cores = "two cores (`n_jobs=2`: threads), wall time while both are free"
+    memory = f"peak memory of its own, {MANY:,} windows as a float32 memory map"
+    rows += [
+        (two_cores, on_two_cores(), ">= 1.7 x"),
+        (memory, f"{memory_map_gib():.2f} GiB", "< 1 GiB"),
+        ("cold `import cyclofeat`", f"{cold_import_seconds():.2f} s", "< 1.5 s"),
+    ]
+    return table(("per window of 1.8 s at 25.6 kHz, one core", "result", "goal"), rows)
 
 
 def main() -> None:
@@ -313,7 +241,7 @@ def main() -> None:
         if arguments.memory_map is not None:
             transform_memory_map(arguments.memory_map)
             return
-        result = table()
+        result = results()
     print(result, end="")
     if arguments.out is not None:
         arguments.out.write_text(f"Made by `make bench-features`.\n\n{result}", encoding="utf-8")

@@ -7,15 +7,15 @@ of several repeats; compared variants run alternately.
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
-import time
-from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import joblib
 import llvmlite.binding as llvm
 import numpy as np
+from _markdown import table
+from _timing import Work, in_turn, on_free_cores, ratio
 from batches import DURATION_S, INTEGRATORS, Machines, accuracy_table
 from kernel_in_c import CKernel
 from solvers import METHODS, loosest, problem, rms
@@ -32,7 +32,6 @@ REPEATS = 15
 REFERENCE_STEPS = 50
 MANY = 16
 SHORT_RUNS, SHORT_S = 64, 0.1
-PATIENCE_S = 60.0  # to find both cores free
 SOLVED_S = 0.02
 
 STEEL = CycloidalGearbox.steel()
@@ -56,27 +55,6 @@ Where a goal is missed:
   accurate with about 1070, but calls them from Python.
 - Two cores of a virtual machine may be two threads of one core, which share its arithmetic units.
 """
-Work = Callable[[], object]
-
-
-def processor_seconds(work: Work) -> float:
-    """Return the processor time of one call, because the machine may be shared."""
-    began = time.process_time()
-    work()
-    return time.process_time() - began
-
-
-def in_turn(works: Sequence[Work], repeats: int = REPEATS) -> list[list[float]]:
-    """Seconds of each work, run alternately: shape (n_works, repeats)."""
-    for work in works:
-        work()
-    rounds = [[processor_seconds(work) for work in works] for _ in range(repeats)]
-    return [list(times) for times in zip(*rounds, strict=True)]
-
-
-def ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
-    """Median of the ratios of pairs."""
-    return statistics.median(a / b for a, b in zip(slow, fast, strict=True))
 
 
 def vector_width() -> str:
@@ -104,7 +82,7 @@ def real_time() -> list[Row]:
         for _, gearbox, defects in cases
     ]
     kernels: list[Work] = [Kernel(gearbox, defects, SIMULATED_S).torques for _, gearbox, defects in cases]
-    times = in_turn(runs + kernels)
+    times = in_turn(runs + kernels, REPEATS)
     rows = []
     for (name, _, _), whole, inside in zip(cases, times[:3], times[3:], strict=True):
         evaluation = statistics.median(inside) / (2 * SIMULATED_S / DT)
@@ -130,7 +108,7 @@ def adams_bashforth() -> list[Row]:
 
     works: list[Work] = [lambda defects=defects: run(defects, "adams_bashforth", DT) for _, defects in cases]  # type: ignore[misc]
     rows = []
-    for (name, defects), times in zip(cases, in_turn(works), strict=True):
+    for (name, defects), times in zip(cases, in_turn(works, REPEATS), strict=True):
         # Rounding errors grow later, so later samples of two exact runs would differ, too.
         exact = run(defects, "midpoint", DT / 8, 0.1)
         errors = [np.std(run(defects, rule, DT, 0.1) - exact) for rule in ("adams_bashforth", "midpoint")]
@@ -277,7 +255,7 @@ def kernel_in_c() -> list[Row]:
             np.testing.assert_allclose(
                 statistic(ours[settled:], axis=0), statistic(theirs[settled:], axis=0), 1e-3
             )
-        numba, c = in_turn([one.torques, lambda one=one: one.torques_in_c(kernel)])  # type: ignore[misc]
+        numba, c = in_turn([one.torques, lambda one=one: one.torques_in_c(kernel)], REPEATS)  # type: ignore[misc]
         rows.append(
             (
                 f"the same kernel in C (gcc -O3 -march=native), {name}",
@@ -323,36 +301,13 @@ def scipy_solvers() -> list[Row]:
     return rows
 
 
-def busy_seconds() -> float:
-    """Processor time that all processes of the machine have taken so far."""
-    user, nice, system, _idle, _wait, *interrupts = map(
-        int, Path("/proc/stat").read_text(encoding="utf-8").split()[1:9]
-    )
-    return (user + nice + system + sum(interrupts)) / os.sysconf("SC_CLK_TCK")
-
-
-def children_seconds() -> float:
-    """Processor time that this process and its living descendants have taken so far."""
-    tick = os.sysconf("SC_CLK_TCK")
-    fields = {}
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            pid, rest = stat.parent.name, stat.read_text(encoding="utf-8").rpartition(")")[2].split()
-        except OSError:  # the process has ended
-            continue
-        fields[int(pid)] = int(rest[1]), (int(rest[11]) + int(rest[12])) / tick
-    own = {os.getpid()}
-    while more := {pid for pid, (parent, _) in fields.items() if parent in own} - own:
-        own |= more
-    return sum(fields[pid][1] for pid in own)
+def short_runs(backend: str, kernel: str, duration: float, n_jobs: int) -> None:
+    with joblib.parallel_config(backend=backend):
+        simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=duration, kernel=kernel, n_jobs=n_jobs)
 
 
 def on_two_cores() -> list[Row]:
-    """How many times faster two workers are than one, in wall time, while both cores are free.
-
-    Rounds in which other processes used more than a tenth of a core are discarded: two workers are no faster
-    than one if the second core is in use.
-    """
+    """How many times faster two workers are than one."""
     rows = []
     kinds = (
         ("threads", "threading", "exact", SHORT_S, ">= 1.8 x"),
@@ -360,30 +315,9 @@ def on_two_cores() -> list[Row]:
         ("threads with batches", "threading", "batch", DURATION_S, ">= 1.9 x"),
     )
     for kind, backend, kernel, duration, goal in kinds:
-        walls: tuple[list[float], list[float]] = ([], [])
-        given_up = time.perf_counter() + PATIENCE_S
-        for attempt in range(41):
-            for n_jobs, undisturbed in zip((1, 2), walls, strict=True):
-                machine, own, began = busy_seconds(), children_seconds(), time.perf_counter()
-                with joblib.parallel_config(backend=backend):
-                    simulate_many(STEEL, [WORN] * SHORT_RUNS, duration=duration, kernel=kernel, n_jobs=n_jobs)
-                wall = time.perf_counter() - began
-                others = busy_seconds() - machine - (children_seconds() - own)
-                if others < 0.1 * wall and attempt > 0:  # the first starts the workers
-                    undisturbed.append(wall)
-            if min(map(len, walls)) >= 9 or time.perf_counter() > given_up:
-                break
-        if min(map(len, walls)) < 3:
-            text = "not measured: the machine was busy"
-        else:
-            text = f"{statistics.median(walls[0]) / statistics.median(walls[1]):.2f} x faster"
-        rows.append(
-            (
-                f"two cores against one, {SHORT_RUNS} runs of {duration:g} s, {kind}, wall time",
-                text,
-                goal,
-            )
-        )
+        work = partial(short_runs, backend, kernel, duration)
+        name = f"two cores against one, {SHORT_RUNS} runs of {duration:g} s, {kind}, wall time"
+        rows.append((name, on_free_cores(partial(work, 1), partial(work, 2)), goal))
     return rows
 
 
@@ -409,18 +343,18 @@ def growth() -> str:
         ("simulated time in s", (0.3, 0.6, 1.2, 2.4), [run(STEEL, s) for s in (0.3, 0.6, 1.2, 2.4)]),
         ("runs", (4, 16, 64), [runs(n) for n in (4, 16, 64)]),
     )
-    lines = ["| what grows | processor time in ms | exponent |", "|---|---|---|"]
+    rows = []
     for name, sizes, works in swept:
         medians = [statistics.median(times) for times in in_turn(works, 7)]
         exponent = np.polyfit(np.log(sizes), np.log(medians), 1)[0]
         told = ", ".join(
             f"{size:g}: {seconds * 1e3:.0f}" for size, seconds in zip(sizes, medians, strict=True)
         )
-        lines.append(f"| {name} | {told} | {exponent:.2f} |")
-    return "\n".join(lines) + "\n"
+        rows.append((name, told, f"{exponent:.2f}"))
+    return table(("what grows", "processor time in ms", "exponent"), rows)
 
 
-def table() -> str:
+def results() -> str:
     """Return the results in Markdown."""
     rows = [
         *real_time(),
@@ -432,11 +366,10 @@ def table() -> str:
         *scipy_solvers(),
         *on_two_cores(),
     ]
-    head = f"| dt = 1e-5 s, 48 contacts, two wheels, one core; vectors of {vector_width()} | result | goal |"
-    lines = [head, "|---|---|---|", *(f"| {name} | {value} | {goal} |" for name, value, goal in rows)]
+    what = f"dt = 1e-5 s, 48 contacts, two wheels, one core; vectors of {vector_width()}"
     return (
-        "\n".join(lines)
-        + "\n\nErrors of batches beside those of the time step (against an eighth of the step):\n\n"
+        table((what, "result", "goal"), rows)
+        + "\nErrors of batches beside those of the time step (against an eighth of the step):\n\n"
         + accuracy_table()
         + "\nCost as the problem grows (goal: linear, exponent at most 1):\n\n"
         + growth()
@@ -448,7 +381,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="also write the tables to this file")
     arguments = parser.parse_args()
     with threadpool_limits(1):
-        result = table()
+        result = results()
     print(result, end="")
     if arguments.out is not None:
         arguments.out.write_text(f"Made by `make bench-simulator`.\n\n{result}\n{NOTES}", encoding="utf-8")

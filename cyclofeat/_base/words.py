@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 
 
 def number(n: int, thing: str) -> str:
@@ -18,3 +19,14 @@ def from_1(lobes: Iterable[int]) -> list[int]:
 def lobes_text(lobes: Iterable[int] | None) -> str:
     """Return lobes as people count them, from 1, separated by commas."""
     return ", ".join(map(str, from_1(sorted(lobes or ()))))
+
+
+def beyond(below: float, above: float, text: Callable[[float], str] = "{:.3g}".format) -> str:
+    """Return ``below 0.1 or above 2``; a NaN is no end, and two of them give an empty text."""
+    ends = (("below", below), ("above", above))
+    return " or ".join(f"{word} {text(end)}" for word, end in ends if not math.isnan(end))
+
+
+def unit_text(unit: str) -> str:
+    """Return the unit behind a space; nothing for the unit of a pure number, ``"1"``."""
+    return "" if unit == "1" else f" {unit}"

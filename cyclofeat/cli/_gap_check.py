@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress
-from cyclofeat._base.words import number
+from cyclofeat._base.words import beyond, number, unit_text
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import read_all
 from cyclofeat.cli._table import Printed
@@ -102,17 +101,13 @@ def printed_check(result: GapCheck) -> Printed:
 
 
 def _line(one: CheckedEffect) -> str:
-    half, most = _beyond(one, one.half_below, one.half_above), _beyond(one, one.most_below, one.most_above)
+    half, most = beyond(one.half_below, one.half_above), beyond(one.most_below, one.most_above)
+    unit = unit_text(one.unit)
     text = f"{one.effect}: found in {one.recall:.0%} of {one.n}"
     if half:
-        text += f"; in half with {one.parameter} {half}" + (f", in 9 of 10 {most}" if most else "")
+        text += f"; in half with {one.parameter} {half}{unit}" + (
+            f", in 9 of 10 {most}{unit}" if most else ""
+        )
     elif one.recall < 1:
         text += f"; no {one.parameter} is found in half"
     return text + (f"; taken for {', '.join(one.confused_with)}" if one.confused_with else "")
-
-
-def _beyond(one: CheckedEffect, below: float, above: float) -> str:
-    """The sizes below and above two ends in words, empty where there are none."""
-    ends = [f"{word} {end:.3g}" for word, end in (("below", below), ("above", above)) if not math.isnan(end)]
-    unit = "" if one.unit == "1" or not ends else f" {one.unit}"
-    return " or ".join(ends) + unit

@@ -12,7 +12,7 @@ import numpy as np
 from cyclofeat._base import plots, svg
 from cyclofeat._base.card import card
 from cyclofeat._base.frames import frame
-from cyclofeat._base.words import number
+from cyclofeat._base.words import beyond, number, unit_text
 from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._overlays import Overlay
 from cyclofeat.gap._where import Where
@@ -52,8 +52,7 @@ class Size:
     high: float
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.name} = {self.value:.3g} ({self.low:.3g} to {self.high:.3g}){unit}"
+        return f"{self.name} = {self.value:.3g} ({self.low:.3g} to {self.high:.3g}){unit_text(self.unit)}"
 
 
 @dataclass(frozen=True)
@@ -74,10 +73,7 @@ class VisibleFrom:
     above: float
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        ends = (("below", self.below), ("above", self.above))
-        words = " or ".join(f"{word} {end:.3g}" for word, end in ends if not math.isnan(end))
-        return f"{self.name} {words}{unit}"
+        return f"{self.name} {beyond(self.below, self.above)}{unit_text(self.unit)}"
 
 
 @dataclass(frozen=True)

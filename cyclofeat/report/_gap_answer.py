@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import beyond, number
 from cyclofeat.plotting.gap_words import cell_name, effect_name, mean_difference_words, p_words
 from cyclofeat.report._gap_numbers import percent, quantity, range_text, rounded
 from cyclofeat.report._page import probability_text, unbroken
@@ -147,9 +147,7 @@ def _rest(found: FoundEffect) -> str:
     """An effect that is not missing: its probability, and the size that would have been seen."""
     text, seen = probability_text(found.probability), found.visible_from
     if seen is not None:
-        ends = (("below", seen.below), ("above", seen.above))
-        sizes = [f"{word} {quantity([end], seen.unit)}" for word, end in ends if not math.isnan(end)]
-        text += f"; seen {' or '.join(sizes)}"
+        text += f"; seen {beyond(seen.below, seen.above, lambda end: quantity([end], seen.unit))}"
     return f"{effect_name(found.effect)} ({text})"
 
 

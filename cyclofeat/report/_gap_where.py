@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cyclofeat._base.words import number
+from cyclofeat._base.words import number, unit_text
 from cyclofeat.plotting import GapDisplay
 from cyclofeat.plotting.gap_words import (
     cell_name,
@@ -110,8 +110,7 @@ def _plain_row(row: WhereRow) -> dict[str, str]:
         ends = [f"{10 ** (end / 20):.2g}" for end in (row.low, row.high)]
         interval = f"{ends[0]} to {ends[1]} times"
     else:
-        unit = "" if row.cell.unit == "1" else f" {row.cell.unit}"
-        interval = f"{signed(row.low)} to {signed(row.high)}{unit}"
+        interval = f"{signed(row.low)} to {signed(row.high)}{unit_text(row.cell.unit)}"
     return {
         "what": cell_name(row.cell),
         "difference": difference_words(row),
