@@ -31,17 +31,9 @@ def friction_rates(
 
     Friction at rest is a damper of force times coefficient over the transition speed. With S the sliding
     speeds per unit of the bodies' rates, G these slopes and M the inertias, the damping rates are the
-    eigenvalues of M^-1 S' G S. The slope of the output's bearing is that at the shaft's speed.
-
-    Parameters
-    ----------
-    gearbox : CycloidalGearbox
-    phi, omega : ndarray, shape (n,)
-        Angle (rad) and speed (rad/s) of the input.
-    motion : ndarray, shape (n, n_state)
-        States of the kernel.
-    external, internal : ndarray, shape (n, 2, n_sleeves, 3)
-        Forces of the sleeves, as the kernel gathers them.
+    eigenvalues of M^-1 S' G S. The slope of the output's bearing is that at the shaft's speed. ``phi`` and
+    ``omega`` (n,) are of the input, ``motion`` (n, n_state) and the sleeves' forces (n, 2, n_sleeves, 3) as
+    the kernel gathers them.
     """
     n_pins, n_sleeves = gearbox.n_pins, gearbox.n_internal_sleeves
     inertias = np.full(_FIRST_SPIN + n_pins + n_sleeves, gearbox.sleeve_inertia)

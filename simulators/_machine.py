@@ -166,33 +166,18 @@ class _RunOfMachine:
     """What a run of a machine is, before and after its simulation."""
 
     machine: Machine
-    random_state: np.random.SeedSequence = dataclasses.field(repr=False)
-    n_samples: int
-    n_settling: int
-    from_rest: bool
-    quantity: str = "output_torque"
+    random_state: np.random.SeedSequence = dataclasses.field(repr=False)  #: Seed of the run
+    n_samples: int  #: Length of a record
+    n_settling: int  #: Number of samples before it
+    from_rest: bool  #: True if the record begins with the start
+    quantity: str = "output_torque"  #: Quantity that is measured
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlannedRun(_RunOfMachine):
-    """A run that is still to be simulated; made by :meth:`cyclofeat.simulators.Rig.plan_run`.
+    """A run that is still to be simulated; made by :meth:`cyclofeat.simulators.Rig.plan_run`."""
 
-    Attributes
-    ----------
-    machine : Machine
-    arguments : dict
-        Arguments of :func:`cyclofeat.simulators.simulate`.
-    random_state : numpy.random.SeedSequence
-        Seed of the run.
-    n_samples, n_settling : int
-        Length of a record, and number of samples before it.
-    from_rest : bool
-        True if the record begins with the start.
-    quantity : str
-        Quantity that is measured.
-    """
-
-    arguments: dict[str, Any]
+    arguments: dict[str, Any]  #: Of :func:`cyclofeat.simulators.simulate`
 
     def simulate(self) -> MachineRun:
         """Simulate the run; raise :class:`cyclofeat.simulators.SimulationFailed` if it diverges or locks.
@@ -218,22 +203,9 @@ class MachineRun(_RunOfMachine):
     """A run before measurement, for one or several chains of measurement.
 
     Made by :meth:`PlannedRun.simulate` or :func:`cyclofeat.simulators.run_planned`.
-
-    Attributes
-    ----------
-    machine : Machine
-    run : SimulationRun
-        Channels from the start on, settling included.
-    random_state : numpy.random.SeedSequence
-        Seed of the run.
-    n_samples, n_settling : int
-        Length of a record, and number of samples before it.
-    from_rest : bool
-        True if the record begins with the start.
-    quantity : str
-        Quantity that is measured.
     """
 
+    #: Channels from the start on, settling included.
     run: SimulationRun = dataclasses.field(repr=False)
 
     def record(self, effects: Sequence[Effect] = ()) -> SimulationRun:

@@ -33,22 +33,9 @@ def naming(path: str | Path, part: Path | None = None) -> Iterator[None]:
 def write_whole(path: Path, write: Callable[[IO[bytes]], object], *, durable: bool = False) -> Path:
     """Write to a file beside ``path``, rename it, and return ``path``: nobody ever sees half a file.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        File to write or to replace.
-    write : callable
-        Takes the open binary file and writes to it.
-    durable : bool
-        Send the file to the disk before it gets its name, and its name after that: the old file or the whole
-        new one survives a power cut. A process killed meanwhile leaves ``.<name>.<digits>.part``.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the folder does not exist.
-    OSError
-        If the file cannot be written; the message names it.
+    ``write`` is given the open binary file. If ``durable``, the file goes to the disk before it gets its
+    name, and its name after that: the old file or the whole new one survives a power cut. A process killed
+    meanwhile leaves ``.<name>.<digits>.part``. An OSError names the file.
     """
     check_parent(path)
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")

@@ -25,15 +25,7 @@ def register(name: str, kinds: Mapping[str, Draw]) -> None:
 
 
 def draw(drawn: object, kind: str, ax: Any, **options: Any) -> Any:
-    """Draw an object on axes or, where ``ax`` is None, on new ones, and return the display.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
-    ValueError
-        If there is no such kind.
-    """
+    """Draw an object on axes or, where ``ax`` is None, on new ones, and return the display."""
     for load in _LOADERS:
         load()
     kinds = next(_KINDS[one.__name__] for one in type(drawn).__mro__ if one.__name__ in _KINDS)

@@ -49,14 +49,8 @@ def demonstrate(
 ) -> Demonstration:
     """Train, write surrogate recordings, count them from their files, compare counters, write the pages.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder to write: ``recordings/``, ``model.skops``, ``count.html``, ``evaluation.html``.
-    n_jobs : int
-        Processes; -1 takes all cores.
-    training_assemblies, file_assemblies : int
-        Simulated assemblies per defect count: to train on, and to count from files.
+    The folder then holds ``recordings/``, ``model.skops``, ``count.html`` and ``evaluation.html``. Assemblies
+    are those of each defect count: to train on, and to count from files.
     """
     from cyclofeat.counting import LobeModel, Protocol
     from cyclofeat.datasets import read_recording, write_recording

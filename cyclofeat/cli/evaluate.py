@@ -62,20 +62,11 @@ def cross_validated(
     files: str,
     thorough: bool = False,
 ) -> dict[str, Evaluation]:
-    """Return the evaluation of each counter on the same folds of the same windows.
+    """Return the evaluation of each counter on the same folds of the same windows; write the report ``page``.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Each with ``assembly`` and ``defect_count``.
-    protocol : Protocol
-    page : path or None
-        Report to write.
-    files : str
-        Files that were read, for the report.
-    thorough : bool
-        Also calibrate the probabilities and, where all recordings state worn lobes and an absolute angle,
-        score the counter that locates lobes.
+    Recordings state ``assembly`` and ``defect_count``; ``files`` are those that were read. If ``thorough``,
+    the probabilities are calibrated too and, where all recordings state worn lobes and an absolute angle, the
+    counter that locates lobes is scored.
     """
     from cyclofeat.counting import (
         GroupCalibratedCounter,

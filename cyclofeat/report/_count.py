@@ -17,6 +17,7 @@ from cyclofeat.plotting.drawing import require_matplotlib
 from cyclofeat.plotting.kinds import feature_of, words_of
 from cyclofeat.report._page import (
     check_page_path,
+    count_heading,
     count_text,
     lobes_text,
     origin,
@@ -191,7 +192,7 @@ def _tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list
     if sound:
         worst = max(by_count)
         names = [row["name"] for row in sound if row["count"] == worst]
-        tiles.append(("Worst", _capital(count_text(worst, ())), _some(names) if worst else "in any", False))
+        tiles.append(("Worst", count_heading(worst), _some(names) if worst else "in any", False))
     refused = [row["name"] for row in rows if row["refused"]]
     if refused:
         tiles.append(("Refused", str(len(refused)), f"not reliable: {_some(refused)}", True))
@@ -209,10 +210,6 @@ def _some(names: Sequence[str], most: int = 3) -> str:
     """The first of many names."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]
 
 
 def _row(item: CountedRecording) -> dict[str, Any]:
@@ -241,7 +238,7 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
     speed_hz = model.speed_of(recording)
     described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes)
     return {
-        "heading": _capital(count_text(count.defect_count, ())),
+        "heading": count_heading(count.defect_count),
         "reason": count.reason,
         "speed_known": _speed_known(item),
         "warnings": [*count.warnings, *_quality(described["warnings"])],

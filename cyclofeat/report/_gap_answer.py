@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 def the_answer(result: GapResult, word: str) -> dict[str, Any]:
     """Heading, sentences, and one row for each effect that is missing or may be.
 
-    Parameters
-    ----------
-    result : cyclofeat.gap.GapResult
-    word : str
-        Name of the recordings in a heading: ``"measurement"``.
+    ``word`` names the recordings in the heading: ``"measurement"``.
     """
     rows = _rows(result)
     shown = {name for row in rows for name in row["ids"]}

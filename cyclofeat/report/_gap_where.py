@@ -36,11 +36,7 @@ _ALT = {
 def where_they_differ(where: Where, label: str, word: str) -> dict[str, Any]:
     """Sentences, the clearest differences, and pictures.
 
-    Parameters
-    ----------
-    where : cyclofeat.gap.Where
-    label, word : str
-        Names of the recordings in pictures and in sentences: ``"measured"`` and ``"measurement"``.
+    ``label`` names the recordings in pictures (``"measured"``), ``word`` in sentences (``"measurement"``).
     """
     display = GapDisplay(where, label=label)
     flagged = where.flagged

@@ -12,7 +12,14 @@ import numpy as np
 from cyclofeat import __version__
 from cyclofeat.history import GearboxState, History, HistoryRow, when
 from cyclofeat.plotting.drawing import require_matplotlib
-from cyclofeat.report._page import check_page_path, count_text, probability_text, versions, write_page
+from cyclofeat.report._page import (
+    check_page_path,
+    count_heading,
+    count_text,
+    probability_text,
+    versions,
+    write_page,
+)
 from cyclofeat.report._plot import Axis, Line, Plot, Span
 
 if TYPE_CHECKING:
@@ -114,9 +121,7 @@ def _section(history: History, state: GearboxState) -> dict[str, Any]:
     rows = history.rows(state.gearbox, _MOST_ROWS)
     return {
         "name": state.gearbox,
-        "answer": "Never counted"
-        if state.defect_count is None
-        else _capital(count_text(state.defect_count, ())),
+        "answer": "Never counted" if state.defect_count is None else count_heading(state.defect_count),
         "alarm": state.alarm,
         "state": str(state),
         "rates": state.rates,
@@ -248,7 +253,3 @@ def _count_lines(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Line]:
     if state.baseline is not None:
         lines.append(Line("baseline", np.where(present, float(state.baseline), np.nan), "faint", "dashed"))
     return lines
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]

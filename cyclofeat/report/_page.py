@@ -102,6 +102,12 @@ def count_text(count: int, lobes: Iterable[int] | None, absolute: bool = True) -
     return f"{text}: {numbers}" if numbers else text
 
 
+def count_heading(count: int) -> str:
+    """Return the number of worn lobes in words, with a capital."""
+    text = count_text(count, ())
+    return text[0].upper() + text[1:]
+
+
 def lobes_text(lobes: Iterable[int] | None, absolute: bool = True) -> str:
     """Return lobes as people count them, from 1."""
     numbers = words.lobes_text(lobes)

@@ -75,20 +75,10 @@ def input_angle_from_disc(angle: ArrayLike, reduction: int = 15) -> Float:
 
 
 def samples_at(angles: Float, angle: Float) -> Float:
-    """Return between which samples the shaft passes angles.
+    """Return between which samples a shaft of increasing ``angle`` (n,) passes ``angles`` (m,), all in rad.
 
-    Parameters
-    ----------
-    angles : ndarray of shape (m,)
-        In rad; outside the record its first or last sample is returned.
-    angle : ndarray of shape (n,)
-        Angle of the shaft in rad at the samples, strictly increasing.
-
-    Returns
-    -------
-    ndarray of shape (m,)
-        Fractional numbers of samples from 0, by linear interpolation. ``numpy.interp`` gives the same, but
-        takes two more arrays as long as the record.
+    Fractional numbers of samples from 0, by linear interpolation; outside the record its first or last.
+    ``numpy.interp`` gives the same, but takes two more arrays as long as the record.
 
     Examples
     --------

@@ -35,16 +35,7 @@ class Course(Protocol):
 
 
 class Integrating:
-    """Machines of one form, one in each lane.
-
-    Parameters
-    ----------
-    machines, courses, starts : sequence
-        Constants, input and load to the end of its run, and state at the start of each.
-    solver : Solver
-    lanes : int
-    dtype : numpy.float32 or numpy.float64
-    """
+    """Machines of one form, one in each lane: constants, courses to the end of its run, and first states."""
 
     def __init__(
         self,

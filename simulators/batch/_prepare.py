@@ -52,17 +52,8 @@ def batch_tables(
 ) -> rows.Tables:
     """Return the tables of machines with equal numbers of lobes and sleeves, one in each lane.
 
-    Parameters
-    ----------
-    machines : sequence of KernelInput
-        At most as many as there are lanes; those without a machine are at rest.
-    dt : float
-        Integration step in s.
-    limits : (force, time)
-        Force on a cam, in N, beyond which for this time, in s, a machine is locked.
-    widths : (lanes, pins)
-        Number of lanes, and of pins of one wheel that are described at once.
-    dtype : numpy.float32 or numpy.float64
+    Lanes without a machine are at rest. ``limits`` are the force on a cam in N and the time in s for which it
+    locks a machine, ``widths`` the numbers of lanes and of pins of one wheel that are described at once.
     """
     lanes, across = widths
     wheel, joint = machines[0].wheel, machines[0].joint

@@ -47,15 +47,9 @@ class SampledCourse:
 
 
 class Samples:
-    """Rows of the results at the samples, for all lanes.
+    """Rows of the results at the samples of the longest run, for all lanes.
 
-    Parameters
-    ----------
-    sampling : Sampling
-        Of the longest run.
-    lanes : int
-    filtered, picked : sequence of int
-        Rows that pass the anti-alias filter, and rows of which single steps are taken.
+    ``filtered`` rows pass the anti-alias filter; of ``picked`` ones single steps are taken.
     """
 
     def __init__(
