@@ -133,7 +133,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     """Return simulated recordings and the name of their rig."""
     from cyclofeat.counting import samples_per_turn_at
     from cyclofeat.datasets import make_rig_recordings
-    from cyclofeat.recordings import thinned
+    from cyclofeat.recordings import at_lowest_rate
     from cyclofeat.simulators import Solver
 
     rig = rig_of(arguments, default="r2")
@@ -174,7 +174,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
                 solver=Solver(integrator="adams_bashforth"),
                 progress=_after(progress, first * len(counts), n_assemblies * len(counts)),
             )
-            recordings += [thinned(one, gearbox.n_lobes) for one in made]
+            recordings += [at_lowest_rate(one, gearbox.n_lobes) for one in made]
     return recordings, rig.name
 
 

@@ -10,7 +10,7 @@ name                 job
 ``ShaftCutter``      the windows of ``shaft_windows`` from samples that arrive in pieces
 ``Windower``         cut recordings into windows of whole output turns, or of equal duration
 ``WindowSet``        windows with their counts, assemblies, start angles and worn lobes
-``thinned``          a recording at the lowest rate that ``shaft_windows`` needs
+``at_lowest_rate``   a recording at the lowest rate that ``shaft_windows`` needs
 ``window_set``       join cuts of recordings to a ``WindowSet``
 ``common_quantity``  quantity that recordings share
 ``common_n_lobes``   number of lobes that recordings share
@@ -20,7 +20,13 @@ name                 job
 
 from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS
 from cyclofeat.recordings._recording import Recording, common_n_lobes, common_quantity, common_speed
-from cyclofeat.recordings._shaft import SAMPLES_PER_TURN, ShaftCutter, ShaftWindow, shaft_windows, thinned
+from cyclofeat.recordings._shaft import (
+    SAMPLES_PER_TURN,
+    ShaftCutter,
+    ShaftWindow,
+    at_lowest_rate,
+    shaft_windows,
+)
 from cyclofeat.recordings._windower import Windower, WindowSet, window_set
 
 __all__ = [
@@ -32,10 +38,10 @@ __all__ = [
     "ShaftWindow",
     "WindowSet",
     "Windower",
+    "at_lowest_rate",
     "common_n_lobes",
     "common_quantity",
     "common_speed",
     "shaft_windows",
-    "thinned",
     "window_set",
 ]

@@ -15,7 +15,14 @@ from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
 
-__all__ = ["SAMPLES_PER_TURN", "WINDOW_TURNS", "ShaftCutter", "ShaftWindow", "shaft_windows", "thinned"]
+__all__ = [
+    "SAMPLES_PER_TURN",
+    "WINDOW_TURNS",
+    "ShaftCutter",
+    "ShaftWindow",
+    "at_lowest_rate",
+    "shaft_windows",
+]
 
 #: Samples per input turn of windows that hold all 44 lobe lines of a count.
 SAMPLES_PER_TURN = 128
@@ -72,7 +79,7 @@ def shaft_windows(
     return window_set(recordings, cuts, float(samples_per_turn))
 
 
-def thinned(recording: Recording, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Recording:
+def at_lowest_rate(recording: Recording, n_lobes: int, samples_per_turn: int = SAMPLES_PER_TURN) -> Recording:
     """Return a recording with a tachometer at the lowest sampling rate that its windows need.
 
     Many recordings then fit into memory. Their windows are those of the whole ones, up to rounding.

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
-from cyclofeat.recordings import Recording, Windower, common_quantity, shaft_windows, thinned
+from cyclofeat.recordings import Recording, Windower, at_lowest_rate, common_quantity, shaft_windows
 from cyclofeat.signal.orders import input_angle_from_disc, resample_by_angle
 
 RATE = 25_600.0
@@ -789,7 +789,7 @@ def test_thinned_recording_gives_the_same_windows(rpm):
     angle = steady_angle(seconds, start=1.0, speed=rpm / 60)
     torque = 22 + np.sin(16 / 15 * 5 * angle) + 0.3 * np.random.default_rng(3).normal(size=angle.size)
     whole = Recording(torque, RATE, angle=angle, assembly="A", defect_count=2)
-    few = thinned(whole, 15)
+    few = at_lowest_rate(whole, 15)
     per_turn = few.sampling_rate / (rpm / 60)
     assert 2.5 * 128 <= per_turn < 5 * 128
     assert (few.assembly, few.defect_count) == ("A", 2)
@@ -801,4 +801,4 @@ def test_thinned_recording_gives_the_same_windows(rpm):
 def test_recording_with_few_samples_is_not_thinned():
     angle = steady_angle(2.0, rate=2560.0)
     few = Recording(noise(angle.size), 2560.0, angle=angle)
-    assert thinned(few, 15) is few
+    assert at_lowest_rate(few, 15) is few
