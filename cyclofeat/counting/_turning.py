@@ -9,6 +9,7 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
+from cyclofeat.signal.drive import follow_motor
 from cyclofeat.signal.orders import mean_speed, samples_at
 from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, SEARCHED_HZ, follow_speed, search_speed
 from cyclofeat.signal.windows import Float
@@ -55,7 +56,8 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     stated = recording.input_speed_hz
     if stated is None:
         return _searched(recording, n_lobes)
-    followed = follow_speed(recording.torque, rate, stated, n_lobes)
+    follow = follow_motor if recording.quantity == "motor_current" else follow_speed
+    followed = follow(recording.torque, rate, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
     if followed.evidence > 0:
         doubt = ""

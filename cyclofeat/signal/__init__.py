@@ -14,6 +14,7 @@ module               functions
 ``orders``           angle and order domain: ``estimate_input_speed``, ``order_lines``, ``resample_by_angle``
 ``lobes``            lobe domain: ``lobe_lines``, ``fold``, prominence and contrast of the lines
 ``speed``            the angle of the input followed in the torque alone: ``follow_speed``
+``drive``            the same in a motor's current: ``follow_motor``
 ``faults``           samples that are clipped, lost or off, filtered torque, noise or speed that changes
 ``wavelets``         ``dwt``, ``scalogram``, ``minima_mask``, statistics and envelopes of levels
 ``wavelet_filters``  wavelets by name, the Morris family among them (public in ``wavelets``)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +46,8 @@ _SEARCHED_TURNS, _OVERLAPPING, _SAME, _LEAST, _POSSIBLE, _MORE = 2.0, 0.8, 0.01,
 class _Pass:
     """One pass of the search: blocks, their hop, and the factors of the speed that are tried.
 
-    A change of the speed from block to block costs its square, in units of ``change``.
+    A change of the speed from block to block costs its square, in units of ``change``. Lobe lines within
+    ``apart`` orders of one of the shaft are not used, unless they are those of the mesh.
     """
 
     turns: float
@@ -53,6 +55,7 @@ class _Pass:
     tolerance: float
     step: float
     change: float
+    apart: float = 0.0
 
 
 _COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=4e-3)
@@ -62,12 +65,16 @@ _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
 
 @dataclass(frozen=True)
 class _Lines:
-    """Last lobe line, and last line of the shaft, that are used, and the orders that a record holds."""
+    """Last lobe line, and last line of the shaft, that are used, and the orders that a record holds.
+
+    ``spared`` of the odd lines of the shaft, the strongest, are left to the slots of a motor.
+    """
 
     n_lobes: int
     last_lobe: int
     last_shaft: int
     orders: float
+    spared: int = 0
 
     @classmethod
     def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
@@ -143,6 +150,16 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     >>> bool(np.std(error) < 2 * np.pi * 0.003)
     True
     """
+    lines, thinned, rate = _thinned(torque, sampling_rate, nominal_hz, n_lobes)
+    kept, evidence, fits, reaches = _followed(thinned, rate, nominal_hz, lines)
+    angle = _at_samples(kept, rate, torque.size, sampling_rate)
+    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
+
+
+def _thinned(
+    torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int
+) -> tuple[_Lines, Float, float]:
+    """Return the lines that a record holds, and the record at the rate in Hz that they need; or raise."""
     turns = torque.size / sampling_rate * nominal_hz
     if turns < _COARSE.turns:
         raise ValueError(
@@ -157,12 +174,15 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
         )
     lines = _Lines.held(sampling_rate, nominal_hz, n_lobes)
     (thinned,), rate = reduce_rate(torque[np.newaxis], sampling_rate, _DENSE * nominal_hz)
-    kept, evidence, fits, reaches = _followed(thinned, rate, nominal_hz, lines)
+    return lines, thinned, rate
+
+
+def _at_samples(kept: Float, rate: float, n_samples: int, sampling_rate: float) -> Float:
+    """Return the angle at all samples from that at those that were kept."""
     step = sampling_rate / rate
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
-    angle = np.interp(np.arange(torque.size), step * np.arange(marks.size), marks)
-    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
+    return np.asarray(np.interp(np.arange(n_samples), step * np.arange(marks.size), marks))
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
@@ -236,14 +256,18 @@ def _same(speed: float, other: float) -> bool:
 
 
 def _followed(
-    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines
+    torque: Float,
+    sampling_rate: float,
+    nominal_hz: float,
+    lines: _Lines,
+    passes: Sequence[_Pass] = (_COARSE, _FINE, _LAST),
 ) -> tuple[Float, float, bool, bool]:
     """Return angle, evidence, fit and reach at the samples of a record that are not more than needed."""
     turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
     evidence = 0.0
-    for one in (_COARSE, _FINE, _LAST):
+    for one in passes:
         if turns < one.turns:
             break
         if one is _COARSE:
@@ -296,10 +320,11 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
         return False, reaches
     some = [ratio["lobe"][lobe % 2 == 0], ratio["lobe"][lobe % 2 == 1], ratio["lobe"][lobe % 3 != 0]]
     worn = ratio["lobe"].mean() > _PRESENT and min(one.mean() for one in some) > 0
+    odd_lines = np.sort(ratio["odd"])[: max(1, ratio["odd"].size - lines.spared)]
     sound = (
         ratio["lobe"].mean() < 0
         and ratio["mesh"].mean() > _PRESENT
-        and ratio["odd"].mean() <= _ABSENT
+        and odd_lines.mean() <= _ABSENT
         and (not even.size or ratio["even"].mean() <= _FEW)
     )
     return bool(worn or sound), reaches
@@ -320,7 +345,7 @@ def _course(
     starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)
     blocks = np.lib.stride_tricks.sliding_window_view(torque, length)[starts].astype(float)
     factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
-    votes = _votes(blocks, rate, speed, factors, lines)
+    votes = _votes(blocks, rate, speed, factors, lines, one.apart)
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, one.hop / one.turns)
     path = _path(votes, one.change / one.step)
@@ -332,11 +357,13 @@ def _course(
     return (times, course), evidence
 
 
-def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines) -> Float:
+def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines, apart: float) -> Float:
     """Log-likelihood ratio of the lines over noise, shape (n_blocks, n_factors)."""
     n_lobes = lines.n_lobes
     lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
     mesh = lobe % n_lobes == 0
+    beside = np.abs((lobe + n_lobes // 2) % n_lobes - n_lobes // 2) / n_lobes
+    lobe, mesh = lobe[mesh | (beside > apart)], mesh[mesh | (beside > apart)]
     shaft = np.arange(_FIRST_SHAFT_LINE, lines.last_shaft + 1, 2)
     shaft = shaft[shaft % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1)
     numbers = np.concatenate([lobe, shaft])

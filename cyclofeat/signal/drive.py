@@ -1,0 +1,239 @@
+"""Angle of the input shaft from the current of a motor that controls its own speed."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import numpy as np
+from scipy.signal import lfilter
+
+from cyclofeat.signal.orders import mean_speed, resample_by_angle
+from cyclofeat.signal.speed import (
+    _COARSE,
+    _LAST,
+    _SAMPLES_PER_TURN,
+    FollowedSpeed,
+    _at_samples,
+    _course,
+    _followed,
+    _Lines,
+    _Pass,
+    _thinned,
+    follow_speed,
+)
+from cyclofeat.signal.windows import Float
+
+__all__ = ["controlled_lag", "follow_motor"]
+
+# Evidence of a gain and an integral time.
+_Evidence = Callable[[float, float], float]
+
+# Gains that are tried: changes of the speed, as shares of the mean one, that one standard deviation of the
+# current answers. Integral times of the control in s. From the best of these pairs on, steps of gain and time
+# are taken as long as they raise the evidence, then halved.
+_GAINS, _TIMES = np.arange(1, 8) * 0.04, (0.006, 0.012, 0.024)
+_HIGHEST_GAIN, _SHORTEST, _LONGEST = 0.4, 0.005, 0.05
+# Share of the stated speed below which no shaft under control falls.
+_SLOWEST = 0.1
+_GAIN_STEP, _TIME_STEP, _HALVINGS = 0.02, 2**0.5, 2
+# A line of the motor, such as order 30, may lie 2/15 of an order beside a lobe line, and would draw the speed
+# to itself: such lobe lines are left out, and blocks are long enough to tell the others from it.
+_SHARP = _Pass(turns=14, hop=3.5, tolerance=8e-3, step=2.5e-4, change=1e-3, apart=0.15)
+_SHARPER = dataclasses.replace(_LAST, apart=0.15)
+# Output turns, at most, in the middle of the record that are searched.
+_SEARCHED_TURNS = 2.0
+# Evidence per turn that a control must add before it is believed; multiple of the evidence that lines at
+# another speed have.
+_GAINED, _CLEARLY = 0.2, 1.2
+
+
+def controlled_lag(current: Float, sampling_rate: float, integral_s: float) -> Float:
+    """Return by how much a shaft lags behind its set speed, from the current of its motor.
+
+    A proportional-integral controller of the speed sets the current i = P (e + a / T), with the speed's
+    deviation e = da/dt, the lag a and the integral time T. The lag is therefore the current behind a low-pass
+    of the first order: da/dt + a / T = i / P.
+
+    Parameters
+    ----------
+    current : ndarray, shape (n,)
+        Without its mean, which the friction and the load need.
+    sampling_rate : float
+        In Hz.
+    integral_s : float
+        T in s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        P a, in the unit of the current times s; 0 before the first sample.
+
+    Examples
+    --------
+    >>> current = np.sin(2 * np.pi * 8 * np.arange(2_000) / 1_000)
+    >>> lag = controlled_lag(current, 1_000, 0.02)[1_000:]
+    >>> bool(abs(lag.max() - 0.02 / np.hypot(1, 2 * np.pi * 8 * 0.02)) < 1e-4)
+    True
+    """
+    kept = np.exp(-1 / (sampling_rate * integral_s))
+    return np.asarray(lfilter([(1 - kept) * integral_s], [1, -kept], current))
+
+
+def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15) -> FollowedSpeed:
+    """Follow the input shaft in the current of the motor that turns it.
+
+    Worn lobes brake a motor by some per cent of its speed for a part of a turn, too briefly for
+    :func:`~cyclofeat.signal.speed.follow_speed`, which takes the speed to change slowly. The current tells
+    these changes, because the control of the speed sets it in answer to them (:func:`controlled_lag`). Gain
+    and integral time of the control are those with which the lines of the current have the most evidence.
+    What is slow is then followed as in a torque, in longer blocks. Where no control makes the lines clearly
+    more evident, there is none.
+
+    Where the lobe lines do not reach beyond those of a sound disc (``reaches``), multiples of the speed are
+    followed as well, and the lines do not fit (``fits``) if they are more evident there.
+
+    Parameters
+    ----------
+    current : ndarray, shape (n,)
+        In A, or any unit proportional to it. Its mean drives the shaft.
+    sampling_rate, nominal_hz, n_lobes
+        As of :func:`~cyclofeat.signal.speed.follow_speed`.
+
+    Returns
+    -------
+    FollowedSpeed
+
+    Raises
+    ------
+    ValueError
+        As :func:`~cyclofeat.signal.speed.follow_speed`.
+
+    Examples
+    --------
+    >>> time = np.arange(30_000) / 10_000
+    >>> angle = 2 * np.pi * 8 * time
+    >>> for _ in range(30):  # the angle and the current that belong to each other
+    ...     current = 5 + sum(np.cos(16 / 15 * k * angle) for k in range(1, 30))
+    ...     angle = 2 * np.pi * 8 * (time - 0.02 * controlled_lag(current - 5, 10_000, 0.015))
+    >>> current = current + np.random.default_rng(0).normal(size=time.size)
+    >>> found = follow_motor(current, 10_000, 480 / 60)
+    >>> bool(np.std(found.angle - angle) < 2 * np.pi * 0.003)
+    True
+    """
+    found = _driven(current, sampling_rate, nominal_hz, n_lobes)
+    if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):
+        return dataclasses.replace(found, fits=False)
+    return found
+
+
+def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lobes: int) -> bool:
+    """Return whether the lines of a current are more evident at a speed whose lines look alike.
+
+    A motor's strongest line may pass for that of the mesh at another speed.
+    """
+    shaft = (n_lobes + 1) / n_lobes
+    for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
+        try:
+            other = _driven(current, sampling_rate, multiple * found.speed_hz, n_lobes)
+        except ValueError:  # the record does not hold that speed
+            continue
+        if other.evidence > _CLEARLY * found.evidence:
+            return True
+    return False
+
+
+def _driven(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> FollowedSpeed:
+    """Follow the shaft under the most probable control, or, where none is probable, without any."""
+    lines, thinned, rate = _thinned(current, sampling_rate, nominal_hz, n_lobes)
+    length = min(thinned.size, round(_SEARCHED_TURNS * n_lobes / nominal_hz * rate))
+    first = (thinned.size - length) // 2
+    middle = thinned[first : first + length]
+    # A current of a negative mean drives the shaft too: its sensor is the other way round.
+    unit = float(np.copysign(middle.std(), current.mean()))
+    if unit == 0:
+        return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
+    control = _control(middle, unit, rate, nominal_hz, lines)
+    steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
+    best = _followed_from(steady, thinned, rate, lines)
+    turned = None if control is None else _turned(thinned, middle.mean(), unit, rate, nominal_hz, *control)
+    if turned is not None:
+        controlled = _followed_from(turned, thinned, rate, lines)
+        best = controlled if controlled[1] > best[1] + _GAINED else best
+    kept, evidence, fits, reaches = best
+    angle = _at_samples(kept - kept[0], rate, current.size, sampling_rate)
+    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
+
+
+def _followed_from(
+    turned: Float, current: Float, rate: float, lines: _Lines
+) -> tuple[Float, float, bool, bool]:
+    """Return what :func:`~cyclofeat.signal.speed._followed` finds, beginning with turns that are known."""
+    even, grid = resample_by_angle(current, 2 * np.pi * turned, _SAMPLES_PER_TURN, rate)
+    spared = dataclasses.replace(lines, spared=1)
+    passes = (_COARSE, _SHARP, _SHARPER)
+    slow, evidence, fits, reaches = _followed(even, _SAMPLES_PER_TURN, 1.0, spared, passes)
+    return _continued(2 * np.pi * turned, grid, slow), evidence, fits, reaches
+
+
+def _turned(
+    current: Float, mean: float, unit: float, rate: float, nominal_hz: float, gain: float, integral_s: float
+) -> Float | None:
+    """Return the turns of a shaft at the stated speed under a control; None where it would all but stop."""
+    lag = controlled_lag((current - mean) / unit, rate, integral_s)
+    turned = nominal_hz * (np.arange(current.size) / rate - gain * lag)
+    return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / rate else None
+
+
+def _control(
+    current: Float, unit: float, rate: float, nominal_hz: float, lines: _Lines
+) -> tuple[float, float] | None:
+    """Return gain and integral time of the control that the lines make most probable, None for no control."""
+    mean = float(current.mean())
+
+    @functools.cache
+    def evidence(gain: float, integral_s: float) -> float:
+        if not (0 <= gain <= _HIGHEST_GAIN and _SHORTEST <= integral_s <= _LONGEST):
+            return -np.inf
+        turned = _turned(current, mean, unit, rate, nominal_hz, gain, integral_s)
+        if turned is None:
+            return -np.inf
+        # Straight lines suffice to compare controls.
+        grid = np.arange(turned[0], turned[-1], 1 / _SAMPLES_PER_TURN)
+        even = np.interp(grid, turned, current)
+        return _course(even, _SAMPLES_PER_TURN, 1.0, _COARSE, lines)[1]
+
+    pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
+    best = _climbed(evidence, *max(pairs, key=lambda pair: evidence(*pair)))
+    return best if evidence(*best) > evidence(0.0, _TIMES[0]) + _GAINED else None
+
+
+def _climbed(evidence: _Evidence, gain: float, integral_s: float) -> tuple[float, float]:
+    """Return the place of the maximum next to a place: gain and integral time, the latter in ratios."""
+    step, ratio = _GAIN_STEP, _TIME_STEP
+    for _ in range(_HALVINGS):
+        while True:
+            # The last two keep the answer to slow changes, gain times time.
+            beside = [
+                (gain + step, integral_s), (gain - step, integral_s), (gain, integral_s * ratio),
+                (gain, integral_s / ratio), (gain * ratio, integral_s / ratio),
+                (gain / ratio, integral_s * ratio),
+            ]  # fmt: skip
+            highest = max(beside, key=lambda place: evidence(*place))
+            if evidence(*highest) <= evidence(gain, integral_s):
+                break
+            gain, integral_s = highest
+        step, ratio = step / 2, ratio**0.5
+    return gain, integral_s
+
+
+def _continued(turned: Float, grid: Float, slow: Float) -> Float:
+    """Return ``slow`` at all angles ``turned``: beyond the grid it goes on at its mean rate."""
+    rate = (slow[-1] - slow[0]) / (grid[-1] - grid[0])
+    before, behind = min(turned[0], grid[0]), max(turned[-1], grid[-1])
+    at = np.concatenate([[before], grid, [behind]])
+    values = np.concatenate(
+        [[slow[0] - rate * (grid[0] - before)], slow, [slow[-1] + rate * (behind - grid[-1])]]
+    )
+    return np.asarray(np.interp(turned, at, values))
