@@ -60,7 +60,7 @@ def load_default_model(
     Examples
     --------
     >>> load_default_model("motor_current").made_for()
-    'of motor current at 99.39 to 1503 RPM and 3.014 to 39.94 Nm'
+    'of motor current at 99.23 to 1504 RPM and 3 to 39.99 Nm'
     """
     loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH, cache=cache)
     return loaded

@@ -54,6 +54,7 @@ PACKAGES = (
     "cyclofeat.signal.high_pass",
     "cyclofeat.signal.lobes",
     "cyclofeat.signal.orders",
+    "cyclofeat.signal.drive",
     "cyclofeat.signal.speed",
     "cyclofeat.signal.tachometer",
     "cyclofeat.signal.statistics",
