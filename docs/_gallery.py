@@ -13,6 +13,8 @@ from sphinx_gallery.scrapers import matplotlib_scraper
 
 _WIDE = 1.6  # width over height from which a whole figure is a strip in a thumbnail
 
+_LISTED = (Path(__file__).parent / "gallery.rst").read_text(encoding="utf-8")
+
 _filters: list[warnings.catch_warnings[None]] = []
 
 
@@ -24,6 +26,11 @@ def warnings_are_errors(gallery_conf: dict[str, Any], fname: Path | str | None, 
         _filters.append(warnings.catch_warnings())
         _filters[-1].__enter__()
         warnings.simplefilter("error")
+
+
+def listed_order(path: str) -> tuple[int, str]:
+    """Return the sort key of an example among thumbnails: its place on the gallery's page, then its name."""
+    return _LISTED.find(Path(path).name), path
 
 
 def check_and_save(

@@ -64,6 +64,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": [f"gallery/{folder}" for folder in EXAMPLES],
     "filename_pattern": r"[/\\]plot_",
     "within_subsection_order": "FileNameSortKey",
+    "minigallery_sort_order": "_gallery.listed_order",
     "ignore_pattern": r"(^|[/\\])_\w+\.py$",
     "doc_module": ("cyclofeat",),
     "backreferences_dir": "generated/backreferences",
