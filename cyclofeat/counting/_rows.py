@@ -344,7 +344,7 @@ def _varied(lines: Complex, n_lobes: int, random: np.random.Generator) -> Comple
     smooth = np.cos(np.pi * term * np.arange(1, n_lines + 1) / n_lines) / term
     gain = 10 ** (_GAIN_DB / 20 * random.normal(size=(n_windows, _N_TERMS)) @ smooth)
     phase = random.normal(size=(n_windows, 1)) + random.normal(size=(n_windows, _N_TERMS)) @ smooth
-    turns = np.asarray(random.normal(0.0, _SHIFT / n_lobes, n_windows))
+    turns: Float = random.normal(0.0, _SHIFT / n_lobes, size=(n_windows,))
     return lobes.shift(lines * gain * np.exp(1j * _PHASE * phase), turns)
 
 
