@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.fft import fft, ifft, next_fast_len
 from scipy.interpolate import CubicSpline
 from scipy.signal import firwin, kaiser_beta, kaiserord, upfirdn
@@ -39,6 +40,8 @@ _HALF_WIDTH = 26
 # Below this share of the median speed a turn holds so many samples that the grid would outgrow the record.
 _SLOWEST_SHARE = 1 / 16
 _SPEED_STEPS_PER_TURN = 8
+# Samples that are read at a time; those on either side that a spline depends on, the next by 0.27 each.
+_PIECE, _SEEN = 2**16, 40
 
 # Order lines are read at a reduced rate, this many times the highest line; what folds down is 100 dB down.
 _RATE_PER_HIGHEST_LINE = 4
@@ -90,6 +93,25 @@ def samples_at(angles: Float, angle: Float) -> Float:
     before = np.clip(np.searchsorted(angle, angles, side="right") - 1, 0, angle.size - 2)
     start = angle[before]
     return np.asarray(1.0 / (angle[before + 1] - start) * (angles - start) + before)
+
+
+def at_every_sample(n_samples: int, known: NDArray[Any], values: Float) -> Float:
+    """Return straight lines between ``values`` at increasing samples ``known``, at all ``n_samples``.
+
+    ``numpy.interp`` gives the same, but takes several more arrays as long as the record.
+
+    Examples
+    --------
+    >>> at_every_sample(4, np.array([0, 2]), np.array([0.0, 1.0]))
+    array([0. , 0.5, 1. , 1. ])
+    """
+    line = np.empty(n_samples)
+    for first in range(0, n_samples, _PIECE):
+        last = min(first + _PIECE, n_samples)
+        low = max(int(np.searchsorted(known, first, side="right")) - 1, 0)
+        high = int(np.searchsorted(known, last - 1)) + 1
+        line[first:last] = np.interp(np.arange(first, last), known[low:high], values[low:high])
+    return line
 
 
 def resample_by_angle(
@@ -156,9 +178,7 @@ def resample_by_angle(
             f"angle covers {(angle[-1] - angle[0]) / (2 * math.pi):.3g} turns, too few to resample at "
             f"samples_per_turn = {samples_per_turn}: needed are {(2 * margin + 2) / samples_per_turn:.3g}"
         )
-    spline = CubicSpline(np.arange(torque.size), torque)
-    fine_grid = np.arange(first * fine, last * fine + 1) * (step / fine)
-    values: Float = spline(samples_at(fine_grid, angle))
+    values = _at_angles(torque, angle, np.arange(first * fine, last * fine + 1), step / fine)
     grid = np.arange(first + margin, last - margin + 1) * step
     if fine == 1:
         return values, grid
@@ -167,6 +187,20 @@ def resample_by_angle(
     # the input have the whole filter inside the record.
     filtered: Float = upfirdn(taps, values, 1, fine)[2 * margin : last - first + 1]
     return filtered, grid
+
+
+def _at_angles(torque: Float, angle: Float, numbers: NDArray[np.int64], step: float) -> Float:
+    """Return torque at the angles of so many steps, by a cubic spline.
+
+    A long record is read in pieces: a spline hardly knows of samples that are some dozens away.
+    """
+    values = np.empty(numbers.size)
+    for first in range(0, numbers.size, _PIECE):
+        place = samples_at(numbers[first : first + _PIECE] * step, angle)
+        low, high = max(int(place[0]) - _SEEN, 0), int(place[-1]) + 2 + _SEEN
+        part = torque[low:high]
+        values[first : first + _PIECE] = CubicSpline(np.arange(part.size), part)(place - low)
+    return values
 
 
 @functools.lru_cache(maxsize=16)

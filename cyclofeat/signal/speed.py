@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
-from cyclofeat.signal.orders import mean_speed, resample_by_angle
+from cyclofeat.signal.orders import at_every_sample, mean_speed, resample_by_angle
 from cyclofeat.signal.windows import Float
 
 __all__ = ["FOLLOWED_TOLERANCE", "SEARCHED_HZ", "FollowedSpeed", "follow_speed", "search_speed"]
@@ -32,6 +33,7 @@ _MOST = 15.0  # power over floor that still counts
 _SAMPLES_PER_TURN = 160
 # Samples per turn that suffice: six times the highest lobe line.
 _DENSE = 230
+_SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
 # the shaft's lines (in orders) at which those are not seen any more; mean ratio beyond lobe line n_lobes that
 # a worn disc's lobe lines exceed, and the even lines of a sound one's shaft (beyond order 2 n_lobes) do not.
@@ -182,7 +184,7 @@ def _at_samples(kept: Float, rate: float, n_samples: int, sampling_rate: float) 
     step = sampling_rate / rate
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
-    return np.asarray(np.interp(np.arange(n_samples), step * np.arange(marks.size), marks))
+    return at_every_sample(n_samples, step * np.arange(marks.size), marks)
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
@@ -311,7 +313,13 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     even = even[even <= lines.orders] * per_order
     parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd, "even": even}
     numbers = np.concatenate(list(parts.values()))
-    power = comb_prominence(windows, _SAMPLES_PER_TURN, 1.0, np.ones(1), numbers, n_lobes)
+    steady = np.ones(1)
+    power = np.concatenate(
+        [
+            comb_prominence(some, _SAMPLES_PER_TURN, 1.0, steady, numbers, n_lobes)
+            for some in _in_batches(windows, length)
+        ]
+    )
     ratios = _log_ratio(np.minimum(power[:, 0], _MOST), _LOBE_LINE).mean(axis=0)
     cuts = np.cumsum([part.size for part in parts.values()])[:-1]
     ratio = dict(zip(parts, np.split(ratios, cuts), strict=True))
@@ -343,9 +351,11 @@ def _course(
     hop = one.hop / speed * rate
     n_blocks = max(1, math.floor((torque.size - length) / hop) + 1)
     starts = np.linspace(0, torque.size - length, n_blocks).round().astype(int)
-    blocks = np.lib.stride_tricks.sliding_window_view(torque, length)[starts].astype(float)
     factors = np.arange(1 - one.tolerance, 1 + one.tolerance + one.step / 2, one.step)
-    votes = _votes(blocks, rate, speed, factors, lines, one.apart)
+    every = np.lib.stride_tricks.sliding_window_view(torque, length)
+    votes = np.concatenate(
+        [_votes(every[some], rate, speed, factors, lines, one.apart) for some in _in_batches(starts, length)]
+    )
     # Overlapping blocks repeat the same evidence.
     votes *= min(1.0, one.hop / one.turns)
     path = _path(votes, one.change / one.step)
@@ -355,6 +365,12 @@ def _course(
     if n_blocks == 1:
         return (np.array([0.0, torque.size / rate]), np.repeat(course, 2)), evidence
     return (times, course), evidence
+
+
+def _in_batches(rows: NDArray[Any], length: int) -> Iterator[NDArray[Any]]:
+    """Yield some rows at a time: spectra of all would take many times the memory of a long record."""
+    size = max(1, _SAMPLES_AT_ONCE // length)
+    return (rows[first : first + size] for first in range(0, len(rows), size))
 
 
 def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lines, apart: float) -> Float:

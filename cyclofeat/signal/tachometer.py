@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
 from cyclofeat._base import checks
+from cyclofeat.signal.orders import at_every_sample
 
 Float = NDArray[np.float64]
 
@@ -110,9 +112,9 @@ def _extend(angle: Float, known: NDArray[Any], rising: NDArray[Any]) -> None:
 
 def _rising_edges(share: Float) -> Float:
     """Instants in samples at which a signal from 0 to 1 rises through its middle, with a hysteresis."""
-    state = np.where(share > _ON, 1, np.where(share < _OFF, 0, -1))
-    known = np.flatnonzero(state >= 0)
-    rises = np.flatnonzero((state[known[1:]] == 1) & (state[known[:-1]] == 0))
+    on = share > _ON
+    known = np.flatnonzero(on | (share < _OFF))
+    rises = np.flatnonzero(on[known[1:]] & ~on[known[:-1]])
     edges = np.empty(rises.size)
     for k, (before, after) in enumerate(zip(known[rises], known[rises + 1], strict=True)):
         part = share[before : after + 1]
@@ -154,10 +156,9 @@ def continuous_angle(angle: ArrayLike) -> Float:
         return values
     moving = steps[steps != 0]
     sign = -1.0 if moving.size and np.median(moving) < 0 else 1.0
+    del steps, moving  # of a long record, arrays go as soon as they have served
     turned, falling = _without_falls(sign * values)
-    before = np.maximum.accumulate(np.where(falling, -np.inf, turned))
-    after = np.minimum.accumulate(np.where(falling, np.inf, turned)[::-1])[::-1]
-    kept = np.flatnonzero(~falling & (turned > np.r_[-np.inf, before[:-1]]) & (turned <= after))
+    kept = _kept(turned, falling)
     if kept.size < 2:
         raise ValueError("angle must rise or fall, but for its start at each turn: these samples do neither")
     rises = np.diff(turned[kept])
@@ -168,11 +169,12 @@ def continuous_angle(angle: ArrayLike) -> Float:
             f"angle must rise or fall in steps of less than a quarter of a turn, got {rises.max():.4g} rad "
             f"after sample {kept[int(np.argmax(rises))]}: wrong unit, or noise?"
         )
+    del rises
     same = np.diff(turned) == 0
     held = np.r_[same[0], same]
     if held[0] and kept.size > 2:
         kept = kept[1:]  # when the shaft came to its first value is not known
-    line = np.interp(np.arange(values.size), kept, turned[kept])
+    line = at_every_sample(values.size, kept, turned[kept])
     _extend(line, kept, turned[kept])
     beside = ~falling & ~held & (np.abs(line - turned) > _OFF_LINE)
     if beside.any():
@@ -181,6 +183,19 @@ def continuous_angle(angle: ArrayLike) -> Float:
             f"{values[beside][0]:.4g} rad at sample {int(np.argmax(beside))}"
         )
     return np.asarray(sign * line)
+
+
+def _kept(turned: Float, falling: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the samples that lie above all before, and not above any after them."""
+    highest = np.where(falling, -np.inf, turned)
+    np.maximum.accumulate(highest, out=highest)
+    kept = ~falling
+    kept[1:] &= turned[1:] > highest[:-1]
+    highest[falling] = np.inf
+    highest[~falling] = turned[~falling]
+    lowest_after = highest[::-1]
+    np.minimum.accumulate(lowest_after, out=lowest_after)
+    return np.flatnonzero(kept & (turned <= highest))
 
 
 def _without_noise(values: Float) -> Float | None:
@@ -209,13 +224,16 @@ def _means(values: NDArray[Any], size: int) -> Float:
 
 def _without_falls(rising: Float) -> tuple[Float, NDArray[np.bool_]]:
     """Add a turn after each fall of more than half a one, and mark the samples on its way."""
-    down = np.diff(rising) < 0
-    edges = np.flatnonzero(np.diff(np.r_[False, down, False].astype(int)))
+    down = np.r_[False, np.diff(rising) < 0, False]
+    edges = np.flatnonzero(down[1:] != down[:-1])
     turned, falling = rising.copy(), np.zeros(rising.size, dtype=bool)
+    begun = []
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         if rising[first] - rising[last] > np.pi and last - first <= _FALLING + 1:
-            turned[last:] += 2 * np.pi
+            begun.append(last)
             # With samples on the way, the last before and the first after it are off too.
             falling[first + 1 : last] = True
             falling[[first, last]] = last > first + 1
+    for turns, (first, last) in enumerate(itertools.pairwise([*begun, rising.size]), start=1):
+        turned[first:last] += 2 * np.pi * turns
     return turned, falling

@@ -167,10 +167,11 @@ def test_held_lost_and_bridged_samples_against_brute_force(seed):
 
 
 @pytest.mark.slow
-def test_a_long_recording_is_described_with_little_memory():
+@pytest.mark.parametrize("speed_rpm", [None, 500])
+def test_a_long_recording_is_described_with_little_memory(speed_rpm):
     torque = np.random.default_rng(0).normal(size=4_000_000)
     torque.flags.writeable = False
-    recording = Recording(torque, 25_600)
+    recording = Recording(torque, 25_600, speed_rpm=speed_rpm)
     describe(recording)  # its imports
     tracemalloc.start()
     try:
