@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import joblib
@@ -20,13 +24,14 @@ from benchmarks._markdown import table
 from benchmarks._versions import made_with
 from benchmarks.hidden_effects import set_names
 from benchmarks.hidden_effects._answers import Answer, answers
-from benchmarks.hidden_effects._ask import names_of, sessions_of, shown, whole_answer
+from benchmarks.hidden_effects._ask import names_of, session_of, sessions_of, shown, whole_answer
 from benchmarks.hidden_effects._folders import generate
-from benchmarks.hidden_effects._table import markdown, share_right
+from benchmarks.hidden_effects._sets import FIT
+from benchmarks.hidden_effects._table import at_most, beside_goals, markdown, number, share_right
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap import GapSettings
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior
-from cyclofeat.gap.world import Session
+from cyclofeat.gap.world import Session, World, prepare_world
 
 PAGE = Path(__file__).with_name("gap.md")
 # Shares of the sets that the whole workflow is run on.
@@ -37,6 +42,8 @@ SHOWN: dict[str, dict[str, Any]] = {
     "all recordings, counts unknown": {"counts": False},
     "4 recordings, counts known": {"n": 4},
 }
+# Sets whose answers are timed; machines of one's own rig, and of them those that are simulated to time them.
+TIMED, MACHINES, PREPARED = 5, 40_000, 48
 BASELINES = ("nothing", "equaliser", "gaussian_process")
 
 
@@ -63,6 +70,7 @@ def main() -> None:
     if chosen:
         found = whole(chosen, posterior, given)
         parts += ["", f"## The whole workflow, on {len(found)} sets", "", markdown(found)]
+    parts += ["", "## What it costs", "", costs([*sessions], posterior, given)]
     text = "\n".join(parts)
     given.page.write_text(text.rstrip() + "\n", encoding="utf-8")
     print(text)
@@ -112,6 +120,41 @@ def whole(names: Sequence[str], posterior: EffectPosterior, given: argparse.Name
     return answers(
         {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in names}
     )
+
+
+def costs(names: Sequence[str], posterior: EffectPosterior, given: argparse.Namespace) -> str:
+    """Return the table of what answers and preparation cost."""
+    some = [name for name in names if name in set_names(["several"])][:TIMED]
+
+    def named(name: str) -> None:
+        names_of(posterior, [session_of(name, given.sets)])
+
+    def result(name: str) -> None:
+        command = [sys.executable, "-m", "cyclofeat", "gap", "--quiet", "--jobs", str(given.jobs)]
+        subprocess.run([*command, str(given.sets / name / FIT)], check=True, capture_output=True)
+
+    def prepared(n_machines: int) -> None:
+        world = World(n_recordings=8, n_rigs_per_machine=4)
+        with tempfile.TemporaryDirectory() as folder:
+            prepare_world(world, folder, n_machines, n_jobs=given.jobs)
+
+    prepared(8 * given.jobs)  # compiles, and starts the workers
+    preparation = seconds(prepared, PREPARED) / 60 * (MACHINES / PREPARED)
+    return beside_goals([
+        number("names after reading the files, median s", at_most(5),
+               [seconds(named, name) for name in some], median),
+        number("first result for a new user, `cyclofeat gap FOLDER`, median s", at_most(60),
+               [seconds(result, name) for name in some], median),
+        number(f"preparing one's own rig, {MACHINES:,} machines of eight recordings, min: from {PREPARED}",
+               at_most(60), [preparation], median),
+    ])  # fmt: skip
+
+
+def seconds(work: Callable[[Any], object], of: Any) -> float:
+    """Return the time by the clock of a call."""
+    began = time.monotonic()
+    work(of)
+    return time.monotonic() - began
 
 
 HEAD = """# Hidden effects: names, sizes and proof

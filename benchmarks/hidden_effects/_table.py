@@ -119,6 +119,8 @@ def figures(every: Sequence[Answer]) -> list[Figure]:
         share("inside the library: flagged", at_most(0.04), [one.unknown for one in inside]),
         share("wrong name with 0.9 or more", at_most(0.005), [_confidently_wrong(one) for one in every]),
         *_proof([*singles, *several]),
+        number("counts after training on rigs from the posterior: median share of the true rig's gain",
+               at_least(0.9), _shares_of_gain(every), np.median),
         number("whole case, median s", at_most(60), _seconds(every), np.median),
     ]  # fmt: skip
     return found
@@ -251,23 +253,34 @@ def _proof(every: Sequence[Answer]) -> list[Figure]:
     return found
 
 
+def _shares_of_gain(every: Iterable[Answer]) -> list[float]:
+    """Of sets in which a counter that has learned from the model does worse than one of the truth."""
+    shares = (one.result.get("share_of_gain") for one in every)
+    return [share for share in shares if share is not None and math.isfinite(share)]
+
+
 def markdown(every: Sequence[Answer]) -> str:
     """The page: goals, sets by number of effects, effects one by one."""
     total = {kind: sum(one.kind == kind for one in definitions().values()) for kind in KINDS}
     made = ", ".join(
         f"{sum(one.truth.kind == kind for one in every)} of {n} {kind}" for kind, n in total.items()
     )
-    rows = [
-        [one.name, one.goal, _text(one.value), " to ".join(filter(None, (_text(one.low), _text(one.high)))),
-         one.n, {None: "", True: "yes", False: "**no**"}[one.met]]
-        for one in figures(every)
-    ]  # fmt: skip
     parts = [
-        f"Sets: {made}.\n", table(("figure", "goal", "value", "95 % interval", "n", "met"), rows),
+        f"Sets: {made}.\n", beside_goals(figures(every)),
         "## By number of effects\n", table(*_by_number(every)),
         "## By effect\n", table(*_by_effect(every)),
     ]  # fmt: skip
     return "\n".join(parts)
+
+
+def beside_goals(found: Iterable[Figure]) -> str:
+    """The table of figures beside their goals."""
+    rows = [
+        [one.name, one.goal, _text(one.value), " to ".join(filter(None, (_text(one.low), _text(one.high)))),
+         one.n, {None: "", True: "yes", False: "**no**"}[one.met]]
+        for one in found
+    ]  # fmt: skip
+    return table(("figure", "goal", "value", "95 % interval", "n", "met"), rows)
 
 
 def share_right(every: Sequence[Answer]) -> tuple[int, str, str, str]:
