@@ -152,9 +152,9 @@ bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMIT
 	cd benchmarks/asv && $(CURDIR)/$(BIN)/asv machine --yes && \
 		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish
 
-papers: $(INSTALLED)  ## both papers' statements and figures (ONLY=statements, ONLY=scripts); writes benchmarks/papers.md
+papers: $(INSTALLED)  ## both papers' statements; writes docs/papers_statements.csv
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers $(if $(ONLY),--only $(ONLY))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: generator and simulator, a killed run
 	$(BIN)/pytest -m bench tests/gap
