@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import cache
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pywt
 from numpy.typing import NDArray
@@ -41,6 +42,20 @@ START = -math.pi
 def shades(n: int) -> Float:
     """Colours from dark to light, which remain distinguishable in a grey print."""
     return np.asarray(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, n)))
+
+
+def panels(
+    n_rows: int, xlabel: str, ylabel: str = "", title: str = "", size: tuple[float, float] = (11, 8)
+) -> NDArray[np.object_]:
+    """Return two columns of axes of a new figure, with the same limits; the outer ones have labels."""
+    fig, axes = plt.subplots(n_rows, 2, figsize=size, layout="constrained", sharex=True, sharey=True)
+    for ax in axes[-1]:
+        ax.set_xlabel(xlabel)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(ylabel)
+    if title:
+        fig.suptitle(title)
+    return np.asarray(axes)
 
 
 # The papers' runs -------------------------------------------------------------------------------------------
