@@ -102,16 +102,16 @@ docs: $(INSTALLED)  ## the documentation with its gallery, executed; writes docs
 
 bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
-	$(BIN)/python benchmarks/simulator.py --out benchmarks/simulator.md
+	$(BIN)/python benchmarks/simulator.py
 
 bench-features: $(INSTALLED)  ## the features' speed and memory; writes benchmarks/features.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
-	$(BIN)/python benchmarks/features.py --out benchmarks/features.md
+	$(BIN)/python benchmarks/features.py
 
 RUNS ?= 512
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
-	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
+	$(BIN)/python benchmarks/campaign.py --runs $(RUNS)
 
 # aeon pins libraries older than ours: an environment of its own.
 bench-counting: $(INSTALLED)  ## the counter beside its goals and other methods; writes benchmarks/counting.md

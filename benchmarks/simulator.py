@@ -6,7 +6,6 @@ of several repeats; compared variants run alternately.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from functools import partial
 from pathlib import Path
@@ -236,14 +235,10 @@ def results() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="also write the tables to this file")
-    arguments = parser.parse_args()
     with threadpool_limits(1):
-        result = results()
-    print(result, end="")
-    if arguments.out is not None:
-        arguments.out.write_text(f"Made by `make bench-simulator`.\n\n{result}\n{NOTES}", encoding="utf-8")
+        text = f"Made by `make bench-simulator`.\n\n{results()}\n{NOTES}"
+    print(text, end="")
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
