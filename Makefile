@@ -102,16 +102,16 @@ docs: $(INSTALLED)  ## the documentation with its gallery, executed; writes docs
 
 bench-simulator: $(INSTALLED)  ## the simulator's speed; writes benchmarks/simulator.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
-	$(BIN)/python benchmarks/simulator.py --out benchmarks/simulator.md
+	$(BIN)/python benchmarks/simulator.py
 
 bench-features: $(INSTALLED)  ## the features' speed and memory; writes benchmarks/features.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench]'
-	$(BIN)/python benchmarks/features.py --out benchmarks/features.md
+	$(BIN)/python benchmarks/features.py
 
 RUNS ?= 512
 bench-campaign: $(INSTALLED)  ## a campaign's speed and memory; writes benchmarks/campaign.md
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[bench,cluster,io]'
-	$(BIN)/python benchmarks/campaign.py --runs $(RUNS) --out benchmarks/campaign.md
+	$(BIN)/python benchmarks/campaign.py --runs $(RUNS)
 
 # aeon pins libraries older than ours: an environment of its own.
 bench-counting: $(INSTALLED)  ## the counter beside its goals and other methods; writes benchmarks/counting.md
@@ -152,9 +152,9 @@ bench-asv: $(INSTALLED)  ## speed of features, counter and simulator over COMMIT
 	cd benchmarks/asv && $(CURDIR)/$(BIN)/asv machine --yes && \
 		$(CURDIR)/$(BIN)/asv run --skip-existing $(COMMITS) && $(CURDIR)/$(BIN)/asv publish
 
-papers: $(INSTALLED)  ## both papers' statements and figures (ONLY=statements, ONLY=scripts); writes benchmarks/papers.md
+papers: $(INSTALLED)  ## both papers' statements; writes docs/papers_statements.csv
 	$(BIN)/python -m pip install -q --disable-pip-version-check -e '.[plot]'
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers $(if $(ONLY),--only $(ONLY))
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.papers
 
 test-gap: $(INSTALLED)  ## the gap workflow's longest tests: generator and simulator, a killed run
 	$(BIN)/pytest -m bench tests/gap

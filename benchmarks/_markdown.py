@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from scipy.stats import binomtest
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     """Return a table; it ends with a line break."""
     ruled = f"{line(head)}|{'---|' * len(head)}\n"
     return ruled + "".join(line(row) for row in rows)

@@ -41,7 +41,6 @@ from cyclofeat.simulators.courses import DriveAndLoad
 
 N_JOBS = 2
 PROFILED_RUNS = 64
-HEADING = "## Outside the kernel"
 RIG = Rig.r1().with_effects(
     GearboxParameter("load_torque", (15.0, 25.0)), Noise((0.05, 0.5)), Hum((0.05, 0.3)), Quantisation(0.05)
 )
@@ -151,7 +150,7 @@ def shares_text() -> str:
         f"Shares of the processor time of {PROFILED_RUNS} runs in one process; goal: 25 % of a batch's time "
         "(`python benchmarks/campaign.py --shares`):"
     )
-    return f"{HEADING}\n\n{text}\n\n{table(['what', *DESIGNS], rows)}"
+    return f"## Outside the kernel\n\n{text}\n\n{table(['what', *DESIGNS], rows)}"
 
 
 @dataclass(frozen=True)
@@ -214,19 +213,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=512, help="a multiple of 32 (default 512)")
     parser.add_argument("--shares", action="store_true", help="print only the time outside the kernel")
-    parser.add_argument("--out", type=Path, help="also write the table to this file")
     arguments = parser.parse_args()
     with threadpool_limits(1):
         outside = shares_text()
-        result = "" if arguments.shares else costs(arguments.runs)
-    print(result + outside, end="")
-    if arguments.out is None:
-        return
-    if arguments.shares:
-        result = arguments.out.read_text(encoding="utf-8").partition(HEADING)[0]
-    else:
-        result = f"Made by `make bench-campaign RUNS={arguments.runs}`.\n\n{result}\n"
-    arguments.out.write_text(result + outside, encoding="utf-8")
+        if arguments.shares:
+            print(outside, end="")
+            return
+        made = f"Made by `make bench-campaign RUNS={arguments.runs}`."
+        text = f"{made}\n\n{costs(arguments.runs)}\n{outside}"
+    print(text, end="")
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -44,7 +44,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--assemblies", type=int, default=32, help="per count (default 32)")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/disc_sizes.md"))
     arguments = parser.parse_args()
     head = ["rig", "lobes", f"right (goal {GOAL:g}), refused", "exactly the right lobes", "n"]
     made: list[list[str]] = []
@@ -62,7 +61,7 @@ assemblies, which counts one window of one output turn of each of the others. "R
 recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
 
 """
-    arguments.out.write_text(text + table(head, made), encoding="utf-8")
+    Path(__file__).with_suffix(".md").write_text(text + table(head, made), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 from benchmarks._markdown import line, table
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.gap import Comparison, MeasuredRig
+from cyclofeat.gap import Bank, Comparison, MeasuredRig
 from cyclofeat.gap.confirm import confirm, draw_effects
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR
@@ -33,31 +33,15 @@ LEAST_COST = 0.1  # of counts, that the model loses against the true rig
 NAMES = ("the model", "most probable rig", "drawn rigs", "true rig")
 
 
-class Counts:
-    """Counters of one rig's recordings, each trained on another model.
-
-    Attributes
-    ----------
-    comparison : Comparison
-        With the model that is corrected.
-    judged : Bank
-        Windows of the true rig, whose counts are to be found.
-    """
-
-    def __init__(self, comparison: Comparison, truth: Rig, seed: int) -> None:
-        self.comparison = comparison
-        self.judged = comparison.replace(rig=truth).bank(JUDGED, COUNTS, random_state=1000 + seed)
-
-    def right(self, model: object) -> float:
-        """Return the share of the windows that a counter trained on the model counts rightly."""
-        comparison = self.comparison
-        of_model = comparison.replace(rig=model, random_state=comparison.random_state + 2)
-        bank = of_model.bank(TRAINED * len(COUNTS), COUNTS)
-        counter = make_lobe_counter(
-            comparison.sampling_rate, input_speed_hz=comparison.conditions.input_speed_hz,
-            n_lobes=comparison.n_lobes, n_trees=N_TREES, random_state=0,
-        )  # fmt: skip
-        return float(counter.fit(bank.X, bank.counts).score(self.judged.X, self.judged.counts))
+def right(comparison: Comparison, judged: Bank, model: object) -> float:
+    """Return the share of the judged windows that a counter trained on the model counts rightly."""
+    of_model = comparison.replace(rig=model, random_state=comparison.random_state + 2)
+    bank = of_model.bank(TRAINED * len(COUNTS), COUNTS)
+    counter = make_lobe_counter(
+        comparison.sampling_rate, input_speed_hz=comparison.conditions.input_speed_hz,
+        n_lobes=comparison.n_lobes, n_trees=N_TREES, random_state=0,
+    )  # fmt: skip
+    return float(counter.fit(bank.X, bank.counts).score(judged.X, judged.counts))
 
 
 def hidden(posterior: EffectPosterior, seed: int) -> tuple[Effect, ...]:
@@ -88,14 +72,14 @@ def case(posterior: EffectPosterior, seed: int) -> tuple[list[str], list[float]]
     world, effects = posterior.world, hidden(posterior, seed)
     comparison = Comparison(sampling_rate=world.sampling_rate, rig=world.rig)
     truth = world.rig.with_added(*FLOOR, *effects)
-    counts = Counts(comparison, truth, seed)
+    judged = comparison.replace(rig=truth).bank(JUDGED, COUNTS, random_state=1000 + seed)
     names = [", ".join(one.effect_id for one in effects)]
-    before, best = counts.right(comparison.rig), counts.right(truth)
+    before, best = (right(comparison, judged, model) for model in (comparison.rig, truth))
     if best - before < LEAST_COST:
         return names, []
     most_probable, drawn, named = corrected(posterior, comparison, truth, seed)
-    shares = [before, counts.right(most_probable), counts.right(drawn), best]
-    return [*names, ", ".join(named) or "none"], shares
+    after = [right(comparison, judged, model) for model in (most_probable, drawn)]
+    return [*names, ", ".join(named) or "none"], [before, *after, best]
 
 
 def cases(n: int, n_jobs: int) -> Iterator[tuple[int, list[str], list[float]]]:

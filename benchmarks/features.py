@@ -7,7 +7,6 @@ run alternately. Times are processor times unless stated.
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -157,7 +156,7 @@ def memory_map_gib() -> float:
             for _ in range(MANY // len(some)):
                 file.write(some.tobytes())
         run = subprocess.run(
-            [sys.executable, __file__, "--memory-map", str(path)],
+            [sys.executable, __file__, str(path)],
             capture_output=True,
             text=True,
             check=True,
@@ -233,19 +232,14 @@ def results() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="also write the table to this file")
-    parser.add_argument("--memory-map", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    with threadpool_limits(1):
-        if arguments.memory_map is not None:
-            transform_memory_map(arguments.memory_map)
-            return
-        result = results()
-    print(result, end="")
-    if arguments.out is not None:
-        arguments.out.write_text(f"Made by `make bench-features`.\n\n{result}", encoding="utf-8")
+    text = f"Made by `make bench-features`.\n\n{results()}"
+    print(text, end="")
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    with threadpool_limits(1):
+        if sys.argv[1:]:  # the process whose memory is measured
+            transform_memory_map(sys.argv[1])
+        else:
+            main()

@@ -1,29 +1,17 @@
-"""Statements of both papers beside this simulator's results, and scripts that draw them: ``make papers``.
+"""Compare the statements of both papers with this simulator's results: ``make papers``.
 
-    python -m benchmarks.papers                           # statements, then all scripts of examples/papers
-    python -m benchmarks.papers --figures build/papers    # and store their pictures
-    python -m benchmarks.papers --only statements
-
-Writes ``benchmarks/papers.md`` and the same rows for the documentation, ``docs/papers_statements.csv``. Fails
-if a script fails or warns.
+Writes the rows of docs/papers.rst to ``docs/papers_statements.csv``.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
-import runpy
 import sys
-import time
-import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-import matplotlib
-
 ROOT = Path(__file__).parents[1]
-SCRIPTS = ROOT / "examples" / "papers"
-sys.path.insert(0, str(SCRIPTS))  # as for the scripts, which share numbers with the statements
+sys.path.insert(0, str(ROOT / "examples" / "papers"))  # its scripts share numbers with the statements
 
 from benchmarks import _paper_a as a  # noqa: E402
 from benchmarks import _paper_b as b  # noqa: E402
@@ -80,25 +68,8 @@ def compared() -> dict[str, list[Part]]:
     return found
 
 
-def write_markdown(found: dict[str, list[Part]], path: Path) -> None:
-    """Return the Markdown page of the repository, a row per statement."""
-    lines = [
-        "Made by `make papers`.\n",
-        "S: simulation, M: the published measurements. Parts that need M's recordings are not testable:",
-        "the table shows figures of **surrogate** torque (assumed rig `published`), which have no verdict.\n",
-        "| | source | verdict | parts: what is found here (does it agree?) | script |",
-        "|---|---|---|---|---|",
-    ]
-    for number, parts in found.items():
-        source, script, _ = STATEMENTS[number]
-        cells = "<br>".join(f"*{claim}*: {here} (**{AGREES[agrees]}**)" for claim, here, agrees in parts)
-        link = f"[{script}](../examples/papers/{script}.py)"
-        lines.append(f"| {number} | {source} | {verdict(parts)} | {cells} | {link} |")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def write_rows(found: dict[str, list[Part]], path: Path) -> None:
-    """Write the same rows in reStructuredText, for docs/papers.rst."""
+    """Write a row per statement in reStructuredText."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for number, parts in found.items():
@@ -108,46 +79,5 @@ def write_rows(found: dict[str, list[Part]], path: Path) -> None:
             writer.writerow([number, link, verdict(parts), cells])
 
 
-def draw(folder: Path | None) -> None:
-    """Run every script with warnings as errors, in one process: simulations are shared."""
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    failed = []
-    for path in sorted(SCRIPTS.glob("plot_*.py")):
-        begin = time.process_time()
-        plt.close("all")
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                runpy.run_path(str(path), run_name="__main__")
-                for number in plt.get_fignums():
-                    plt.figure(number).canvas.draw()
-                    if folder is not None:
-                        plt.figure(number).savefig(folder / f"{path.stem}_{number}.png", dpi=80)
-        except Exception as error:  # report the other failures, too
-            failed.append(f"{path.name}: {type(error).__name__}: {error}")
-        print(f"{path.name}: {time.process_time() - begin:.1f} s of processor time", flush=True)
-    if failed:
-        sys.exit("\n".join(failed))
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--only", choices=("statements", "scripts"))
-    parser.add_argument("--figures", type=Path, help="folder for the scripts' pictures")
-    arguments = parser.parse_args()
-    if arguments.only != "scripts":
-        found = compared()
-        write_markdown(found, ROOT / "benchmarks" / "papers.md")
-        write_rows(found, ROOT / "docs" / "papers_statements.csv")
-    if arguments.only != "statements":
-        if arguments.figures is not None:
-            arguments.figures.mkdir(parents=True, exist_ok=True)
-        draw(arguments.figures)
-
-
 if __name__ == "__main__":
-    main()
+    write_rows(compared(), ROOT / "docs" / "papers_statements.csv")

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc, spearmanr
 
+from benchmarks._markdown import table
 from cyclofeat import Recording
 from cyclofeat.datasets import load_published_tables, make_rig_recordings, rig_preset
 from cyclofeat.signal import shannon_entropy, spectral_centroid, welch_psd
@@ -59,6 +60,10 @@ QUIET = {
 SEARCHED, CHECKED, SCORED = 0, range(1, 3), range(300, 308)
 N_DRAWS, N_BEST = 4, 4
 FREE_CUTOFFS = (40.0, 60.0, 90.0, 130.0)  # Hz; a free output rings on its contacts: not superposed
+HEAD = (
+    "statistic", "published, mean over discs", "preset", "difference, in scatters",
+    "scatter: published, preset", "discs in the preset's 80 %", "matched",
+)  # fmt: skip
 STATISTICS = ("ln std", "ln (max - mean)", "ln (mean - min)", "ln range")
 Array = NDArray[np.float64]
 
@@ -197,20 +202,17 @@ def best_drift(ripple: Array, brake: dict[str, float], target: Array) -> Candida
     return Candidate(brake, drift, parts(drift, N_DRAWS))
 
 
-def search(bank: Path | None) -> list[Candidate]:
+def search() -> list[Candidate]:
     """Every brake with its best drift, the best first; the free output is among them.
 
     Each brake's ripple is simulated once per disc, and drifts are laid over it.
     """
     target, _ = published()
     found = []
-    for k, brake in enumerate(brakes()):
-        kept = None if bank is None else bank / f"{k}.npy"
-        ripple = np.load(kept) if kept is not None and kept.exists() else ripples(brake)
+    for brake in brakes():
+        ripple = ripples(brake)
         if ripple is None:
             continue
-        if kept is not None:
-            np.save(kept, ripple)
         found.append(best_drift(ripple, brake, target))
         last = found[-1]
         print(f"{last.misfit:6.2f} = {last.parts}  {np.exp(last.drift)}  {brake}", flush=True)
@@ -256,13 +258,9 @@ def values_of(candidate: Candidate) -> dict[str, float]:
     return {name: float(f"{value:.3g}") for name, value in (found | candidate.brake).items()}
 
 
-def rows(found: list[Candidate]) -> list[str]:
+def candidates(found: list[Candidate]) -> str:
     """Return a table of candidates in Markdown."""
-    lines = [
-        "| rotor, kg m2 | meter, kNm/rad | resonance, Hz | drift s | cutoff, Hz | level | scatter | course | "
-        "misfit |",
-        "|" + "---|" * 9,
-    ]
+    rows = []
     for one in found:
         rotor, meter, resonance = "none", "", ""
         if one.brake:
@@ -270,28 +268,31 @@ def rows(found: list[Candidate]) -> list[str]:
             rotor, meter = f"{inertia:.2g}", f"{stiffness / 1e3:.2g}"
             resonance = f"{math.sqrt(stiffness / inertia) / (2 * math.pi):.0f}"
         middle, cutoff, _ = np.exp(one.drift)
-        numbers = " | ".join(f"{part:.2f}" for part in (*one.parts, one.misfit))
-        lines.append(f"| {rotor} | {meter} | {resonance} | {middle:.3f} | {cutoff:.0f} | {numbers} |")
-    return lines
+        numbers = (f"{part:.2f}" for part in (*one.parts, one.misfit))
+        rows.append([rotor, meter, resonance, f"{middle:.3f}", f"{cutoff:.0f}", *numbers])
+    head = ("rotor, kg m2", "meter, kNm/rad", "resonance, Hz", "drift s", "cutoff, Hz")
+    return table([*head, "level", "scatter", "course", "misfit"], rows)
 
 
 def search_text(found: list[Candidate], checked: list[Candidate]) -> str:
     """Return the search's result, the misfit of each rig, as Markdown."""
     nearest = min(one.parts[2] for one in found)
-    lines = [
-        "\n## The search\n",
-        f"A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1",
-        "kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with the best-fitting drift added to its",
-        "ripple. Misfit: squared distances of level, scatter and course from table 4, in scatters of the",
-        "discs; a constant course has 0.9. Whole simulations of the best few decided:\n",
-        *rows(checked),
-        "\nAll candidates, superposed:\n",
-        *rows(found),
-        "\nThis neither shows nor excludes that a brake's rotor makes the deviation fall with the count:",
-        f"the best course is {nearest:.2f}, and {len(found) - 1} brakes are few, because the effect",
-        "depends on whether a lobe line meets the resonance.",
-    ]
-    return "\n".join(lines) + "\n"
+    return f"""
+## The search
+
+A free output and {len(found) - 1} brakes (scrambled Sobol' sequence over rotors of 2e-3 to 0.1
+kg m2, meters of 1 to 30 kNm/rad, 2 to 15 % damping), each with the best-fitting drift added to its
+ripple. Misfit: squared distances of level, scatter and course from table 4, in scatters of the
+discs; a constant course has 0.9. Whole simulations of the best few decided:
+
+{candidates(checked)}
+All candidates, superposed:
+
+{candidates(found)}
+This neither shows nor excludes that a brake's rotor makes the deviation fall with the count:
+the best course is {nearest:.2f}, and {len(found) - 1} brakes are few, because the effect
+depends on whether a lobe line meets the resonance.
+"""
 
 
 def score(rig: Rig) -> str:
@@ -310,15 +311,7 @@ def score(rig: Rig) -> str:
     ours = np.concatenate(
         [X.mean(axis=2)[..., None], shapes, skew, centroid[..., None], entropy[..., None]], axis=2
     )
-    lines = [
-        f"Made by `python -m benchmarks.published_rig`: {len(made)} sets of eight **surrogate** records of",
-        f"{DURATION_S:g} s, none used in the search, which did not use centroid and entropy.",
-        "Matched: the mean over the discs lies within one scatter (standard deviation over the eight discs)",
-        "of the published one.\n",
-        "| statistic | published, mean over discs | preset | difference, in scatters "
-        "| scatter: published, preset | discs in the preset's 80 % | matched |",
-        "|" + "---|" * 7,
-    ]
+    compared = []
     for k, name in enumerate(names):
         level, ours_level = measured[:, k].mean(), ours[..., k].mean()
         spread, ours_spread = measured[:, k].std(ddof=1), ours[..., k].std(axis=1, ddof=1).mean()
@@ -326,42 +319,44 @@ def score(rig: Rig) -> str:
         inside = int(np.sum((measured[:, k] >= low) & (measured[:, k] <= high)))
         apart = (ours_level - level) / spread
         matched = "yes" if abs(apart) <= 1 else "**no**"
-        lines.append(
-            f"| {name} | {level:.2f} | {ours_level:.2f} | {apart:+.2f} | {spread:.2f}, {ours_spread:.2f} | "
-            f"{inside} of 8 | {matched} |"
-        )
+        numbers = f"{level:.2f}", f"{ours_level:.2f}", f"{apart:+.2f}", f"{spread:.2f}, {ours_spread:.2f}"
+        compared.append([name, *numbers, f"{inside} of 8", matched])
     std = np.exp(np.median(shapes[..., 0], axis=0))
     ends = np.exp(np.quantile(shapes[..., 0], [0.1, 0.9], axis=0))
     course = [spearmanr(range(1, 8), s[1:, 0])[0] for s in shapes]
     said = spearmanr(range(1, 8), target[1:, 0])[0]
     least = sum(int(np.argmin(s[:, 0])) == 0 for s in shapes)
     asymmetry = np.exp(skew.mean(axis=(1, 2)))
-    lines += [
-        "\nAsymmetry, (max - mean) / (mean - min), geometric mean over the discs: "
-        f"{math.exp(measured[:, 5].mean()):.2f} published, {math.exp(skew.mean()):.2f} here",
-        f"({asymmetry.min():.2f} to {asymmetry.max():.2f} from set to set).\n",
-        "| worn lobes | " + " | ".join(str(k) for k in range(8)) + " |",
-        "|" + "---|" * 9,
-        "| std, published, Nm | " + " | ".join(f"{v:.2f}" for v in np.exp(target[:, 0])) + " |",
-        "| preset, median | " + " | ".join(f"{v:.2f}" for v in std) + " |",
-        "| preset, 10 to 90 % | " + " | ".join(f"{a:.2f} to {b:.2f}" for a, b in ends.T) + " |",
-        f"\nThe healthy disc has the least deviation in {least} of {len(made)} sets (published: yes). Rank",
-        f"correlation of deviation and count, 1 to 7 worn lobes: {said:.2f} published, {np.mean(course):.2f}",
-        "here on average.",
+    by_count = [
+        ["std, published, Nm", *(f"{v:.2f}" for v in np.exp(target[:, 0]))],
+        ["preset, median", *(f"{v:.2f}" for v in std)],
+        ["preset, 10 to 90 %", *(f"{a:.2f} to {b:.2f}" for a, b in ends.T)],
     ]
-    return "# The preset `published`\n\n" + "\n".join(lines).rstrip() + "\n"
+    return f"""# The preset `published`
+
+Made by `python -m benchmarks.published_rig`: {len(made)} sets of eight **surrogate** records of
+{DURATION_S:g} s, none used in the search, which did not use centroid and entropy.
+Matched: the mean over the discs lies within one scatter (standard deviation over the eight discs)
+of the published one.
+
+{table(HEAD, compared)}
+Asymmetry, (max - mean) / (mean - min), geometric mean over the discs: \
+{math.exp(measured[:, 5].mean()):.2f} published, {math.exp(skew.mean()):.2f} here
+({asymmetry.min():.2f} to {asymmetry.max():.2f} from set to set).
+
+{table(["worn lobes", *range(8)], by_count)}
+The healthy disc has the least deviation in {least} of {len(made)} sets (published: yes). Rank
+correlation of deviation and count, 1 to 7 worn lobes: {said:.2f} published, {np.mean(course):.2f}
+here on average.
+"""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--fit", action="store_true", help="search anew before scoring")
-    parser.add_argument("--bank", type=Path, help="folder that keeps the simulated ripples of each brake")
-    arguments = parser.parse_args()
     page = ROOT / "benchmarks" / "published_rig.md"
-    if arguments.fit:
-        if arguments.bank is not None:
-            arguments.bank.mkdir(parents=True, exist_ok=True)
-        found = search(arguments.bank)
+    if parser.parse_args().fit:
+        found = search()
         checked = check(found)
         rig_of_values(values_of(checked[0])).to_json(ROOT / "datasets" / "tables" / "published_rig.json")
         text = search_text(found, checked)

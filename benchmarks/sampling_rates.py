@@ -106,7 +106,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--assemblies", type=int, default=32, help="per count (default 32)")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/sampling_rates.md"))
     arguments = parser.parse_args()
     head = [
         "quantity", "RPM", "kHz", "samples per turn", "lobe lines", "right, refused: tachometer",
@@ -131,7 +130,7 @@ The times are the processor's for one `LobeModel.count`, from the recording in m
 of {TIMED} recordings the median, of each the least of {REPEATS}. Other work ran on the same cores.
 
 """
-    arguments.out.write_text(text + table(head, made), encoding="utf-8")
+    Path(__file__).with_suffix(".md").write_text(text + table(head, made), encoding="utf-8")
 
 
 if __name__ == "__main__":

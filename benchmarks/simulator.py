@@ -6,7 +6,6 @@ of several repeats; compared variants run alternately.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from functools import partial
 from pathlib import Path
@@ -17,22 +16,20 @@ import numpy as np
 from _markdown import table
 from _timing import Work, in_turn, on_free_cores, ratio
 from batches import DURATION_S, INTEGRATORS, Machines, accuracy_table
-from kernel_in_c import CKernel
-from solvers import METHODS, loosest, problem, rms
 from threadpoolctl import threadpool_limits
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, _kernels, simulate, simulate_many
+from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, simulate, simulate_many
 from cyclofeat.simulators.batch import n_lanes
+from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.reference import ReferenceGearbox, ramped_driver, ramped_load
+from cyclofeat.simulators.simulation import Integration
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
-SIMULATED_S = 0.6
 DT = 1e-5
 REPEATS = 15
 REFERENCE_STEPS = 50
 MANY = 16
 SHORT_RUNS, SHORT_S = 64, 0.1
-SOLVED_S = 0.02
 
 STEEL = CycloidalGearbox.steel()
 BRAKED = STEEL.with_brake(0.02, 1e4, 0.02)
@@ -43,7 +40,7 @@ NOTES = """\
 Where a goal is missed:
 
 - Real time: the loops over contacts limit the speed, not the latency between evaluations (independent
-  evaluations of one state take nearly as long). Shares of the time in C, healthy, measured by leaving parts
+  evaluations of one state take nearly as long). Shares of the time, healthy, measured in C by leaving parts
   out: flanks 40 %, internal sleeves 30 %, sines and sums 20 %, new descriptions 10 %. Vectors of eight would
   shorten the first two. The rest of a run, drive and anti-alias filter, takes about 5 ms for 0.6 s.
 - `simulate_many` with the exact kernel makes one run after the other; batches put one gearbox into each lane
@@ -51,8 +48,6 @@ Where a goal is missed:
   still computed one by one.
 - The goal for batches was set against the exact kernel before its tables were handed on as addresses; the
   figures are against today's, which is 1.2 to 1.3 times as fast.
-- scipy: the midpoint rule takes 4000 evaluations for 20 ms; a fifth-order rule with error control is as
-  accurate with about 1070, but calls them from Python.
 - Two cores of a virtual machine may be two threads of one core, which share its arithmetic units.
 """
 
@@ -77,49 +72,42 @@ def real_time() -> list[Row]:
         ("7 worn lobes on both wheels", STEEL, WORN),
         ("7 worn lobes, brake behind torque meter", BRAKED, WORN),
     )
-    runs: list[Work] = [
-        lambda gearbox=gearbox, defects=defects: simulate(gearbox, defects, duration=SIMULATED_S)  # type: ignore[misc]
-        for _, gearbox, defects in cases
-    ]
-    kernels: list[Work] = [Kernel(gearbox, defects, SIMULATED_S).torques for _, gearbox, defects in cases]
-    times = in_turn(runs + kernels, REPEATS)
+    runs: list[Work] = [partial(simulate, *case, duration=DURATION_S) for _, *case in cases]
+    kernels = [kernel(gearbox, defects) for _, gearbox, defects in cases]
+    medians = [*map(statistics.median, in_turn(runs + kernels, REPEATS))]
     rows = []
-    for (name, _, _), whole, inside in zip(cases, times[:3], times[3:], strict=True):
-        evaluation = statistics.median(inside) / (2 * SIMULATED_S / DT)
-        rows.append(
-            (
-                name,
-                f"{SIMULATED_S / statistics.median(whole):.1f} x real time "
-                f"(kernel alone {SIMULATED_S / statistics.median(inside):.1f} x, "
-                f"{evaluation * 1e9:.0f} ns per evaluation)",
-                ">= 20 x",
-            )
-        )
+    for (name, _, _), whole, inside in zip(cases, medians[:3], medians[3:], strict=True):
+        text = f"{DURATION_S / whole:.1f} x real time (kernel alone {DURATION_S / inside:.1f} x, "
+        evaluation = inside / (2 * DURATION_S / DT)
+        rows.append((name, f"{text}{evaluation * 1e9:.0f} ns per evaluation)", ">= 20 x"))
     return rows
+
+
+def kernel(gearbox: CycloidalGearbox, defects: LobeDefects) -> Work:
+    """Return a run of the kernel alone, with tables, drive and load computed in advance."""
+    n = round(DURATION_S / DT)
+    course = drive_and_load(gearbox, 2 * n + 1, DT / 2, 25_600.0)
+    integration = Integration(gearbox, kernel_input(gearbox, defects), course, DT)
+    return partial(integration.run, rest_state(gearbox), 0, n, np.zeros(0, dtype=int))
 
 
 def adams_bashforth() -> list[Row]:
     """The same with one evaluation per step, with its loss of accuracy."""
     cases = (("healthy", HEALTHY), ("7 worn lobes on both wheels", WORN))
 
-    def run(defects: LobeDefects, integrator: str, dt: float, duration: float = SIMULATED_S) -> np.ndarray:
+    def run(defects: LobeDefects, integrator: str, dt: float, duration: float = DURATION_S) -> np.ndarray:
         solver = Solver(dt, integrator, "pick")
         return simulate(STEEL, defects, duration=duration, sampling_rate=25_000.0, solver=solver).torque_out
 
-    works: list[Work] = [lambda defects=defects: run(defects, "adams_bashforth", DT) for _, defects in cases]  # type: ignore[misc]
+    works: list[Work] = [partial(run, defects, "adams_bashforth", DT) for _, defects in cases]
     rows = []
     for (name, defects), times in zip(cases, in_turn(works, REPEATS), strict=True):
         # Rounding errors grow later, so later samples of two exact runs would differ, too.
         exact = run(defects, "midpoint", DT / 8, 0.1)
         errors = [np.std(run(defects, rule, DT, 0.1) - exact) for rule in ("adams_bashforth", "midpoint")]
-        rows.append(
-            (
-                f'`integrator="adams_bashforth"`, {name}',
-                f"{SIMULATED_S / statistics.median(times):.1f} x real time (error over the first 0.1 s "
-                f"{errors[0]:.1e} Nm rms, midpoint {errors[1]:.1e})",
-                ">= 20 x",
-            )
-        )
+        text = f"{DURATION_S / statistics.median(times):.1f} x real time (error over the first 0.1 s "
+        text += f"{errors[0]:.1e} Nm rms, midpoint {errors[1]:.1e})"
+        rows.append((f'`integrator="adams_bashforth"`, {name}', text, ">= 20 x"))
     return rows
 
 
@@ -127,16 +115,12 @@ def many() -> list[Row]:
     """Real time per core inside ``simulate_many``."""
     names = ("healthy", "7 worn lobes")
     works: list[Work] = [
-        lambda defects=defects: simulate_many(STEEL, [defects] * MANY, duration=SIMULATED_S)  # type: ignore[misc]
-        for defects in (HEALTHY, WORN)
+        partial(simulate_many, STEEL, [defects] * MANY, duration=DURATION_S) for defects in (HEALTHY, WORN)
     ]
+    speeds = [MANY * DURATION_S / statistics.median(times) for times in in_turn(works, 3)]
     return [
-        (
-            f"`simulate_many`, {MANY} runs, {name}",
-            f"{MANY * SIMULATED_S / statistics.median(times):.1f} x real time per core",
-            ">= 30 x",
-        )
-        for name, times in zip(names, in_turn(works, 3), strict=True)
+        (f"`simulate_many`, {MANY} runs, {name}", f"{speed:.1f} x real time per core", ">= 30 x")
+        for name, speed in zip(names, speeds, strict=True)
     ]
 
 
@@ -149,21 +133,9 @@ def batches() -> list[Row]:
         for integrator, goal in zip(INTEGRATORS, ("", ">= 4.5 x with AVX2, 8 x with AVX-512"), strict=True):
             solver = Solver(DT, integrator)
             n = round(DURATION_S / DT)
-            courses = machines.courses(n, DT)
-            alone = in_turn(
-                [
-                    lambda m=machines, c=courses, s=solver, n=n: m.exactly(c, s, n),  # type: ignore[misc]
-                    lambda m=machines, c=courses, s=solver, n=n: m.in_lanes(c, s, n),  # type: ignore[misc]
-                ],
-                5,
-            )
-            whole = in_turn(
-                [
-                    lambda m=machines, i=integrator, k=kernel: m.runs(i, k)  # type: ignore[misc]
-                    for kernel in ("exact", "batch")
-                ],
-                5,
-            )
+            given = machines.courses(n, DT), solver, n
+            alone = in_turn([partial(machines.exactly, *given), partial(machines.in_lanes, *given)], 5)
+            whole = in_turn([partial(machines.runs, integrator, kernel) for kernel in ("exact", "batch")], 5)
             for part, (exact, batch), wanted in (("time loop", alone, goal), ("whole runs", whole, "")):
                 speed = simulated / statistics.median(batch)
                 text = f"{speed:.0f} x real time, {ratio(exact, batch):.2f} x faster"
@@ -181,124 +153,13 @@ def papers_formulation() -> Row:
     slow, fast = in_turn(
         [
             lambda: reference.integrate(0.0, REFERENCE_STEPS * DT, DT, start, driver, load),
-            lambda: simulate(STEEL, WORN, duration=SIMULATED_S),
+            lambda: simulate(STEEL, WORN, duration=DURATION_S),
         ],
         5,
     )
-    factor = ratio(slow, fast) / REFERENCE_STEPS * (SIMULATED_S / DT)
-    return (
-        "the papers' formulation (dense 141 x 141 per stage), 7 worn lobes",
-        f"{factor:.0f} x faster",
-        ">= 600 x",
-    )
-
-
-class Kernel:
-    """One run of the kernel alone, with tables, drive and load computed in advance."""
-
-    def __init__(self, gearbox: CycloidalGearbox, defects: LobeDefects, duration: float) -> None:
-        self.gearbox, self.n_steps = gearbox, round(duration / DT)
-        t = np.arange(2 * self.n_steps + 1) * (DT / 2)
-        ramp, speed = gearbox.ramp_time, gearbox.input_speed
-        self.course = (
-            np.where(t < ramp, 0.5 * speed / ramp * t**2, speed * (t - ramp / 2)),
-            speed * np.minimum(t / ramp, 1.0),
-            np.where(t < ramp, speed / ramp, 0.0),
-            gearbox.load_torque * np.minimum(t / ramp, 1.0),
-        )
-        self.start = rest_state(gearbox)
-        self.tables = kernel_input(gearbox, defects)
-        # Far beyond values that occur: these runs are known to be valid.
-        self.limits = (1e4, 1e3, 100.0)
-
-    def torques(self, kept: np.ndarray | None = None) -> np.ndarray:
-        """Output and input torque in Nm, (n_steps, 2); ``motion`` then holds the states at ``kept`` steps."""
-        result = np.empty((self.n_steps, 2))
-        kept = np.zeros(0, dtype=int) if kept is None else kept
-        self.motion = np.empty((kept.size, _kernels.N_STATE))
-        nothing = (
-            np.empty((0, 2, self.gearbox.n_pins, 3)),
-            np.empty((0, 2, self.gearbox.n_internal_sleeves, 3)),
-        )
-        last = np.empty((2, self.gearbox.n_pins, 3)), np.empty((2, self.gearbox.n_internal_sleeves, 3))
-        finished = _kernels.integrate(
-            2, self.n_steps, DT, *self.course, self.start.copy(), *self.tables,
-            _kernels.new_memory(self.start), *self.limits, result, kept, self.motion, *nothing, *last,
-        )  # fmt: skip
-        if finished != self.n_steps:
-            raise RuntimeError(f"the kernel stopped at step {finished}")
-        return result
-
-    def torques_in_c(self, kernel: CKernel) -> np.ndarray:
-        """Return the same from ``kernel.c``."""
-        result = np.empty((self.n_steps, 2))
-        finished = kernel(DT, self.course, self.start.copy(), self.tables, self.limits, result)
-        if finished != self.n_steps:
-            raise RuntimeError(f"the kernel in C stopped at step {finished}")
-        return result
-
-
-def kernel_in_c() -> list[Row]:
-    """Time of the kernel over that of its translation to C, after a check that both give the same torques."""
-    goal = "<= 1.2 x"
-    try:
-        kernel = CKernel()
-    except FileNotFoundError:
-        return [("the same kernel in C", "not measured: no gcc here", goal)]
-    rows = []
-    for name, defects in (("healthy", HEALTHY), ("7 worn lobes", WORN)):
-        one = Kernel(STEEL, defects, SIMULATED_S)
-        ours, theirs = one.torques(), one.torques_in_c(kernel)
-        early, settled = round(0.01 / DT), round(0.3 / DT)
-        np.testing.assert_allclose(ours[:early], theirs[:early], rtol=0, atol=1e-9)
-        for statistic in (np.mean, np.std, np.min, np.max):
-            np.testing.assert_allclose(
-                statistic(ours[settled:], axis=0), statistic(theirs[settled:], axis=0), 1e-3
-            )
-        numba, c = in_turn([one.torques, lambda one=one: one.torques_in_c(kernel)], REPEATS)  # type: ignore[misc]
-        rows.append(
-            (
-                f"the same kernel in C (gcc -O3 -march=native), {name}",
-                f"{ratio(numba, c):.2f} x its time",
-                goal,
-            )
-        )
-    return rows
-
-
-def scipy_solvers() -> list[Row]:
-    """scipy's solvers at the midpoint rule's accuracy over 20 ms from a settled state, torque at 25 kHz."""
-    rows = []
-    for name, defects in (("healthy", HEALTHY), ("7 worn lobes", WORN)):
-        settled, n_steps = round(0.4 / DT), round(SOLVED_S / DT)
-        long = Kernel(STEEL, defects, 0.45)
-        long.torques(np.arange(settled, settled + n_steps))
-        start = long.motion[0].copy()
-        scale = np.maximum(np.abs(long.motion).max(axis=0), 1e-9)
-        given = problem(STEEL, defects, float(long.course[0][2 * settled]), start, scale, SOLVED_S)
-        short = Kernel(STEEL, defects, SOLVED_S + DT)
-        short.start = start
-        short.course = tuple(c[2 * settled : 2 * (settled + n_steps + 1) + 1].copy() for c in long.course)  # type: ignore[assignment]
-        reference = given.reference()
-        error = rms(short.torques()[np.rint(given.times / DT).astype(int), 0] - reference)
-        found = []
-        for method in METHODS:
-            tolerance = loosest(given, method, reference, error)
-            if tolerance is not None:
-                theirs, ours = in_turn(
-                    [lambda m=method, t=tolerance, g=given: g.solved(m, t), short.torques],  # type: ignore[misc]
-                    5,
-                )
-                found.append((ratio(theirs, ours), method, tolerance))
-        if found:
-            best, method, tolerance = min(found)
-            text = f"{best:.0f} x faster than {method} (rtol {tolerance:.0e}; both within {error:.1e} Nm rms)"
-        else:
-            text = f"none of {', '.join(METHODS)} comes to the midpoint rule's error of {error:.1e} Nm"
-        rows.append(
-            (f"scipy `solve_ivp`, best of {', '.join(METHODS)} at equal accuracy, {name}", text, ">= 20 x")
-        )
-    return rows
+    factor = ratio(slow, fast) / REFERENCE_STEPS * (DURATION_S / DT)
+    name = "the papers' formulation (dense 141 x 141 per stage), 7 worn lobes"
+    return name, f"{factor:.0f} x faster", ">= 600 x"
 
 
 def short_runs(backend: str, kernel: str, duration: float, n_jobs: int) -> None:
@@ -333,10 +194,10 @@ def growth() -> str:
     """Return the table of cost against size; exponents are slopes of lines through the logarithms."""
 
     def run(gearbox: CycloidalGearbox, duration: float) -> Work:
-        return lambda: simulate(gearbox, HEALTHY, duration=duration)
+        return partial(simulate, gearbox, HEALTHY, duration=duration)
 
     def runs(n: int) -> Work:
-        return lambda: simulate_many(STEEL, [HEALTHY] * n, duration=SHORT_S)
+        return partial(simulate_many, STEEL, [HEALTHY] * n, duration=SHORT_S)
 
     swept: tuple[tuple[str, tuple[float, ...], list[Work]], ...] = (
         ("external sleeves", (8, 16, 32, 64), [run(with_pins(n), 0.3) for n in (8, 16, 32, 64)]),
@@ -347,10 +208,9 @@ def growth() -> str:
     for name, sizes, works in swept:
         medians = [statistics.median(times) for times in in_turn(works, 7)]
         exponent = np.polyfit(np.log(sizes), np.log(medians), 1)[0]
-        told = ", ".join(
-            f"{size:g}: {seconds * 1e3:.0f}" for size, seconds in zip(sizes, medians, strict=True)
-        )
-        rows.append((name, told, f"{exponent:.2f}"))
+        pairs = zip(sizes, medians, strict=True)
+        times = ", ".join(f"{size:g}: {seconds * 1e3:.0f}" for size, seconds in pairs)
+        rows.append((name, times, f"{exponent:.2f}"))
     return table(("what grows", "processor time in ms", "exponent"), rows)
 
 
@@ -362,8 +222,6 @@ def results() -> str:
         *many(),
         *batches(),
         papers_formulation(),
-        *kernel_in_c(),
-        *scipy_solvers(),
         *on_two_cores(),
     ]
     what = f"dt = 1e-5 s, 48 contacts, two wheels, one core; vectors of {vector_width()}"
@@ -377,14 +235,10 @@ def results() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="also write the tables to this file")
-    arguments = parser.parse_args()
     with threadpool_limits(1):
-        result = results()
-    print(result, end="")
-    if arguments.out is not None:
-        arguments.out.write_text(f"Made by `make bench-simulator`.\n\n{result}\n{NOTES}", encoding="utf-8")
+        text = f"Made by `make bench-simulator`.\n\n{results()}\n{NOTES}"
+    print(text, end="")
+    Path(__file__).with_suffix(".md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

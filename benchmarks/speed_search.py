@@ -100,7 +100,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--assemblies", type=int, default=24, help="per count (default 24)")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/speed_search.md"))
     arguments = parser.parse_args()
     low, high = (60 * end for end in SEARCHED_HZ)
     text = f"""# Speeds found in the torque alone
@@ -115,7 +114,7 @@ asks for it. 95 % intervals by Wilson.
 """
     made = rows(arguments.assemblies, arguments.jobs)
     page = text + table(["recordings", *OUTCOMES, "n"], made)
-    arguments.out.write_text(page, encoding="utf-8")
+    Path(__file__).with_suffix(".md").write_text(page, encoding="utf-8")
     print(page)
 
 

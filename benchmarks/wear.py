@@ -150,7 +150,6 @@ def main() -> None:
     parser.add_argument("--judged", type=int, default=40, help="assemblies per count and depth (default 40)")
     parser.add_argument("--twins", type=int, default=8, help="assemblies of the oracle (default 8)")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=Path("benchmarks/wear.md"))
     arguments = parser.parse_args()
     made, said = rows(arguments.judged, arguments.twins, arguments.jobs)
     head = [
@@ -178,7 +177,7 @@ intervals hold the depth.
 """
     models = "\n".join(f"- {one}" for one in said)
     ending = f"\nDepths that the models were trained for and see:\n\n{models}\n"
-    arguments.out.write_text(text + table(head, made) + ending, encoding="utf-8")
+    Path(__file__).with_suffix(".md").write_text(text + table(head, made) + ending, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -59,7 +59,6 @@ numpydoc_class_members_toctree = False
 
 EXAMPLES = ("notebooks", "features", "gap", "papers")
 sphinx_gallery_conf = {
-    # The scripts in examples/counting have no pictures: the how-tos show them.
     "examples_dirs": [f"../examples/{folder}" for folder in EXAMPLES],
     "gallery_dirs": [f"gallery/{folder}" for folder in EXAMPLES],
     "filename_pattern": r"[/\\]plot_",

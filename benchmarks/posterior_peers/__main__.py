@@ -99,27 +99,21 @@ def summaries(posterior: EffectPosterior, sessions: Sequence[Session]) -> Float:
 
 def forests(train_x: Float, train: Rigs, test_x: Float, scale: Scale) -> Answers:
     """A forest of trees for each effect, and one for each size."""
-    sizes, owners = scale(train.sizes), [name.partition(".")[0] for name in train.size_names]
-    presence = np.empty((len(test_x), len(train.names)))
-    middle = np.full((len(test_x), len(owners)), np.nan)
-    fit = answer = 0.0
-    for k in range(len(train.names)):
+    seconds = np.zeros(2)  # of fits and answers
+
+    def answers(kind: type, method: str, y: Float) -> Float:
+        forest, known = kind(N_TREES, min_samples_leaf=LEAF, random_state=0, max_features=0.1), np.isfinite(y)
         began = time.perf_counter()
-        forest = ExtraTreesClassifier(N_TREES, min_samples_leaf=LEAF, random_state=0, max_features=0.1)
-        forest.fit(train_x, train.present[:, k])
+        forest.fit(train_x[known], y[known])
         fitted = time.perf_counter()
-        presence[:, k] = forest.predict_proba(test_x)[:, 1]
-        fit, answer = fit + fitted - began, answer + time.perf_counter() - fitted
-    for k in range(len(owners)):
-        there = np.isfinite(sizes[:, k])
-        began = time.perf_counter()
-        forest = ExtraTreesRegressor(N_TREES, min_samples_leaf=LEAF, random_state=0, max_features=0.1)
-        forest.fit(train_x[there], sizes[there, k])
-        fitted = time.perf_counter()
-        middle[:, k] = forest.predict(test_x)
-        fit, answer = fit + fitted - began, answer + time.perf_counter() - fitted
+        said: Float = getattr(forest, method)(test_x)
+        seconds[:] += fitted - began, time.perf_counter() - fitted
+        return said
+
+    presence = [answers(ExtraTreesClassifier, "predict_proba", y)[:, 1] for y in train.present.T]
+    middle = np.transpose([answers(ExtraTreesRegressor, "predict", y) for y in scale(train.sizes).T])
     none = np.full(middle.shape, np.nan)
-    return Answers(presence, none, middle, none, fit, answer)
+    return Answers(np.transpose(presence), none, middle, none, *seconds)
 
 
 def flow(name: str, train_x: Float, train: Rigs, test_x: Float, scale: Scale, folder: Path) -> Answers:
@@ -201,7 +195,7 @@ def main() -> None:
         said[name] = method()
         print(row(name, said[name], judged, scale), flush=True)
     share = train.present.mean(axis=0)
-    flat = np.zeros((len(judged), sum(map(len, [train.size_names]))))
+    flat = np.zeros((len(judged), len(train.size_names)))
     said["prior alone"] = Answers(
         np.broadcast_to(share, judged.present.shape), flat - 1.645, flat, flat + 1.645, 0.0, 0.0
     )

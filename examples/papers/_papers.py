@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from functools import cache
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pywt
 from numpy.typing import NDArray
 from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from cyclofeat.datasets import load_published_tables, make_rig_recordings
-from cyclofeat.signal import magnitude_squared_coherence, shannon_entropy, welch_psd
+from cyclofeat.signal import amplitude_spectrum, magnitude_squared_coherence, shannon_entropy, welch_psd
 from cyclofeat.signal.wavelets import minima_mask, morris_names
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
 
@@ -41,6 +42,20 @@ START = -math.pi
 def shades(n: int) -> Float:
     """Colours from dark to light, which remain distinguishable in a grey print."""
     return np.asarray(matplotlib.colormaps["viridis"](np.linspace(0, 0.9, n)))
+
+
+def panels(
+    n_rows: int, xlabel: str, ylabel: str = "", title: str = "", size: tuple[float, float] = (11, 8)
+) -> NDArray[np.object_]:
+    """Return two columns of axes of a new figure, with the same limits; the outer ones have labels."""
+    fig, axes = plt.subplots(n_rows, 2, figsize=size, layout="constrained", sharex=True, sharey=True)
+    for ax in axes[-1]:
+        ax.set_xlabel(xlabel)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(ylabel)
+    if title:
+        fig.suptitle(title)
+    return np.asarray(axes)
 
 
 # The papers' runs -------------------------------------------------------------------------------------------
@@ -138,10 +153,8 @@ def graded_wavelets() -> dict[str, bool]:
 
 def amplitude_lines(torque: Float) -> tuple[Float, Float]:
     """Frequencies and amplitudes in Nm: 8192-point transform, Hamming window, of the last samples (B9)."""
-    window = np.hamming(8192)
     part = torque[-8192:]
-    amplitudes = 2 * np.abs(np.fft.rfft((part - part.mean()) * window)) / window.sum()
-    return np.fft.rfftfreq(8192, 1 / RATE), amplitudes
+    return amplitude_spectrum(part - part.mean(), RATE)
 
 
 def from_200_to_800_hz(torque: Float) -> float:
@@ -211,9 +224,7 @@ def n_bands(n_lines: int) -> int:
 
 def spectrum(record: Float, rate: float = RATE) -> tuple[Float, Float]:
     """Frequencies and amplitudes in Nm under a Hann window, mean removed (A11)."""
-    window = np.hanning(record.size)
-    amplitudes = 2 * np.abs(np.fft.rfft((record - record.mean()) * window)) / window.sum()
-    return np.fft.rfftfreq(record.size, 1 / rate), amplitudes
+    return amplitude_spectrum(record - record.mean(), rate, record.size, "hann")
 
 
 def amplitude_in(record: Float, low: float, high: float) -> float:

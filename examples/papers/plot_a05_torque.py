@@ -10,7 +10,7 @@ to table 4: agreement with the table's level is therefore not a finding (stateme
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import COUNTS, RIG_RATE, surrogate_sets
+from _papers import COUNTS, RIG_RATE, panels, surrogate_sets
 
 from cyclofeat.datasets import load_published_tables
 
@@ -18,17 +18,13 @@ sets = surrogate_sets()
 table = load_published_tables().signal_statistics
 time = np.arange(sets.shape[-1]) / RIG_RATE
 
-fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+heading = "surrogate (figs. 5 and 6); dashed: measured minimum, mean and maximum (table 4)"
+axes = panels(4, "time in s", "torque in Nm", heading)
 for count, (ax, torque) in enumerate(zip(axes.flat, sets[0], strict=True)):
     ax.plot(time, torque, lw=0.4, color="C0")
     for value in (table["min_nm"][count], table["mean_nm"][count], table["max_nm"][count]):
         ax.axhline(value, color="black", lw=0.8, ls="--")
     ax.set_title(f"{count} worn", fontsize="medium")
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("torque in Nm")
-fig.suptitle("surrogate (figs. 5 and 6); dashed: measured minimum, mean and maximum (table 4)")
 plt.show()
 
 # %%

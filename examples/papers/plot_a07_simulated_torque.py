@@ -9,12 +9,12 @@ of this simulator beside table 4 (statement A12).
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import ABS, COUNTS, RATE, STEEL_A, settled, torques, upward_over_downward
+from _papers import ABS, COUNTS, RATE, STEEL_A, panels, settled, torques, upward_over_downward
 
 from cyclofeat.datasets import load_published_tables
 
 time = np.arange(6000) / RATE
-fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+axes = panels(4, "time in s", "torque in Nm")
 for column, (gearbox, title) in zip(
     axes.T, ((ABS, "ABS (fig. 7)"), (STEEL_A, "steel (fig. 8)")), strict=True
 ):
@@ -22,9 +22,6 @@ for column, (gearbox, title) in zip(
         ax.plot(time, torque, lw=0.6, color="C0")
         ax.set_title(f"{title}, {count} worn", fontsize="medium")
         ax.set(xlim=(0.2, 0.6), ylim=(20, 24))
-    column[-1].set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("torque in Nm")
 plt.show()
 
 # %%

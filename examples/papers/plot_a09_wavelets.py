@@ -10,23 +10,19 @@ does in simulation: no gradual relation. This example shows both for **surrogate
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import COUNTS, RIG_RATE, minima_shared_with_seven, shades, surrogate_sets
+from _papers import COUNTS, RIG_RATE, minima_shared_with_seven, panels, shades, surrogate_sets
 
 from cyclofeat.features import WaveletEnvelopeSpectrum
 
 sets = surrogate_sets()
 n_shown = int(0.6 * RIG_RATE)
 shared, _ = minima_shared_with_seven(sets[0, 1:], levels=8)
-fig, axes = plt.subplots(3, 2, figsize=(11, 7.5), layout="constrained", sharex=True, sharey=True)
+heading = "minima shared with seven worn lobes, first 0.6 s (fig. 9)"
+axes = panels(3, "time in s", "level", heading, size=(11, 7.5))
 for count, ax in enumerate(axes.flat, 1):
     cells = ~shared[count - 1, :, :n_shown]
     ax.imshow(cells, aspect="auto", cmap="gray", extent=(0, 0.6, 8.5, 0.5), interpolation="none")
     ax.set_title(f"{count} worn", fontsize="medium")
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("level")
-fig.suptitle("minima shared with seven worn lobes, first 0.6 s (fig. 9)")
 plt.show()
 
 # %%

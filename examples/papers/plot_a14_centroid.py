@@ -10,7 +10,7 @@ assumed rig ``published`` beside the table (statement A7).
 # sphinx_gallery_thumbnail_number = 3
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import COUNTS, RIG_RATE, surrogate_sets
+from _papers import COUNTS, RIG_RATE, panels, surrogate_sets
 
 from cyclofeat.datasets import load_published_tables
 from cyclofeat.features import SpectralCentroid, SpectralRolloff
@@ -22,18 +22,13 @@ kept = {"sampling_rate": RIG_RATE, "n_parts": n_parts}
 centroid = SpectralCentroid(**kept).fit_transform(sets[0])
 rolloff = SpectralRolloff(preset="ripple", **kept).fit_transform(sets[0])
 
-fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+axes = panels(4, "time in s", "Hz", "one set, parts of 0.2 s (fig. 14)")
 for count, ax in enumerate(axes.flat):
     ax.semilogy(middles, centroid[count], "o-", color="C0", markersize=4, label="centroid")
     ax.semilogy(middles, rolloff[count], "--", color="C3", label="95 % roll-off, mean removed")
     ax.set(ylim=(3, 600))
     ax.set_title(f"{count} worn", fontsize="medium")
 axes[0, 0].legend(fontsize="small")
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("Hz")
-fig.suptitle("one set, parts of 0.2 s (fig. 14)")
 plt.show()
 
 # %%

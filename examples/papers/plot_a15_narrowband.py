@@ -10,25 +10,21 @@ is at 133.3 Hz.
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import COUNTS, RIG_RATE, surrogate_sets
+from _papers import COUNTS, RIG_RATE, panels, surrogate_sets
 
 from cyclofeat.features import NarrowbandRatio
 from cyclofeat.signal import welch_psd
 
 sets = surrogate_sets()
 frequencies, density = welch_psd(sets[0], RIG_RATE)
-fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+heading = "one set; orange: 5 Hz about the multiples of 100 Hz (figs. 15 and 16)"
+axes = panels(4, "frequency in Hz", "dB over 1 Nm²/Hz", heading)
 for count, ax in enumerate(axes.flat):
     for multiple in range(100, 1100, 100):
         ax.axvspan(multiple - 5, multiple + 5, color="C1", alpha=0.6, lw=0)
     ax.plot(frequencies, 10 * np.log10(density[count]), lw=0.7, color="C0")
     ax.set_title(f"{count} worn", fontsize="medium")
     ax.set_xlim(0, 1000)
-for ax in axes[-1]:
-    ax.set_xlabel("frequency in Hz")
-for ax in axes[:, 0]:
-    ax.set_ylabel("dB over 1 Nm²/Hz")
-fig.suptitle("one set; orange: 5 Hz about the multiples of 100 Hz (figs. 15 and 16)")
 plt.show()
 
 # %%

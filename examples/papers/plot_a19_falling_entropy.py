@@ -9,7 +9,7 @@ the **surrogate** torque of this simulator, after the ramp (statement A10).
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import ABS, BOTH, ONE, SOFT_ABS, STEEL_A, bands_of_falling_entropy, n_bands, torques
+from _papers import ABS, BOTH, ONE, SOFT_ABS, STEEL_A, bands_of_falling_entropy, n_bands, panels, torques
 
 cases = (
     ("steel, one wheel worn", STEEL_A, ONE),
@@ -17,7 +17,7 @@ cases = (
     ("ABS, contact stiffness H = 0.1", SOFT_ABS, BOTH),
     ("ABS, contact stiffness H = 0.2", ABS, BOTH),
 )
-fig, axes = plt.subplots(2, 2, figsize=(10, 9), layout="constrained", sharex=True, sharey=True)
+axes = panels(2, "lower limit in Hz", "upper limit in Hz", size=(10, 9))
 for ax, (name, gearbox, wheels) in zip(axes.flat, cases, strict=True):
     frequencies, falls = bands_of_falling_entropy(torques(gearbox, wheels)[1:])
     low, high = np.nonzero(falls)
@@ -25,10 +25,6 @@ for ax, (name, gearbox, wheels) in zip(axes.flat, cases, strict=True):
     ax.plot([0, 5000], [0, 5000], color="0.7")
     share = len(low) / n_bands(frequencies.size)
     ax.set(title=f"{name}:\n{len(low)} bands, {100 * share:.2g} %", xlim=(-100, 5000), ylim=(0, 5100))
-for ax in axes[-1]:
-    ax.set_xlabel("lower limit in Hz")
-for ax in axes[:, 0]:
-    ax.set_ylabel("upper limit in Hz")
 plt.show()
 
 # %%

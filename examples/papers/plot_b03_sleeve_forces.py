@@ -10,14 +10,14 @@ wheels are worn alike (statements B1 to B3).
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import HEALTHY, RATE, peaks, sleeve_forces
+from _papers import HEALTHY, RATE, panels, peaks, sleeve_forces
 
 from cyclofeat.simulators import LobeDefects
 
 time = np.arange(6000) / RATE
 healthy = sleeve_forces(HEALTHY)[:, 13]
 
-fig, axes = plt.subplots(4, 2, figsize=(11, 8.5), layout="constrained", sharex=True, sharey=True)
+axes = panels(4, "time in s", "force in N", "14th external sleeve (fig. 3)", size=(11, 8.5))
 for count, ax in enumerate(axes.flat, 1):
     force = sleeve_forces(LobeDefects.worn(count))[:, 13]
     ax.plot(time, force, lw=0.8, color="C0", label="worn")
@@ -25,11 +25,6 @@ for count, ax in enumerate(axes.flat, 1):
     heights = ", ".join(f"{height:.0f}" for height in peaks(force)[1])
     ax.set_title(f"{count} worn; peaks above 150 N: {heights} N", fontsize="medium")
 axes[0, 0].legend(loc="upper left")
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("force in N")
-fig.suptitle("14th external sleeve (fig. 3)")
 plt.show()
 
 # %%
@@ -39,7 +34,7 @@ plt.show()
 # are chords that pass on the unloaded side. Their number grows with the count as stated for 2, 3 and 7 worn
 # lobes, and is lower for 4 to 6.
 
-fig, axes = plt.subplots(4, 2, figsize=(11, 8.5), layout="constrained", sharex=True, sharey=True)
+axes = panels(4, "time in s", "force in N", "1st internal sleeve (fig. 4)", size=(11, 8.5))
 healthy = sleeve_forces(HEALTHY, "internal")[:, 0]
 for count, ax in enumerate(axes.flat, 1):
     force = sleeve_forces(LobeDefects.worn(count), "internal")[:, 0]
@@ -48,12 +43,7 @@ for count, ax in enumerate(axes.flat, 1):
     ax.plot(time, force - healthy - 60, lw=0.8, color="C1", label="difference, shifted by 60 N")
     ax.set_title(f"{count} worn", fontsize="medium")
     ax.set_ylim(-120, 200)
-fig.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("force in N")
-fig.suptitle("1st internal sleeve (fig. 4)")
+plt.figlegend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
 plt.show()
 
 # %%

@@ -10,7 +10,7 @@ strongly in the first 0.12 s, "after locking". This example shows the **surrogat
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import HEALTHY, RATE, first_oscillation, run, settled, shades
+from _papers import HEALTHY, RATE, first_oscillation, panels, run, settled, shades
 
 from cyclofeat.simulators import LobeDefects
 
@@ -20,7 +20,7 @@ for kind, title, reference, limits in (
     ("torque_in", "input torque (fig. 5)", 0, (-0.5, 3)),
     ("torque_out", "output torque less the load, which rises to 22 Nm in 0.2 s (fig. 6)", load, (-4, 4)),
 ):
-    fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+    axes = panels(4, "time in s", "Nm", title)
     healthy = getattr(run(), kind) - reference
     for count, ax in enumerate(axes.flat, 1):
         torque = getattr(run(LobeDefects.worn(count)), kind) - reference
@@ -29,11 +29,6 @@ for kind, title, reference, limits in (
         ax.set_title(f"{count} worn, std {1e3 * settled(torque).std():.0f} mNm", fontsize="medium")
         ax.set_ylim(limits)
     axes[0, 0].legend(loc="upper left", ncols=2)
-    for ax in axes[-1]:
-        ax.set_xlabel("time in s")
-    for ax in axes[:, 0]:
-        ax.set_ylabel("Nm")
-    fig.suptitle(title)
     plt.show()
 
 # %%

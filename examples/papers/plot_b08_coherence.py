@@ -10,18 +10,15 @@ example shows the same for the **surrogate** torque of this simulator, including
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import coherence_with_healthy, shades
+from _papers import coherence_with_healthy, panels, shades
 
 for kind, title in (("torque_in", "input torque (fig. 8)"), ("torque_out", "output torque (fig. 9)")):
     frequencies, coherence = coherence_with_healthy(kind)
-    fig, axes = plt.subplots(4, 2, figsize=(11, 8), layout="constrained", sharex=True, sharey=True)
+    axes = panels(4, "frequency in Hz", title=title)
     for count, ax in enumerate(axes.flat, 1):
         ax.fill_between(frequencies, coherence[count - 1], color="C0", lw=0)
         ax.set_title(f"{count} worn, mean {coherence[count - 1].mean():.2f}", fontsize="medium")
         ax.set(xlim=(0, 1500), ylim=(0, 1))
-    for ax in axes[-1]:
-        ax.set_xlabel("frequency in Hz")
-    fig.suptitle(title)
     plt.show()
 
 # %%

@@ -12,7 +12,7 @@ import warnings
 
 import matplotlib.pyplot as plt
 import numpy as np
-from _papers import LOBE_PERIOD, STEEL, run, shades, torques
+from _papers import LOBE_PERIOD, STEEL, panels, run, shades, torques
 
 from cyclofeat.signal.wavelets import dwt, level_statistics, scalogram
 from cyclofeat.simulators import LobeDefects
@@ -25,7 +25,7 @@ def names(lobes):
 
 
 def show(records, titles, heading):
-    fig, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained", sharex=True, sharey=True)
+    axes = panels(2, "time in s", "level", heading, size=(11, 7))
     with warnings.catch_warnings():
         # Levels 8 to 12 of 6000 samples consist mostly of end effects, as in the paper.
         warnings.simplefilter("ignore", UserWarning)
@@ -34,11 +34,6 @@ def show(records, titles, heading):
         ax.imshow(cells, aspect="auto", cmap="gray_r", extent=(0, 0.6, 12.5, 0.5), interpolation="none")
         ax.set_title(title, fontsize="medium")
         ax.set_yticks(range(1, 13))
-    for ax in axes[-1]:
-        ax.set_xlabel("time in s")
-    for ax in axes[:, 0]:
-        ax.set_ylabel("level")
-    fig.suptitle(heading)
     plt.show()
 
 

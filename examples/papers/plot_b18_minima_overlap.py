@@ -9,19 +9,15 @@ with all of PyWavelets' discrete wavelets and the Morris family (statements B7 a
 """
 
 import matplotlib.pyplot as plt
-from _papers import STEEL, graded_wavelets, minima_shared_with_seven, torques
+from _papers import STEEL, graded_wavelets, minima_shared_with_seven, panels, torques
 
 of_count = torques(STEEL)[1:]
 shared, share = minima_shared_with_seven(of_count, levels=6)
-fig, axes = plt.subplots(3, 2, figsize=(11, 7.5), layout="constrained", sharex=True, sharey=True)
+axes = panels(3, "time in s", "level", size=(11, 7.5))
 for count, ax in enumerate(axes.flat, 1):
     ax.imshow(~shared[count - 1], aspect="auto", cmap="gray", extent=(0, 0.6, 6.5, 0.5), interpolation="none")
     low, high = 100 * share[count - 1, 2:4]
     ax.set_title(f"{count} worn: {low:.0f} % of level 3, {high:.0f} % of level 4", fontsize="medium")
-for ax in axes[-1]:
-    ax.set_xlabel("time in s")
-for ax in axes[:, 0]:
-    ax.set_ylabel("level")
 plt.show()
 
 # %%

@@ -63,14 +63,6 @@ def test_row_names_source_script_and_the_verdict_that_its_parts_make(number):
     assert verdict == papers.verdict([("", "", agrees) for _, agrees in parts(cell)])
 
 
-def test_both_tables_hold_the_same():
-    markdown = (ROOT / "benchmarks" / "papers.md").read_text(encoding="utf-8")
-    for number, (_, verdict, cell) in rows().items():
-        (line,) = re.findall(rf"^\| {number} \|.*$", markdown, flags=re.MULTILINE)
-        assert f"| {verdict} |" in line
-        assert "<br>".join(row.removeprefix("* ") for row in cell.splitlines()) in line
-
-
 @pytest.mark.parametrize("number", ["B1", "B4", "B5"])
 def test_table_holds_what_the_benchmark_computes(number):
     """Those that take a second; the others are the same code."""
@@ -107,19 +99,3 @@ def test_page_has_every_figure_in_the_script_whose_title_names_it():
 
 def test_page_and_folder_name_the_same_scripts():
     assert set(re.findall(r"sphx_glr_gallery_papers_(\w+)\.py", PAGE)) == set(SCRIPTS)
-
-
-def test_a_script_that_fails_fails_the_command(tmp_path, monkeypatch, capsys):
-    (tmp_path / "plot_good.py").write_text(
-        "import matplotlib.pyplot as plt\nplt.plot([0, 1])\n", encoding="utf-8"
-    )
-    (tmp_path / "plot_late.py").write_text(
-        "import warnings\nwarnings.warn('looks wrong')\n", encoding="utf-8"
-    )
-    monkeypatch.setattr(papers, "SCRIPTS", tmp_path)
-    with pytest.raises(SystemExit, match="plot_late.py: UserWarning: looks wrong"):
-        papers.draw(tmp_path)
-    assert [path.name for path in tmp_path.glob("*.png")] == ["plot_good_1.png"]
-    (tmp_path / "plot_late.py").unlink()
-    papers.draw(None)
-    assert "plot_good.py" in capsys.readouterr().out
