@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -32,7 +32,7 @@ from cyclofeat.counting._predictions import RecordingPredictions
 from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting._speed import other_speed
-from cyclofeat.counting._turning import Turning, turning_of
+from cyclofeat.counting._turning import Turning, angle_by_lines, turning_of
 from cyclofeat.counting._verdicts import disagreement, most_frequent, outvoted, window_faults
 from cyclofeat.counting._wear import RadialWear, stated_depths
 from cyclofeat.counting._window_answers import AnsweredWindows, PreparedWindows
@@ -119,7 +119,9 @@ class LobeModel(RecordingPredictions):
 
         Windows of one output turn are cut over the angle of the input shaft: a tachometer's, or the one that
         the lines of the torque give around the stated speed. They have 128 samples per input turn, or as many
-        as the recording with the fewest would hold at 5 % more speed.
+        as the recording with the fewest would hold at 5 % more speed. Of recordings with a tachometer the
+        counter also learns windows over the angle that their lines tell: counted without a tachometer, lines
+        are less sharp.
 
         Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
         counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
@@ -167,7 +169,7 @@ class LobeModel(RecordingPredictions):
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
         per_turn = _samples_per_turn(recordings, turnings, n_lobes)
-        windows = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
+        windows = _training_windows(recordings, turnings, n_lobes, per_turn)
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
@@ -197,8 +199,9 @@ class LobeModel(RecordingPredictions):
         }
         wear = None
         if stated is not None:
+            seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
             wear = RadialWear.train(
-                windows, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state
+                seen, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state
             )
             card["wear"] = wear.summary()
         return cls(fitted, locator, n_lobes, card, domain, wear=wear, samples_per_turn=per_turn)
@@ -499,8 +502,10 @@ class LobeModel(RecordingPredictions):
                     "positions are relative: without an absolute angle they count from the lobe under load "
                     "at the first sample counted"
                 )
-        if probability.max() < 0.5:
-            notes.append(f"uncertain: {count} is most probable with {probability.max():.3f} only")
+        if not reason and probability.max() < 0.5:
+            reason = (
+                f"no count is more probable than all others together: {count} has {probability.max():.2f}"
+            )
         if not self.card.get("calibrated", False):
             notes.append("probabilities are not calibrated on assemblies that training did not see")
         return LobeCount(
@@ -534,7 +539,7 @@ class LobeModel(RecordingPredictions):
         if self.locator is not None:
             if lines is None:
                 lines = self.locator.lobe_map_.lines(X)
-            located = self._lobe_proba(batch, lines, rows)
+            located = self._lobe_proba(batch, lines, rows, proba)
         return [
             AnsweredWindows(
                 one.windows.start_s,
@@ -614,7 +619,7 @@ class LobeModel(RecordingPredictions):
         return np.asarray(self.domain.distance(features) / largest)
 
     def _lobe_proba(
-        self, batch: Sequence[PreparedWindows], lines: LobeLines, rows: Sequence[slice]
+        self, batch: Sequence[PreparedWindows], lines: LobeLines, rows: Sequence[slice], of_counts: Float
     ) -> list[Float]:
         """Return the probability of each lobe, numbered as on the disc or from the first sample.
 
@@ -634,7 +639,9 @@ class LobeModel(RecordingPredictions):
             np.tile(np.arange(row.start, row.stop), len(b)) for b, row in zip(begins, rows, strict=True)
         ]
         passages = np.concatenate([places.ravel() for places in begins])
-        proba = self.locator._from_lines(lines.part(np.concatenate(repeated)), passages)
+        row_of = np.concatenate(repeated)
+        known = {"proba": of_counts[row_of]} if isinstance(self.locator, RowCounter) else {}
+        proba = self.locator._from_lines(lines.part(row_of), passages, **known)
         parts = np.split(proba, np.cumsum([places.size for places in begins])[:-1])
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
@@ -692,6 +699,21 @@ def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) ->
         return np.asarray(windows.start_s + n_samples / windows.sampling_rate)
     turned = 2 * np.pi * n_samples / windows.sampling_rate
     return turning.times(windows.start_angle + turned, recording.sampling_rate)
+
+
+def _training_windows(
+    recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, samples_per_turn: int
+) -> WindowSet:
+    """Return the windows of recordings; of those with a tachometer also as if it were missing."""
+    number = list(range(len(recordings)))
+    angles = [one.angle for one in turnings]
+    for k, (recording, turning) in enumerate(zip(recordings, turnings, strict=True)):
+        by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
+        if by_lines is not None:
+            number.append(k)
+            angles.append(by_lines)
+    windows = shaft_windows([recordings[k] for k in number], angles, n_lobes, samples_per_turn)
+    return replace(windows, recording=np.array(number)[windows.recording])
 
 
 def _fitted(

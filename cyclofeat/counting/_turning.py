@@ -9,9 +9,16 @@ import numpy as np
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
 from cyclofeat.recordings import Recording
+from cyclofeat.recordings._shaft import WINDOW_TURNS
 from cyclofeat.signal.drive import follow_motor
 from cyclofeat.signal.orders import mean_speed, samples_at
-from cyclofeat.signal.speed import FOLLOWED_TOLERANCE, SEARCHED_HZ, follow_speed, search_speed
+from cyclofeat.signal.speed import (
+    FOLLOWED_TOLERANCE,
+    SEARCHED_HZ,
+    FollowedSpeed,
+    follow_speed,
+    search_speed,
+)
 from cyclofeat.signal.windows import Float
 
 
@@ -56,8 +63,7 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     stated = recording.input_speed_hz
     if stated is None:
         return _searched(recording, n_lobes)
-    follow = follow_motor if recording.quantity == "motor_current" else follow_speed
-    followed = follow(recording.torque, rate, stated, n_lobes)
+    followed = _followed(recording, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
     if followed.evidence > 0:
         doubt = ""
@@ -76,6 +82,30 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
         f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
         f"{rpm}: its speed is not confirmed",
     )
+
+
+def _followed(recording: Recording, speed_hz: float, n_lobes: int) -> FollowedSpeed:
+    follow = follow_motor if recording.quantity == "motor_current" else follow_speed
+    return follow(recording.torque, recording.sampling_rate, speed_hz, n_lobes)
+
+
+def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Float | None:
+    """Return the angle that the lines of a recording tell, as it would be counted by without its tachometer.
+
+    It is numbered as the tachometer's. None where the lines would not be followed, err by more than a lobe,
+    or tell less than a window.
+    """
+    try:
+        followed = _followed(recording, turning.speed_hz, n_lobes)
+    except ValueError:  # too short, or too few samples
+        return None
+    beside = turning.angle - followed.angle
+    one_lobe = 2 * np.pi * n_lobes / (n_lobes + 1)
+    if followed.evidence <= 0 or not followed.fits or np.ptp(beside) > one_lobe:
+        return None
+    if np.ptp(followed.angle) < 2 * np.pi * WINDOW_TURNS * n_lobes:
+        return None
+    return np.asarray(followed.angle + beside.mean())
 
 
 def _searched(recording: Recording, n_lobes: int) -> Turning:
