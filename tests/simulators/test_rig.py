@@ -124,14 +124,6 @@ def test_ranges_are_filled_log_uniformly():
         assert abs(share.std() - math.sqrt(1 / 12)) < 0.04
 
 
-def test_one_range_changes_nothing_else_of_an_assembly():
-    wide = Rig.r2().draw(4).gearbox
-    narrow = Rig.r2().with_parameters({"brake_rotor.inertia": 0.02}).draw(4).gearbox
-    assert narrow.meter_stiffness == wide.meter_stiffness
-    assert narrow.pin_radial_errors == wide.pin_radial_errors
-    assert narrow.brake_inertia == 0.02 != wide.brake_inertia
-
-
 @pytest.mark.parametrize("preset", [Rig.r0(), Rig.r2()], ids=lambda preset: preset.name)
 def test_one_effect_more_or_less_changes_nothing_else_of_an_assembly(preset):
     gearbox = preset.draw(9).gearbox
@@ -237,16 +229,11 @@ def test_settling_follows_damping():
         ({"effects": None}, "effects must be a sequence of effects, got None"),
         ({"effects": ["hum"]}, "effects must hold effects like Hum.* got 'hum'"),
         ({"effects": [Hum(amplitude_nm=-1)]}, "amplitude_nm of hum must lie between 0 and 1000 Nm, got -1"),
-        ({"effects": [Noise(math.nan)]}, "rms_nm of noise must lie between 0 and 1000 Nm, got nan"),
-        ({"effects": [Noise("0.2")]}, "rms_nm of noise must be a number of Nm, .* got '0.2'"),
-        ({"effects": [Noise(True)]}, "rms_nm of noise must be a number of Nm, .* got True"),
-        ({"effects": [LoadDrift(cutoff_hz=1e5)]}, "cutoff_hz of load_drift must lie between 0.001 and 1000"),
         ({"effects": [LoadDrift(order=9)]}, "order of load_drift must be at most 8, got 9"),
         (
             {"effects": [BrakeRotor((0.1, 0.02))]},
             r"inertia of brake_rotor must be a range \(low, h",
         ),
-        ({"effects": [BrakeRotor((0.1,))]}, r"inertia of brake_rotor must be .* got \(0.1,\)"),
         ({"effects": [RunOut(1e-6, (2,))]}, r"wheels of run_out must be \(0,\), \(1,\) or \(0, 1\), got"),
         ({"effects": [BrakeRotor(), BrakeRotor()]}, "effects must hold one brake_rotor at most, .* got 2"),
         (
@@ -345,14 +332,6 @@ def test_effects_stand_in_the_file_one_to_a_line(tmp_path):
     assert found["format"] == "cyclofeat rig"
 
 
-def test_effects_of_a_file_may_leave_keys_out(tmp_path):
-    path = tmp_path / "rig.json"
-    path.write_text(
-        '{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}', encoding="utf-8"
-    )
-    assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
-
-
 @st.composite
 def any_effects(draw):
     """Effects with any values and ranges within the bounds of their parameters."""
@@ -399,6 +378,10 @@ def test_keys_may_be_left_out(tmp_path):
     path = tmp_path / "rig.json"
     path.write_text('\ufeff{"note": "mine", "gearbox": {"load_torque": 18}, "name": "x"}', encoding="utf-8")
     assert Rig.from_json(path) == Rig(CycloidalGearbox.steel(load_torque=18.0), name="x")
+    path.write_text(
+        '{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}', encoding="utf-8"
+    )
+    assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
     path.write_text("{}", encoding="utf-8")
     assert Rig.from_json(path) == Rig()
 
@@ -437,17 +420,7 @@ BAD_FILES = {
         "'factor' must stand",
     ),
     "effect value": ('{"effects": [{"effect": "gain", "factor": "1"}]}', "factor of gain must be a number"),
-    "effect null": ('{"effects": [{"effect": "gain", "factor": null}]}', "factor of gain must be a number"),
     "effect range": ('{"effects": [{"effect": "gain", "factor": [2, 1]}]}', r"low <= high, got \(2, 1\)"),
-    "effect NaN": ('{"effects": [{"effect": "offset", "offset_nm": NaN}]}', "must lie between .* got nan"),
-    "effect order": (
-        '{"effects": [{"effect": "load_drift", "order": 2.5}]}',
-        "order of load_drift must be a whole",
-    ),
-    "two brakes": (
-        '{"effects": [{"effect": "brake_rotor"}, {"effect": "brake_rotor"}]}',
-        "got 2 brakes in all",
-    ),
     "note": ('{"note": 3}', "note must be text, got 3"),
     "misspelt": ('{"gearbx": [1, 2]}', r"'gearbx' with value \[1, 2\]: did you mean 'gearbox'"),
     "unknown": (
