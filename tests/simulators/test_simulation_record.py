@@ -198,7 +198,7 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"load_fluctuation": lambda t: np.zeros(3)}, r"load_fluctuation must be .* it gave shape \(3,\)"),
         (
             {"load_fluctuation": np.zeros(100)},
-            "load_fluctuation as an array must .* at least 256 at 25600 Hz",
+            "load_fluctuation as an array must hold one value per sample .* at least 256 at 25600 Hz",
         ),
         ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
         ({"integrator": "euler"}, "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
