@@ -283,14 +283,6 @@ def test_wheels_count_from_1_in_files_since_format_3() -> None:
     assert Campaign.from_dict({"format": "cyclofeat campaign 2", "wheels": [1]}).wheels == (1,)
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"none\.json: no such file"):
-        Campaign.from_json(tmp_path / "none.json")
-    (tmp_path / "latin.json").write_bytes(b'{"name": "\xe4"}')
-    with pytest.raises(ValueError, match=r"latin\.json: is not text in UTF-8"):
-        Campaign.from_json(tmp_path / "latin.json")
-
-
 # On disk.
 
 
