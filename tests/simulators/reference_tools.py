@@ -27,12 +27,6 @@ PIT = math.pi / 15
 # With one effective radius, no damping and no ramp the force tells the penetration: F = STIFFNESS depth^1.5.
 PROBE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
 STIFFNESS = stiffness_factor(PROBE) * PROBE.pin_radius**0.5
-# Push on the wheels (rad), radial error of the pin (m), depth of the wear: every two of their values meet.
-PUSHED = [
-    (push, error, 1.0 if (i + j) % 2 else 0.5)
-    for i, push in enumerate((0.0, 2e-3, -2e-3))
-    for j, error in enumerate((0.0, 3e-5, -3e-5))
-]
 
 
 class State(NamedTuple):

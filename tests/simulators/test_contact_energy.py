@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_tools import PIT, PUSHED, Kernel, pose_with_sleeve_0_at, sweep
+from reference_tools import PIT, Kernel, pose_with_sleeve_0_at, sweep
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.contact import stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0)
+# Push on the wheels (rad), radial error of the pin (m), depth of the wear: every two of their values meet.
+PUSHED = [
+    (push, error, 1.0 if (i + j) % 2 else 0.5)
+    for i, push in enumerate((0.0, 2e-3, -2e-3))
+    for j, error in enumerate((0.0, 3e-5, -3e-5))
+]
 
 
 def with_radial_error(gearbox: CycloidalGearbox, error: float) -> CycloidalGearbox:

@@ -86,7 +86,7 @@ def test_the_papers_law_makes_energy() -> None:
     assert audit.relative_leak == pytest.approx(-0.0095, abs=3e-4)
     run = simulate(duration=0.54, sampling_rate=1e5, solver=Solver(decimation="pick"))
     mean = run.torque_in[-24_000:].mean()
-    assert mean == pytest.approx(1.454, rel=2e-3)
+    assert mean == pytest.approx(1.454, rel=1e-3)
     assert audit.input_work == pytest.approx(mean * SPEED * 0.24, rel=1e-5)
     # What the mean torque lacks to the load's is the leak, but for the little that the damping takes.
     missing = (22 / 15 - mean) / mean
