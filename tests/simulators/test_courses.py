@@ -84,23 +84,6 @@ def test_arrays_are_functions_joined_by_straight_lines() -> None:
     assert np.abs(function.torque_out - raw(sampling_rate=rate).torque_out).max() > 1
 
 
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (
-            lambda t: np.zeros(3),
-            "speed must be a number, an array or a function of time that returns one value",
-        ),
-        (lambda t: np.full_like(t, np.nan), "speed must be finite, it gave NaN or infinity"),
-        (math.inf, "speed must be finite"),
-    ],
-)
-def test_impossible_courses_are_refused(value: Any, message: str) -> None:
-    with pytest.raises(ValueError) as caught:
-        raw(speed=value)
-    assert str(caught.value).startswith(message)
-
-
 def test_lines_are_those_of_numpy_to_the_last_bit() -> None:
     rng = np.random.default_rng(8)
     knots, values = np.cumsum(rng.exponential(size=200)), rng.normal(size=200)
