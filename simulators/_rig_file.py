@@ -6,9 +6,9 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cyclofeat._base.checks import number, short
 from cyclofeat.simulators._simulator import Simulator
@@ -17,6 +17,7 @@ from cyclofeat.simulators.effects._library import effects_from_list, read_varian
 from cyclofeat.simulators.effects._numbers import meant, to_plain
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
+Made = TypeVar("Made")
 FORMAT = "cyclofeat rig"
 _NOTE = (
     "SI units: m, kg, kg m2, s, rad/s, Nm, Nm/rad, Pa; keys in _nm are Nm, in _hz Hz. effects is a list like "
@@ -76,8 +77,8 @@ def rig_from_dict(content: Any) -> dict[str, Any]:
     return given
 
 
-def read_json(path: str | os.PathLike[str], what: str, example: str) -> Any:
-    """Return the content of a JSON file in UTF-8 without repeated keys.
+def read_json(path: str | os.PathLike[str], make: Callable[[Any], Made], what: str, example: str) -> Made:
+    """Return what ``make`` makes of the content of a JSON file in UTF-8 without repeated keys.
 
     ``what`` names the description in messages ("a rig"), ``example`` is one in a line. Errors name the file.
     """
@@ -93,7 +94,7 @@ def read_json(path: str | os.PathLike[str], what: str, example: str) -> Any:
     except OSError as error:
         raise OSError(f"{name}: cannot be read ({error.strerror}); give a JSON file") from None
     try:
-        return json.loads(text, object_pairs_hook=_distinct, parse_int=_whole)
+        return make(json.loads(text, object_pairs_hook=_distinct, parse_int=_whole))
     except json.JSONDecodeError as error:
         raise ValueError(
             f"{name}: is not valid JSON: {error.msg} at line {error.lineno}, column {error.colno}; "
@@ -101,7 +102,7 @@ def read_json(path: str | os.PathLike[str], what: str, example: str) -> Any:
         ) from None
     except RecursionError:
         raise ValueError(f"{name}: is not a description of {what}: brackets are nested too deeply") from None
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: {error}") from None
 
 

@@ -605,11 +605,7 @@ class Rig:
         True
         """
         example = '{"name": "mine", "effects": [{"effect": "noise", "rms_nm": 0.2}]}'
-        content = _rig_file.read_json(path, "a rig", example)
-        try:
-            return cls.from_dict(content)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
+        return _rig_file.read_json(path, cls.from_dict, "a rig", example)
 
 
 def _stated(value: Any) -> str:

@@ -72,7 +72,7 @@ class HistoryWriter:
         self.model, self.history, self.default_name = model, history, default_name
 
     def add(self, path: Path, recording: Recording, count: LobeCount) -> str:
-        """Add a count, for :meth:`write`, and return the name of the gearbox."""
+        """Add a count, which the history's ``write`` writes, and return the name of the gearbox."""
         name: str | None = self.gearbox
         if name is None:
             name = self.default_name if recording.assembly is None else str(recording.assembly)
@@ -80,10 +80,6 @@ class HistoryWriter:
             raise ValueError("the file states no assembly: give --gearbox NAME with --history")
         self.history.add(name, str(path.resolve()), _time(path, recording), count, recording, self.model.card)
         return name
-
-    def write(self) -> None:
-        """Write what was added; after an OSError the next call tries again."""
-        self.history.write()
 
     def state(self, name: str) -> GearboxState:
         """Return the state of a gearbox."""

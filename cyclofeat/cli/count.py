@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
             if writer is None:
                 return counted
             name = writer.add(path, recording, count)
-            writer.write()
+            writer.history.write()
             return counted._replace(state=writer.state(name))
 
         for result in each_recording("counting", files, options, counted_of):

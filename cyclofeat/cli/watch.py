@@ -157,14 +157,14 @@ def _arrivals(
             state = None
             with unsaved:
                 if writer is not None:
-                    writer.write()
+                    writer.history.write()
                     state = writer.state(name)
             yield FileResult(path, value=Watched(count, state))
             watch.counted(path)
             _write_done(watch, writer, unwritten)
         with unsaved:
             if writer is not None:
-                writer.write()
+                writer.history.write()
         _write_done(watch, writer, unwritten)
         # A file that cannot be read may only be half written, by a writer that pauses: reported later, once.
         last = arguments.once and now - began >= arguments.settle

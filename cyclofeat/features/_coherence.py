@@ -98,7 +98,6 @@ class CoherenceToReference(WindowTransformer):
         "bands": [tuple, list, None],
     }
 
-    sampling_rate: float
     reference: str | float = "healthy"
     bands: Sequence[tuple[float, float]] | None = None
 

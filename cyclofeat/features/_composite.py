@@ -144,7 +144,6 @@ class TorqueFeatures(WindowTransformer):
         "n_jobs": [Integral, None],
     }
 
-    sampling_rate: float
     features: str | Sequence[str] = "all"
     preset: str = "matlab_pwelch"
     wavelet: AnyWavelet = "mb32.3"

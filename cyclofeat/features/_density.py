@@ -42,8 +42,6 @@ class CourseTransformer(SpectralTransformer):
     }
     _row: ClassVar[str]
 
-    sampling_rate: float
-    preset: str = "matlab_pwelch"
     band: tuple[float, float] | None = None
     n_parts: int = 1
 
@@ -233,8 +231,6 @@ class NarrowbandRatio(SpectralTransformer):
         "n_harmonics": [Interval(Integral, 1, None, closed="left"), None],
     }
 
-    sampling_rate: float
-    preset: str = "matlab_pwelch"
     fundamental_hz: float = 100.0
     half_width_hz: float = 5.0
     n_harmonics: int | None = None
@@ -287,8 +283,6 @@ class BandPower(SpectralTransformer):
         "bands": [tuple, list, None],
     }
 
-    sampling_rate: float
-    preset: str = "matlab_pwelch"
     bands: Sequence[tuple[float, float]] | None = None
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:

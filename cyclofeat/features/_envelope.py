@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features._wavelet import WaveletTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.signal.wavelets import AnyWavelet, envelope_lines, level_envelope, level_of
+from cyclofeat.signal.wavelets import envelope_lines, level_envelope, level_of
 from cyclofeat.signal.windows import Float
 
 
@@ -89,8 +89,6 @@ class WaveletEnvelopeSpectrum(WaveletTransformer):
         "speed_tolerance": [Interval(Real, 0, 0.2, closed="left")],
     }
 
-    sampling_rate: float
-    wavelet: AnyWavelet = "mb32.3"
     shaft_hz: float = 500 / 60
     n_pins: int = 16
     n_shaft_harmonics: int = 15

@@ -56,7 +56,6 @@ class HighPass(WindowTransformer):
         "order": [Interval(Integral, 1, None, closed="left")],
     }
 
-    sampling_rate: float
     cutoff_hz: float = 10.0
     order: int = 4
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cyclofeat._base.sklearn_private import Interval
 from cyclofeat.features._wavelet import WaveletTransformer
 from cyclofeat.features.registry import REGISTRY
-from cyclofeat.signal.wavelets import AnyWavelet, level_statistics
+from cyclofeat.signal.wavelets import level_statistics
 from cyclofeat.signal.windows import Float
 
 _STATISTICS = ("rms", "energy_share", "kurtosis", "lowest_colour")
@@ -77,8 +77,6 @@ class WaveletLevelStatistics(WaveletTransformer):
         "colours": [Interval(Integral, 2, None, closed="left")],
     }
 
-    sampling_rate: float
-    wavelet: AnyWavelet = "mb32.3"
     levels: int = 12
     colours: int = 64
 

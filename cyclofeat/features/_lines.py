@@ -56,8 +56,6 @@ class WelchPSD(SpectralTransformer):
         "decibels": ["boolean"],
     }
 
-    sampling_rate: float
-    preset: str = "matlab_pwelch"
     band: tuple[float, float] | None = None
     decibels: bool = False
 
@@ -112,7 +110,6 @@ class AmplitudeSpectrum(WindowTransformer):
         "band": [tuple, list, None],
     }
 
-    sampling_rate: float
     n_fft: int = 8192
     window: str = "hamming"
     band: tuple[float, float] | None = None

@@ -78,7 +78,6 @@ class LobeMap(WindowTransformer):
         "align": [StrOptions({"energy", "start"})],
     }
 
-    sampling_rate: float
     input_speed_hz: float = 500 / 60
     n_lobes: int = 15
     n_lines: int = lobes.N_LINES

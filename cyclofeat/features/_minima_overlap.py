@@ -19,12 +19,10 @@ from cyclofeat.features._wavelet import WaveletTransformer
 from cyclofeat.features.base import SPEED_CONSTRAINTS
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.signal import lobes
-from cyclofeat.signal.wavelets import AnyWavelet, dwt, lowest_colour, visible
+from cyclofeat.signal.wavelets import dwt, lowest_colour, visible
 from cyclofeat.signal.windows import Float
 
 _N_REFERENCES = 8
-# Lobe lines that place a window, where the sampling rate holds as many; LobeMap's default.
-_N_LINES = 44
 # Samples that are compared before a whole window is.
 _N_PROBES = 16
 
@@ -129,8 +127,6 @@ class WaveletMinimaOverlap(WaveletTransformer):
         **SPEED_CONSTRAINTS,
     }
 
-    sampling_rate: float
-    wavelet: AnyWavelet = "mb32.3"
     levels: int = 12
     colours: int = 64
     reference: float | str = "worst"
@@ -274,7 +270,7 @@ class WaveletMinimaOverlap(WaveletTransformer):
             self.input_speed_hz,
             lobes.LobeComb(
                 n_lobes=self.n_lobes,
-                n_lines=min(_N_LINES, int(self.sampling_rate / 2 / reached)),
+                n_lines=min(lobes.N_LINES, int(self.sampling_rate / 2 / reached)),
                 speed_tolerance=self.speed_tolerance,
             ),
         )

@@ -95,7 +95,6 @@ class OrderSpectrum(WindowTransformer):
         "comb": [StrOptions(set(COMBS))],
     }
 
-    sampling_rate: float
     input_speed_hz: float = 500 / 60
     fold_by: str = "output"
     n_lines: int = 48

@@ -28,6 +28,7 @@ def lines_of(frequencies: Float, band: tuple[float, float] | None) -> NDArray[np
     return slice(None) if band is None else band_mask(frequencies, band)
 
 
+@dataclass(eq=False, repr=False)
 class SpectralTransformer(WindowTransformer):
     """Base of the transformers that need nothing but Welch's power spectral density of each window.
 
@@ -40,7 +41,7 @@ class SpectralTransformer(WindowTransformer):
         "preset": [StrOptions(set(PRESETS))],
     }
 
-    preset: str
+    preset: str = "matlab_pwelch"
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         self.frequencies_ = welch_frequencies(X.shape[1], self.sampling_rate)
@@ -101,8 +102,6 @@ class SpectralEntropy(SpectralTransformer):
         "band": [tuple, list, None],
     }
 
-    sampling_rate: float
-    preset: str = "matlab_pwelch"
     normalize: bool = False
     band: tuple[float, float] | None = None
 

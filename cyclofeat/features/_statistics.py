@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from cyclofeat.signal.windows import Float
 _STATISTICS = ("min", "max", "mean", "std", "range", "rms", "crest_factor", "skewness", "kurtosis", "ripple")
 
 
-@dataclass(eq=False, repr=False)
 class TorqueStatistics(WindowTransformer):
     """Ten statistics of the torque in each window (paper A table 4, and five more).
 
@@ -40,8 +38,6 @@ class TorqueStatistics(WindowTransformer):
     torque_mean_nm [22. 22.]
     torque_std_nm [2. 0.]
     """
-
-    sampling_rate: float
 
     def _columns(self) -> list[str]:
         return [REGISTRY[f"torque_{name}"].column() for name in _STATISTICS]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import pywt
@@ -14,6 +15,7 @@ from cyclofeat.signal.wavelets import AnyWavelet, as_wavelet, dwt, wavelet_quali
 from cyclofeat.signal.windows import Float
 
 
+@dataclass(eq=False, repr=False)
 class WaveletTransformer(WindowTransformer):
     """Base of the transformers that read the discrete wavelet transform of each window.
 
@@ -26,7 +28,7 @@ class WaveletTransformer(WindowTransformer):
         "wavelet": [str, pywt.Wavelet, "array-like"],
     }
 
-    wavelet: AnyWavelet
+    wavelet: AnyWavelet = "mb32.3"
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         as_wavelet(self.wavelet)  # raises where it is none

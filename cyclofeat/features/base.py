@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -40,6 +41,7 @@ def windows_per_chunk(n_samples: int) -> int:
     return min(max(samples // n_samples, 1), _CHUNK_WINDOWS)
 
 
+@dataclass(eq=False, repr=False)
 class WindowTransformer(TransformerMixin, DocumentedEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
@@ -54,7 +56,6 @@ class WindowTransformer(TransformerMixin, DocumentedEstimator, ABC):
     }
 
     sampling_rate: float
-    n_features_in_: int
 
     def _learn(self, X: NDArray[Any], y: ArrayLike | None) -> None:
         """Check parameters against validated windows and learn state; ``y`` is as given."""

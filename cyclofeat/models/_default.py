@@ -46,10 +46,6 @@ def load_default_model(
     cache : path-like, optional
         As of :func:`load_model`.
 
-    Returns
-    -------
-    LobeModel
-
     Raises
     ------
     ImportError

@@ -75,7 +75,9 @@ def save_model(
     scores: Evaluation | Mapping[str, Any] | None = None,
     description: str = "",
 ) -> Path:
-    """Write a model or a counter, and its card beside it; each file appears whole or not at all.
+    """Write a model or a counter, and its card beside it, and return the model file's path.
+
+    Each file appears whole or not at all.
 
     Parameters
     ----------
@@ -92,11 +94,6 @@ def save_model(
         What is known of its accuracy. Default: the cross-validation on the model's card.
     description : str
         Where the training data come from. Default: that on the model's card.
-
-    Returns
-    -------
-    pathlib.Path
-        The model file.
 
     Raises
     ------

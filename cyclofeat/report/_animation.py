@@ -38,7 +38,7 @@ def write_animation(
     source: str = "simulated",
     title: str = "",
 ) -> Path:
-    """Write a page that shows the gearbox turning: one HTML file that needs no network.
+    """Write a page that shows the gearbox turning, an HTML file that needs no network, and return its path.
 
     The page shows both wheels between their sleeves, the force of each contact as an arrow, the worn lobes,
     and the torque beside them. It plays at several speeds, stops and steps, with mouse or keyboard. A file of
@@ -59,11 +59,6 @@ def write_animation(
         ``"surrogate"`` if the run contains a rig's drift and noise.
     title : str, optional
         Heading.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
 
     Raises
     ------

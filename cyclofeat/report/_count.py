@@ -22,6 +22,7 @@ from cyclofeat.report._page import (
     lobes_text,
     origin,
     probability_text,
+    tile,
     versions,
     write_page,
 )
@@ -63,7 +64,7 @@ def write_count_report(
     settings: Mapping[str, object] | None = None,
     most_sections: int = 12,
 ) -> Path:
-    """Write the report of a count as one HTML file.
+    """Write the report of a count as one HTML file, and return its path.
 
     The answer comes first: count, lobes, probability, set of counts if the model gives one, and warnings.
     Then the evidence: the disc with its lobes, torque, spectrum, orders, and the features beside those of the
@@ -85,11 +86,6 @@ def write_count_report(
     most_sections : int, default=12
         Recordings with a section: refused ones first, then the least probable. The others have only a line in
         the table (a section takes 1 to 2 MB).
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
 
     Raises
     ------
@@ -188,22 +184,20 @@ def _tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list
     sound = [row for row in rows if not row["refused"]]
     by_count = Counter(row["count"] for row in sound)
     parts = [f"{n} with {count_text(count, ())}" for count, n in sorted(by_count.items())]
-    tiles = [("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts), False)]
+    tiles = [tile("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts))]
     if sound:
         worst = max(by_count)
         names = [row["name"] for row in sound if row["count"] == worst]
-        tiles.append(("Worst", count_heading(worst), _some(names) if worst else "in any", False))
+        tiles.append(tile("Worst", count_heading(worst), _some(names) if worst else "in any"))
     refused = [row["name"] for row in rows if row["refused"]]
     if refused:
-        tiles.append(("Refused", str(len(refused)), f"not reliable: {_some(refused)}", True))
+        tiles.append(tile("Refused", str(len(refused)), f"not reliable: {_some(refused)}", True))
     if failed:
-        tiles.append(("Could not be counted", str(len(failed)), _some(list(failed)), True))
+        tiles.append(tile("Could not be counted", str(len(failed)), _some(list(failed)), True))
     wrong = [row["name"] for row in sound if row["wrong"]]
     if wrong:
-        tiles.append(("Other than stated", str(len(wrong)), _some(wrong), True))
-    return [
-        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in tiles
-    ]
+        tiles.append(tile("Other than stated", str(len(wrong)), _some(wrong), True))
+    return tiles
 
 
 def _some(names: Sequence[str], most: int = 3) -> str:

@@ -31,7 +31,7 @@ def write_evaluation_report(
     folds: str = "",
     settings: Mapping[str, object] | None = None,
 ) -> Path:
-    """Write the report of an evaluation as one HTML file.
+    """Write the report of an evaluation as one HTML file, and return its path.
 
     Accuracy with its interval comes first, then all methods, the confusion matrix, each count, sets of lobes,
     calibration, the assemblies that were counted wrong, and the folds. A file of that name is replaced.
@@ -48,11 +48,6 @@ def write_evaluation_report(
         Number and seed of the folds.
     settings : mapping, optional
         Other settings, label to value.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
 
     Raises
     ------

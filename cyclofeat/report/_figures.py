@@ -88,8 +88,13 @@ def picture(
     else:
         drawn["plot"] = plot.to_dict()
     for scheme, svg in svgs.items():
-        drawn[scheme] = "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode("ascii")
+        drawn[scheme] = data_uri(svg.encode())
     return drawn
+
+
+def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
+    """Return the content of a picture's file as its address."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:

@@ -50,7 +50,7 @@ def write_gap_report(
     settings: Mapping[str, Any] | None = None,
     title: str = "",
 ) -> Path:
-    """Write the page of a gap: one HTML file that needs nothing else.
+    """Write the page of a gap, an HTML file that needs nothing else, and return its path.
 
     The answer comes first: what is missing in the model, how sure that is and how large, what to measure
     next, and what stays unexplained. An existing file of that name is replaced; no partial file is ever
@@ -68,11 +68,6 @@ def write_gap_report(
         Settings that the page lists, label to value.
     title : str, optional
         Heading.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from cyclofeat.report._page import (
     count_heading,
     count_text,
     probability_text,
+    tile,
     versions,
     write_page,
 )
@@ -35,7 +36,7 @@ _SIZE = (11.0, 2.6)
 def write_history_report(
     history: History, path: str | os.PathLike[str], *, states: Sequence[GearboxState] | None = None
 ) -> Path:
-    """Write the counts of gearboxes over time as one HTML file.
+    """Write the counts of gearboxes over time as one HTML file, and return its path.
 
     Alarms come first, then a section for each gearbox: its counts, the depth of its wear where the model
     states it, the standard deviation of its torque, the rule of its alarm and how often it errs, past alarms,
@@ -48,11 +49,6 @@ def write_history_report(
         File to write, ``*.html``.
     states : sequence of cyclofeat.history.GearboxState, optional
         Of the gearboxes to show; default, all with the default rate of false alarms.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
 
     Raises
     ------
@@ -101,20 +97,18 @@ def _tiles(states: Sequence[GearboxState]) -> list[dict[str, Any]]:
     total, refused = (sum(getattr(state, name) for state in states) for name in ("n_recordings", "n_refused"))
     unguarded = [state.gearbox for state in states if state.rule is None]
     tiles = [
-        (
+        tile(
             "Alarm",
             f"{len(alarmed)} of {len(states)}",
             ", ".join(alarmed) or "no count has risen",
             bool(alarmed),
         ),
-        ("Recordings", str(total), f"{refused} refused", False),
-        ("Last recording", when(max(state.last for state in states))[:10], "day, UTC", False),
+        tile("Recordings", str(total), f"{refused} refused"),
+        tile("Last recording", when(max(state.last for state in states))[:10], "day, UTC"),
     ]
     if unguarded:
-        tiles.append(("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
-    return [
-        {"label": label, "value": value, "text": text, "wrong": amiss} for label, value, text, amiss in tiles
-    ]
+        tiles.append(tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
+    return tiles
 
 
 def _section(history: History, state: GearboxState) -> dict[str, Any]:

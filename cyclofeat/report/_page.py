@@ -84,6 +84,11 @@ def origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, s
     return "recorded", None, "The recordings do not state whether they were taken on a machine."
 
 
+def tile(label: str, value: str, text: str, wrong: bool = False) -> dict[str, Any]:
+    """Return one answer of a summary, in red if something is wrong."""
+    return {"label": label, "value": value, "text": text, "wrong": wrong}
+
+
 def versions() -> str:
     """Return the versions that a report was made with, in one line."""
     used = package_versions("cyclofeat", "python", "numpy", "scipy", "scikit-learn")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import mimetypes
 import os
@@ -14,7 +13,7 @@ from cyclofeat import __version__
 from cyclofeat._base.checks import is_number, is_whole, short
 from cyclofeat.report._count import CountedRecording, summarise_count
 from cyclofeat.report._evaluation import summarise_evaluation
-from cyclofeat.report._figures import picture
+from cyclofeat.report._figures import data_uri, picture
 from cyclofeat.report._gap import summarise_gap
 from cyclofeat.report._page import check_page_path, environment, write_page
 
@@ -108,11 +107,11 @@ class Report:
             if path.suffix.lower() not in _PICTURES:
                 raise ValueError(f"figure must be one of {', '.join(_PICTURES)}, got {path.name!r}")
             kind = mimetypes.guess_type(f"picture{path.suffix.lower()}")[0] or "image/webp"
-            return self._add(image=_data_uri(path.read_bytes(), kind), caption=str(caption))
+            return self._add(image=data_uri(path.read_bytes(), kind), caption=str(caption))
         if hasattr(figure, "savefig"):
             drawn = io.BytesIO()
             figure.savefig(drawn, format="svg")
-            return self._add(image=_data_uri(drawn.getvalue(), "image/svg+xml"), caption=str(caption))
+            return self._add(image=data_uri(drawn.getvalue()), caption=str(caption))
         if not hasattr(figure, "plot"):
             raise TypeError(
                 "figure must be a file, a matplotlib figure or an object with plot(ax=...), got "
@@ -158,17 +157,12 @@ class Report:
         return self._add_page("gap.html", summarise_gap(result, **options))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page; a file of that name is replaced.
+        """Write the page, replacing a file of that name, and return its path.
 
         Parameters
         ----------
         path : path-like
             File to write, ``*.html``.
-
-        Returns
-        -------
-        pathlib.Path
-            The file.
 
         Raises
         ------
@@ -193,10 +187,6 @@ class Report:
     def _add(self, **part: Any) -> Self:
         self._parts.append(part)
         return self
-
-
-def _data_uri(content: bytes, kind: str) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _is_numeric(value: Any) -> bool:

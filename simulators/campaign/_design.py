@@ -322,11 +322,8 @@ class Campaign:
         ...     Campaign.from_json(path) == campaign
         True
         """
-        content = read_json(path, "a campaign", '{"name": "mine", "rig": "R2", "repeats": 100}')
-        try:
-            return cls.from_dict(content, preset=preset)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{os.fspath(path)}: {error}") from None
+        make = partial(cls.from_dict, preset=preset)
+        return read_json(path, make, "a campaign", '{"name": "mine", "rig": "R2", "repeats": 100}')
 
     @classmethod
     def from_dict(cls, content: Any, *, preset: Callable[[str], Rig] | None = None) -> Campaign:

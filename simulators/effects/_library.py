@@ -96,7 +96,7 @@ def known_effects() -> Mapping[str, type[Effect]]:
 
 
 def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
-    """Make an effect known to files, commands, campaigns and the gap's library.
+    """Make an effect known to files, commands, campaigns and the gap's library, and return its class.
 
     Use it as a decorator, or call it with the class. A class that is defined again in the same place (a
     notebook's cell run again) replaces the earlier one.
@@ -107,11 +107,6 @@ def register_effect(kind: Kind, *, replace: bool = False) -> Kind:
         Has a default for every argument of its constructor.
     replace : bool, default False
         Replace another registered effect of that name; effects of the toolkit are never replaced.
-
-    Returns
-    -------
-    Effect subclass
-        The same class.
 
     Raises
     ------

@@ -16,7 +16,6 @@ from cyclofeat.simulators.effects import _noise
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext, check_phase
 from cyclofeat.simulators.effects._noise import Drift, check_order
 from cyclofeat.simulators.effects._numbers import EffectParameter
-from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 # Coloured noise is white below this frequency, in Hz: its rms is finite and independent of the duration.
 LOWEST_COLOURED = 1.0
@@ -269,6 +268,7 @@ class _ShaftLine(Effect):
     parameters: ClassVar = {
         "amplitude_nm": EffectParameter("Nm", 0.0, 1e3, 0.0, loguniform(0.01, 2.0), log=True)
     }
+    _of_output: ClassVar = False
 
     def __init__(self, amplitude_nm: Any = 0.2, phase: float | None = None) -> None:
         self.amplitude_nm = amplitude_nm
@@ -287,13 +287,8 @@ class _ShaftLine(Effect):
             raise ValueError(
                 f"{self.effect_id} needs gearbox and input_angle of the record as context, got {context!r}"
             )
-        angle = context.input_angle / self._input_turns(context.gearbox)
+        angle = context.input_angle / (context.gearbox.n_lobes if self._of_output else 1)
         return np.asarray(torque + self.amplitude_nm * np.sin(angle + phase))
-
-    @staticmethod
-    def _input_turns(gearbox: CycloidalGearbox) -> int:
-        """Turns of the input in one turn of the shaft."""
-        raise NotImplementedError
 
 
 class InputShaftLine(_ShaftLine):
@@ -314,10 +309,6 @@ class InputShaftLine(_ShaftLine):
 
     separated_by = "another speed, with which it moves as hum does not, and the torque folded over turns"
 
-    @staticmethod
-    def _input_turns(gearbox: CycloidalGearbox) -> int:
-        return 1
-
 
 class OutputShaftLine(_ShaftLine):
     """Line of the output shaft: a wave in the torque signal once per turn of the output.
@@ -335,7 +326,4 @@ class OutputShaftLine(_ShaftLine):
     """
 
     separated_by = "several whole output turns, in which it repeats as a drift does not"
-
-    @staticmethod
-    def _input_turns(gearbox: CycloidalGearbox) -> int:
-        return int(gearbox.n_lobes)
+    _of_output = True

@@ -133,10 +133,6 @@ def test_mistakes_in_the_work(capsys, design, tmp_path):
     code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 0)
     assert (code, "--jobs must be a whole number of workers" in err) == (2, True)
     assert run(capsys, "campaign", design, "--out", out, "--jobs", 1)[0] == 0
-    SMALL.replace(random_state=3).to_json(design)
-    code, _, err = run(capsys, "campaign", design, "--out", out, "--jobs", 1)
-    assert code == 2
-    assert "another design: random_state is 0 there and 3 here" in err
     with (out / "shard-00001.npy").open("r+b") as file:
         file.seek(500)
         file.write(b"\x01\x02")

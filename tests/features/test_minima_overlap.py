@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cyclofeat.datasets import make_rig_recordings
-from cyclofeat.features import LobeMap, WaveletLevelStatistics, WaveletMinimaOverlap
-from cyclofeat.signal.lobes import lobe_lines
+from cyclofeat.features import WaveletLevelStatistics, WaveletMinimaOverlap
 from cyclofeat.signal.wavelets import as_wavelet, dwt, minima_mask
 from cyclofeat.simulators import Rig
 
@@ -58,7 +57,6 @@ def test_aligned_overlap_against_the_pictures():
     n_samples, levels = 9000, 9
     X = torque(4, n_samples)
     fitted = overlap(levels=levels, wavelet="mb32.3").fit(X[:3])
-    lines = lobe_lines(X, RATE, 500 / 60)
     starts = fitted._starts(X, None)
     assert len(set(starts)) > 1
     masks = minima_mask(X, levels=levels)
@@ -76,15 +74,6 @@ def test_aligned_overlap_against_the_pictures():
             parts.append(mask[np.clip(middles, 0, n_samples - 1)])
         expected = np.median([np.mean(parts[3] & parts[reference]) for reference in range(3)])
         assert fitted.transform(X[3:])[0, level - 1] == pytest.approx(expected, abs=1e-12)
-    assert_array_equal(fitted._from_coefficients(X, dwt(X, levels=levels), lines), fitted.transform(X))
-
-
-def test_one_transform_serves_several():
-    """A composite hands over a deeper transform and LobeMap's lines: the same to the last bit."""
-    X, y = torque(5, 8000), [0, 1, 2, 2, 2]
-    fitted = overlap().fit(X, y)
-    lines = LobeMap(RATE).fit(X).lines(X)
-    assert_array_equal(fitted._from_coefficients(X, dwt(X, "db4", 9), lines), fitted.transform(X))
 
 
 # Alignment
@@ -210,27 +199,6 @@ def test_overlap_depends_neither_on_scale_nor_on_mean(scale, offset):
     after = overlap().fit(scale * X[1:] + offset).transform(scale * X + offset)
     # A coefficient may pass the border of its colour by rounding.
     assert_allclose(after, before, atol=2e-3)
-
-
-def test_batch_is_one_by_one_and_order_does_not_matter():
-    X = torque(7, 9000)
-    fitted = overlap().fit(X[:3])
-    batch = fitted.transform(X)
-    assert_array_equal(np.vstack([fitted.transform(x[np.newaxis]) for x in X]), batch)
-    assert_array_equal(fitted.transform(X[::-1])[::-1], batch)
-
-
-def test_single_precision():
-    # 22 Nm rounded to 24 bits: 1e-6 Nm, of largest coefficients of some Nm over 64 colours.
-    X = torque(6, 9000)
-    double = overlap(levels=4).fit(X[:3]).transform(X[3:])
-    single = overlap(levels=4).fit(X[:3].astype(np.float32)).transform(X[3:].astype(np.float32))
-    assert_allclose(single, double, atol=1e-3)
-
-
-def test_constant_windows_share_everything():
-    X = np.full((3, 6000), 22.1)
-    assert_array_equal(overlap().fit_transform(X), 1.0)
 
 
 # Simulated torque

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from types import SimpleNamespace
 
 import matplotlib
@@ -363,11 +362,3 @@ def test_roles_are_told_apart_also_by_the_colour_blind(roles_of, scheme, ground)
 def test_displays_refuse(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_missing_matplotlib_is_named_with_its_remedy(monkeypatch):
-    displays = display_of([row()]), GapReductionDisplay(COMPARISON)
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    for display in displays:
-        with pytest.raises(ImportError, match="pip install matplotlib"):
-            display.plot()

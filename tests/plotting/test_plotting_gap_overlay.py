@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 
 import numpy as np
 import pytest
@@ -47,9 +46,3 @@ def test_of_a_result_by_kind_and_condition(compared_hum):
         GapOverlayDisplay.from_result(result, "orders", condition=2)
     with pytest.raises(ValueError, match="result has overlays of kind='phase' at 0 conditions"):
         GapOverlayDisplay.from_result(result, "phase")
-
-
-def test_without_matplotlib_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match="drawing needs matplotlib: pip install matplotlib"):
-        GapOverlayDisplay(overlay()).plot()

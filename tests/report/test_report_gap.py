@@ -188,6 +188,7 @@ def test_something_unknown_is_left(result, bare, tmp_path):
         "The corrected model differs from the recordings by more than chance explains (p < 0.001)",
         "third octave at 631 Hz 2.3 dB more 6.1",
         "values that repeat, end or stand still: share of the largest value 0.4 lower 4.2",
+        "a simulation of this rig has not confirmed them",
     ):
         assert part in text, part
 
@@ -203,11 +204,6 @@ def test_what_is_left_may_be_open_effects(result, bare, tmp_path):
     ):
         assert part in text, part
     assert "something unknown" not in text
-
-
-def test_sizes_that_leave_something_are_not_confirmed(result, bare, tmp_path):
-    text = bare(dataclasses.replace(result, remainder=REMAINDER), tmp_path)
-    assert "a simulation of this rig has not confirmed them" in text
 
 
 def test_without_hold_out_it_says_how_to_get_a_ratio(result, bare, tmp_path):
@@ -385,14 +381,3 @@ def test_quantities(values, unit, text):
 @pytest.mark.parametrize(("value", "text"), [(7.25, "7.2"), (111.1, "110"), (12_345.0, "12000")])
 def test_rounding(value, text):
     assert rounded(value) == text
-
-
-# -- refusals
-
-
-def test_reports_refuse(result, tmp_path):
-    with pytest.raises(ValueError, match=r"must end in .html"):
-        write_gap_report(result, tmp_path / "x.txt")
-    with pytest.raises(FileNotFoundError, match="nowhere does not exist"):
-        write_gap_report(result, tmp_path / "nowhere" / "x.html")
-    assert not list(tmp_path.iterdir())

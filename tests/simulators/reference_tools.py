@@ -17,18 +17,16 @@ from cyclofeat.simulators import (
     simulate,
 )
 from cyclofeat.simulators import _kernels as kernels  # tests of the kernels take them from here
+from cyclofeat.simulators.contact import stiffness_factor
 from cyclofeat.simulators.gearbox import RPM
 from cyclofeat.simulators.reference import ReferenceGearbox
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 SPEED = 500 * RPM
 PIT = math.pi / 15
-# Push on the wheels (rad), radial error of the pin (m), depth of the wear: every two of their values meet.
-PUSHED = [
-    (push, error, 1.0 if (i + j) % 2 else 0.5)
-    for i, push in enumerate((0.0, 2e-3, -2e-3))
-    for j, error in enumerate((0.0, 3e-5, -3e-5))
-]
+# With one effective radius, no damping and no ramp the force tells the penetration: F = STIFFNESS depth^1.5.
+PROBE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
+STIFFNESS = stiffness_factor(PROBE) * PROBE.pin_radius**0.5
 
 
 class State(NamedTuple):
@@ -166,3 +164,17 @@ class Kernel:
             "external_vector": external[0, ..., 1:],
             "internal_vector": internal[0, ..., 1:],
         }
+
+
+def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, t: np.ndarray, push: float) -> np.ndarray:
+    """Sleeve 0 over the parameters ``t`` of wheel 0, which is turned by ``push`` and at rest otherwise.
+
+    Returns the force on the sleeve and the moment on the wheel over the pins' radius, in N: (n, 2).
+    """
+    kernel = Kernel(gearbox, defects)
+    found = []
+    for parameter in t:
+        result = kernel(np.array([push, *np.zeros(7)]), pose_with_sleeve_0_at(parameter))
+        moment = result["theta_acceleration"][0] * gearbox.wheel_inertia
+        found.append((result["external_force"][0, 0], moment / gearbox.pin_circle_radius))
+    return np.array(found)

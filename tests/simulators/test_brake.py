@@ -103,14 +103,17 @@ def test_rotor_without_inertia_passes_the_load_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("arguments", "error", "message"),
     [
-        ((-0.1, 1e3, 0.1), "inertia must be finite and not negative, got -0.1"),
-        ((0.1, float("nan"), 0.1), "stiffness must be finite and not negative, got nan"),
-        ((0.1, 1e3, 1.0), r"damping_ratio must lie in \[0, 1\), got 1.0"),
-        ((0.1, 0.0, 0.1), "brake_inertia needs a meter_stiffness above 0"),
+        ((-0.1, 1e3, 0.1), ValueError, "inertia must be finite and not negative, got -0.1"),
+        ((0.1, float("nan"), 0.1), ValueError, "stiffness must be finite and not negative, got nan"),
+        ((0.1, 1e3, 1.0), ValueError, r"damping_ratio must lie in \[0, 1\), got 1.0"),
+        ((0.1, 0.0, 0.1), ValueError, "brake_inertia needs a meter_stiffness above 0"),
+        (("a", 1e4, 0.1), TypeError, "inertia must be a number, got 'a'"),
+        ((0.1, None, 0.1), TypeError, "stiffness must be a number, got None"),
+        ((0.1, 1e4, [0.1]), TypeError, r"damping_ratio must be a number, got \[0.1\]"),
     ],
 )
-def test_impossible_brakes_are_refused(arguments: tuple[float, ...], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_impossible_brakes_are_refused(arguments: tuple, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
         STEEL.with_brake(*arguments)

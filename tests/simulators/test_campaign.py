@@ -23,7 +23,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pyarrow.parquet as parquet
 import pytest
-from scipy.stats import loguniform, qmc, uniform
+from scipy.stats import loguniform, uniform
 
 from cyclofeat.simulators import (
     BrakeRotor,
@@ -113,14 +113,6 @@ def test_each_class_fills_every_range_evenly() -> None:
         assert strata([v["depth"] for v in values], 0.2, 1.0) == list(range(32))
         # A distribution is filled evenly in its probability.
         assert strata([runout.cdf(v["run_out.runout"]) for v in values], 0, 1) == list(range(32))
-
-
-def test_one_sequence_through_eight_classes_would_tie_them_to_the_parameters() -> None:
-    # Why each class has its own: every eighth point of one stays within a quarter of the first range.
-    points = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(0)).random(256)
-    for count in range(8):
-        assert len(set((points[count::8, 0] * 8).astype(int))) == 2
-        assert len(set((points[count::8, 1] * 8).astype(int))) == 4
 
 
 def test_a_random_design_is_uniform_and_classes_are_independent() -> None:
@@ -289,14 +281,6 @@ def test_a_wrong_description_is_named(content: str, message: str, tmp_path: Path
 def test_wheels_count_from_1_in_files_since_format_3() -> None:
     assert Campaign(wheels=(1,)).to_dict()["wheels_from_1"] == [2]
     assert Campaign.from_dict({"format": "cyclofeat campaign 2", "wheels": [1]}).wheels == (1,)
-
-
-def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"none\.json: no such file"):
-        Campaign.from_json(tmp_path / "none.json")
-    (tmp_path / "latin.json").write_bytes(b'{"name": "\xe4"}')
-    with pytest.raises(ValueError, match=r"latin\.json: is not text in UTF-8"):
-        Campaign.from_json(tmp_path / "latin.json")
 
 
 # On disk.
@@ -528,19 +512,6 @@ def test_shards_are_read_on_demand(whole: Path) -> None:
             shards[wrong_key]
     with pytest.raises(ValueError, match="always a copy"):
         np.asarray(shards, copy=False)
-
-
-def test_shards_serve_a_grouped_cross_validation(whole: Path) -> None:
-    from sklearn.model_selection import StratifiedGroupKFold, cross_val_score
-    from sklearn.tree import DecisionTreeClassifier
-
-    data = load_campaign(whole)
-    folds = StratifiedGroupKFold(3, shuffle=True, random_state=0)
-    splits = list(folds.split(np.zeros(15), data.y, data.groups))
-    tree = DecisionTreeClassifier(random_state=0)
-    scores = cross_val_score(tree, np.asarray(data.X), data.y, cv=splits)
-    by_shards = [tree.fit(data.X[a], data.y[a]).score(data.X[b], data.y[b]) for a, b in splits]
-    assert by_shards == scores.tolist()
 
 
 def test_a_failed_run_is_a_row_with_its_reason(tmp_path: Path) -> None:

@@ -4,32 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_tools import PIT, PUSHED, Kernel, pose_with_sleeve_0_at
+from reference_tools import PIT, Kernel, pose_with_sleeve_0_at, sweep
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
 from cyclofeat.simulators.contact import stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0)
+# Push on the wheels (rad), radial error of the pin (m), depth of the wear: every two of their values meet.
+PUSHED = [
+    (push, error, 1.0 if (i + j) % 2 else 0.5)
+    for i, push in enumerate((0.0, 2e-3, -2e-3))
+    for j, error in enumerate((0.0, 3e-5, -3e-5))
+]
 
 
 def with_radial_error(gearbox: CycloidalGearbox, error: float) -> CycloidalGearbox:
     return gearbox.replace(pin_radial_errors=np.full(16, error))
-
-
-def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, t: np.ndarray, push: float) -> np.ndarray:
-    """Sleeve 0 over the parameters ``t`` of wheel 0, which is turned by ``push`` and at rest otherwise.
-
-    Returns the force on the sleeve and the moment on the wheel over the pins' radius, in N: (n, 2).
-    """
-    kernel = Kernel(gearbox, defects)
-    state = np.array([push, *np.zeros(7)])
-    found = np.empty((t.size, 2))
-    for row, parameter in zip(found, t, strict=True):
-        result = kernel(state, pose_with_sleeve_0_at(parameter))
-        moment = result["theta_acceleration"][0] * gearbox.wheel_inertia
-        row[:] = result["external_force"][0, 0], moment / gearbox.pin_circle_radius
-    return found
 
 
 @pytest.mark.parametrize(("push", "radial_error", "depth"), PUSHED)

@@ -85,17 +85,8 @@ def test_effect_grows_with_depth() -> None:
 
 @pytest.mark.parametrize("worn", [0, 3])
 def test_fourteen_pins(worn: int) -> None:
-    """A printed drive of 13 lobes; the dimensions its makers state."""
-    gearbox = CycloidalGearbox.abs(
-        n_pins=14,
-        eccentricity=1.5e-3,
-        shortening=1.5e-3 * 14 / 34e-3,
-        pin_radius=3.5e-3,
-        internal_pitch_radius=20e-3,
-        internal_sleeve_radius=9e-3,
-        clearance=50e-6,
-        load_torque=5.0,
-    )
+    """A printed drive of 13 lobes."""
+    gearbox = CycloidalGearbox.printed_14_pin(load_torque=5.0)
     assert (gearbox.n_lobes, gearbox.pin_circle_radius) == (13, pytest.approx(34e-3))
     run = raw(LobeDefects.worn(worn), gearbox, duration=0.6, forces=True)
     period = round(13 / 14 * 0.12 * STEP_RATE)

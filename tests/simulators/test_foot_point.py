@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference_tools import Kernel
+from reference_tools import PROBE, STIFFNESS, Kernel
 
-from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.contact import stiffness_factor
-
-# With one effective radius, no damping and no ramp the force tells the penetration: F = K depth^1.5.
-PROBE = CycloidalGearbox.steel(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
-STIFFNESS = stiffness_factor(PROBE) * PROBE.pin_radius**0.5
+from cyclofeat.simulators import LobeDefects
 
 
 def nearest(p: np.ndarray, start: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ OTHER = CycloidalGearbox(
 )
 RATES = ("theta_acceleration", "psi_acceleration")
 TORQUES = ("input_torque", "output_torque")
-FORCES = ("external_force", "internal_force")
+FORCES = ("external_force", "internal_force", "external_vector", "internal_vector")
 HEALTHY = LobeDefects.healthy()
 
 

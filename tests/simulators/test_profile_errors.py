@@ -1,7 +1,4 @@
-"""Displaced lobes, clearance at the pins and polyline profiles: against outlines built point by point.
-
-With one effective radius, no damping and no ramp a contact's force tells its penetration: F = K depth^1.5.
-"""
+"""Displaced lobes, clearance at the pins and polyline profiles: against outlines built point by point."""
 
 from __future__ import annotations
 
@@ -13,14 +10,11 @@ from typing import Any
 import naive
 import numpy as np
 import pytest
-from reference_tools import PIT, Kernel, pose_with_sleeve_0_at
+from reference_tools import PIT, PROBE, STIFFNESS, Kernel, pose_with_sleeve_0_at, sweep
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, SimulationRun, Solver, simulate
-from cyclofeat.simulators.contact import stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
-PROBE = STEEL.replace(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
-STIFFNESS = stiffness_factor(PROBE) * PROBE.pin_radius**0.5
 HEALTHY = LobeDefects.healthy()
 TURN = 12_000  # steps of an input turn at 500 RPM
 R, Q, E = PROBE.pin_circle_radius, PROBE.pin_radius, PROBE.eccentricity
@@ -161,17 +155,6 @@ def test_running_with_equal_pitch_errors_moves_the_output_only() -> None:
     np.testing.assert_allclose(turned.torque_in[settled], plain.torque_in[settled], rtol=0, atol=1e-4)
 
 
-def sweep(gearbox: CycloidalGearbox, defects: LobeDefects, degrees: np.ndarray, push: float) -> np.ndarray:
-    """Force on sleeve 0 and moment on wheel 0 over the pins' radius, in N: (n, 2)."""
-    kernel = Kernel(gearbox, defects)
-    found = []
-    for t in np.deg2rad(degrees):
-        result = kernel(np.array([push, *np.zeros(7)]), pose_with_sleeve_0_at(t))
-        moment = result["theta_acceleration"][0] * gearbox.wheel_inertia
-        found.append((result["external_force"][0, 0], moment / R))
-    return np.array(found)
-
-
 @pytest.mark.parametrize("push", [0.0, 2e-3, -2e-3])
 @pytest.mark.parametrize(
     "defects",
@@ -188,13 +171,13 @@ def test_force_on_displaced_lobes_has_no_jump(defects: LobeDefects, push: float)
     errors = np.zeros(30)
     errors[:4] = 3e-5, -3e-5, 2e-5, -1e-5
     gearbox = STEEL.replace(lobe_pitch_errors=errors, pin_radial_errors=[-2e-5] * 16)
-    degrees = np.arange(-3.0, 50.0, 0.04) + 1e-4
-    force = sweep(gearbox, defects, degrees, push)
+    t = np.deg2rad(np.arange(-3.0, 50.0, 0.04) + 1e-4)
+    force = sweep(gearbox, defects, t, push)
     assert force[:, 0].max() > (0.3 if push == 0 else 20)
     changes = np.abs(np.diff(force, axis=0))
     for column in (0, 1):
         worst = int(np.argmax(changes[:, column]))
-        fine = sweep(gearbox, defects, np.linspace(degrees[worst], degrees[worst + 1], 11), push)
+        fine = sweep(gearbox, defects, np.linspace(t[worst], t[worst + 1], 11), push)
         assert np.abs(np.diff(fine[:, column])).max() < 0.2 * changes[worst, column]
 
 

@@ -5,17 +5,23 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
-from reference_tools import SPEED, Kernel, State, kernel_state, pose_with_sleeve_0_at, reference_of
+from reference_tools import (
+    PROBE,
+    SPEED,
+    STIFFNESS,
+    Kernel,
+    State,
+    kernel_state,
+    pose_with_sleeve_0_at,
+    reference_of,
+)
 from scipy.spatial import cKDTree
 
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.simulators import Campaign, CycloidalGearbox, LobeDefects, simulate, simulate_many
 from cyclofeat.simulators.campaign import _run
-from cyclofeat.simulators.contact import stiffness_factor
 
 STEEL = CycloidalGearbox.steel()
-# With one effective radius, no damping and no ramp the force tells the penetration: F = K depth^1.5.
-PROBE = STEEL.replace(contact_law="conservative", contact_damping=0.0, contact_ramp=1e-12)
 LOADED = np.array([1.7e-3, 1.7e-3, 4.1e-3, 0, 0, 0, 0, 0])
 WORN = [
     LobeDefects.worn(1, wheels=(0,), wear_um=50),
@@ -41,7 +47,6 @@ def test_gap_is_that_of_the_nearest_point_of_the_worn_outline(defects: LobeDefec
     """To 1e-9 m for pins pressed in by up to 0.15 mm, as in operation."""
     outline = worn_outline(defects)
     tree = cKDTree(np.column_stack([outline.real, outline.imag]))
-    stiffness = stiffness_factor(PROBE) * PROBE.pin_radius**0.5
     rng = np.random.default_rng(4)
     touched = 0
     for t in np.deg2rad(np.linspace(0.3, 11.7, 30)):
@@ -53,7 +58,7 @@ def test_gap_is_that_of_the_nearest_point_of_the_worn_outline(defects: LobeDefec
         centre = PROBE.pin_circle_radius + error - PROBE.eccentricity * np.exp(1j * phi)
         centre *= np.exp(1j * ((phi + np.pi) / 15 - push))
         distance, _ = tree.query([centre.real, centre.imag])
-        assert (force / stiffness) ** (2 / 3) == pytest.approx(max(6e-3 - distance, 0.0), abs=1e-9)
+        assert (force / STIFFNESS) ** (2 / 3) == pytest.approx(max(6e-3 - distance, 0.0), abs=1e-9)
         touched += force > 0
     assert 3 < touched < 30
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from reference_tools import PIT, PUSHED, pose_with_sleeve_0_at
+from reference_tools import PIT, pose_with_sleeve_0_at
 
 from cyclofeat.simulators.reference import ReferenceGearbox
 
@@ -37,20 +37,6 @@ def forces_on_sleeve_0(
         forces.append((magnitude[0, 0], vector[0, 0]))
     magnitudes, vectors = zip(*forces, strict=True)
     return np.array(magnitudes), np.array(vectors)
-
-
-@pytest.mark.parametrize(("push", "radial_error", "depth"), PUSHED)
-def test_force_on_a_worn_lobe_is_continuous(push: float, radial_error: float, depth: float) -> None:
-    """A jump would not shrink with the steps."""
-    errors = np.outer(np.arange(16) == 0, [radial_error, 0.0])
-    gearbox = ReferenceGearbox(worn_lobes=((0,), ()), depth=depth, pin_errors=errors)
-    t = np.deg2rad(np.arange(-0.5, 24.5, 0.1) + 1e-4)
-    coarse, vectors = forces_on_sleeve_0(gearbox, t, push)
-    assert coarse.max() > 380 * depth  # the chord stands a third of a millimetre proud near the pit
-    steepest = np.argmax(np.abs(np.diff(vectors)))
-    fine = np.linspace(t[steepest], t[steepest + 1], 11)
-    _, close = forces_on_sleeve_0(gearbox, fine, push)
-    assert np.abs(np.diff(close)).max() < 0.15 * np.abs(np.diff(vectors)).max()
 
 
 def test_chord_carries_from_9_2_to_13_3_degrees_in_the_rest_position() -> None:

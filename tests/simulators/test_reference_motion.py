@@ -79,6 +79,32 @@ def test_power_is_accounted_for(seed: int) -> None:
     assert kinetic == pytest.approx(sum(powers), abs=1e-9 * np.abs([kinetic, *powers]).max())
 
 
+def test_joints_bear_what_the_contacts_do_not() -> None:
+    """Multipliers by the balance of each body; the driver turns the cams and the input shaft's inertia."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        gearbox = random_gearbox(rng)
+        state = random_state(gearbox, rng)
+        solution = gearbox.accelerations(*state)
+        forces = (np.diag(gearbox.mass_matrix) * solution.accelerations).reshape(-1, 3)[:, :2]
+        for sleeves, vectors in (
+            (slice(12, 28), solution.external_vector),
+            (slice(4, 12), solution.internal_vector),
+        ):
+            forces[2:4] -= vectors.sum(axis=1)
+            forces[sleeves] += vectors.sum(axis=0)
+        forces[0] += forces[2:4].sum(axis=0)  # which carries the wheels
+        forces[1] += forces[4:12].sum(axis=0)  # and the internal sleeves
+        joints = solution.multipliers[:-1].reshape(-1, 2)
+        assert joints == pytest.approx(forces, abs=1e-9 * np.abs(forces).max())
+        assert np.array_equal(solution.cam_reactions, joints[2:4])
+        cams = gearbox.eccentricity * np.exp(1j * (state.phi + np.array([0, np.pi])))
+        torque = float((np.conj(cams) * (joints[2:4] @ [1, 1j])).imag.sum())
+        assert solution.input_torque == pytest.approx(torque, rel=1e-9)
+        driver = torque + gearbox.input_shaft_inertia * state.alpha
+        assert solution.driver_torque == solution.multipliers[-1] == pytest.approx(driver, rel=1e-9)
+
+
 # Integration ------------------------------------------------------------------------------------------------
 
 

@@ -17,6 +17,8 @@ from scipy.stats import gamma, kstest, lognorm, loguniform, norm, rayleigh, trun
 from cyclofeat.simulators import (
     BrakeRotor,
     Clearance,
+    ContactDampingScale,
+    ContactStiffnessScale,
     CycloidalGearbox,
     Gain,
     GearboxParameter,
@@ -53,6 +55,10 @@ def test_presets_are_what_they_say(preset):
     assert (drift.rms_nm, drift.cutoff_hz, drift.order) == (3.0, 1.5, 2)
     assert effect_of(preset, "noise") == Noise(0.2)
     assert preset.gearbox == CycloidalGearbox.steel()
+    if preset.name == "R2":
+        assert effect_of(preset, "brake_rotor") == BrakeRotor((0.005, 0.05), (3e3, 3e4), (0.01, 0.05))
+        assert effect_of(preset, "contact_stiffness_scale") == ContactStiffnessScale((0.5, 2.0))
+        assert effect_of(preset, "contact_damping_scale") == ContactDampingScale((0.5, 2.0))
 
 
 def test_a_known_brake_is_exact_and_a_free_output_has_none():
@@ -100,36 +106,6 @@ def test_the_spread_of_the_presets_is_as_stated():
     assert clearances.max() <= 30e-6
     assert np.mean(clearances) == pytest.approx(15e-6, rel=0.1)
     assert len(set(drawn)) == 200
-
-
-@pytest.mark.slow
-def test_ranges_are_filled_log_uniformly():
-    rig = Rig.r2()
-    drawn = [rig.draw(seed).gearbox for seed in range(200)]
-    inertia = np.array([a.brake_inertia for a in drawn])
-    stiffness = np.array([a.meter_stiffness for a in drawn])
-    ratio = np.array([a.meter_damping for a in drawn]) / (2 * np.sqrt(inertia * stiffness))
-    for values, (low, high) in (
-        (inertia, (0.005, 0.05)),
-        (stiffness, (3e3, 3e4)),
-        (ratio, (0.01, 0.05)),
-        (np.array([a.stiffness_scale for a in drawn]), (0.005, 0.02)),
-        (np.array([a.contact_damping for a in drawn]), (75, 300)),
-    ):
-        share = np.log(values / low) / np.log(high / low)
-        assert share.min() >= -1e-12
-        assert share.max() <= 1 + 1e-12
-        # mean of 200 uniform values: 0.5 +- 0.0204; 2.8 sigma
-        assert abs(share.mean() - 0.5) < 0.058
-        assert abs(share.std() - math.sqrt(1 / 12)) < 0.04
-
-
-def test_one_range_changes_nothing_else_of_an_assembly():
-    wide = Rig.r2().draw(4).gearbox
-    narrow = Rig.r2().with_parameters({"brake_rotor.inertia": 0.02}).draw(4).gearbox
-    assert narrow.meter_stiffness == wide.meter_stiffness
-    assert narrow.pin_radial_errors == wide.pin_radial_errors
-    assert narrow.brake_inertia == 0.02 != wide.brake_inertia
 
 
 @pytest.mark.parametrize("preset", [Rig.r0(), Rig.r2()], ids=lambda preset: preset.name)
@@ -237,16 +213,11 @@ def test_settling_follows_damping():
         ({"effects": None}, "effects must be a sequence of effects, got None"),
         ({"effects": ["hum"]}, "effects must hold effects like Hum.* got 'hum'"),
         ({"effects": [Hum(amplitude_nm=-1)]}, "amplitude_nm of hum must lie between 0 and 1000 Nm, got -1"),
-        ({"effects": [Noise(math.nan)]}, "rms_nm of noise must lie between 0 and 1000 Nm, got nan"),
-        ({"effects": [Noise("0.2")]}, "rms_nm of noise must be a number of Nm, .* got '0.2'"),
-        ({"effects": [Noise(True)]}, "rms_nm of noise must be a number of Nm, .* got True"),
-        ({"effects": [LoadDrift(cutoff_hz=1e5)]}, "cutoff_hz of load_drift must lie between 0.001 and 1000"),
         ({"effects": [LoadDrift(order=9)]}, "order of load_drift must be at most 8, got 9"),
         (
             {"effects": [BrakeRotor((0.1, 0.02))]},
             r"inertia of brake_rotor must be a range \(low, h",
         ),
-        ({"effects": [BrakeRotor((0.1,))]}, r"inertia of brake_rotor must be .* got \(0.1,\)"),
         ({"effects": [RunOut(1e-6, (2,))]}, r"wheels of run_out must be \(0,\), \(1,\) or \(0, 1\), got"),
         ({"effects": [BrakeRotor(), BrakeRotor()]}, "effects must hold one brake_rotor at most, .* got 2"),
         (
@@ -345,14 +316,6 @@ def test_effects_stand_in_the_file_one_to_a_line(tmp_path):
     assert found["format"] == "cyclofeat rig"
 
 
-def test_effects_of_a_file_may_leave_keys_out(tmp_path):
-    path = tmp_path / "rig.json"
-    path.write_text(
-        '{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}', encoding="utf-8"
-    )
-    assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
-
-
 @st.composite
 def any_effects(draw):
     """Effects with any values and ranges within the bounds of their parameters."""
@@ -399,6 +362,10 @@ def test_keys_may_be_left_out(tmp_path):
     path = tmp_path / "rig.json"
     path.write_text('\ufeff{"note": "mine", "gearbox": {"load_torque": 18}, "name": "x"}', encoding="utf-8")
     assert Rig.from_json(path) == Rig(CycloidalGearbox.steel(load_torque=18.0), name="x")
+    path.write_text(
+        '{"effects": [{"effect": "hum", "harmonics": [1, 0.5]}, {"effect": "gain"}]}', encoding="utf-8"
+    )
+    assert Rig.from_json(path) == Rig(effects=(Hum(harmonics=(1, 0.5)), Gain()))
     path.write_text("{}", encoding="utf-8")
     assert Rig.from_json(path) == Rig()
 
@@ -437,17 +404,7 @@ BAD_FILES = {
         "'factor' must stand",
     ),
     "effect value": ('{"effects": [{"effect": "gain", "factor": "1"}]}', "factor of gain must be a number"),
-    "effect null": ('{"effects": [{"effect": "gain", "factor": null}]}', "factor of gain must be a number"),
     "effect range": ('{"effects": [{"effect": "gain", "factor": [2, 1]}]}', r"low <= high, got \(2, 1\)"),
-    "effect NaN": ('{"effects": [{"effect": "offset", "offset_nm": NaN}]}', "must lie between .* got nan"),
-    "effect order": (
-        '{"effects": [{"effect": "load_drift", "order": 2.5}]}',
-        "order of load_drift must be a whole",
-    ),
-    "two brakes": (
-        '{"effects": [{"effect": "brake_rotor"}, {"effect": "brake_rotor"}]}',
-        "got 2 brakes in all",
-    ),
     "note": ('{"note": 3}', "note must be text, got 3"),
     "misspelt": ('{"gearbx": [1, 2]}', r"'gearbx' with value \[1, 2\]: did you mean 'gearbox'"),
     "unknown": (

@@ -158,12 +158,6 @@ def test_the_record_begins_settled_by_default():
 # Each effect in the whole
 
 
-def test_brake_rotor_is_the_gearbox_with_a_brake():
-    with_effect = Rig(STEEL, [BrakeRotor(0.02, 1e4, 0.1)]).simulate(**SHORT)
-    with_brake = Rig(STEEL.with_brake(0.02, 1e4, 0.1)).simulate(**SHORT)
-    np.testing.assert_array_equal(with_effect.torque_out, with_brake.torque_out)
-
-
 def test_a_drift_of_the_load_reaches_the_gearbox_and_one_of_the_sensor_does_not():
     plain = Rig(STEEL).simulate(**SHORT)
     load, sensor = (Rig(STEEL, [kind(3.0)]).simulate(**SHORT) for kind in (LoadDrift, SensorDrift))
@@ -319,11 +313,6 @@ def test_effects_are_replaced_added_and_taken_away():
 @pytest.mark.parametrize(
     ("gearbox", "effects", "arguments", "message"),
     [
-        ("R1", (), {}, "gearbox must be of type CycloidalGearbox, got 'R1'"),
-        (STEEL, Hum(), {}, "effects must be a sequence of effects"),
-        (STEEL, [3], {}, "effects must hold effects like Hum.* got 3"),
-        (STEEL, [Gain(-1)], {}, "factor of gain must lie between"),
-        (STEEL, [BrakeRotor(), BrakeRotor()], {}, "one brake_rotor at most, .* got 2 brakes in all"),
         (STEEL.with_brake(0.02, 1e4, 0.1), [BrakeRotor()], {}, "one brake_rotor at most, .* got 2 brakes"),
         (STEEL, (), {"duration": -1.0}, "duration must be positive and finite, got -1.0"),
         (STEEL, (), {"duration": 1e-6}, "duration 1e-06 s is shorter than one sample at 12800 Hz"),

@@ -195,12 +195,16 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"start_angle": float("nan")}, "start_angle must be finite, got nan"),
         ({"decimation": "mean"}, "decimation must be 'antialias' or 'pick', got 'mean'"),
         ({"decimation": "pick"}, "sampling_rate must divide 1/dt = 100000 Hz .* got 25600 Hz"),
-        ({"load_fluctuation": lambda t: np.zeros(3)}, r"load_fluctuation must be .* it gave shape \(3,\)"),
+        (
+            {"load_fluctuation": lambda t: np.zeros(3)},
+            r"load_fluctuation must be a number, an array or a function of time .* it gave shape \(3,\)",
+        ),
         (
             {"load_fluctuation": np.zeros(100)},
-            "load_fluctuation as an array must .* at least 256 at 25600 Hz",
+            "load_fluctuation as an array must hold one value per sample .* at least 256 at 25600 Hz",
         ),
         ({"speed": np.zeros((300, 2))}, r"speed as an array must have one dimension, got shape \(300, 2\)"),
+        ({"speed": lambda t: np.full_like(t, np.nan)}, "speed must be finite, it gave NaN or infinity"),
         ({"integrator": "euler"}, "integrator must be 'midpoint' or 'adams_bashforth', got 'euler'"),
         ({"integrator": ["euler"]}, r"integrator must be 'midpoint' .* got \['euler'\]"),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
