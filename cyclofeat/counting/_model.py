@@ -119,9 +119,9 @@ class LobeModel(RecordingPredictions):
 
         Windows of one output turn are cut over the angle of the input shaft: a tachometer's, or the one that
         the lines of the torque give around the stated speed. They have 128 samples per input turn, or as many
-        as the recording with the fewest would hold at 5 % more speed. Of recordings with a tachometer the
-        counter also learns windows over the angle that their lines tell: counted without a tachometer, lines
-        are less sharp.
+        as the recording with the fewest would hold at 5 % more speed. Of motor currents with a tachometer
+        the counter also learns windows over the angle that their lines tell: counted without a tachometer,
+        their lines are less sharp, as the speed of a controlled motor changes within a turn.
 
         Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
         counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
@@ -704,11 +704,13 @@ def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) ->
 def _training_windows(
     recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, samples_per_turn: int
 ) -> WindowSet:
-    """Return the windows of recordings; of those with a tachometer also as if it were missing."""
+    """Return the windows of recordings; of motor currents with a tachometer also as if it were missing."""
     number = list(range(len(recordings)))
     angles = [one.angle for one in turnings]
     for k, (recording, turning) in enumerate(zip(recordings, turnings, strict=True)):
-        by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
+        if recording.quantity != "motor_current" or recording.angle is None:
+            continue
+        by_lines = angle_by_lines(recording, turning, n_lobes)
         if by_lines is not None:
             number.append(k)
             angles.append(by_lines)
