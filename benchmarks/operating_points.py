@@ -19,6 +19,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from benchmarks._markdown import line, share, table
+from benchmarks._timing import processor_seconds
 from cyclofeat.counting import LobeCount, LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.models import load_default_model
@@ -31,6 +32,8 @@ TURNS = 1.05
 CURRENT_HZ = 8000.0
 # Seeds; the packaged models have 0.
 JUDGED, TRAINED, SPECIAL = 23, 22, 3
+# Recordings whose count is timed, and how often.
+TIMED, REPEATS = 6, 30
 Answers = Sequence[LobeCount | None]
 
 
@@ -106,8 +109,11 @@ def counted(
     return answers
 
 
-def row(what: str, goal: str, recordings: Sequence[Recording], answers: Answers) -> list[str]:
-    """Return a row of the table: shares right among the counted ones and of all, refused and wrong."""
+def row(what: str, goal: float | str, recordings: Sequence[Recording], answers: Answers) -> list[str]:
+    """Return a row of the table: shares right among the counted ones and of all, refused and wrong.
+
+    A number as the goal is the least share of all that is to be right.
+    """
     truth = [recording.defect_count for recording in recordings]
     pairs = [(a, t) for a, t in zip(answers, truth, strict=True) if a is not None and not a.refused]
     right = sum(a.defect_count == t for a, t in pairs)
@@ -115,41 +121,61 @@ def row(what: str, goal: str, recordings: Sequence[Recording], answers: Answers)
     every = sum(a is not None and a.defect_count == t for a, t in zip(answers, truth, strict=True))
     n = len(truth)
     of_counted = f"{right / len(pairs):.3f}" if pairs else "-"
+    missed = isinstance(goal, float) and every / n < goal
     return [
-        what, goal, share(every, n), f"{1 - len(pairs) / n:.3f}", of_counted, f"{sure / n:.3f}", str(n),
+        what, goal if isinstance(goal, str) else f">= {goal:g}", share(every, n) + " **missed**" * missed,
+        f"{1 - len(pairs) / n:.3f}", of_counted, f"{sure / n:.3f}", str(n),
     ]  # fmt: skip
 
 
-def rows(n_judged: int, n_trained: int, n_jobs: int) -> list[list[str]]:
-    """Return the rows of the table."""
+def count_ms(model: LobeModel, recordings: Sequence[Recording]) -> float:
+    """Return the processor time of one count in ms: of each recording the least, and of these the median."""
+    least = [
+        min(processor_seconds(lambda one=one: model.count(one)) for _ in range(REPEATS)) for one in recordings
+    ]
+    return 1000 * float(np.median(least))
+
+
+def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], list[float]]:
+    """Return the rows of the table, and the ms of a count with and without a tachometer."""
     made = []
 
-    def add(what: str, goal: str, recordings: Sequence[Recording], answers: Answers) -> None:
+    def add(what: str, goal: float | str, recordings: Sequence[Recording], answers: Answers) -> None:
         made.append(row(what, goal, recordings, answers))
         print(line(made[-1]), end="", flush=True)
 
     model = load_default_model("output_torque")
     judged = simulated(n_judged, "output_torque", n_jobs, JUDGED)
     seeing = counted(model, judged)
-    add("output torque, 0.2 Nm, tachometer", ">= 0.97", judged, seeing)
+    add("output torque, 0.2 Nm, tachometer", 0.97, judged, seeing)
     for name, low, high in (("100 to 250", 100, 250), ("250 to 600", 250, 600), ("600 to 1,500", 600, 1500)):
         within = [low <= float(one.speed_rpm or 0) < high for one in judged]
         add(f"- of these, {name} RPM", "stated", [*compress(judged, within)], [*compress(seeing, within)])
     sound = [one.defect_count == 0 for one in judged]
     add("- of these, sound discs", "stated", [*compress(judged, sound)], [*compress(seeing, sound)])
-    add("the same without a tachometer, steady speed", ">= 0.95", judged, counted(model, judged, blind))
-    add("- speed wandering by 5 %", ">= 0.93", judged, counted(model, judged, wandering))
+    add("the same without a tachometer, steady speed", 0.95, judged, counted(model, judged, blind))
+    add("- speed wandering by 5 %", 0.93, judged, counted(model, judged, wandering))
     for factor, words in ((2.0, "half"), (3.0, "a third of"), (4.0, "a quarter of"), (0.5, "twice")):
         add(
             f"- turning at {words} the stated speed (all must be refused)", "refused", judged,
             counted(model, judged, at_multiple(factor)),
         )  # fmt: skip
     for quantity, words, goal in (
-        ("input_torque", "input torque, 0.015 Nm (1 %), tachometer", ">= 0.98"),
-        ("motor_current", "motor current with all its effects, encoder", ">= 0.95"),
+        ("input_torque", "input torque, 0.015 Nm (1 %), tachometer", 0.98),
+        ("motor_current", "motor current with all its effects, encoder", 0.95),
     ):
-        others = simulated(n_judged, quantity, n_jobs, JUDGED)
-        add(words, goal, others, counted(load_default_model(quantity), others))
+        others, of_quantity = simulated(n_judged, quantity, n_jobs, JUDGED), load_default_model(quantity)
+        add(words, goal, others, counted(of_quantity, others))
+        add("- without it, steady speed", 0.95, others, counted(of_quantity, others, blind))
+        add("- speed wandering by 5 %", 0.93, others, counted(of_quantity, others, wandering))
+    for depth in (20.0, 50.0, 100.0, 200.0):
+        early = simulated(n_judged // 4, "output_torque", n_jobs, JUDGED, wear_um=depth)
+        add(
+            f"output torque, radial wear of {depth:g} um, never trained",
+            "stated",
+            early,
+            counted(model, early),
+        )
     training = simulated(n_trained, "output_torque", n_jobs, TRAINED)
     for words, name, low, high in (
         ("speeds of 300 to 500 RPM never trained", "speed_rpm", 300, 500),
@@ -158,7 +184,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> list[list[str]]:
         some = [one for one in judged if low <= float(getattr(one, name)) < high]
         rest = [one for one in training if not low <= float(getattr(one, name)) < high]
         own = LobeModel.train(rest, n_splits=0, counter="rows")
-        add(f"{words} ({n_trained} assemblies of each count)", ">= 0.93", some, counted(own, some))
+        add(f"{words} ({n_trained} assemblies of each count)", 0.93, some, counted(own, some))
     del training
     for rig in ("R1", "R2"):
         special = Data(
@@ -166,10 +192,12 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> list[list[str]]:
         )
         own = counted(trained(special.training), special.judged)
         add(f"{rig} at 500 RPM, 22 Nm: a model for these alone", "stated", special.judged, own)
-        if rig == "R2":
-            add("- the model for all speeds and loads", "not below by more than 0.01", special.judged,
-                counted(model, special.judged))  # fmt: skip
-    return made
+        add("- the packaged model, of R2 at all speeds and loads", "not below by more than 0.01",
+            special.judged, counted(model, special.judged))  # fmt: skip
+    times = [count_ms(model, special.judged[:TIMED]), count_ms(model, [
+        blind(one, np.random.default_rng(5)) for one in special.judged[:TIMED]
+    ])]  # fmt: skip
+    return made, times
 
 
 def main() -> None:
@@ -181,7 +209,7 @@ def main() -> None:
     arguments = parser.parse_args()
     began = time.monotonic()
     head = ["work", "goal", "right, of all", "refused", "right, of those counted", "wrong and sure", "n"]
-    made = rows(arguments.judged, arguments.trained, arguments.jobs)
+    made, times = rows(arguments.judged, arguments.trained, arguments.jobs)
     text = f"""# Counts at any speed and load
 
 Made by
@@ -192,6 +220,10 @@ the drift of the load shrinks with loads below 22 Nm. The packaged models (`make
 window of one output turn of assemblies that they have not seen. "Right, of all" takes the count of
 refused recordings too (95 % interval by Wilson); "wrong and sure" is the share of all that is wrong, not
 refused, and has a probability above 0.9.
+
+One window of output torque at 25.6 kHz, 500 RPM and 22 Nm takes {times[0]:.1f} ms of processor time
+from the recording in memory to refusal and count (goal 10 ms), and {times[1]:.1f} ms without a tachometer:
+of {TIMED} recordings the median, of each the least of {REPEATS}, beside other work on the same cores.
 
 """
     arguments.out.write_text(text + table(head, made), encoding="utf-8")

@@ -9,7 +9,6 @@ Simulated assemblies of rig R2 at one speed and 22 Nm, whole assemblies held out
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -18,8 +17,7 @@ import numpy as np
 from scipy.signal import resample_poly
 
 from benchmarks._markdown import line, share, table
-from benchmarks.operating_points import Answers, Data, blind, counted, trained
-from cyclofeat.counting import LobeModel
+from benchmarks.operating_points import REPEATS, TIMED, Answers, Data, blind, count_ms, counted, trained
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Noise, Solver
@@ -30,8 +28,6 @@ SPEEDS_RPM = (500.0, 1500.0)
 LOAD_NM = 22.0
 # Noise of each sample, whatever the rate.
 QUANTITIES = {"output_torque": ("output torque, 0.2 Nm", 0.2), "motor_current": ("motor current", 0.0)}
-# Recordings that are timed, and how often each is counted.
-TIMED, REPEATS = 6, 30
 
 
 def simulated(n: int, quantity: str, speed_rpm: float, n_jobs: int) -> list[Recording]:
@@ -66,19 +62,6 @@ def right(recordings: Sequence[Recording], answers: Answers) -> str:
     return f"{share(n_right, len(pairs))}, {refused:.3f}"
 
 
-def milliseconds(model: LobeModel, recordings: Sequence[Recording]) -> str:
-    """Return the processor time of one count: the least of some per recording, and of these the median."""
-    least = []
-    for recording in recordings:
-        times = []
-        for _ in range(REPEATS):
-            began = time.process_time()
-            counted(model, [recording])
-            times.append(time.process_time() - began)
-        least.append(min(times))
-    return f"{1000 * float(np.median(least)):.1f}"
-
-
 def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
     """Yield the rows of the table, the highest rate of each quantity and speed first."""
     random = np.random.default_rng(5)
@@ -97,8 +80,8 @@ def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
                     right(data.judged, counted(model, data.judged)),
                     right(data.judged, counted(model, data.judged, blind)),
                     right(rich, counted(model, rich)),
-                    milliseconds(model, timed),
-                    milliseconds(model, [blind(one, random) for one in timed]),
+                    f"{count_ms(model, timed):.1f}",
+                    f"{count_ms(model, [blind(one, random) for one in timed]):.1f}",
                 ]  # fmt: skip
 
 

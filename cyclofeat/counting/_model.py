@@ -506,6 +506,8 @@ class LobeModel(RecordingPredictions):
             reason = (
                 f"no count is more probable than all others together: {count} has {probability.max():.2f}"
             )
+        if count == 0 and self.wear is None and not reason:
+            notes.append("fainter wear than in training may not show")
         if not self.card.get("calibrated", False):
             notes.append("probabilities are not calibrated on assemblies that training did not see")
         return LobeCount(

@@ -18,7 +18,7 @@ def some():
     """A worn, a sound and a refused disc, and one without an absolute angle."""
     unlike = unlike_training()
     return [
-        recording((2, 3, 4), seed=80), recording((), seed=81),
+        recording((2, 3, 4), seed=83), recording((), seed=81),
         unlike.replace(torque=np.tile(unlike.torque, 2)),
         recording((9,), seed=82, turns=2, angle_is_absolute=False),
     ]  # fmt: skip
@@ -51,6 +51,13 @@ def test_predictions_are_those_of_count(some):
     assert model.score(some[:2], [3, 1]) == 0.5
     assert model.score([some[0], some[2]], [3, 0]) == 0.5  # a refusal is not right
     assert model.predict([]).shape == (0,)
+
+
+def test_a_count_less_probable_than_all_others_together_is_refused():
+    count = shaft_model().count(recording((2, 3, 4), seed=80))
+    assert 0.3 < max(count.probability.values()) < 0.5
+    assert count.refused
+    assert count.reason.startswith("no count is more probable than all others together: 3 has 0.4")
 
 
 def test_bad_recordings_are_named(some):
