@@ -16,17 +16,14 @@ from benchmarks.hidden_effects._folders import read_set
 from benchmarks.hidden_effects._machine import SAMPLING_RATE
 from benchmarks.hidden_effects._sets import definitions
 from benchmarks.hidden_effects._visible import effects_of
-from cyclofeat.gap import Comparison, DownstreamGain, GapSettings, downstream_gain, find_gap
-from cyclofeat.gap._measured import Condition
+from cyclofeat.gap import GapSettings, find_gap
 from cyclofeat.gap.posterior import EffectPosterior, answer_of
 from cyclofeat.gap.simulations import Memory
 from cyclofeat.gap.world import Session
-from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Rig
 
 _CODE = ("gap/world", "gap/summaries")
 _AT_A_TIME = 20
-_TRAINED_ON = 24  # simulated recordings of each count
 
 
 def session_of(name: str, folder: Path) -> Session:
@@ -89,26 +86,4 @@ def whole_answer(
     oracle = Rig().with_added(*effects_of(truth).values()) if truth.kind != "outside" else None
     fit, held_out = read_set(name, folder)
     settings = dataclasses.replace(settings, oracle=oracle)
-    result = find_gap(fit, held_out or None, posterior=posterior, settings=settings)
-    answer = result.to_dict()
-    if oracle is not None and result.posterior_rig is not None and held_out and len(truth.conditions) == 1:
-        gain = counts_after(result.posterior_rig, oracle, held_out, settings.n_jobs)
-        answer["counts_right"], answer["share_of_gain"] = gain.accuracy, gain.share
-    return answer
-
-
-def counts_after(corrected: Rig, oracle: Rig, held_out: Sequence[Recording], jobs: int) -> DownstreamGain:
-    """Counts of held-out recordings of one condition after training on the model, corrected and true rigs."""
-    first = held_out[0]
-    speed_rpm, load_nm = first.speed_rpm, first.load_nm
-    assert speed_rpm is not None
-    assert load_nm is not None
-    at = Condition(speed_rpm, load_nm, 1 if first.torque.mean() > 0 else -1)
-    comparison = Comparison(
-        sampling_rate=first.sampling_rate, rig=at.set_on(Rig()), direction=at.direction,
-        duration=first.n_samples / first.sampling_rate, n_jobs=jobs,
-    )  # fmt: skip
-    measured = comparison.measured([one.torque for one in held_out], y=[one.defect_count for one in held_out])
-    return downstream_gain(
-        comparison, at.set_on(corrected), measured, oracle=at.set_on(oracle), n_per_class=_TRAINED_ON
-    )
+    return find_gap(fit, held_out or None, posterior=posterior, settings=settings).to_dict()

@@ -7,8 +7,7 @@ room               question
 ``posterior``      Which effects are missing, all at once? (:class:`~cyclofeat.gap.posterior.EffectPosterior`)
 ``world``          Which rigs could it be? (random rigs, from which the posterior learns)
 ``confirm``        Would a rig with these effects have given these recordings? How large are they?
-``proof``          How far did the gap shrink on recordings held out? (:func:`prove`,
-                   :func:`downstream_gain`)
+``proof``          How far did the gap shrink on recordings held out? (:func:`prove`)
 ``comparison``     Which model, which conditions? (:class:`Comparison`)
 ``simulations``    What would the model alone have given? (:meth:`Comparison.bank`)
 ``summaries``      Which numbers of a recording are compared? (:func:`summarise`)
@@ -39,7 +38,7 @@ from cyclofeat.gap._workflow import find_gap
 from cyclofeat.gap.check import CheckedEffect, GapCheck, check_recordings
 from cyclofeat.gap.comparison import MAY_DIFFER, Comparison
 from cyclofeat.gap.loops import LoopGap, LoopModel, LoopSmoother, find_loop_gap, loop_shape
-from cyclofeat.gap.proof import DistanceRow, DownstreamGain, Proof, ProofRow, downstream_gain, prove
+from cyclofeat.gap.proof import DistanceRow, Proof, ProofRow, prove
 from cyclofeat.gap.published import PublishedGap, PublishedSettings, find_published_gap
 from cyclofeat.gap.simulations import Bank, Population
 from cyclofeat.gap.summaries import Cell, Conditions, Measured, PhaseMap, summarise
@@ -55,7 +54,6 @@ __all__ = [
     "Condition",
     "Conditions",
     "DistanceRow",
-    "DownstreamGain",
     "FoundEffect",
     "GapCheck",
     "GapResult",
@@ -84,7 +82,6 @@ __all__ = [
     "Windows",
     "check_recordings",
     "compare_recordings",
-    "downstream_gain",
     "find_gap",
     "find_loop_gap",
     "find_published_gap",

@@ -12,15 +12,12 @@ from scipy import signal, stats
 from cyclofeat.gap import (
     Bank,
     Comparison,
-    DownstreamGain,
     GapSettings,
-    Measured,
     Proof,
     Windows,
-    downstream_gain,
     prove,
 )
-from cyclofeat.gap.proof import Part, Sample, Scale, _downstream, score_alternatives
+from cyclofeat.gap.proof import Part, Sample, Scale, score_alternatives
 from cyclofeat.gap.proof import _alternatives as alternatives
 from cyclofeat.gap.proof import _distance as distance
 from cyclofeat.simulators import (
@@ -466,61 +463,3 @@ def test_equaliser_closes_a_low_pass_where_it_has_learnt(cache: Path) -> None:
 def test_bad_input(changes: dict, settings: dict, message: str, fit: Bank, hold: Bank, cache: Path) -> None:
     with pytest.raises(ValueError, match=message):
         proof_of(BASE, of(fit), dataclasses.replace(of(hold), **changes), cache, **settings)
-
-
-# Downstream
-
-TRUTH = BASE.with_added(*TRUE)
-
-
-def counted(cache: Path) -> tuple[Comparison, Measured]:
-    """The model without effects, and recordings of that with them."""
-    comparison = Comparison(sampling_rate=FS, rig=BASE, defect_counts=(0, 7), cache=cache)
-    hold = bank_of(TRUE, [0, 7], 6, 106, cache)
-    return comparison, comparison.measured(hold.X, y=hold.counts)
-
-
-@pytest.mark.slow
-def test_downstream_gain(cache: Path) -> None:
-    small = {"n_per_class": 4, "n_trees": 50}
-    gain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], oracle=TRUTH, **small)
-    assert isinstance(gain, DownstreamGain)
-    assert gain.n_recordings == 6
-    assert gain.accuracy["after"] == gain.accuracy["oracle"]
-    low, high = gain.interval["after"]
-    assert low < gain.accuracy["after"] <= high + 1e-12
-    larger = gain.accuracy["oracle"] > gain.accuracy["before"]
-    assert gain.share == 1.0 if larger else np.isnan(gain.share)
-    plain = downstream_gain(counted(cache)[0], TRUTH, counted(cache)[1], **small)
-    assert np.isnan(plain.share)
-    assert set(plain.accuracy) == {"before", "after"}
-
-
-@pytest.mark.slow
-def test_a_counter_is_trained_once_for_each_simulator(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[int] = []
-
-    class Counter:
-        classes_ = np.array([0, 7])
-
-        def fit(self, X: np.ndarray, y: np.ndarray) -> None:
-            made.append(len(X))
-
-        def predict_proba(self, X: np.ndarray) -> np.ndarray:
-            return np.tile([0.4, 0.6], (len(X), 1))
-
-    monkeypatch.setattr(_downstream, "make_lobe_counter", lambda *_, **__: Counter())
-    comparison, hold = counted(cache)
-    for after, oracle, n in ((BASE, None, 1), (TRUTH, TRUTH, 2), (TRUTH, BASE, 2)):
-        made.clear()
-        gain = downstream_gain(comparison, after, hold, oracle=oracle, n_per_class=6)
-        assert len(made) == n
-        assert set(gain.accuracy) == {"before", "after"} | ({"oracle"} if oracle else set())
-        assert set(gain.accuracy.values()) == {0.5}
-
-
-def test_share_of_the_oracles_gain() -> None:
-    found = _downstream._share(
-        np.array([0.5, 0.5, 0.5]), np.array([0.7, 0.6, 0.4]), np.array([0.9, 0.5, 0.5])
-    )
-    assert found == pytest.approx([0.5, np.inf, -np.inf])

@@ -1,13 +1,12 @@
 """The fourth stage of the gap: how far it shrank on recordings held out.
 
 :func:`prove` compares distances between measured and simulated recordings for the corrected model and its
-alternatives. :func:`downstream_gain` measures how a counter improves that is trained on the corrected model.
+alternatives.
 """
 
 from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
 from cyclofeat.gap.proof._distance import Part, Sample, describe
 from cyclofeat.gap.proof._distance import Scale as Scale
-from cyclofeat.gap.proof._downstream import DownstreamGain, downstream_gain
 from cyclofeat.gap.proof._prove import prove
 from cyclofeat.gap.proof._scores import AFTER, BEFORE, DistanceRow, Proof, ProofRow, score_alternatives
 
@@ -17,14 +16,12 @@ __all__ = [
     "BEFORE",
     "Alternative",
     "DistanceRow",
-    "DownstreamGain",
     "Part",
     "Proof",
     "ProofRow",
     "Sample",
     "Simulated",
     "describe",
-    "downstream_gain",
     "prove",
     "score_alternatives",
 ]
