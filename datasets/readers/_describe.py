@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from cyclofeat.signal.speed import follow_speed, search_speed
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
+# Parts of a record whose mean torque and speed are compared with the median; the shares by which those of a
+# run-up lie off it.
+_PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, 0.2, 0.1
 
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
@@ -43,6 +47,9 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
 
         ``output_turns`` : output turns recorded, by the measured speed, else the nominal one, or None.
         ``whole_output_turns`` (int) and ``unused_s`` : the rest after them, in s.
+
+        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest of the
+        record, or None.
 
         ``angle_unit_assumed`` (bool), ``time_jitter`` (samples, or None), ``start_time`` (or None).
 
@@ -130,10 +137,30 @@ def _facts(
         "output_turns": turns,
         "whole_output_turns": whole,
         "unused_s": unused,
+        "run_up_s": _run_up(recording),
         "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
         "time_jitter": meta.get("time_jitter"),
         "start_time": meta.get("start_time"),
     }
+
+
+def _run_up(recording: Recording) -> float | None:
+    """Return how long a run-up at the start lasts, in s; None where there is none, or no steady rest."""
+    size = recording.n_samples // _PARTS
+    if not size:
+        return None
+    levels = [(recording.torque[: _PARTS * size].reshape(_PARTS, size).mean(axis=1), _OTHER_LEVEL)]
+    if recording.angle is not None:
+        edges = np.minimum(size * np.arange(_PARTS + 1), recording.n_samples - 1)
+        levels.append((np.diff(recording.angle[edges]), _OTHER_SPEED))
+    last = -1
+    for level, share in levels:
+        usual = np.median(level)
+        off = np.abs(level - usual) > share * abs(usual)
+        if off[0] and not off[_PARTS // 2 :].any():
+            last = max(last, int(np.flatnonzero(off)[-1]))
+    # With the next part, in which it may end; in tenths of a second.
+    return None if last < 0 else math.ceil(10 * (last + 2) * size / recording.sampling_rate) / 10
 
 
 def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
@@ -189,6 +216,10 @@ def _of_record(recording: Recording, facts: dict[str, Any]) -> list[str]:
             f"the record is constant ({facts['minimum']:g} {facts['unit']}): sensor dead or not connected?"
         ]
     notes = []
+    if (run_up := facts["run_up_s"]) is not None:
+        notes.append(
+            f"run-up at the start: leave it out with --skip {run_up:g}, in Python recording.part({run_up:g})"
+        )
     if facts["dropout_share"] > _MOST_DROPPED:
         notes.append(f"{100 * facts['dropout_share']:.2g} % of the samples are dropouts")
     if facts["clipped_share"] > _MOST_CLIPPED:

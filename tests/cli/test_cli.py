@@ -511,6 +511,23 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
 
 
+@pytest.mark.slow
+def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tmp_path):
+    file = tmp_path / "run.npz"
+    code, *_ = run(capsys, "simulate", "--worn-count", 4, "--duration", 3, "--out", file)
+    assert code == 0
+    _, out, _ = run(capsys, "inspect", file)
+    (seconds,) = re.findall("warning:   run-up at the start: leave it out with --skip ([0-9.]+)", out)
+    _, out, _ = run(capsys, "count", file, "--json")
+    (refused,) = json.loads(out)
+    assert refused["refused"]
+    assert any(f"--skip {seconds}" in warning for warning in refused["warnings"])
+    _, out, _ = run(capsys, "count", file, "--skip", seconds, "--json")
+    (counted,) = json.loads(out)
+    assert counted["defect_count"] == 4
+    assert not any("--skip" in warning for warning in counted["warnings"])
+
+
 def test_evaluate_labelled_files(capsys, tmp_path, monkeypatch, surrogates):
     shared_out = []
 
