@@ -10,6 +10,7 @@ from cyclofeat.datasets.readers import (
     one_line,
     read_folder,
     read_recording,
+    record_warnings,
     write_recording,
 )
 
@@ -24,6 +25,7 @@ __all__ = [
     "one_line",
     "read_folder",
     "read_recording",
+    "record_warnings",
     "rig_preset",
     "write_recording",
 ]

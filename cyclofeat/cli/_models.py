@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
@@ -12,7 +13,7 @@ from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._printing import note
 
 if TYPE_CHECKING:
-    from cyclofeat.counting import LobeModel
+    from cyclofeat.counting import LobeCount, LobeModel
     from cyclofeat.recordings import Recording
 
 
@@ -61,6 +62,15 @@ def read_model(arguments: argparse.Namespace) -> LobeModel:
         return model
     loaded = load_model(arguments.model, trusted=arguments.trust, allow=arguments.allow, cache=cache)
     return as_lobe_model(loaded, read_card(arguments.model))
+
+
+def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
+    """Count a recording; warnings about the record itself follow those of the count."""
+    from cyclofeat.datasets import record_warnings
+
+    count = model.count(recording)
+    of_record = record_warnings(recording, reduction=model.n_lobes)
+    return replace(count, warnings=(*count.warnings, *of_record))
 
 
 def model_name(arguments: argparse.Namespace) -> str:

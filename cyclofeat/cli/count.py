@@ -11,7 +11,13 @@ from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._count_table import count_table
 from cyclofeat.cli._history import add_history_options, history_writer
-from cyclofeat.cli._models import add_model_options, model_name, read_model, without_start
+from cyclofeat.cli._models import (
+    add_model_options,
+    count_with_warnings,
+    model_name,
+    read_model,
+    without_start,
+)
 from cyclofeat.cli._printing import note
 from cyclofeat.cli._reading import (
     FILES,
@@ -67,7 +73,7 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
 
         def counted_of(path: Path, recording: Recording) -> Counted:
             recording = without_start(recording, arguments.skip)
-            count = model.count(recording)
+            count = count_with_warnings(model, recording)
             first, last = count.windows[0], count.windows[-1]
             # Rounding of a window to whole samples leaves a residue that is no time.
             unused = max(0.0, round(recording.duration - last.stop_s, 6))

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cyclofeat._base.words import lobes_text, number
 from cyclofeat.cli._history import HistoryWriter, add_history_options, history_writer
-from cyclofeat.cli._models import add_model_options, model_name, read_model, without_start
+from cyclofeat.cli._models import (
+    add_model_options,
+    count_with_warnings,
+    model_name,
+    read_model,
+    without_start,
+)
 from cyclofeat.cli._printing import note, warn
 from cyclofeat.cli._reading import (
     UNREADABLE,
@@ -145,7 +151,7 @@ def _arrivals(
             name = ""
             try:
                 recording = without_start(read_recording(path, **options), arguments.skip)
-                count = model.count(recording)
+                count = count_with_warnings(model, recording)
                 if writer is not None:
                     name = writer.add(path, recording, count)
             except FileNotFoundError:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cyclofeat._base.words import number
 from cyclofeat.recordings import Recording, WindowSet
@@ -37,7 +38,7 @@ _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -14.0, -68.0, -8.0
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
 _SLIP = 0.055
-# Advance of the angle in an eighth of a turn, as a multiple of the median.
+# Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before.
 _ANGLE_STEPS = (0.5, 1.5)
 _JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
@@ -67,13 +68,19 @@ def window_faults(recording: Recording, windows: WindowSet, stop_s: Float, n_lob
     if angle is None or not over_time:
         turns_per_unit = n_lobes / float(stop_s[0] - windows.start_s[0]) if over_time else 1.0
         unsteady = _speed_changes(windows.X, windows.sampling_rate, turns_per_unit, n_lobes)
+    # Windows over the angle may have any speed, of a run-up too.
+    stated = recording.input_speed_hz
+    of_speed = "" if angle is None or over_time else _of_speed(angle, rate, stated)
     reasons = []
     for start, stop, speed_changes in zip(windows.start_s, stop_s, unsteady, strict=True):
         rows = slice(round(float(start) * rate), round(float(stop) * rate))
         speed = n_lobes / float(stop - start)
+        if angle is not None and over_time:
+            of_speed = _of_speed(angle[rows], rate, stated)
         reasons.append(
             _of_samples(recording.torque[rows], rate, speed, n_lobes)
-            or ("" if angle is None else _of_angle(angle[rows], rate, recording.input_speed_hz or speed))
+            or ("" if angle is None else _of_angle(angle[rows], rate, stated or speed))
+            or of_speed
             or speed_changes
         )
     return tuple(reasons)
@@ -132,12 +139,28 @@ def _of_noise(torque: Float, sampling_rate: float, n_parts: int) -> str:
 
 
 def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
-    """Return what is wrong with the angle of the input within a window, beside the stated speed."""
+    """Return what is wrong with the angle of the input within a window.
+
+    A run-up is far from the median too, but never changes at once.
+    """
     advance = np.diff(angle[:: max(1, round(sampling_rate / input_speed_hz / 8))])
     advance /= np.median(advance)
-    if advance.min() < _ANGLE_STEPS[0] or advance.max() > _ANGLE_STEPS[1]:
+    at_once = _is_off(advance[1:] / advance[:-1])
+    if np.any(_is_off(advance[1:]) & at_once) or np.any(_is_off(advance[:-1]) & at_once):
         return "the angle jumps or stands still within the window"
-    speed = float(angle[-1] - angle[0]) / (2 * np.pi) * sampling_rate / (angle.size - 1)
+    return ""
+
+
+def _is_off(advance: Float) -> NDArray[np.bool_]:
+    """Mark what lies far below or above 1."""
+    return (advance < _ANGLE_STEPS[0]) | (advance > _ANGLE_STEPS[1])
+
+
+def _of_speed(angle: Float, sampling_rate: float, input_speed_hz: float | None) -> str:
+    """Return how the usual speed of the angle differs from the stated one."""
+    if input_speed_hz is None:
+        return ""
+    speed = float(np.median(np.diff(angle))) / (2 * np.pi) * sampling_rate
     if abs(speed / input_speed_hz - 1) > _SLIP:
         return f"its angle turns at {60 * speed:.4g} RPM, but {60 * input_speed_hz:.4g} RPM are stated"
     return ""

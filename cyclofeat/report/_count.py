@@ -225,17 +225,18 @@ def _row(item: CountedRecording) -> dict[str, Any]:
 
 
 def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
-    from cyclofeat.datasets import describe
+    from cyclofeat.datasets import describe, record_warnings
 
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())
     speed_hz = model.speed_of(recording)
     described = describe(recording.replace(speed_rpm=60 * speed_hz), reduction=model.n_lobes)
+    of_record = record_warnings(recording, reduction=model.n_lobes)
     return {
         "heading": count_heading(count.defect_count),
         "reason": count.reason,
         "speed_known": _speed_known(item),
-        "warnings": [*count.warnings, *_quality(described["warnings"])],
+        "warnings": list(dict.fromkeys([*count.warnings, *of_record])),
         "shares": [{"count": c, "value": p, "text": probability_text(p)} for c, p in shares],
         "sets": _sets(model, recording),
         "windows": f"{number(count.n_windows, 'window')} of one output turn "
@@ -270,11 +271,6 @@ def _window_table(count: LobeCount) -> list[dict[str, Any]]:
 def _speed_known(item: CountedRecording) -> bool:
     """Return True if the speed is known by a tachometer, or the torque is like that of training."""
     return item.recording.angle is not None or not item.count.refused
-
-
-def _quality(notes: Sequence[str]) -> list[str]:
-    """Warnings about the recording that the count and the page do not give."""
-    return [note for note in notes if not note.startswith(("no angle", "no speed", "the record holds"))]
 
 
 def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@
 """
 
 from cyclofeat.datasets.readers._columns import Source
-from cyclofeat.datasets.readers._describe import describe, describe_recording, one_line
+from cyclofeat.datasets.readers._describe import describe, describe_recording, one_line, record_warnings
 from cyclofeat.datasets.readers._folder import MANIFEST, Entry, folder_entries, read_folder
 from cyclofeat.datasets.readers._npz import load_arrays
 from cyclofeat.datasets.readers._read import (
@@ -38,5 +38,6 @@ __all__ = [
     "one_line",
     "read_folder",
     "read_recording",
+    "record_warnings",
     "write_recording",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from cyclofeat.signal.speed import follow_speed, search_speed
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
+# Parts of a record whose mean torque and speed are compared with the median; the shares by which those of a
+# run-up lie off it.
+_PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, 0.2, 0.1
 
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
@@ -44,6 +48,9 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         ``output_turns`` : output turns recorded, by the measured speed, else the nominal one, or None.
         ``whole_output_turns`` (int) and ``unused_s`` : the rest after them, in s.
 
+        ``run_up_s`` : time at the start, in s, in which speed or mean torque differ from the rest of the
+        record, or None.
+
         ``angle_unit_assumed`` (bool), ``time_jitter`` (samples, or None), ``start_time`` (or None).
 
         ``warnings`` : list of str, what would spoil a count.
@@ -64,12 +71,52 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     >>> round(facts["clipped_share"], 2), facts["whole_output_turns"]
     (0.14, 1)
     """
+    reduction = _checked_reduction(recording, reduction)
+    facts = _facts(recording, *_speed(recording, reduction), reduction)
+    facts["warnings"] = _warnings(recording, facts, reduction)
+    return facts
+
+
+def record_warnings(recording: Recording, *, reduction: int | None = None) -> list[str]:
+    """Return the warnings of :func:`describe` that a count does not give itself.
+
+    A count states the speed that it finds in the torque, and that positions are relative. It raises an error
+    where a recording is too short, has no speed or too low a sampling rate. Without the search for a speed,
+    this takes less time than :func:`describe`.
+
+    Parameters
+    ----------
+    recording : Recording
+    reduction : int, optional
+        As of :func:`describe`.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> record_warnings(Recording([21.0, 23.0], 25_600, meta={"time_jitter": 0.2}))
+    ['the times jitter by up to 0.2 samples']
+    """
+    reduction = _checked_reduction(recording, reduction)
+    speed = recording.mean_input_speed(reduction)
+    return _of_record(recording, _facts(recording, speed, "angle", reduction))
+
+
+def _checked_reduction(recording: Recording, reduction: int | None) -> int:
     reduction = recording.n_lobes if reduction is None else reduction
     if reduction < 2:
         raise ValueError(f"reduction must be at least 2 (input turns per output turn), got {reduction!r}")
+    return reduction
+
+
+def _facts(
+    recording: Recording, speed: float | None, speed_from: str | None, reduction: int
+) -> dict[str, Any]:
+    """Return what :func:`describe` does, without warnings; ``speed`` is the measured one."""
     meta = recording.meta or {}
     facts = describe_recording(recording)
-    speed, speed_from = _speed(recording, reduction)
     nominal = recording.input_speed_hz
     known = speed or nominal
     turns = whole = unused = None
@@ -81,7 +128,7 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     drops = np.zeros(recording.n_samples, dtype=bool) if constant else dropped(recording.torque)
     kept = recording.torque[~drops] if drops.any() else recording.torque
     clips = 0.0 if constant else float(clipped(kept) * np.mean(~drops))
-    facts |= {
+    return facts | {
         "clipped_share": clips,
         "dropout_share": float(np.mean(drops)),
         "speed_measured_rpm": None if speed is None else 60 * speed,
@@ -90,12 +137,30 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
         "output_turns": turns,
         "whole_output_turns": whole,
         "unused_s": unused,
+        "run_up_s": _run_up(recording),
         "angle_unit_assumed": bool(meta.get("angle_unit_assumed", False)),
         "time_jitter": meta.get("time_jitter"),
         "start_time": meta.get("start_time"),
     }
-    facts["warnings"] = _warnings(recording, facts, reduction)
-    return facts
+
+
+def _run_up(recording: Recording) -> float | None:
+    """Return how long a run-up at the start lasts, in s; None where there is none, or no steady rest."""
+    size = recording.n_samples // _PARTS
+    if not size:
+        return None
+    levels = [(recording.torque[: _PARTS * size].reshape(_PARTS, size).mean(axis=1), _OTHER_LEVEL)]
+    if recording.angle is not None:
+        edges = np.minimum(size * np.arange(_PARTS + 1), recording.n_samples - 1)
+        levels.append((np.diff(recording.angle[edges]), _OTHER_SPEED))
+    last = -1
+    for level, share in levels:
+        usual = np.median(level)
+        off = np.abs(level - usual) > share * abs(usual)
+        if off[0] and not off[_PARTS // 2 :].any():
+            last = max(last, int(np.flatnonzero(off)[-1]))
+    # With the next part, in which it may end; in tenths of a second.
+    return None if last < 0 else math.ceil(10 * (last + 2) * size / recording.sampling_rate) / 10
 
 
 def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
@@ -120,12 +185,41 @@ def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | No
 
 def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> list[str]:
     """Warnings of what would spoil a count, the gravest first."""
+    notes = []
+    if facts["whole_output_turns"] == 0:
+        notes.append(
+            f"the record holds {facts['output_turns']:.2g} output turns, a count needs one "
+            f"({reduction} input turns)"
+        )
+    speed = facts["speed_measured_rpm"]
+    if recording.speed_rpm is None and speed is None:
+        notes.append("no speed is stated: the length of an output turn is not known")
+    known = recording.speed_rpm if speed is None else speed
+    if known is not None:
+        needed = SAMPLES_PER_TURN * known / 60
+        if recording.sampling_rate < needed:
+            notes.append(
+                f"{recording.sampling_rate:g} Hz are too few for all lobe lines of a count, which need "
+                f"{needed:.0f} Hz: only a model trained at such a rate counts them"
+            )
+    of_record = _of_record(recording, facts)
+    if facts["constant"]:
+        return of_record
+    relative = [] if recording.angle is not None else ["no angle: positions of lobes will be relative"]
+    return notes + of_record + relative
+
+
+def _of_record(recording: Recording, facts: dict[str, Any]) -> list[str]:
+    """Warnings of the record itself, whatever is counted in it, the gravest first."""
     if facts["constant"]:
         return [
             f"the record is constant ({facts['minimum']:g} {facts['unit']}): sensor dead or not connected?"
         ]
     notes = []
-    nominal = recording.input_speed_hz
+    if (run_up := facts["run_up_s"]) is not None:
+        notes.append(
+            f"run-up at the start: leave it out with --skip {run_up:g}, in Python recording.part({run_up:g})"
+        )
     if facts["dropout_share"] > _MOST_DROPPED:
         notes.append(f"{100 * facts['dropout_share']:.2g} % of the samples are dropouts")
     if facts["clipped_share"] > _MOST_CLIPPED:
@@ -133,28 +227,12 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
             f"{100 * facts['clipped_share']:.2g} % of the samples are clipped at {facts['minimum']:g} or "
             f"{facts['maximum']:g} {facts['unit']}"
         )
-    if facts["whole_output_turns"] == 0:
-        notes.append(
-            f"the record holds {facts['output_turns']:.2g} output turns, a count needs one "
-            f"({reduction} input turns)"
-        )
-    speed = facts["speed_measured_rpm"]
-    if nominal is None and speed is None:
-        notes.append("no speed is stated: the length of an output turn is not known")
     deviation = facts["speed_deviation"]
     if deviation is not None and abs(deviation) > _SPEED_TOLERANCE:
         notes.append(
-            f"the input turns at {speed:.5g} RPM by its {facts['speed_from']}, {100 * deviation:+.2g} % off "
-            f"the nominal {60 * nominal:.5g} RPM"  # type: ignore[operator]
+            f"the input turns at {facts['speed_measured_rpm']:.5g} RPM by its {facts['speed_from']}, "
+            f"{100 * deviation:+.2g} % off the nominal {recording.speed_rpm:.5g} RPM"
         )
-    known = nominal if speed is None else speed / 60
-    if known is not None:
-        needed = SAMPLES_PER_TURN * known
-        if recording.sampling_rate < needed:
-            notes.append(
-                f"{recording.sampling_rate:g} Hz are too few for all lobe lines of a count, which need "
-                f"{needed:.0f} Hz: only a model trained at such a rate counts them"
-            )
     if facts["unit_assumed"]:
         notes.append(f"the file states no unit of {in_words(recording.quantity)}: {facts['unit']} assumed")
     if facts["angle_unit_assumed"]:
@@ -163,8 +241,6 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
         notes.append(f"the angle of the shaft {how}")
     if facts["time_jitter"]:
         notes.append(f"the times jitter by up to {facts['time_jitter']:g} samples")
-    if recording.angle is None:
-        notes.append("no angle: positions of lobes will be relative")
     return notes
 
 

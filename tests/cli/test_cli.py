@@ -355,6 +355,66 @@ def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
         assert part in page
 
 
+def clipped(recording):
+    return recording.replace(torque=np.minimum(recording.torque, np.quantile(recording.torque, 0.997)))
+
+
+def dropped(recording):
+    torque = recording.torque.copy()
+    torque[5_000 : 5_000 + round(0.0035 * torque.size)] = 0
+    return recording.replace(torque=torque)
+
+
+def off_the_nominal_speed(recording):
+    return recording.replace(speed_rpm=60 * recording.mean_input_speed() / 1.022)
+
+
+def jittering(recording):
+    return recording.replace(meta={"time_jitter": 0.2})
+
+
+def derived_angle(recording):
+    return recording.replace(meta={"angle_from": "was made continuous"})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (clipped, "0.3 % of the samples are clipped at"),
+        (dropped, "0.35 % of the samples are dropouts"),
+        (off_the_nominal_speed, "RPM by its angle, +2.2 % off the nominal"),
+        (jittering, "the times jitter by up to 0.2 samples"),
+        (derived_angle, "the angle of the shaft was made continuous"),
+    ],
+)
+def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, monkeypatch, spoil, words):
+    drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
+    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
+    recording = spoil(read_recording(folder / "worn.csv"))
+    file, page = tmp_path / "worn.npz", tmp_path / "count.html"
+    write_recording(file, recording)
+    code, inspected, _ = run(capsys, "inspect", file, "--json")
+    (warning,) = json.loads(inspected)[0]["warnings"]
+    assert code == 0
+    assert words in warning
+    model = ["--model", folder / "model.joblib", "--trust"]
+    _, counted, _ = run(capsys, "count", file, *model, "--json")
+    assert json.loads(counted)[0]["warnings"] == [warning]
+    _, text, _ = run(capsys, "count", file, *model, "--report", page)
+    assert text.count(f"note: {warning}") == 1
+    assert page.read_text(encoding="utf-8").count(f"<li>{warning}") == 1
+    _, text, _ = run(capsys, "watch", tmp_path, *model, "--once", "--settle", 0.01)
+    assert text.count(f"note: {warning}") == 1
+
+
+def test_count_does_not_repeat_what_it_says_itself(capsys, folder, tmp_path):
+    recording = read_recording(folder / "worn.csv")
+    write_recording(tmp_path / "worn.npz", recording.replace(angle=None, angle_is_absolute=False))
+    options = ["--model", folder / "model.joblib", "--trust", "--json"]
+    _, out, _ = run(capsys, "count", tmp_path / "worn.npz", *options)
+    assert len([one for one in json.loads(out)[0]["warnings"] if "relative" in one]) == 1
+
+
 def test_count_writes_a_table_row_by_row(capsys, folder, tmp_path):
     table = tmp_path / "counts.csv"
     options = ["--model", folder / "model.joblib", "--trust", "--csv", table]
@@ -405,6 +465,23 @@ def test_the_run_up_can_be_left_out(capsys, folder, tmp_path):
     )  # fmt: skip
     assert code == 0
     assert json.loads(out)[0]["defect_count"] == recording.defect_count
+
+
+@pytest.mark.slow
+def test_a_refused_run_up_is_named_with_the_option_that_leaves_it_out(capsys, tmp_path):
+    file = tmp_path / "run.npz"
+    code, *_ = run(capsys, "simulate", "--worn-count", 4, "--duration", 3, "--out", file)
+    assert code == 0
+    _, out, _ = run(capsys, "inspect", file)
+    (seconds,) = re.findall("warning:   run-up at the start: leave it out with --skip ([0-9.]+)", out)
+    _, out, _ = run(capsys, "count", file, "--json")
+    (refused,) = json.loads(out)
+    assert refused["refused"]
+    assert any(f"--skip {seconds}" in warning for warning in refused["warnings"])
+    _, out, _ = run(capsys, "count", file, "--skip", seconds, "--json")
+    (counted,) = json.loads(out)
+    assert counted["defect_count"] == 4
+    assert not any("--skip" in warning for warning in counted["warnings"])
 
 
 def test_evaluate_labelled_files(capsys, tmp_path, monkeypatch, surrogates):

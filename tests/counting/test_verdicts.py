@@ -10,6 +10,8 @@ from scipy.signal import butter, sosfilt
 
 from cyclofeat import Recording, Windower
 from cyclofeat.counting._verdicts import disagreement, most_frequent, outvoted, window_faults
+from cyclofeat.recordings import shaft_windows
+from cyclofeat.signal.orders import samples_at
 
 RATE, SPEED, TURN = 25_600.0, 500 / 60, 46_080
 
@@ -29,6 +31,13 @@ def faults(torque, angle=None, speed_rpm=None):
     recording = Recording(torque, RATE, angle=angle, speed_rpm=speed_rpm)
     windows = Windower(input_speed_hz=SPEED, reduction=15).windows(recording)
     return window_faults(recording, windows, windows.start_s + TURN / RATE, 15)
+
+
+def faults_over_the_angle(torque, angle, speed_rpm=None):
+    recording = Recording(torque, RATE, angle=angle, speed_rpm=speed_rpm)
+    windows = shaft_windows([recording], [angle], 15)
+    ends = windows.start_angle + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
+    return window_faults(recording, windows, samples_at(ends, angle) / RATE, 15)
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.5])
@@ -134,6 +143,32 @@ def test_a_wandering_speed(share, unsteady):
     ratio = 1 + share * np.sin(np.linspace(0, 2 * np.pi, TURN))
     (reason,) = faults(geared(2, 0.05, ratio=ratio))
     assert bool(re.fullmatch(r"the speed changes by \d.\d% within the window", reason)) == unsteady
+
+
+@pytest.mark.parametrize("start", [0.2, 0.6])
+@pytest.mark.parametrize("speed_rpm", [None, 500])
+def test_a_run_up_is_no_fault_of_the_angle(start, speed_rpm):
+    """Over 1.5 s, at most a half of the record."""
+    ratio = np.minimum(1.0, start + (1 - start) * np.arange(4 * TURN) / (1.5 * RATE))
+    angle = 2 * np.pi * SPEED * np.cumsum(ratio) / RATE
+    torque = geared(2, 0.05, turns=4, ratio=ratio)
+    assert set(faults_over_the_angle(torque, angle, speed_rpm)) == {""}
+    if speed_rpm:
+        # Windows over time are all of one speed.
+        slow, *others = faults(torque, angle, speed_rpm)
+        assert (bool(slow), set(others)) == (True, {""})
+    angle[TURN // 2 :] += 2 * np.pi
+    first, *_ = faults_over_the_angle(torque, angle, speed_rpm)
+    assert first == "the angle jumps or stands still within the window"
+
+
+@pytest.mark.parametrize("braking_s", [0.0, 0.3])
+def test_an_angle_that_stands_still(braking_s):
+    """At once or after braking: the angle still rises by what a recording needs."""
+    ratio = np.interp(np.arange(TURN), RATE * np.array([0.5, 0.5 + braking_s, 1.2, 1.2]), [1, 0, 0, 1])
+    angle = 2 * np.pi * SPEED * np.cumsum(ratio + 1e-9) / RATE
+    (reason,) = faults(geared(), angle, speed_rpm=500)
+    assert reason == "the angle jumps or stands still within the window"
 
 
 def test_the_angle_says_how_the_speed_changes_unless_it_jumps():

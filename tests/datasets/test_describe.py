@@ -89,6 +89,26 @@ def test_the_speed_by_lobe_lines(share):
     assert found["output_turns"] == pytest.approx(4 * share * 500 / 60 / 15, rel=1e-3)
 
 
+@pytest.mark.parametrize("by", ["torque", "angle"])
+def test_a_run_up_is_named_with_the_time_to_leave_out(by):
+    course = np.minimum(1.0, np.arange(N) / (0.5 * RATE))
+    torque = geared() * (course if by == "torque" else 1)
+    angle = None if by == "torque" else 2 * np.pi * 500 / 60 * np.cumsum(course + 1e-6) / RATE
+    recording = Recording(torque, RATE, angle=angle, speed_rpm=500)
+    found = describe(recording)
+    assert 0.5 <= found["run_up_s"] <= 0.7
+    assert warned(found, f"run-up at the start: leave it out with --skip {found['run_up_s']:g}")
+    assert describe(recording.part(found["run_up_s"]))["run_up_s"] is None
+
+
+def test_other_changes_of_the_torque_are_no_run_up():
+    shares = np.arange(N) / N
+    levels = [1 + 0.15 * shares, 1 + 0.5 * (shares > 0.6), 1 + 0.5 * np.sin(20 * shares), 0 * shares]
+    for level in levels:
+        recording = Recording(geared() - 22 + 22 * level, RATE, speed_rpm=500)
+        assert describe(recording)["run_up_s"] is None
+
+
 def test_records_without_lobe_lines_have_no_speed():
     """No warning either: a healthy disc has none."""
     for seed in range(40):
