@@ -204,7 +204,8 @@ def test_every_command_of_rigs_takes_effects_of_the_user(capsys, tmp_path, comma
 
 @pytest.mark.slow
 def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
-    Rig.r0().replace(name="mine", effects=[Offset(0.5)]).to_json(tmp_path / "mine.json")
+    possible = [(TorqueMeterLowPass(900.0),), (TorqueMeterLowPass(2000.0),)]
+    Rig.r0().replace(name="mine", effects=[Offset(0.5)], variants=possible).to_json(tmp_path / "mine.json")
     code, out, err = run(
         capsys, "train", "--rig", tmp_path / "mine.json", "--assemblies", 2, "--max-count", 1,
         "--out", tmp_path / "m.joblib", "--jobs", 1,

@@ -124,7 +124,7 @@ def test_an_interrupted_preparation_goes_on(rigs, folder):
     shards[1].unlink()
     (folder / ".shard-00001.npz.0000.part").write_bytes(before[:100])
     done = []
-    again = prepare_world(SMALL, folder, 15, progress=lambda *args: done.append(args))
+    again = prepare_world(SMALL, folder, 15, n_jobs=2, progress=lambda *args: done.append(args))
     assert done == [(2, 2)]
     assert shards[0].stat().st_mtime_ns == kept
     assert sorted(path.name for path in folder.iterdir()) == [*(s.name for s in shards), "world.json"]
