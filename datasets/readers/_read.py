@@ -90,7 +90,7 @@ class ReadingOptions:
     scale : float, optional
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
-        per unit.
+        per unit. A motor current in % or p.u. (of the rated one) needs none.
     delimiter : {",", ";", "\\t", " "}, optional
         Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
         of spaces where there are none and the first samples are several numbers.
