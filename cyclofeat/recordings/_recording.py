@@ -35,9 +35,9 @@ class Recording:
     Parameters
     ----------
     torque : array_like of shape (n,)
-        Samples of the quantity, in Nm; a motor current in A, or in Nm where a torque constant scaled it
-        (``meta["unit"]`` is then "Nm"). Real, finite, within +-1e100, at least two samples. Copied, then
-        read-only.
+        Samples of the quantity, in Nm; a motor current in A, or in the unit in ``meta["unit"]``: "Nm" where a
+        torque constant scaled it, "%" or "p.u." of the rated current. Real, finite, within +-1e100, at least
+        two samples. Copied, then read-only.
     sampling_rate : float
         Samples per second, in Hz.
     quantity : {"output_torque", "input_torque", "motor_current"}, default "output_torque"

@@ -17,6 +17,7 @@ from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
 from cyclofeat.datasets.readers._quantities import (
     CURRENT_UNITS,
+    RELATIVE_UNITS,
     TORQUE_UNITS,
     UNITS_OF,
     is_usual,
@@ -40,12 +41,12 @@ PULSE_NAMES = {
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi}
-UNITS = TORQUE_UNITS | CURRENT_UNITS | TIME_UNITS | ANGLE_UNITS
+UNITS = TORQUE_UNITS | CURRENT_UNITS | RELATIVE_UNITS | TIME_UNITS | ANGLE_UNITS
 _OTHER_SPELLINGS = {
     "µs": "us", "μs": "us", "sec": "s", "second": "s", "seconds": "s", "sekunden": "s", "msec": "ms",
     "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "rev.": "rev", "turn": "rev", "turns": "rev", "umdrehungen": "rev", "newtonmeter": "Nm",
-    "ampere": "A", "amp": "A", "amps": "A",
+    "ampere": "A", "amp": "A", "amps": "A", "pu": "p.u.", "percent": "%", "prozent": "%",
 }  # fmt: skip
 # Units that may follow a name after an underscore, as in torque_nm.
 _UNIT_SUFFIXES = {unit.lower(): unit for unit in UNITS if unit != "A"}  # phase_a is the first of three
@@ -239,10 +240,11 @@ class Source:
     def factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
         """Nm or A per unit of a channel, and which of them; None where Nm, or A of a current, is assumed.
 
-        A scale of a current in A or mA is its torque constant, after which the samples are in Nm.
+        A share of the rated current stays as it is. A scale of a current in A or mA is its torque constant,
+        after which the samples are in Nm.
         """
         unit, usual = self.units[index], next(iter(UNITS_OF[quantity]))
-        known = UNITS_OF[quantity] | (TORQUE_UNITS if quantity == "motor_current" else {})
+        known = UNITS_OF[quantity] | (RELATIVE_UNITS | TORQUE_UNITS if quantity == "motor_current" else {})
         if scale is not None:
             return float(scale), "Nm" if unit in CURRENT_UNITS else usual
         if unit is None:
@@ -253,7 +255,7 @@ class Source:
                 "unit)" + (", or {quantity:='motor_current'}" if unit in CURRENT_UNITS else ""),
                 file=self.file, name=self.names[index], unit=unit, known=", ".join(known), usual=usual,
             )  # fmt: skip
-        return known[unit], "Nm" if unit in TORQUE_UNITS else "A"
+        return known[unit], unit if unit in RELATIVE_UNITS else "Nm" if unit in TORQUE_UNITS else "A"
 
     def angle_factor(self, index: int, angle_unit: str | None) -> tuple[float, bool]:
         """Radians per unit of the angle's channel, and whether that is assumed."""

@@ -6,6 +6,8 @@ import re
 
 TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
 CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+# Of the rated current: kept as they are, since a count does not depend on the scale.
+RELATIVE_UNITS = {"%": 1.0, "p.u.": 1.0}
 UNITS_OF = {"output_torque": TORQUE_UNITS, "input_torque": TORQUE_UNITS, "motor_current": CURRENT_UNITS}
 
 _TORQUE, _CURRENT = "torque|(?:dreh)?moment", "current|strom"

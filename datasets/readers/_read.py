@@ -53,6 +53,8 @@ _BEGINNINGS = (
     (b"\x89HDF\r\n\x1a\n", ".mat"), (b"PAR1", ".parquet"), (b"RIFF", ".wav"), (b"RIFX", ".wav"),
     (b"RF64", ".wav"), (b"\x1f\x8b", ".csv.gz"), (b"%PDF", ".pdf"),
 )  # fmt: skip
+# In reverse the lobes pass, and are loaded, the other way round; or the sensor was mounted so.
+_TURNED = "was turned round, since it fell: positions of lobes are relative, and may count the other way"
 # No input shaft turns faster; an angle in degrees taken for rad would.
 _FASTEST_INPUT_HZ = 100.0
 
@@ -83,14 +85,15 @@ class ReadingOptions:
         like; False leaves it out.
     angle_unit : {"rad", "deg", "rev"}, optional
         Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad. An
-        angle that starts again at each turn, or rises in an encoder's steps, is made continuous.
+        angle that starts again at each turn, or rises in an encoder's steps, is made continuous. Where the
+        input's angle falls, as of a machine in reverse, its sign is changed, and it is not absolute.
     pulses_per_turn : int, optional
         The angle's channel holds so many pulses in each turn of the shaft (1: an index). Its default is then
         the one called "pulses", "tacho", "index" and the like.
     scale : float, optional
         Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
         current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
-        per unit.
+        per unit. A motor current in % or p.u. (of the rated one) needs none.
     delimiter : {",", ";", "\\t", " "}, optional
         Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
         of spaces where there are none and the first samples are several numbers.
@@ -221,10 +224,16 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         parameters.pop("defect_count", None)  # the file's count belongs to the file's lobes
     elif labels.get("defect_count") is not None:
         parameters.pop("worn_lobes", None)
-    for name in {"torque", "angle"} & parameters.keys():
-        parameters[name].flags.writeable = False  # so that it is not copied
+    given = parameters | labels
+    angle = given.get("angle")
+    if angle is not None and given.get("angle_of", "input") == "input" and angle[-1] < angle[0]:
+        given |= {"angle": -angle, "angle_is_absolute": False}
+        first = f"{meta['angle_from']} and " if "angle_from" in meta else ""
+        meta["angle_from"] = first + _TURNED
+    for name in {"torque", "angle"} & given.keys():
+        given[name].flags.writeable = False  # so that it is not copied
     try:
-        recording = Recording(**(parameters | labels), meta=meta)
+        recording = Recording(**given, meta=meta)
     except TypeError as error:
         raise TypeError(f"{path.name}: {error}") from None
     except ValueError as error:

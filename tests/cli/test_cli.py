@@ -11,6 +11,7 @@ import sys
 import weakref
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -741,6 +742,21 @@ def test_errors_of_reading_name_options_not_arguments(capsys, folder, tmp_path, 
     assert code == 2
     assert message in err
     assert re.search(r"[a-z]+_[a-z]+ ?=", err) is None, err
+
+
+def test_count_names_each_speed_that_the_torque_allows_and_the_option(capsys, folder, tmp_path, monkeypatch):
+    recording = read_recording(folder / "worn.csv")
+    unknown = recording.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
+    write_recording(tmp_path / "unknown.npz", unknown)
+    found = [SimpleNamespace(speed_hz=rpm / 60) for rpm in (250, 500)]
+    monkeypatch.setattr("cyclofeat.counting._turning.search_speed", lambda *_: found)
+    model = ["--model", folder / "model.joblib", "--trust"]
+    code, _, err = run(capsys, "count", tmp_path / "unknown.npz", *model)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "its output torque allows 250 or 500 RPM: give --speed (nominal speed of the input in RPM)" in err
+    code, _, _ = run(capsys, "count", tmp_path / "unknown.npz", *model, "--speed", 500)
+    assert code == 0
 
 
 def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path, surrogates):

@@ -10,7 +10,7 @@ from sklearn.base import clone
 from sklearn.dummy import DummyClassifier
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.pipeline import Pipeline
-from small_model import recording, small_model
+from small_model import recording, shaft_model, small_model
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat.counting import (
@@ -407,3 +407,22 @@ def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     )
     with pytest.raises(ValueError, match="short"):
         model.count(recording.replace(torque=recording.torque[:1000], angle=None, angle_is_absolute=False))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("share", "n_blocks"), [(0.1, 1), (0.1, 4), (0.2, 8), (0.02, 2)])
+def test_a_recording_without_some_of_its_blocks_is_refused(seed, share, n_blocks):
+    """What is left lies side by side, as if nothing were missing; the angle says otherwise."""
+    whole = recording((4, 5, 6), seed=100 + seed, turns=4)
+    random = np.random.default_rng(seed)
+    starts = (np.arange(n_blocks) + 0.8 * random.random(n_blocks)) * whole.n_samples / n_blocks
+    length = int(share * whole.n_samples / n_blocks)
+    lost = np.concatenate([int(start) + np.arange(length) for start in starts])
+    torque, angle = (np.delete(values, lost) for values in (whole.torque, whole.angle))
+    count = shaft_model().count(whole.replace(torque=torque, angle=angle))
+    assert count.refused
+    assert "the angle jumps" in count.reason or "it turns at" in count.reason
+    # Without a tachometer nothing says so, but a count that is given is right.
+    unknown = whole.replace(torque=torque, angle=None, angle_is_absolute=False)
+    count = shaft_model().count(unknown)
+    assert count.refused or count.defect_count == 3

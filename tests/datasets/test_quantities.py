@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cyclofeat.cli import main
-from cyclofeat.datasets import one_line, read_folder, read_recording, write_recording
+from cyclofeat.datasets import describe, one_line, read_folder, read_recording, write_recording
 from cyclofeat.recordings import QUANTITIES, Recording
 
 OUT, IN, CURRENT = QUANTITIES
@@ -89,6 +89,25 @@ def test_a_torque_constant_turns_a_current_into_torque(tmp_path):
     assert one_line(recording).startswith("rig.csv: motor current (Motorstrom [A]) 5.1 to 10.1 Nm")
     volts = file_with(tmp_path, "i_q [V],n")
     assert read_recording(volts, sampling_rate=9, quantity=CURRENT, scale=2).unit == "A"  # A per V
+
+
+@pytest.mark.parametrize(("stated", "unit"), [("%", "%"), ("p.u.", "p.u."), ("pu", "p.u.")])
+def test_a_current_may_be_a_share_of_the_rated_one(tmp_path, stated, unit):
+    path = file_with(tmp_path, f"Motorstrom [{stated}];n")
+    recording = read_recording(path, sampling_rate=9, quantity=CURRENT)
+    np.testing.assert_array_equal(recording.torque, [100, 200])
+    assert recording.unit == unit
+    write_recording(tmp_path / "run.npz", recording)
+    assert read_recording(tmp_path / "run.npz") == recording
+    assert describe(recording)["warnings"][-1] == "no angle: positions of lobes will be relative"
+    amperes = read_recording(path, sampling_rate=9, quantity=CURRENT, scale=0.1)
+    assert (amperes.unit, amperes.torque[0]) == ("A", 10)
+    path.write_text(f"Motorstrom;n\n{stated};\n1;2\n3;4\n", encoding="utf-8")  # a row of units
+    assert read_recording(path, sampling_rate=9, quantity=CURRENT).unit == unit
+    with pytest.raises(ValueError, match=r"known are Nm"):  # not of a torque
+        read_recording(file_with(tmp_path, f"torque [{stated}],n"), sampling_rate=9)
+    with pytest.raises(ValueError, match="channel must be given"):  # nor does it tell a current
+        read_recording(file_with(tmp_path, f"load [{stated}],n"), sampling_rate=9, quantity=CURRENT)
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])

@@ -13,6 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from small_model import recording as burst_recording
+from small_model import shaft_model
 
 from cyclofeat.datasets import (
     describe,
@@ -884,3 +886,27 @@ def test_what_is_no_angle_is_named_with_its_channel(tmp_path):
 def test_pulses_need_a_number_and_a_channel(tmp_path, options, message):
     with pytest.raises(ValueError, match=message):
         read_recording(tacho_file(tmp_path / "rig.npz", turned(), "angle"), **options)
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_machine_in_reverse_has_the_same_count(tmp_path, wrapped):
+    forward = burst_recording((4, 5, 6), seed=100, turns=2)
+    angle = -forward.angle % (2 * np.pi) if wrapped else -forward.angle
+    np.savetxt(
+        tmp_path / "reverse.csv", np.c_[forward.torque, angle], delimiter=",", comments="",
+        header="torque [Nm],angle [rad]",
+    )  # fmt: skip
+    options = {"sampling_rate": forward.sampling_rate, "speed_rpm": 500, "angle_is_absolute": True}
+    reverse = read_recording(tmp_path / "reverse.csv", **options)
+    (warning,) = describe(reverse)["warnings"]
+    made = "was made continuous and " if wrapped else ""
+    assert warning == (
+        f"the angle of the shaft {made}was turned round, since it fell: positions of lobes are relative, and "
+        "may count the other way"
+    )
+    np.testing.assert_allclose(np.diff(reverse.angle), np.diff(forward.angle), atol=1e-9)
+    count = shaft_model().count(reverse)
+    assert (count.defect_count, count.refused, count.absolute) == (3, False, False)
+    assert count.probability == pytest.approx(shaft_model().count(forward).probability, abs=1e-6)
+    write_recording(tmp_path / "again.npz", reverse)
+    assert read_recording(tmp_path / "again.npz") == reverse
