@@ -16,9 +16,9 @@ from cyclofeat.signal.speed import follow_speed, search_speed
 
 # Shares and deviations above which a count suffers.
 _MOST_CLIPPED, _MOST_DROPPED, _SPEED_TOLERANCE = 1e-3, 1e-4, 0.015
-# Parts of a record whose mean torque and speed are compared with the median; the shares by which those of a
-# run-up lie off it.
-_PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, 0.2, 0.1
+# Parts of a record whose mean torque and speed are compared with the median; the shares by which those lie
+# off it where a run-up begins, and where it goes on (a load that drifts lies off it, too).
+_PARTS, _OTHER_LEVEL, _OTHER_SPEED = 50, (0.5, 0.2), (0.1, 0.1)
 
 
 def describe(recording: Recording, *, reduction: int | None = None) -> dict[str, Any]:
@@ -153,14 +153,14 @@ def _run_up(recording: Recording) -> float | None:
     if recording.angle is not None:
         edges = np.minimum(size * np.arange(_PARTS + 1), recording.n_samples - 1)
         levels.append((np.diff(recording.angle[edges]), _OTHER_SPEED))
-    last = -1
-    for level, share in levels:
+    n_parts = 0
+    for level, (begins, goes_on) in levels:
         usual = np.median(level)
-        off = np.abs(level - usual) > share * abs(usual)
-        if off[0] and not off[_PARTS // 2 :].any():
-            last = max(last, int(np.flatnonzero(off)[-1]))
+        off, least = np.abs(level - usual), abs(usual)
+        if off[0] > begins * least and off[_PARTS // 2 :].max() <= begins * least:
+            n_parts = max(n_parts, int(np.argmax(off <= goes_on * least)))
     # With the next part, in which it may end; in tenths of a second.
-    return None if last < 0 else math.ceil(10 * (last + 2) * size / recording.sampling_rate) / 10
+    return math.ceil(10 * (n_parts + 1) * size / recording.sampling_rate) / 10 if n_parts else None
 
 
 def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
