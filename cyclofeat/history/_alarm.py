@@ -1,4 +1,4 @@
-"""Alarm by a run rule: k of the last n counts exceed the baseline."""
+"""Alarm by a run rule: k of the last n counts, or depths of wear, exceed the baseline."""
 
 from __future__ import annotations
 
@@ -33,6 +33,9 @@ class AlarmRule:
         Probability that one count exceeds it once there is one class of worn lobes more.
     recordings_to_false_alarm, recordings_to_detection : float
         Mean number of counts until the alarm in either case.
+    baseline_um : float or None
+        Usual upper end of the interval of the wear's depth, which a count exceeds too if its whole interval
+        lies above; None where depths are not known.
     """
 
     baseline: int
@@ -42,9 +45,11 @@ class AlarmRule:
     detection_rate: float
     recordings_to_false_alarm: float
     recordings_to_detection: float
+    baseline_um: float | None = None
 
     def __str__(self) -> str:
-        return f"{self.k} of the last {self.n} counts above {self.baseline}"
+        depth = "" if self.baseline_um is None else f", or wear surely deeper than {self.baseline_um:.3g} um"
+        return f"{self.k} of the last {self.n} counts above {self.baseline}{depth}"
 
 
 @functools.lru_cache(maxsize=512)
@@ -115,6 +120,8 @@ def choose_rule(
     *,
     false_alarms: float,
     seen: Sequence[bool] = (),
+    baseline_um: float | None = None,
+    depth_error: float = 0.0,
 ) -> AlarmRule:
     """Return the rule that notices a rise soonest among those with few enough false alarms.
 
@@ -134,6 +141,10 @@ def choose_rule(
         Largest mean number of false alarms per recording.
     seen : sequence of bool
         Whether the counts from which the baseline was taken exceed it.
+    baseline_um : float, optional
+        Of the rule.
+    depth_error : float
+        Probability that the interval of an unchanged depth lies above; it adds to the error rate.
 
     Raises
     ------
@@ -159,7 +170,7 @@ def choose_rule(
     total = confusion.sum(axis=1)
     independent = scores["n_assemblies"] / scores["n_windows"]
     error_rate = _upper(above[row] * independent, total[row] * independent)
-    error_rate = max(error_rate, float(np.mean(seen)) if len(seen) else 0.0)
+    error_rate = max(min(error_rate + depth_error, 1.0), float(np.mean(seen)) if len(seen) else 0.0)
     detection_rate = float(above[row + 1] / total[row + 1])
     if detection_rate <= error_rate:
         raise ValueError(
@@ -167,11 +178,14 @@ def choose_rule(
             f"{classes[row + 1]} worn lobes ({detection_rate:.0%})"
         )
     rules = [
-        AlarmRule(baseline, k, n, error_rate, detection_rate, false, mean_run_length(k, n, detection_rate))
+        AlarmRule(
+            baseline, k, n, error_rate, detection_rate, false, mean_run_length(k, n, detection_rate),
+            baseline_um,
+        )
         for n in range(1, _LONGEST + 1)
         for k in range(1, n + 1)
         if (false := mean_run_length(k, n, error_rate)) * false_alarms >= 1
-    ]
+    ]  # fmt: skip
     if not rules:
         raise ValueError(
             f"no rule of up to {_LONGEST} counts is wrong so rarely: up to {error_rate:.0%} of the counts "

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cyclofeat._base import checks
 from cyclofeat.history._alarm import AlarmRule, alarm_states, choose_rule
 
@@ -18,11 +20,22 @@ N_BASELINE, HOUR_S, MONTH_S = 10, 3600, 365.25 / 12 * 86_400
 
 
 class Point(NamedTuple):
-    """Time in s since 1970 of a recording, its count (None where it was refused), and depth of wear in um."""
+    """Time in s since 1970 of a recording, its count (None where it was refused), and depth of wear in um.
+
+    Of the depth also the ends and the coverage of its interval.
+    """
 
     time: float
     defect_count: int | None
     wear_um: float | None = None
+    low_um: float | None = None
+    high_um: float | None = None
+    coverage: float | None = None
+
+    def exceeds(self, baseline: int, baseline_um: float | None) -> bool:
+        """Return whether count or depth exceed the baseline."""
+        deeper = baseline_um is not None and self.low_um is not None and self.low_um > baseline_um
+        return deeper or (self.defect_count is not None and self.defect_count > baseline)
 
 
 @dataclass(frozen=True)
@@ -126,18 +139,20 @@ def state_of(
     checks.positive("false_alarms_per_month", false_alarms_per_month)
     if recordings_per_month is not None:
         checks.positive("recordings_per_month", recordings_per_month)
-    counted = [(point.time, point.defect_count) for point in points if point.defect_count is not None]
-    depths = [point.wear_um for point in points if point.defect_count is not None]
+    counted = [point for point in points if point.defect_count is not None]
     first, last = points[0].time, points[-1].time
     rate = recordings_per_month
     if rate is None and last - first >= HOUR_S:
         rate = (len(points) - 1) / (last - first) * MONTH_S
     baseline, rule, no_rule = None, None, ""
+    baseline_um, depth_error, exceeds = None, 0.0, list[bool]()
     alarms: list[tuple[float, float | None]] = []
     if len(counted) >= N_BASELINE:
-        frequent = Counter(count for _, count in counted[:N_BASELINE])
+        usual = counted[:N_BASELINE]
+        frequent = Counter(int(point.defect_count or 0) for point in usual)
         baseline = min(frequent, key=lambda count: (-frequent[count], count))
-    exceeds = [baseline is not None and count > baseline for _, count in counted]
+        baseline_um, depth_error = _usual_depth(usual)
+        exceeds = [point.exceeds(baseline, baseline_um) for point in counted]
     if baseline is None:
         no_rule = f"{len(counted)} of the {N_BASELINE} counts that make a baseline"
     elif scores is None:
@@ -151,18 +166,19 @@ def state_of(
     else:
         try:
             rule = choose_rule(
-                scores, baseline, false_alarms=false_alarms_per_month / rate, seen=exceeds[:N_BASELINE]
-            )
+                scores, baseline, false_alarms=false_alarms_per_month / rate, seen=exceeds[:N_BASELINE],
+                baseline_um=baseline_um, depth_error=depth_error,
+            )  # fmt: skip
         except ValueError as error:
             no_rule = str(error)
     if rule is not None:
         before = False
         later = counted[N_BASELINE:]
-        for (time, _), now in zip(later, alarm_states(exceeds[N_BASELINE:], rule), strict=True):
+        for point, now in zip(later, alarm_states(exceeds[N_BASELINE:], rule), strict=True):
             if now and not before:
-                alarms.append((time, None))
+                alarms.append((point.time, None))
             elif before and not now:
-                alarms[-1] = (alarms[-1][0], time)
+                alarms[-1] = (alarms[-1][0], point.time)
             before = now
     return GearboxState(
         gearbox=gearbox,
@@ -170,8 +186,8 @@ def state_of(
         n_refused=len(points) - len(counted),
         first=first,
         last=last,
-        defect_count=counted[-1][1] if counted else None,
-        wear_um=depths[-1] if depths else None,
+        defect_count=counted[-1].defect_count if counted else None,
+        wear_um=counted[-1].wear_um if counted else None,
         baseline=baseline,
         recordings_per_month=rate,
         rule=rule,
@@ -179,3 +195,11 @@ def state_of(
         alarm=bool(alarms) and alarms[-1][1] is None,
         alarms=tuple(alarms),
     )
+
+
+def _usual_depth(usual: Sequence[Point]) -> tuple[float | None, float]:
+    """Return the usual upper end of the depth's interval, and how often a lower one lies above the truth."""
+    ends = [point.high_um for point in usual if point.high_um is not None]
+    if len(ends) < len(usual):
+        return None, 0.0
+    return float(np.median(ends)), (1 - float(usual[0].coverage or 0.0)) / 2

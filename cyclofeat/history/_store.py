@@ -295,7 +295,9 @@ class History:
             raise ValueError(f"gearbox must be one of the history, {known}, got {gearbox!r}")
         ((model_id, scores),) = model
         points = self._select(
-            "SELECT time, defect_count, json_extract(answer, '$.wear_um') FROM recording "
+            "SELECT time, defect_count, json_extract(answer, '$.wear_um'), "
+            "json_extract(answer, '$.wear_um_low'), json_extract(answer, '$.wear_um_high'), "
+            "json_extract(answer, '$.wear_um_coverage') FROM recording "
             "WHERE gearbox = ? AND model = ? ORDER BY time, id",
             (gearbox, model_id),
         )

@@ -77,6 +77,29 @@ def test_the_depth_of_the_wear_is_kept_and_drawn_over_time(tmp_path):
     assert (shown["states_wear"], len(shown["pictures"])) == (False, 2)
 
 
+def worn(depth):
+    """A count of 0 with the depth of wear that may be there, or surely is."""
+    return dataclasses.replace(count(0), wear_um=WearDepth(depth, depth - 10.0, depth + 10.0, 0.9, 10.0))
+
+
+def test_the_alarm_follows_the_depth_of_wear_too(tmp_path):
+    """The same count throughout: only the whole interval above the usual upper end, 60 um, exceeds."""
+    depths = [50.0] * 10 + [55.0, 60.0, 65.0, 69.0] + [90.0] * 10
+    with History(tmp_path / "a.sqlite") as history:
+        for k, depth in enumerate(depths):
+            history.add("press", f"{k}.csv", HOUR * k, worn(depth), RECORDING, CARD)
+        history.write()
+        state = history.state("press", recordings_per_month=60)
+        assert state.rule.baseline_um == 60.0
+        assert str(state.rule).endswith("counts above 0, or wear surely deeper than 60 um")
+        ((begin, end),) = state.alarms
+        assert (begin, end) == (HOUR * (14 + state.rule.k - 1), None)
+        # Intervals of 90 % lie above the truth in one of twenty cases, besides wrong counts.
+        of_counts = filled(tmp_path / "b.sqlite", [0] * 24).state("press", recordings_per_month=60).rule
+        assert state.rule.error_rate == pytest.approx(of_counts.error_rate + 0.05)
+        assert of_counts.baseline_um is None
+
+
 def test_a_file_that_is_counted_again_keeps_its_row(tmp_path):
     filled(tmp_path / "a.sqlite", [0, 1]).close()
     with filled(tmp_path / "a.sqlite", [0, 1, 1]) as history:
