@@ -376,7 +376,7 @@ def _votes(network: Pipeline, views: Float) -> Float:
     """Return ``network.predict_proba(views)``, without checks that take longer than a window's answer."""
     scaling, voting = network[0], network[1]
     scaled = ((views - scaling.mean_) / scaling.scale_).astype(views.dtype)
-    return np.mean([_answer(one, scaled) for one in voting.estimators_], axis=0)
+    return np.asarray(np.mean([_answer(one, scaled) for one in voting.estimators_], axis=0))
 
 
 def _answer(network: MLPClassifier, views: Float) -> Float:

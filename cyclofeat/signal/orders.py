@@ -196,7 +196,7 @@ def _at_angles(torque: Float, angle: Float, numbers: NDArray[np.int64], step: fl
     """
     values = np.empty(numbers.size)
     for first in range(0, numbers.size, _PIECE):
-        place = samples_at(numbers[first : first + _PIECE] * step, angle)
+        place = samples_at(np.asarray(numbers[first : first + _PIECE] * step, dtype=np.float64), angle)
         low, high = max(int(place[0]) - _SEEN, 0), int(place[-1]) + 2 + _SEEN
         part = torque[low:high]
         values[first : first + _PIECE] = CubicSpline(np.arange(part.size), part)(place - low)
