@@ -70,7 +70,8 @@ def share(name: str, goal: _Goal, flags: Iterable[bool | None]) -> Figure:
     if not known:
         return Figure(name, goal[0], None, 0, None)
     value = sum(known) / len(known)
-    return Figure(name, goal[0], value, len(known), goal[1](value), *wilson(sum(known), len(known)))
+    met = goal[1](value) if goal[0] else None
+    return Figure(name, goal[0], value, len(known), met, *wilson(sum(known), len(known)))
 
 
 def number(
