@@ -68,8 +68,9 @@ def test_gap_is_that_of_the_nearest_point_of_the_worn_outline(defects: LobeDefec
     [
         LobeDefects.worn((3, 9), wheels=(1,), wear_um=(50, 10)),
         LobeDefects.worn(5, wear_um=60, wear_share=0.3, wear_centre=0.3),
+        LobeDefects.pitted((3,), wheels=(1,), wear_um=30, length_mm=6.0, wear_centre=0.4),
     ],
-    ids=["default", "short"],
+    ids=["default", "short", "pit"],
 )
 def test_kernel_agrees_with_the_papers_system(defects: LobeDefects) -> None:
     """The 28 bodies find the nearest point of the path in another way."""
