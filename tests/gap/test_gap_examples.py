@@ -19,7 +19,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples" / "gap"
 )
 def test_example_names_what_is_hidden(name, hidden, closed, monkeypatch):
     monkeypatch.setattr(Figure, "savefig", lambda *_, **__: None)
-    result = runpy.run_path(str(EXAMPLES / f"{name}.py"))["result"]
+    result = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")["result"]
     assert {effect.effect_id for effect in result.named} == hidden
     assert not result.remainder.unexplained
     assert min(proof.result.grr for proof in result.proof) > closed

@@ -486,9 +486,13 @@ def test_figures_by_hand() -> None:
     assert found["precision, by groups"].value == 0.5
     assert found["recall of visible effects, by groups"].value == 0.5
     assert found["1 effect: 90 % intervals that cover"].value == 0
-    confident = found["wrong name with 0.9 or more"]
+    confident, unflagged = (
+        found["inside: wrong name with 0.9 or more"],
+        found["outside: the same, not flagged"],
+    )
     hidden = {effect for effect, _ in _sets.definitions()[outside].hidden}
-    assert (confident.value, confident.n) == ((1 + ("hum" not in hidden)) / 4, 4)
+    assert (confident.value, confident.n, confident.met) == (1 / 3, 3, False)
+    assert (unflagged.value, unflagged.n, unflagged.met) == (float("hum" not in hidden), 1, None)
     assert "| 1 | 2 |" in _table.markdown(every)
 
 
