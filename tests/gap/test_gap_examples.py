@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples" / "gap"
     ("name", "hidden", "closed"),
     [
         ("workflow", {"brake_rotor", "load_drift", "hum", "noise"}, 0.9),
-        ("own_simulator", {"soft_shaft", "hum"}, 0.8),
+        ("own_simulator", {"soft_shaft", "hum"}, 0.5),
     ],
 )
 def test_example_names_what_is_hidden(name, hidden, closed, monkeypatch):
