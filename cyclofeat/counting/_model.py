@@ -169,7 +169,10 @@ class LobeModel(RecordingPredictions):
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
         per_turn = _samples_per_turn(recordings, turnings, n_lobes)
-        windows = _training_windows(recordings, turnings, n_lobes, per_turn)
+        seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
+        windows = seen
+        if quantity == "motor_current":
+            windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn)
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
@@ -199,7 +202,6 @@ class LobeModel(RecordingPredictions):
         }
         wear = None
         if stated is not None:
-            seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
             wear = RadialWear.train(
                 seen, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state
             )
@@ -703,16 +705,14 @@ def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) ->
     return turning.times(windows.start_angle + turned, recording.sampling_rate)
 
 
-def _training_windows(
+def _with_those_by_lines(
     recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, samples_per_turn: int
 ) -> WindowSet:
-    """Return the windows of recordings; of motor currents with a tachometer also as if it were missing."""
+    """Return the windows of recordings; of those with a tachometer also as if it were missing."""
     number = list(range(len(recordings)))
     angles = [one.angle for one in turnings]
     for k, (recording, turning) in enumerate(zip(recordings, turnings, strict=True)):
-        if recording.quantity != "motor_current" or recording.angle is None:
-            continue
-        by_lines = angle_by_lines(recording, turning, n_lobes)
+        by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
         if by_lines is not None:
             number.append(k)
             angles.append(by_lines)

@@ -120,7 +120,6 @@ def choose_rule(
     *,
     false_alarms: float,
     seen: Sequence[bool] = (),
-    baseline_um: float | None = None,
     depth_error: float = 0.0,
 ) -> AlarmRule:
     """Return the rule that notices a rise soonest among those with few enough false alarms.
@@ -141,8 +140,6 @@ def choose_rule(
         Largest mean number of false alarms per recording.
     seen : sequence of bool
         Whether the counts from which the baseline was taken exceed it.
-    baseline_um : float, optional
-        Of the rule.
     depth_error : float
         Probability that the interval of an unchanged depth lies above; it adds to the error rate.
 
@@ -178,14 +175,11 @@ def choose_rule(
             f"{classes[row + 1]} worn lobes ({detection_rate:.0%})"
         )
     rules = [
-        AlarmRule(
-            baseline, k, n, error_rate, detection_rate, false, mean_run_length(k, n, detection_rate),
-            baseline_um,
-        )
+        AlarmRule(baseline, k, n, error_rate, detection_rate, false, mean_run_length(k, n, detection_rate))
         for n in range(1, _LONGEST + 1)
         for k in range(1, n + 1)
         if (false := mean_run_length(k, n, error_rate)) * false_alarms >= 1
-    ]  # fmt: skip
+    ]
     if not rules:
         raise ValueError(
             f"no rule of up to {_LONGEST} counts is wrong so rarely: up to {error_rate:.0%} of the counts "

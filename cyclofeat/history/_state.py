@@ -140,6 +140,7 @@ def state_of(
     if recordings_per_month is not None:
         checks.positive("recordings_per_month", recordings_per_month)
     counted = [point for point in points if point.defect_count is not None]
+    counts = [point.defect_count for point in points if point.defect_count is not None]
     first, last = points[0].time, points[-1].time
     rate = recordings_per_month
     if rate is None and last - first >= HOUR_S:
@@ -149,7 +150,7 @@ def state_of(
     alarms: list[tuple[float, float | None]] = []
     if len(counted) >= N_BASELINE:
         usual = counted[:N_BASELINE]
-        frequent = Counter(int(point.defect_count or 0) for point in usual)
+        frequent = Counter(counts[:N_BASELINE])
         baseline = min(frequent, key=lambda count: (-frequent[count], count))
         baseline_um, depth_error = _usual_depth(usual)
         exceeds = [point.exceeds(baseline, baseline_um) for point in counted]
@@ -167,8 +168,9 @@ def state_of(
         try:
             rule = choose_rule(
                 scores, baseline, false_alarms=false_alarms_per_month / rate, seen=exceeds[:N_BASELINE],
-                baseline_um=baseline_um, depth_error=depth_error,
+                depth_error=depth_error,
             )  # fmt: skip
+            rule = dataclasses.replace(rule, baseline_um=baseline_um)
         except ValueError as error:
             no_rule = str(error)
     if rule is not None:
@@ -186,7 +188,7 @@ def state_of(
         n_refused=len(points) - len(counted),
         first=first,
         last=last,
-        defect_count=counted[-1].defect_count if counted else None,
+        defect_count=counts[-1] if counts else None,
         wear_um=counted[-1].wear_um if counted else None,
         baseline=baseline,
         recordings_per_month=rate,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.counting import LobeModel, RowCounter, passage_of_lobe_zero
+from cyclofeat.counting import LobeModel, RowCounter, _rows, passage_of_lobe_zero
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings import shaft_windows
@@ -51,6 +51,14 @@ def test_counts_and_locates_assemblies_that_training_did_not_see(counter, judged
     lobes = counter._from_lines(counter.lobe_map_.lines(windows.X), passage)
     assert np.mean((lobes > 0.5)[right] == worn[right]) >= 0.98
     assert counter.calibrated_
+
+
+@pytest.mark.slow
+def test_networks_answer_as_scikit_learn_does(counter, judged):
+    lines = counter.lobe_map_.lines(windows_of(judged)[0].X).lines
+    views = _rows._views(lines, np.zeros(len(lines)), 15).reshape(-1, 2 * (lines.shape[1] - 2))
+    for network in counter.networks_:
+        np.testing.assert_allclose(_rows._votes(network, views), network.predict_proba(views), atol=1e-5)
 
 
 @pytest.mark.slow

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
-import tracemalloc
 
 import numpy as np
 import pytest
+from memory import peak_bytes
 
 from cyclofeat.datasets import describe
 from cyclofeat.recordings import Recording
@@ -193,10 +193,4 @@ def test_a_long_recording_is_described_with_little_memory(speed_rpm):
     torque.flags.writeable = False
     recording = Recording(torque, 25_600, speed_rpm=speed_rpm)
     describe(recording)  # its imports
-    tracemalloc.start()
-    try:
-        describe(recording)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 2.8 * torque.nbytes
+    assert peak_bytes(lambda: describe(recording)) < 2.8 * torque.nbytes
