@@ -504,10 +504,13 @@ class LobeModel(RecordingPredictions):
                     "positions are relative: without an absolute angle they count from the lobe under load "
                     "at the first sample counted"
                 )
-        if not reason and probability.max() < 0.5:
-            reason = (
-                f"no count is more probable than all others together: {count} has {probability.max():.2f}"
-            )
+        if probability.max() < 0.5 and not reason:
+            alone = f"no count is more probable than all others together: {count} has {probability.max():.2f}"
+            # Where a depth is stated, wear is seen although its lobes are hard to count.
+            if runs is None:
+                reason = alone
+            else:
+                notes.append(alone)
         if count == 0 and self.wear is None and not reason:
             notes.append("fainter wear than in training may not show")
         if not self.card.get("calibrated", False):
