@@ -132,12 +132,19 @@ $(TABLES): bench-%: $(INSTALLED)
 	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.$(subst -,_,$*)
 
 # Output torque needs more assemblies: its lobe lines hide in the resonance of rotor and torque meter.
-default-models: $(INSTALLED)  ## train the packaged models (an hour); writes cyclofeat/models/default
-	for one in output_torque:1500 input_torque:400 motor_current:400; do \
-		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $${one%%:*} --counter rows \
-			--speeds 100:1500 --loads 3:40 --assemblies $${one##*:} --windows 1 --force \
-			--out cyclofeat/models/default/$${one%%:*}.skops || exit 1; \
+# Coarser models, for fewer samples per turn, go into the file of the next: quantity, samples per turn, assemblies.
+default-models: $(INSTALLED)  ## train the packaged models (an hour and a half); writes cyclofeat/models/default
+	mkdir -p build/models
+	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:2000 \
+		input_torque:37:400 input_torque:128:400 motor_current:37:400 motor_current:128:400; do \
+		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
+		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
+		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $$1 --counter rows \
+			--samples-per-turn $$2 --speeds 100:1500 --loads 3:40 --assemblies $$3 --windows 1 --force \
+			$$([ $$2 -eq 37 ] || echo --coarser build/models/coarser.skops) --out $$out || exit 1; \
 	done
+	cp build/models/output_torque.skops* build/models/input_torque.skops* build/models/motor_current.skops* \
+		cyclofeat/models/default
 
 # Their libraries need a torch of some gigabytes: an environment of its own.
 bench-posterior-peers: $(INSTALLED)  ## the gap's posterior beside sbi, BayesFlow, forests; writes benchmarks/posterior_peers.md

@@ -12,11 +12,13 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from itertools import compress
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import resample_poly
 
 from benchmarks._markdown import line, share, table
 from benchmarks._timing import processor_seconds
@@ -83,6 +85,22 @@ def wandering(recording: Recording, random: np.random.Generator) -> Recording:
     course = course[course <= time_s[-1]]
     torque = CubicSpline(time_s, recording.torque)(course)
     return recording.replace(torque=torque, angle=None, angle_is_absolute=False, speed_rpm=60 / turn)
+
+
+def logged(recording: Recording, rate: float) -> Recording:
+    """Return a recording as a logger of a lower rate makes it: filtered and thinned."""
+    assert recording.angle is not None
+    step = Fraction(rate / recording.sampling_rate).limit_denominator(1000)
+    torque = resample_poly(recording.torque, step.numerator, step.denominator, padtype="line")
+    at = np.arange(torque.size) / float(step)
+    torque, at = torque[at <= recording.n_samples - 1], at[at <= recording.n_samples - 1]
+    angle = np.interp(at, np.arange(recording.n_samples), recording.angle)
+    return recording.replace(torque=torque, angle=angle, sampling_rate=rate)
+
+
+def slow_logger(recording: Recording, random: np.random.Generator) -> Recording:
+    """Return a recording at 1 kHz, which holds few lobe lines at a high speed."""
+    return logged(recording, 1000.0)
 
 
 def at_multiple(factor: float) -> Callable[[Recording, np.random.Generator], Recording]:
@@ -153,6 +171,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
         add(f"- of these, {name} RPM", "stated", [*compress(judged, within)], [*compress(seeing, within)])
     sound = [one.defect_count == 0 for one in judged]
     add("- of these, sound discs", "stated", [*compress(judged, sound)], [*compress(seeing, sound)])
+    add("the same logged at 1 kHz, tachometer", "stated", judged, counted(model, judged, slow_logger))
     add("the same without a tachometer, steady speed", 0.95, judged, counted(model, judged, blind))
     add("- speed wandering by 5 %", 0.93, judged, counted(model, judged, wandering))
     for factor, words in ((2.0, "half"), (3.0, "a third of"), (4.0, "a quarter of"), (0.5, "twice")):
@@ -166,6 +185,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
     ):
         others, of_quantity = simulated(n_judged, quantity, n_jobs, JUDGED), load_default_model(quantity)
         add(words, goal, others, counted(of_quantity, others))
+        add("- logged at 1 kHz", "stated", others, counted(of_quantity, others, slow_logger))
         add("- without it, steady speed", 0.95, others, counted(of_quantity, others, blind))
         add("- speed wandering by 5 %", 0.93, others, counted(of_quantity, others, wandering))
     for depth in (20.0, 50.0, 100.0, 200.0):
@@ -183,7 +203,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
     ):
         some = [one for one in judged if low <= float(getattr(one, name)) < high]
         rest = [one for one in training if not low <= float(getattr(one, name)) < high]
-        own = LobeModel.train(rest, n_splits=0, counter="rows")
+        own = LobeModel.train(rest, n_splits=0, counter="rows", samples_per_turn=256)
         add(f"{words} ({n_trained} assemblies of each count)", 0.93, some, counted(own, some))
     del training
     for rig in ("R1", "R2"):

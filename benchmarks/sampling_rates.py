@@ -10,14 +10,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import resample_poly
 
 from benchmarks._markdown import line, share, table
-from benchmarks.operating_points import REPEATS, TIMED, Answers, Data, blind, count_ms, counted, trained
+from benchmarks.operating_points import (
+    REPEATS,
+    TIMED,
+    Answers,
+    Data,
+    blind,
+    count_ms,
+    counted,
+    logged,
+    trained,
+)
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Noise, Solver
@@ -39,19 +47,10 @@ def simulated(n: int, quantity: str, speed_rpm: float, n_jobs: int) -> list[Reco
     )  # fmt: skip
 
 
-def logged(recordings: Sequence[Recording], rate: float, noise: float) -> list[Recording]:
-    """Return the recordings as a logger of a lower rate makes them: filtered, thinned, with noise."""
-    step = Fraction(rate / SIMULATED_HZ).limit_denominator(1000)
+def noisy(recordings: Sequence[Recording], noise: float) -> list[Recording]:
+    """Return the recordings with white noise of their loggers."""
     random = np.random.default_rng(7)
-    made = []
-    for one in recordings:
-        torque = resample_poly(one.torque, step.numerator, step.denominator, padtype="line")
-        at = np.arange(torque.size) / float(step)
-        torque, at = torque[at <= one.n_samples - 1], at[at <= one.n_samples - 1]
-        angle = np.interp(at, np.arange(one.n_samples), one.angle)  # type: ignore[arg-type]
-        torque = torque + random.normal(0, noise, torque.size)
-        made.append(one.replace(torque=torque, angle=angle, sampling_rate=rate))
-    return made
+    return [one.replace(torque=one.torque + random.normal(0, noise, one.n_samples)) for one in recordings]
 
 
 def right(recordings: Sequence[Recording], answers: Answers) -> str:
@@ -70,7 +69,7 @@ def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
             recordings = simulated(n, quantity, speed, n_jobs)
             rich: list[Recording] = []
             for rate in RATES_HZ:
-                data = Data(logged(recordings, rate, noise))
+                data = Data(noisy([logged(one, rate) for one in recordings], noise))
                 rich = rich or data.judged
                 model = trained(data.training)
                 timed = data.judged[:TIMED]

@@ -127,6 +127,7 @@ def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Print
     lines.append(f"from {number(count.n_windows, 'window')} of {length}, {unused:.3g} s unused")
     lines += [f"note: {warning}" for warning in count.warnings]
     facts = {**count.to_dict(), "model": model_name(arguments), "window_s": window, "unused_s": unused}
+    facts["windows"] = [one.to_dict() for one in count.windows]
     if state is not None:
         lines.append(f"{state.gearbox}: {state}")
         facts |= {"gearbox": state.gearbox, "alarm": state.alarm, "history": state.to_dict()}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress, Steps
+from cyclofeat._base.training import libraries
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import READING, add_reading_options, read_all
 from cyclofeat.cli._rigs import add_rig, rig_of
@@ -34,6 +35,8 @@ _RANGE = 1.25
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
 # Assemblies of each count that are simulated together.
 _PART = 50
+# Samples per input turn of windows, cyclofeat.recordings.SAMPLES_PER_TURN, which loads late.
+_PER_TURN = 128
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +69,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--counter", choices=("trees", "rows"), default="trees",
         help="trees (default), or rows: more accurate for neighbouring worn lobes, above all at many speeds "
         "and loads; takes minutes to learn",
+    )  # fmt: skip
+    parser.add_argument(
+        "--samples-per-turn", type=int, metavar="N", default=_PER_TURN,
+        help="samples per input turn of the windows (default 128: 44 lobe lines). With --counter rows, 256 "
+        "hold 88, more accurate at low speeds; recordings to be counted must hold as many",
+    )  # fmt: skip
+    parser.add_argument(
+        "--coarser", metavar="MODEL",
+        help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
+        "that do not hold as many",
     )  # fmt: skip
     parser.add_argument(
         "--wear", type=_range_of("um"), metavar="LOW:HIGH",
@@ -111,8 +124,16 @@ def _range_of(unit: str) -> Callable[[str], tuple[float, float]]:
 def run(arguments: argparse.Namespace) -> LobeModel:
     """Read or simulate recordings, train on them, and write the model."""
     from cyclofeat.counting import LobeModel
-    from cyclofeat.models import save_model
+    from cyclofeat.models import load_model, save_model
 
+    coarser = None if arguments.coarser is None else load_model(arguments.coarser)
+    if arguments.counter == "rows":
+        libraries()  # or an error before the work
+    elif arguments.samples_per_turn > _PER_TURN:
+        raise ValueError(
+            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
+            f"{arguments.samples_per_turn}"
+        )
     if arguments.recordings:
         recordings = read_all(arguments.recordings, arguments)
         origin = f"{len(recordings)} recordings from files"
@@ -123,9 +144,12 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         step(f"training on {origin}")
         model = LobeModel.train(
             recordings, random_state=arguments.seed, description=origin, wear_um=arguments.wear,
-            counter=arguments.counter,
+            counter=arguments.counter, samples_per_turn=arguments.samples_per_turn,
         )  # fmt: skip
-    save_model(arguments.out, model)
+    save_model(arguments.out, model)  # what was learned is kept where the other does not match
+    if coarser is not None:
+        model = model.with_coarser(coarser)
+        save_model(arguments.out, model)
     return model
 
 
@@ -147,7 +171,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     gearbox = rig.gearbox
     whole("max_count", arguments.max_count, 1, gearbox.n_lobes)
     speeds = arguments.speeds or _around(60 * gearbox.input_speed_hz)
-    samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes)  # or an error before the work
+    # Or an error before the work.
+    samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     counts = range(arguments.max_count + 1)
     n_assemblies = whole("assemblies", arguments.assemblies, 1)
     recordings: list[Recording] = []
@@ -174,7 +199,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
                 solver=Solver(integrator="adams_bashforth"),
                 progress=_after(progress, first * len(counts), n_assemblies * len(counts)),
             )
-            recordings += [at_lowest_rate(one, gearbox.n_lobes) for one in made]
+            recordings += [at_lowest_rate(one, gearbox.n_lobes, arguments.samples_per_turn) for one in made]
     return recordings, rig.name
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -43,6 +43,10 @@ class WindowCount:
     probability: float
     distance: float
     reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer in plain types, for JSON; ``distance`` is None where there is none."""
+        return asdict(self) | {"distance": None if np.isnan(self.distance) else self.distance}
 
 
 @dataclass(frozen=True)

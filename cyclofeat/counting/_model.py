@@ -15,6 +15,7 @@ from sklearn.pipeline import Pipeline
 from cyclofeat._base import svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
+from cyclofeat._base.checks import whole
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import number
 from cyclofeat.counting._answers import LobeCount
@@ -24,12 +25,12 @@ from cyclofeat.counting._combine import combine_proba
 from cyclofeat.counting._conformal import OUTSIDE, features_seen
 from cyclofeat.counting._domain import TrainingDomain
 from cyclofeat.counting._evaluation import evaluate
-from cyclofeat.counting._evaluation_summary import score_text
+from cyclofeat.counting._evaluation_summary import Answers, score_text, summarise
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._pipelines import make_lobe_counter
 from cyclofeat.counting._predictions import RecordingPredictions
-from cyclofeat.counting._protocols import Protocol
+from cyclofeat.counting._protocols import Protocol, Windows
 from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.counting._turning import Turning, angle_by_lines, turning_of
@@ -46,7 +47,8 @@ from cyclofeat.recordings import (
     common_quantity,
     shaft_windows,
 )
-from cyclofeat.signal.lobes import SPEED_TOLERANCE, LobeLines, lines_held, lobe_frequency
+from cyclofeat.signal.lobes import N_LINES, SPEED_TOLERANCE, LobeLines, lines_held, lobe_frequency
+from cyclofeat.signal.speed import FOLLOWED_TOLERANCE
 from cyclofeat.signal.windows import Float
 
 # Samples of windows that are counted together.
@@ -91,6 +93,9 @@ class LobeModel(RecordingPredictions):
     wear : RadialWear or None
         Count and depth from several windows in a row, where the model was trained with the depth of radial
         wear; else None.
+    coarser : LobeModel or None
+        Model for recordings with fewer samples per input turn, which hold fewer lobe lines; see
+        :meth:`with_coarser`.
     """
 
     counter: BaseEstimator
@@ -102,6 +107,7 @@ class LobeModel(RecordingPredictions):
     input_speed_hz: float | None = None
     wear: RadialWear | None = None
     samples_per_turn: int = SAMPLES_PER_TURN
+    coarser: LobeModel | None = field(default=None, repr=False)
 
     @classmethod
     def train(
@@ -114,14 +120,15 @@ class LobeModel(RecordingPredictions):
         description: str = "",
         wear_um: tuple[float, float] | None = None,
         counter: str = "trees",
+        samples_per_turn: int = SAMPLES_PER_TURN,
     ) -> LobeModel:
         """Train on labelled recordings, of any speeds, loads and sampling rates.
 
         Windows of one output turn are cut over the angle of the input shaft: a tachometer's, or the one that
-        the lines of the torque give around the stated speed. They have 128 samples per input turn, or as many
-        as the recording with the fewest would hold at 5 % more speed. Of motor currents with a tachometer
-        the counter also learns windows over the angle that their lines tell: counted without a tachometer,
-        their lines are less sharp, as the speed of a controlled motor changes within a turn.
+        the lines of the torque give around the stated speed. They have ``samples_per_turn``, or as many as
+        the recording with the fewest would hold at 5 % more speed. Of motor currents with a tachometer the
+        counter also learns windows over the angle that their lines tell: counted without a tachometer, their
+        lines are less sharp, as the speed of a controlled motor changes within a turn.
 
         Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
         counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
@@ -136,7 +143,8 @@ class LobeModel(RecordingPredictions):
             Seed of the trees.
         n_splits : int
             Folds of the cross-validation with whole assemblies held out, whose result goes on the card; 0
-            for none. Where a class has fewer assemblies than that there is none either, and the card says so.
+            for none. A :class:`RowCounter` has folds of its own, whose result is taken. Where a class has
+            fewer assemblies than that there is none either, and the card says so.
         n_trees : int
             Trees of the counter.
         description : str
@@ -147,7 +155,10 @@ class LobeModel(RecordingPredictions):
             holds, at most five, because early wear hardly shows in one. Default: no depth.
         counter : {"trees", "rows"}
             ``"rows"``: a :class:`RowCounter`, for neighbouring lobes that all recordings state. It counts
-            more accurately, learns more slowly, and its file is small.
+            more accurately, learns more slowly, and its file is small. It needs JAX and Optax for training.
+        samples_per_turn : int
+            Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
+            tell counts better apart at low speeds; recordings to be counted must hold as many.
 
         Returns
         -------
@@ -155,6 +166,8 @@ class LobeModel(RecordingPredictions):
 
         Raises
         ------
+        ImportError
+            For ``"rows"`` if JAX or Optax is not installed.
         TypeError, ValueError
             Where recordings lack a defect count, hold one class only, differ in quantity or number of lobes,
             are shorter than an output turn, state neither angle nor speed, or hold too few samples per turn
@@ -163,12 +176,17 @@ class LobeModel(RecordingPredictions):
         """
         if counter not in ("trees", "rows"):
             raise ValueError(f"counter must be 'trees' or 'rows', got {counter!r}")
+        if whole("samples_per_turn", samples_per_turn, 1) > SAMPLES_PER_TURN and counter != "rows":
+            raise ValueError(
+                f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter={counter!r}, which uses "
+                f"{N_LINES} lobe lines, got {samples_per_turn}"
+            )
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
-        per_turn = _samples_per_turn(recordings, turnings, n_lobes)
+        per_turn = _samples_per_turn(recordings, turnings, n_lobes, samples_per_turn)
         seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
         windows = seen
         if quantity == "motor_current":
@@ -257,6 +275,54 @@ class LobeModel(RecordingPredictions):
         domain = getattr(counter, "domain_", None)
         return cls(counter, None, n_lobes, card, domain, sampling_rate, input_speed_hz)
 
+    def with_coarser(self, coarser: LobeModel) -> LobeModel:
+        """Return the model with another one for recordings with fewer samples per input turn.
+
+        Parameters
+        ----------
+        coarser : LobeModel
+            Of the same quantity, disc and counts, with fewer ``samples_per_turn``. It may have a coarser one
+            itself.
+
+        Raises
+        ------
+        ValueError
+            If it differs in one of these, has no fewer samples per turn, or a model is for one speed only.
+        """
+        for name, mine, other in (
+            ("quantity", self.card.get("quantity"), coarser.card.get("quantity")),
+            ("n_lobes", self.n_lobes, coarser.n_lobes),
+            ("counts", self.classes_.tolist(), coarser.classes_.tolist()),
+        ):
+            if mine != other:
+                raise ValueError(f"coarser must be a model of the same {name}, {mine}, got one of {other}")
+        if self.input_speed_hz is not None or coarser.input_speed_hz is not None:
+            raise ValueError("coarser and the model must be of LobeModel.train, got one for a single speed")
+        if coarser.samples_per_turn >= self.samples_per_turn:
+            raise ValueError(
+                f"coarser must have fewer than {self.samples_per_turn} samples per turn, got "
+                f"{coarser.samples_per_turn}"
+            )
+        return replace(self, coarser=coarser)
+
+    def suited_to(self, recording: Recording) -> LobeModel:
+        """Return the model, or the first of the coarser ones, whose samples per turn a recording holds.
+
+        The last one where it holds too few for all.
+        """
+        if self.coarser is None:
+            return self
+        speed_hz = recording.mean_input_speed(self.n_lobes)
+        if speed_hz is None and recording.input_speed_hz is not None:
+            # It may turn faster, by what is followed at most.
+            speed_hz = recording.input_speed_hz * (1 + FOLLOWED_TOLERANCE)
+        elif speed_hz is None:
+            speed_hz = turning_of(recording, self.n_lobes).speed_hz
+        model = self
+        while model.coarser is not None and recording.sampling_rate < model.samples_per_turn * speed_hz:
+            model = model.coarser
+        return model
+
     @property
     def classes_(self) -> NDArray[Any]:  # type: ignore[override]
         """Counts that the model knows, shape (n_classes,)."""
@@ -301,8 +367,11 @@ class LobeModel(RecordingPredictions):
         if self.card["loads_nm"]:
             parts.append(f"{_range_text(self.card['loads_nm'])} Nm")
         made = " and ".join(parts)
-        if self.samples_per_turn < SAMPLES_PER_TURN:
-            made += f", with at least {self.samples_per_turn} samples per input turn"
+        least = self
+        while least.coarser is not None:
+            least = least.coarser
+        if least.samples_per_turn != SAMPLES_PER_TURN:
+            made += f", with at least {least.samples_per_turn} samples per input turn"
         return made
 
     def check(self, recording: Recording) -> None:
@@ -347,7 +416,7 @@ class LobeModel(RecordingPredictions):
             Where the recording does not suit the model or is shorter than one output turn.
         """
         self.check(recording)
-        return self._cut(recording)[0]
+        return self.suited_to(recording)._cut(recording)[0]
 
     def speed_of(self, recording: Recording) -> float:
         """Return the input speed in turns per second at which a recording is drawn.
@@ -387,7 +456,8 @@ class LobeModel(RecordingPredictions):
         ValueError
             Where the recording does not suit the model or is shorter than one output turn.
         """
-        return self._counts([self._prepared(recording)])[0]
+        model = self.suited_to(recording)
+        return model._counts([model._prepared(recording)])[0]
 
     def count_all(self, recordings: Iterable[Recording]) -> list[LobeCount]:
         """Count and locate the worn lobes of many recordings.
@@ -417,21 +487,23 @@ class LobeModel(RecordingPredictions):
             raise TypeError("recordings must be a list of Recording objects, got one: use count")
         answers: list[LobeCount] = []
         batch: list[PreparedWindows] = []
-        n_samples = 0
+        model, n_samples = self, 0
         for place, recording in enumerate(recordings):
             if not isinstance(recording, Recording):
                 raise TypeError(
                     f"recordings must be Recording objects, got {type(recording).__name__} at {place}"
                 )
             try:
-                batch.append(self._prepared(recording))
+                suited = self.suited_to(recording)
+                prepared = suited._prepared(recording)
             except ValueError as error:
                 raise ValueError(f"recording {place}: {error}") from error
-            n_samples += batch[-1].windows.X.size
-            if n_samples >= _BATCH_SAMPLES:
-                answers += self._counts(batch)
-                batch, n_samples = [], 0
-        return answers + self._counts(batch)
+            if suited is not model or n_samples >= _BATCH_SAMPLES:
+                answers += model._counts(batch)
+                model, batch, n_samples = suited, [], 0
+            batch.append(prepared)
+            n_samples += prepared.windows.X.size
+        return answers + model._counts(batch)
 
     def _prepared(self, recording: Recording) -> PreparedWindows:
         """Cut a recording that suits the model into windows, and look for faults."""
@@ -653,12 +725,14 @@ class LobeModel(RecordingPredictions):
         return [part.reshape(*places.shape, -1) for part, places in zip(parts, begins, strict=True)]
 
 
-def samples_per_turn_at(sampling_rate: float, speed_hz: float, n_lobes: int) -> int:
-    """Return how many samples per input turn windows of a recording have, at most 128.
+def samples_per_turn_at(
+    sampling_rate: float, speed_hz: float, n_lobes: int, most: int = SAMPLES_PER_TURN
+) -> int:
+    """Return how many samples per input turn windows of a recording have, at most ``most``.
 
     Raises ValueError if they hold no lobe lines up to half of the lobes.
     """
-    per_turn = min(SAMPLES_PER_TURN, int(sampling_rate / (speed_hz * (1 + _SPEED_MARGIN))))
+    per_turn = min(most, int(sampling_rate / (speed_hz * (1 + _SPEED_MARGIN))))
     if 2 * lines_held(per_turn, 1.0, n_lobes) < n_lobes:
         raise ArgumentError(
             "{argument} of {rate:g} Hz is too low at {rpm:.5g} RPM: {per_turn} samples per input turn do not "
@@ -670,19 +744,21 @@ def samples_per_turn_at(sampling_rate: float, speed_hz: float, n_lobes: int) -> 
     return per_turn
 
 
-def _samples_per_turn(recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int) -> int:
-    """Return how many samples per input turn windows have: what all recordings hold, at most 128."""
+def _samples_per_turn(
+    recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, most: int
+) -> int:
+    """Return how many samples per input turn windows have: what all recordings hold, at most ``most``."""
     held = [
         one.sampling_rate / (turning.speed_hz * (1 + _SPEED_MARGIN))
         for one, turning in zip(recordings, turnings, strict=True)
     ]
     fewest = int(np.argmin(held))
-    per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes)
-    if per_turn < SAMPLES_PER_TURN <= np.median(held):
+    per_turn = samples_per_turn_at(recordings[fewest].sampling_rate, turnings[fewest].speed_hz, n_lobes, most)
+    if per_turn < most <= np.median(held):
         file = (recordings[fewest].meta or {}).get("file")
         warnings.warn(
             f"recordings[{fewest}]{f' ({file})' if file else ''} holds {per_turn} samples per input turn, "
-            f"most others {SAMPLES_PER_TURN} and more: the model uses no more of any, and fewer lobe lines; "
+            f"most others {most} and more: the model uses no more of any, and fewer lobe lines; "
             "leave such recordings out, or train a second model on them",
             stacklevel=3,
         )
@@ -738,10 +814,15 @@ def _fitted(
         )
     if worn is not None and (rows or _any_apart(worn)):
         counter = make_lobe_counter(windows.sampling_rate, kind="rows" if rows else "lobes", **made_for)
-        # Of rows, scores are those without the calibration, which hardly changes a count.
-        judged = clone(counter).set_params(n_splits=0) if rows else counter
-        scores = _cross_validation(judged, windows.X, windows, protocol, (worn, passage))
+        if rows:
+            counter.set_params(
+                n_lines=max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
+            )
+        scores = None if rows else _cross_validation(counter, windows.X, windows, protocol, (worn, passage))
         counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
+        if rows:
+            scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)
+            del counter.oob_decision_function_  # a file would hold it
         return counter, counter, scores, features_seen(counter, windows.X)
     plain = make_lobe_counter(windows.sampling_rate, **made_for)
     # A lobe map learns nothing from other windows, so that all folds can share it.
@@ -777,6 +858,16 @@ def _cross_validation(
     scores = evaluate(clone(counter), X, windows.y, windows.groups, lobes=lobes, protocol=protocol).to_dict()
     # the calibration error of uncalibrated trees is not that of the model
     return {name: value for name, value in scores.items() if not name.startswith("calibration_error")}
+
+
+def _held_out_scores(proba: Float, windows: WindowSet, protocol: Protocol | None) -> dict[str, Any] | None:
+    """Return scores of what a counter said of assemblies that it had held out; None without folds."""
+    if protocol is None or windows.y is None or windows.groups is None or not np.isfinite(proba).all():
+        return None
+    data = Windows.checked(windows.X, windows.y, windows.groups)
+    answers = replace(Answers.empty(data), proba=proba)
+    answers = replace(answers, predictions=answers.classes[proba.argmax(axis=1)])
+    return summarise(data, answers, protocol).to_dict()
 
 
 def _is_absolute(prepared: PreparedWindows) -> bool:

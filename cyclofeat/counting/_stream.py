@@ -41,7 +41,8 @@ class LobeStream:
         In Hz.
     speed_rpm : float, optional
         Nominal speed of the input shaft in turns per minute; required without an angle, unless the model has
-        an ``input_speed_hz``.
+        an ``input_speed_hz``. Of a model with a coarser one, that which the rate suits at this speed counts;
+        without a speed, the finest.
     angle_is_absolute : bool, default=False
         As of :class:`~cyclofeat.Recording`.
     block_turns : int, optional
@@ -78,7 +79,10 @@ class LobeStream:
         self.speed_rpm = speed_rpm
         self.angle_is_absolute = checks.flag("angle_is_absolute", angle_is_absolute)
         self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
-        model.check(self._recording(np.zeros(8)))  # quantity, rate and stated speed
+        nothing = self._recording(np.zeros(8))
+        model.check(nothing)  # quantity, rate and stated speed
+        if speed_rpm is not None:
+            self.model = model.suited_to(nothing)
         self._block = 0
         if self.block_turns is None:
             if model.input_speed_hz is not None:

@@ -34,7 +34,6 @@ PLAIN_TYPES: tuple[str, ...] = (
     "sklearn.preprocessing._data.StandardScaler",
     "sklearn.preprocessing._label.LabelBinarizer",
     "sklearn.isotonic.IsotonicRegression",
-    "sklearn.ensemble._bagging.BaggingClassifier",
     "sklearn.neural_network._multilayer_perceptron.MLPClassifier",
     "sklearn.tree._classes.ExtraTreeClassifier",
     "sklearn.tree._classes.ExtraTreeRegressor",

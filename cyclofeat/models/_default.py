@@ -55,8 +55,11 @@ def load_default_model(
 
     Examples
     --------
-    >>> load_default_model("motor_current").made_for()
-    'of motor current at 99.23 to 1504 RPM and 3 to 39.99 Nm'
+    >>> model = load_default_model("motor_current")
+    >>> model.made_for()
+    'of motor current at 99.23 to 1504 RPM and 3 to 39.99 Nm, with at least 37 samples per input turn'
+    >>> model.samples_per_turn, model.coarser.samples_per_turn
+    (128, 37)
     """
     loaded: LobeModel = load_model(default_model_path(quantity), allow=_TESTED_WITH, cache=cache)
     return loaded

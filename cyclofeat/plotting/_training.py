@@ -136,6 +136,7 @@ class TrainingDisplay(Display):
         from cyclofeat.counting import features_seen
         from cyclofeat.models import feature_definitions
 
+        model = model.suited_to(recording)
         domain = model.domain
         if domain is None:
             raise ValueError("model must have a domain to compare with, got one without (one assembly only?)")

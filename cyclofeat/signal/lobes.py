@@ -106,9 +106,13 @@ def highest_frequency(input_speed_hz: float, n_lobes: int, n_lines: int, speed_t
 
 
 def lines_held(
-    sampling_rate: float, input_speed_hz: float, n_lobes: int, speed_tolerance: float = 0.0
+    sampling_rate: float,
+    input_speed_hz: float,
+    n_lobes: int,
+    speed_tolerance: float = 0.0,
+    most: int = N_LINES,
 ) -> int:
-    """Return the number of lobe lines that windows hold for a count: 44, at a low rate down to 3.
+    """Return the number of lobe lines that windows hold for a count: ``most``, at a low rate down to 3.
 
     Parameters are those of :func:`highest_frequency` and :func:`lobe_lines`.
 
@@ -118,7 +122,7 @@ def lines_held(
     (44, 15)
     """
     highest = highest_frequency(input_speed_hz, n_lobes, 1, speed_tolerance)
-    return max(FEWEST_LINES, min(N_LINES, int(_SHARE_HELD * sampling_rate / highest)))
+    return max(FEWEST_LINES, min(most, int(_SHARE_HELD * sampling_rate / highest)))
 
 
 def reduce_rate(X: Float, sampling_rate: float, wanted_rate: float) -> tuple[Float, float]:

@@ -200,7 +200,7 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
         if recording.sampling_rate < needed:
             notes.append(
                 f"{recording.sampling_rate:g} Hz are too few for all lobe lines of a count, which need "
-                f"{needed:.0f} Hz: only a model trained at such a rate counts them"
+                f"{needed:.0f} Hz: from fewer lines it is less accurate, and needs a model trained on them"
             )
     of_record = _of_record(recording, facts)
     if facts["constant"]:

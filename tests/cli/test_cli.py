@@ -3,6 +3,7 @@
 import argparse
 import csv
 import io
+import itertools
 import json
 import os
 import re
@@ -602,6 +603,18 @@ def wrong_column(folder):
     return ["count", file, "--channel", "torque"]
 
 
+def test_json_holds_the_answer_of_each_window(capsys, folder):
+    code, out, _ = run(capsys, "count", folder / "worn.csv", "--model", folder / "model.joblib", "--trust",
+                       "--json")  # fmt: skip
+    (answer,) = json.loads(out)
+    assert code == 0
+    assert len(answer["windows"]) == answer["n_windows"] >= 1
+    for before, after in itertools.pairwise(answer["windows"]):
+        assert before["start_s"] < before["stop_s"] <= after["start_s"] + 1e-3
+    assert {one["reason"] for one in answer["windows"]} == {""}
+    assert all(one["defect_count"] == answer["defect_count"] for one in answer["windows"])
+
+
 def other_rate(folder):
     torque = np.random.default_rng(0).normal(size=3000)
     np.savez(folder / "slow.npz", torque=torque, sampling_rate=1000.0, speed_rpm=500.0)
@@ -641,6 +654,11 @@ def test_bad_recordings(capsys, folder, make, message):
             ["train", "--out", "{folder}/m.skops", "--counter", "rows", "--lobes", "mixed"],
             "--counter rows takes --lobes consecutive only, got mixed",
         ),
+        (
+            ["train", "--out", "{folder}/m.skops", "--samples-per-turn", "256"],
+            "--samples-per-turn takes at most 128 without --counter rows, got 256",
+        ),
+        (["train", "--out", "{folder}/m.skops", "--coarser", "absent.skops"], "absent.skops does not exist"),
         (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
         (["count", "x.csv", "--model", "{folder}/model.joblib"], "--trust"),
         (["count", "x.csv", "--model", "{folder}"], "is a folder, no model file: those end in"),

@@ -30,6 +30,8 @@ ALWAYS = {
         "--quantity",
         "--wear",
         "--counter",
+        "--samples-per-turn",
+        "--coarser",
     },
     "count": READING | {"FILE", "--jsonl", "--model", "--skip", "--report", "--csv", "--history", "--strict"},
     "watch": READING
@@ -49,7 +51,8 @@ ALWAYS = {
 NO_TARGETS = {
     "--channel", "--time-channel", "--angle-channel",  # names of channels
     "--worn-lobes", "--removed-lobes", "--effects", "--allow", "--scheduler", "--hold-out",  # words
-    "--model", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior", "--verify",  # read
+    "--model", "--coarser", "--rig", "--simulator", "--simulated", "--effects-from", "--posterior",  # read
+    "--verify",  # read
     "--done", "--cache", "--history",  # gone on with
     "--gearbox",  # names
 }  # fmt: skip

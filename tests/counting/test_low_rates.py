@@ -1,5 +1,6 @@
 """Recordings with fewer samples per input turn than all lobe lines need."""
 
+import dataclasses
 import functools
 import re
 
@@ -69,6 +70,44 @@ def test_a_stream_is_counted_as_the_file():
     assert pieces.n_windows == whole.n_windows == 3
     assert list(pieces.probability.values()) == pytest.approx(list(whole.probability.values()), abs=1e-9)
     assert pieces.lobes == whole.lobes == (4, 5, 6)
+
+
+@pytest.fixture(scope="module")
+def model_of_both():
+    return shaft_model().with_coarser(slow_model())
+
+
+def test_a_coarser_model_counts_what_holds_too_few_samples(model_of_both, tmp_path):
+    fast = [recording((1, 2), seed=95, turns=2), recording((), seed=96)]
+    slow = [slower(recording((4, 5, 6), seed=97, turns=2)), slower(recording((9,), seed=98))]
+    mixed = [fast[0], slow[0], slow[1], fast[1]]
+    expected = [
+        model.count(one).probability
+        for model, one in zip((shaft_model(), slow_model(), slow_model(), shaft_model()), mixed, strict=True)
+    ]
+    loaded = load_model(save_model(tmp_path / "both.skops", model_of_both))
+    for model in (model_of_both, loaded):
+        assert [model.count(one).probability for one in mixed] == expected
+        for one, probability in zip(model.count_all(mixed), expected, strict=True):
+            assert one.probability == pytest.approx(probability, abs=1e-9)
+        assert model.windows(slow[0]).X.shape == (2, round(0.98 * 15 * PER_TURN))
+        assert "with at least 57 samples per input turn" in model.made_for()
+
+
+def test_a_model_is_chosen_by_the_stated_speed_where_there_is_no_tachometer(model_of_both):
+    """2,000 Hz are 128 samples per turn at 937 RPM, which may be the true speed where 888 RPM are stated."""
+    blind = recording((3,), seed=99).replace(angle=None, angle_is_absolute=False)
+    chosen = [model_of_both.suited_to(blind.replace(speed_rpm=rpm)) for rpm in (500, 870, 900, 1500)]
+    assert [one.samples_per_turn for one in chosen] == [128, 128, PER_TURN, PER_TURN]
+    assert LobeStream(model_of_both, RATE, speed_rpm=900).model is chosen[2]
+    assert LobeStream(model_of_both, RATE).model is model_of_both
+
+
+def test_a_coarser_model_must_match():
+    with pytest.raises(ValueError, match="must have fewer than 57 samples per turn, got 128"):
+        slow_model().with_coarser(shaft_model())
+    with pytest.raises(ValueError, match="same n_lobes, 15, got one of 14"):
+        shaft_model().with_coarser(dataclasses.replace(slow_model(), n_lobes=14))
 
 
 def test_too_few_samples_are_an_error_that_says_what_to_train():

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
-from cyclofeat.counting import LobeModel, RowCounter, _rows, passage_of_lobe_zero
+from cyclofeat.counting import LobeModel, RowCounter, _row_network, passage_of_lobe_zero
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings import shaft_windows
@@ -54,11 +56,61 @@ def test_counts_and_locates_assemblies_that_training_did_not_see(counter, judged
 
 
 @pytest.mark.slow
-def test_networks_answer_as_scikit_learn_does(counter, judged):
-    lines = counter.lobe_map_.lines(windows_of(judged)[0].X).lines
-    views = _rows._views(lines, np.zeros(len(lines)), 15).reshape(-1, 2 * (lines.shape[1] - 2))
-    for network in counter.networks_:
-        np.testing.assert_allclose(_rows._votes(network, views), network.predict_proba(views), atol=1e-5)
+def test_windows_held_out_have_the_answer_of_the_network_that_did_not_see_them(counter, training):
+    windows = windows_of(training)[0]
+    held_out = counter.oob_decision_function_
+    np.testing.assert_allclose(held_out.sum(axis=1), 1.0)
+    assert np.mean(np.array(COUNTS)[held_out.argmax(axis=1)] == windows.y) >= 0.8
+    assert np.abs(held_out - counter.predict_proba(windows.X)).max() > 0.01
+
+
+def test_a_network_answers_as_its_definition():
+    """One window, one place and one layer after the other, in double precision; JAX answers as numpy."""
+    random = np.random.default_rng(0)
+    lines = (random.normal(size=(3, 9, 2)) @ [1, 1j]).astype(np.complex64)
+    weights = {
+        name: values + random.normal(scale=0.1, size=values.shape).astype(np.float32)
+        for name, values in _row_network._first_weights(2 * 7, 4, 10, random).items()
+    }
+    turns = _row_network.turns_of_places(5, 9, 2)
+    rows, sound = _row_network.log_odds(np, weights, lines, turns)
+    of_jax = _row_network.log_odds(jax.numpy, weights, lines, turns)
+    np.testing.assert_allclose(of_jax[0], rows, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(of_jax[1], sound, rtol=1e-4, atol=1e-5)
+    for one, (window, found) in enumerate(zip(lines.astype(complex), rows, strict=True)):
+        used = {k: window[k - 1] for k in range(3, 10)}
+        power = sum(abs(c) ** 2 for c in used.values())
+        hidden = []
+        for place in range(10):
+            turned = [c * np.exp(2j * np.pi * k * place / 10) for k, c in used.items()]
+            view = np.array([*np.real(turned), *np.imag(turned)]) * np.sqrt(14 / power)
+            for name in ("hidden_1", "hidden_2"):
+                view = np.maximum(weights[name].T @ view + weights[f"{name}_bias"], 0)
+            np.testing.assert_allclose(found[place], weights["row"].T @ view + weights["row_bias"], rtol=1e-4)
+            hidden.append(view)
+        expected = weights["sound"][:, 0] @ np.mean(hidden, axis=0) + weights["sound_bias"][0]
+        assert sound[one] == pytest.approx(expected, rel=1e-3, abs=1e-5)
+
+
+def test_a_network_learns_where_a_row_begins_and_how_long_it_is():
+    """Rows of two lengths as bumps of the fold, at random places; a fifth of the windows has none."""
+    random = np.random.default_rng(1)
+    length, begins = random.integers(-1, 2, 300), random.random(300)
+    fold = (np.arange(240) / 240 - begins[:, np.newaxis]) % 1 * 5
+    torque = (fold < length[:, np.newaxis] + 1) + 0.1 * random.normal(size=fold.shape)
+    lines = np.fft.rfft(torque, axis=1)[:, 1:13]
+    network = _row_network.train(
+        lines[:200], length[:200], begins[:200], n_lobes=5, n_lengths=2, n_epochs=150, random_state=0
+    )
+    single = {name: values.astype(np.float32) for name, values in network.items()}
+    turns = _row_network.turns_of_places(5, 12, 4)
+    rows, sound = _row_network.log_odds(np, single, lines[200:].astype(np.complex64), turns)
+    every = np.concatenate([sound[:, np.newaxis], logsumexp(rows, axis=1)], axis=1)
+    assert np.mean(every.argmax(axis=1) - 1 == length[200:]) >= 0.95
+    worn = length[200:] >= 0
+    found = rows.max(axis=2).argmax(axis=1) / len(turns)
+    beside = np.abs((found - begins[200:] + 0.5) % 1 - 0.5)[worn] * 5
+    assert np.mean(beside <= 0.5) >= 0.9
 
 
 @pytest.mark.slow
@@ -109,3 +161,10 @@ def test_rejects_lobes_that_are_no_row():
 def test_model_names_the_counters_that_it_knows():
     with pytest.raises(ValueError, match="counter must be 'trees' or 'rows', got 'lines'"):
         LobeModel.train([], counter="lines")
+
+
+def test_more_samples_per_turn_than_trees_use_are_refused():
+    with pytest.raises(
+        ValueError, match="at most 128 for counter='trees', which uses 44 lobe lines, got 256"
+    ):
+        LobeModel.train([], samples_per_turn=256)

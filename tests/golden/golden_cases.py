@@ -144,7 +144,10 @@ def counted(folder: Path) -> dict[str, Any]:
 
     def by_name(text: str) -> dict[str, Any]:
         rows = json.loads(named(text))
-        assert all(row.pop("model") == str(MODEL) for row in rows if "error" not in row)  # a path of today
+        counted = [row for row in rows if "error" not in row]
+        assert all(row.pop("model") == str(MODEL) for row in counted)  # a path of today
+        for row in counted:  # those that are not refused are combined
+            assert sum(not one["reason"] for one in row.pop("windows")) in (0, row["n_windows"])
         return {row.pop("file"): row for row in rows}
 
     return {

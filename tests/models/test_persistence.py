@@ -56,6 +56,7 @@ def counters(data):
     """One of each kind, with few trees."""
     X, counts, assemblies = data
     made = {kind: make_lobe_counter(RATE, kind=kind, n_trees=10) for kind in KINDS}
+    made["rows"].set_params(n_epochs=2)
     made = {kind: one if kind == "lobes" else GroupCalibratedCounter(one) for kind, one in made.items()}
     made["conformal"] = ConformalCounter(make_lobe_counter(RATE, n_trees=10), method="cross", n_splits=2)
     made["plain"] = make_lobe_counter(RATE, n_trees=10)

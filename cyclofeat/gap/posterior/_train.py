@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.training import descent, libraries
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._inputs import Inputs, Recordings, assembled
 from cyclofeat.gap.posterior._reference import Reference
@@ -53,7 +54,7 @@ def train(
 
     It begins with random weights, or with those of ``start``.
     """
-    jax, jnp, _ = _libraries()
+    jax, jnp, _ = libraries()
     random = np.random.default_rng(random_state)
     weights = _first_weights(made, targets, reference, random) if start is None else dict(start)
     fixed = {name: jnp.asarray(weights.pop(name)) for name in _network.FIXED}
@@ -69,8 +70,8 @@ def train(
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
             inputs = random_inputs(made.of(rows), reference, random)
-            batch = (vars(inputs), present[rows], sizes[rows], there[rows])
-            weights, state = step(weights, state, fixed, batch, dropping)
+            batch = (fixed, vars(inputs), present[rows], sizes[rows], there[rows])
+            weights, state = step(weights, state, batch, dropping)
         if progress is not None:
             progress(epoch + 1, epochs)
     return {name: np.asarray(values, dtype=np.float32) for name, values in (weights | fixed).items()}
@@ -80,10 +81,10 @@ def train(
 @lru_cache(maxsize=1)
 def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
-    jax, jnp, optax = _libraries()
+    jax, jnp, optax = libraries()
 
     def loss(weights: Any, batch: tuple[Any, ...], key: Any) -> Any:
-        inputs, present, sizes, there = batch
+        fixed, inputs, present, sizes, there = batch
         keys = iter(jax.random.split(key, 4))
 
         def blurred(pools: Any) -> Any:
@@ -93,27 +94,13 @@ def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any
             kept = jax.random.bernoulli(next(keys), 1 - _DROPPED, layer.shape)
             return layer * kept / (1 - _DROPPED)
 
-        outputs = _network.answers(jnp, weights, **inputs, blurred=blurred, thinned=thinned)
+        outputs = _network.answers(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
         logits, mean, spread = _network.split(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()
         squares = 0.5 * ((sizes - mean) * jnp.exp(-spread)) ** 2
         return of_presence + _OF_SIZES * (there * (spread + squares)).sum(1).mean()
 
-    def decaying(weights: Any) -> dict[str, bool]:
-        return {name: not name.endswith("_bias") for name in weights}
-
-    schedule = optax.cosine_onecycle_schedule(n_steps, rate)
-    optimiser = optax.chain(
-        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=_DECAY, mask=decaying)
-    )
-
-    @jax.jit
-    def step(weights: Any, state: Any, fixed: Any, batch: tuple[Any, ...], key: Any) -> Any:
-        slopes = jax.grad(lambda trained: loss(trained | fixed, batch, key))(weights)
-        change, state = optimiser.update(slopes, state, weights)
-        return optax.apply_updates(weights, change), state
-
-    return optimiser.init, step
+    return descent(loss, n_steps, rate, _DECAY)
 
 
 def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
@@ -143,13 +130,3 @@ def _first_weights(
     share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)
     weights["answer_bias"][:n_effects] = np.log(share / (1 - share))
     return weights
-
-
-def _libraries() -> tuple[Any, Any, Any]:
-    try:
-        import jax
-        import jax.numpy as jnp
-        import optax
-    except ImportError as error:
-        raise ImportError("training a posterior needs JAX and Optax: pip install jax optax") from error
-    return jax, jnp, optax

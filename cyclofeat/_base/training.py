@@ -1,0 +1,51 @@
+"""Training of networks with JAX and Optax (the extra ``prepare``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+
+def libraries() -> tuple[Any, Any, Any]:
+    """Return ``jax``, ``jax.numpy`` and ``optax``, or raise ImportError with what to install."""
+    try:
+        import jax
+        import jax.numpy as jnp
+        import optax
+    except ImportError as error:
+        raise ImportError("training a network needs JAX and Optax: pip install jax optax") from error
+    return jax, jnp, optax
+
+
+def descent(
+    loss: Callable[[Any, Any, Any], Any], n_steps: int, rate: float, decay: float
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the optimiser's first state and one step of training, as functions.
+
+    AdamW (Loshchilov and Hutter 2019) with one cycle of the learning rate; biases do not decay.
+
+    Parameters
+    ----------
+    loss : callable
+        Of weights (a dictionary of arrays), a batch and a random key.
+    n_steps : int
+        Of the whole training.
+    rate, decay : float
+        Largest learning rate, and decay of the weights.
+    """
+    jax, _, optax = libraries()
+
+    def decaying(weights: Any) -> dict[str, bool]:
+        return {name: not name.endswith("_bias") for name in weights}
+
+    schedule = optax.cosine_onecycle_schedule(n_steps, rate)
+    optimiser = optax.chain(
+        optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=decay, mask=decaying)
+    )
+
+    @jax.jit
+    def step(weights: Any, state: Any, batch: Any, key: Any) -> Any:
+        change, state = optimiser.update(jax.grad(loss)(weights, batch, key), state, weights)
+        return optax.apply_updates(weights, change), state
+
+    return optimiser.init, step
