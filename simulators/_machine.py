@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import check_type, is_whole, short
+from cyclofeat._base.quantities import CHANNELS, TORQUES
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.effects import Effect, TorqueContext
@@ -144,7 +145,7 @@ class Machine:
         quantity: str = "output_torque",
     ) -> dict[str, Float]:
         """Return the channels of one run after all effects on the torque; no meter measures a current."""
-        meter = {"output_torque": "torque_out", "input_torque": "torque_in"}.get(quantity)
+        meter = CHANNELS[quantity] if quantity in TORQUES else None
         # A meter on the input has a smaller range, with smaller errors.
         scale = self.gearbox.n_lobes if quantity == "input_torque" else 1
         for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True):

@@ -11,6 +11,12 @@ QUANTITY_UNITS: Mapping[str, str] = MappingProxyType(
 )
 #: Quantities that a recording may hold; the first is the default.
 QUANTITIES = tuple(QUANTITY_UNITS)
+#: Those of a torque meter.
+TORQUES = QUANTITIES[:2]
+#: Channel of a simulated run that holds each quantity.
+CHANNELS: Mapping[str, str] = MappingProxyType(
+    {"output_torque": "torque_out", "input_torque": "torque_in", "motor_current": "motor_current"}
+)
 
 
 def in_words(quantity: str) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 def libraries() -> tuple[Any, Any, Any]:
@@ -15,6 +18,28 @@ def libraries() -> tuple[Any, Any, Any]:
     except ImportError as error:
         raise ImportError("training a network needs JAX and Optax: pip install jax optax") from error
     return jax, jnp, optax
+
+
+def first_weights(
+    layers: Mapping[str, tuple[int, int, float]], random: np.random.Generator
+) -> dict[str, NDArray[np.float32]]:
+    """Draw weights of dense layers (He et al. 2015): of each its inputs, outputs, and power of an output."""
+    weights = {}
+    for name, (n_in, n_out, power) in layers.items():
+        drawn = random.normal(0, np.sqrt(power / n_in), (n_in, n_out))
+        weights[name] = drawn.astype(np.float32)
+        weights[f"{name}_bias"] = np.zeros(n_out, dtype=np.float32)
+    return weights
+
+
+def dropping(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
+    """Return what drops this share of a layer's units (Srivastava et al. 2014), one random key each time."""
+    jax, _, _ = libraries()
+
+    def thinned(layer: Any) -> Any:
+        return layer * jax.random.bernoulli(next(keys), 1 - share, layer.shape) / (1 - share)
+
+    return thinned
 
 
 def descent(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from cyclofeat._base.arguments import different_names
 from cyclofeat._base.checks import whole
 from cyclofeat._base.progress import Progress
+from cyclofeat._base.quantities import in_words
 from cyclofeat.cli._idle import add_idle
 from cyclofeat.cli._reading import read_all
 from cyclofeat.cli._table import Printed
@@ -120,7 +121,8 @@ def world_of(arguments: argparse.Namespace, model: Rig) -> World:
     from cyclofeat.gap import MeasuredRig
     from cyclofeat.gap.world import World
 
-    world = World(rig=model, random_state=arguments.seed)
+    quantity = arguments.quantity or World.quantity
+    world = World(rig=model, quantity=quantity, random_state=arguments.seed)
     if arguments.measured:
         world = MeasuredRig.of(read_all(arguments.measured, arguments), model).world(world)
     if arguments.effects is None:
@@ -136,6 +138,7 @@ def printed_preparation(prepared: Prepared) -> Printed:
     world, n_rigs = posterior.world, posterior.n_rigs_
     facts = {
         "posterior": str(prepared.path),
+        "quantity": world.quantity,
         "n_rigs": n_rigs,
         "effects": list(posterior.names_),
         "speeds_rpm": list(world.speeds_rpm),
@@ -144,7 +147,7 @@ def printed_preparation(prepared: Prepared) -> Printed:
     }
     speeds, loads = (" to ".join(f"{end:.4g}" for end in ends) for ends in (world.speeds_rpm, world.loads_nm))
     text = (
-        f"{prepared.path}: {len(posterior.names_)} effects, learned from {n_rigs} simulated rigs at {speeds} "
-        f"RPM, {loads} Nm and {world.sampling_rate:g} Hz"
+        f"{prepared.path}: {len(posterior.names_)} effects, learned from the {in_words(world.quantity)} of "
+        f"{n_rigs} simulated rigs at {speeds} RPM, {loads} Nm and {world.sampling_rate:g} Hz"
     )
     return Printed(text, facts)

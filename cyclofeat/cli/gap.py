@@ -87,7 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--jobs", beside=["--simulated"],
     )  # fmt: skip
     add_idle(parser, "--effects-from", without=["--simulator", "--posterior"])
-    add_idle(parser, *READING, without=["MEASURED"])
+    add_idle(parser, "--quantity", without=["MEASURED", "--prepare"])
+    add_idle(parser, *(option for option in READING if option != "--quantity"), without=["MEASURED"])
 
 
 def run(arguments: argparse.Namespace) -> GapResult | GapCheck | Prepared:

@@ -5,14 +5,14 @@ It is written for any array library: JAX trains it and numpy answers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.training import descent, libraries
+from cyclofeat._base.training import descent, dropping, first_weights, libraries
 from cyclofeat.counting._assembly_folds import Float, Int
 from cyclofeat.signal.windows import Complex
 
@@ -32,12 +32,16 @@ _PLACES, _NEAR = 4, 0.5
 # Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines.
 # Number of terms.
 _GAIN_DB, _PHASE, _N_TERMS = 2.0, 0.2, 4
+# Share of the variants with a disturbance, its root mean square as a share of the lines', the damping of its
+# resonance as a share of the critical one, twice, and turns of the fold by which blows slip in a window.
+_DISTURBED, _DISTURBANCE, _DAMPING, _SLIPPED = 0.25, (0.05, 2.0), (0.05, 1.0), 0.08
 # Lower lobe lines hold the brake's drift.
 _LOWEST_LINE = 3
 # Instead of minus infinity, whose gradient is not a number.
 _NEVER = -30.0
 
 
+@lru_cache(maxsize=8)
 def turns_of_places(n_lobes: int, n_lines: int, n_places: int) -> NDArray[np.complex64]:
     """Return by how much the lobe lines turn from place to place, shape (n_lobes * n_places, n_used)."""
     at = np.arange(n_lobes * n_places) / (n_lobes * n_places)
@@ -95,13 +99,14 @@ def train(
     n_lengths: int,
     n_epochs: int | None,
     random_state: int,
-) -> dict[str, NDArray[np.float16]]:
+) -> dict[str, NDArray[np.float32]]:
     """Train a network.
 
     The probability of the true length, with a beginning at most half a lobe from the true one, is that of
     all lengths and places together: the loss is its logarithm. In each epoch a window is another variant of
     itself: turned at random, and with a gain and phase that change smoothly over the lobe lines, as behind
-    another rotor and torque meter.
+    another rotor and torque meter. To some is added noise, or what looks like a worn lobe: blows of a
+    neighbour that come as often as one lobe passes.
 
     Parameters
     ----------
@@ -116,14 +121,21 @@ def train(
     Returns
     -------
     dict from str to ndarray
-        Weights, in half precision: their errors are far below those of the network, and files are half as
-        large.
+        Weights, rounded to half precision: their errors are far below those of the network, and files are
+        half as large.
     """
     jax, _, _ = libraries()
     n, n_lines = lines.shape
     random = np.random.default_rng(random_state)
     places = turns_of_places(n_lobes, n_lines, _PLACES)
-    weights: Any = _first_weights(2 * places.shape[1], n_lengths, len(places), random)
+    first, second = _HIDDEN
+    layers = {
+        "hidden_1": (2 * places.shape[1], first, 2.0), "hidden_2": (first, second, 2.0),
+        "row": (second, n_lengths, 0.3), "sound": (second, 1, 0.0),
+    }  # fmt: skip
+    weights: Any = first_weights(layers, random)
+    # Rows and a sound disc begin equally probable.
+    weights["row_bias"] -= np.float32(np.log(len(places)))
     known = lines.astype(np.complex64), length.astype(np.int32), begins.astype(np.float32)
     batch = _BATCH if n >= 4 * _BATCH else _SMALL_BATCH
     per_epoch = max(n // batch, 1)
@@ -137,7 +149,7 @@ def train(
         for rows in order.reshape(per_epoch, batch):
             key, drawn = jax.random.split(key)
             weights, state = step(weights, state, tuple(one[rows] for one in known), drawn)
-    return {name: np.asarray(values, dtype=np.float16) for name, values in weights.items()}
+    return {name: np.asarray(values, np.float16).astype(np.float32) for name, values in weights.items()}
 
 
 # Compiled once for all folds.
@@ -151,23 +163,40 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
     term = np.arange(1, _N_TERMS + 1)[:, np.newaxis]
     smooth = np.cos(np.pi * term * numbers / n_lines) / term
 
-    def varied(lines: Any, turned: Any, keys: Any) -> Any:
+    def varied(lines: Any, turned: Any, keys: Iterator[Any]) -> Any:
         n = len(lines)
-        gain = _GAIN_DB / 20 * np.log(10) * jax.random.normal(keys[0], (n, _N_TERMS)) @ smooth
-        phase = jax.random.normal(keys[1], (n, 1)) + jax.random.normal(keys[2], (n, _N_TERMS)) @ smooth
+        gain = _GAIN_DB / 20 * np.log(10) * jax.random.normal(next(keys), (n, _N_TERMS)) @ smooth
+        phase = jax.random.normal(next(keys), (n, 1))
+        phase += jax.random.normal(next(keys), (n, _N_TERMS)) @ smooth
         return lines * jnp.exp(gain + 1j * (_PHASE * phase + 2 * np.pi * turned * numbers))
+
+    def disturbance(lines: Any, keys: Iterator[Any]) -> Any:
+        """Return blows that a lobe's rate brings about, or noise, both about a resonance, for some windows."""
+        n = len(lines)
+
+        def between(low: float, high: float) -> Any:
+            return jnp.exp(jax.random.uniform(next(keys), (n, 1), minval=np.log(low), maxval=np.log(high)))
+
+        resonance = between(_LOWEST_LINE, 2 * n_lines)
+        rings = resonance**2 / (resonance**2 - numbers**2 + 1j * numbers * resonance * between(*_DAMPING))
+        begins = jax.random.uniform(next(keys), (n, 1))
+        slipped = _SLIPPED * jax.random.uniform(next(keys), (n, 1)) * numbers
+        blows = jnp.exp(-2j * np.pi * begins * numbers) * jnp.sinc(slipped)
+        noise = jax.random.normal(next(keys), lines.shape, dtype=lines.dtype)
+        added = rings * jnp.where(jax.random.bernoulli(next(keys), 0.5, (n, 1)), blows, noise)
+        some = jax.random.bernoulli(next(keys), _DISTURBED, (n, 1))
+        return some * between(*_DISTURBANCE) * added * rms(lines) / rms(added)
+
+    def rms(lines: Any) -> Any:
+        return jnp.sqrt((jnp.abs(lines[:, _LOWEST_LINE - 1 :]) ** 2).mean(1, keepdims=True))
 
     def loss(weights: Any, batch: Any, key: Any) -> Any:
         lines, length, begins = batch
-        *keys, key = jax.random.split(key, 7)
-        dropping = iter(keys[4:])
-
-        def thinned(layer: Any) -> Any:
-            kept = jax.random.bernoulli(next(dropping), 1 - _DROPPED, layer.shape)
-            return layer * kept / (1 - _DROPPED)
-
-        turned = jax.random.uniform(key, (len(lines), 1))
-        rows, sound = log_odds(jnp, weights, varied(lines, turned, keys), turns, thinned)
+        keys = iter(jax.random.split(key, 14))
+        turned = jax.random.uniform(next(keys), (len(lines), 1))
+        seen = varied(lines, turned, keys)
+        seen += disturbance(seen, keys)
+        rows, sound = log_odds(jnp, weights, seen, turns, dropping(_DROPPED, keys))
         beside = jnp.abs((at - begins[:, None] + turned + 0.5) % 1 - 0.5) * n_lobes
         of_length = jnp.take_along_axis(rows, jnp.maximum(length, 0)[:, None, None], axis=2)[:, :, 0]
         right = jax.nn.logsumexp(of_length + jnp.where(beside <= _NEAR, 0.0, _NEVER), axis=1)
@@ -175,21 +204,3 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
         return (jax.nn.logsumexp(every, axis=1) - jnp.where(length < 0, sound, right)).mean()
 
     return descent(loss, n_steps, _RATE, _DECAY)
-
-
-def _first_weights(
-    n_inputs: int, n_lengths: int, n_places: int, random: np.random.Generator
-) -> dict[str, NDArray[np.float32]]:
-    """Draw weights (He et al. 2015); rows and a sound disc begin equally probable."""
-    first, second = _HIDDEN
-    layers = {
-        "hidden_1": (n_inputs, first, 2.0), "hidden_2": (first, second, 2.0), "row": (second, n_lengths, 0.3),
-        "sound": (second, 1, 0.0),
-    }  # fmt: skip
-    weights = {}
-    for name, (n_in, n_out, power) in layers.items():
-        drawn = random.normal(0, np.sqrt(power / n_in), (n_in, n_out))
-        weights[name] = drawn.astype(np.float32)
-        weights[f"{name}_bias"] = np.zeros(n_out, dtype=np.float32)
-    weights["row_bias"] -= np.float32(np.log(n_places))
-    return weights

@@ -55,7 +55,7 @@ class RowCounter(Counter):
 
     The machine to be counted is none of those in training. So the network learns from variants of each
     window, whose lobe lines have another gain and phase, smooth over the lines, as behind another rotor and
-    torque meter.
+    torque meter; some have the blows of a neighbour or noise added.
 
     Parameters
     ----------
@@ -280,10 +280,8 @@ class RowCounter(Counter):
         (n_windows,). Means over the networks.
         """
         turns = turns_of_places(self.n_lobes, lines.shape[1], n_places)
-        answers = []
-        for network in networks:
-            weights = {name: values.astype(np.float32) for name, values in network.items()}
-            answers.append(log_odds(np, weights, lines.astype(np.complex64), turns))
+        single = lines.astype(np.complex64)
+        answers = [log_odds(np, network, single, turns) for network in networks]
         rows, sound = (np.mean(part, axis=0) for part in zip(*answers, strict=True))
         logs = np.zeros((*rows.shape[:2], self.classes_.size))
         logs[..., ~self._sound] = rows

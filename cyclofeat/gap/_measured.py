@@ -14,13 +14,14 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, positive
+from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap._doubts import doubts_of
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.simulations import Bank
+from cyclofeat.gap.simulations import Bank, reduction_to
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
-from cyclofeat.recordings import QUANTITIES, Recording, Windower, common_n_lobes, common_quantity
+from cyclofeat.recordings import Recording, Windower, common_n_lobes, common_quantity
 from cyclofeat.signal.orders import mean_speed
 from cyclofeat.simulators import Rig
 
@@ -84,9 +85,11 @@ class MeasuredRig:
     Attributes
     ----------
     recordings : tuple of Recording
-        All at one sampling rate, with the torque as it was measured.
+        All at one sampling rate, with the torque as at the output: on the input, times the reduction.
     sampling_rate : float
         In Hz.
+    quantity : {"output_torque", "input_torque"}
+        What was measured.
     n_lobes : int
         Lobes of a disc.
     of_recording : tuple of Condition
@@ -99,6 +102,7 @@ class MeasuredRig:
 
     recordings: tuple[Recording, ...] = field(repr=False)
     sampling_rate: float
+    quantity: str
     n_lobes: int
     of_recording: tuple[Condition, ...] = field(repr=False)
     has_counts: bool
@@ -112,6 +116,7 @@ class MeasuredRig:
         rig: Rig,
         sampling_rate: float | None = None,
         *,
+        quantity: str | None = None,
         conditions: Sequence[Condition] = (),
     ) -> MeasuredRig:
         """Check recordings and sort them by condition.
@@ -128,14 +133,16 @@ class MeasuredRig:
         sampling_rate : float, optional
             Rate in Hz to which recordings with a higher one are resampled, with a warning. Default: the
             lowest of the recordings.
+        quantity : {"output_torque", "input_torque"}, optional
+            The quantity that must have been measured. Default: either.
         conditions : sequence of Condition, optional
             Those of other recordings: a set-point within the same limits of one of theirs is that one.
 
         Raises
         ------
         TypeError, ValueError
-            If there are no recordings, one states no speed or is not of output torque, discs differ, or a
-            rate is below ``sampling_rate``.
+            If there are no recordings, one states no speed, quantities or discs differ or are not as wanted,
+            or a rate is below ``sampling_rate``.
 
         Examples
         --------
@@ -153,11 +160,17 @@ class MeasuredRig:
             raise ValueError("recordings must hold at least one recording, got none")
         for recording in given:
             check_type("recordings", recording, Recording)
-        quantity = common_quantity(given)
-        if quantity != QUANTITIES[0]:
+        measured = common_quantity(given)
+        if measured not in TORQUES:
             raise ArgumentError(
-                "{argument} of the recordings must be {wanted!r}, as of the model's, got {got!r}",
-                argument="quantity", wanted=QUANTITIES[0], got=quantity,
+                "{argument} of the recordings must be {wanted}, got {got!r}",
+                argument="quantity", wanted=" or ".join(map(repr, TORQUES)), got=measured,
+            )  # fmt: skip
+        if quantity not in (None, measured):
+            raise ArgumentError(
+                "{argument} of the recordings must be {wanted!r}, as of the posterior's world, got {got!r}: "
+                "prepare a posterior for it",
+                argument="quantity", wanted=quantity, got=measured,
             )  # fmt: skip
         n_lobes = common_n_lobes(given)
         if n_lobes != rig.gearbox.n_lobes:
@@ -166,16 +179,18 @@ class MeasuredRig:
                 "their gearbox, or give {n_lobes:=}",
                 wanted=rig.gearbox.n_lobes, got=n_lobes,
             )  # fmt: skip
-        at_one_rate, warnings = _at_one_rate(given, sampling_rate)
+        at_output, of_input = _at_output(given, measured, n_lobes)
+        at_one_rate, warnings = _at_one_rate(at_output, sampling_rate)
         of_recording, more = _conditions(at_one_rate, float(rig.gearbox.load_torque), conditions)
         return cls(
             recordings=at_one_rate,
             sampling_rate=at_one_rate[0].sampling_rate,
+            quantity=measured,
             n_lobes=n_lobes,
             of_recording=of_recording,
             has_counts=all(recording.defect_count is not None for recording in given),
             has_tachometer=all(recording.angle is not None for recording in given),
-            warnings=(*warnings, *more, *_few_assemblies(given)),
+            warnings=(*of_input, *warnings, *more, *_few_assemblies(given)),
         )
 
     @property
@@ -242,7 +257,7 @@ class MeasuredRig:
         return Windows(cut.X * condition.direction, y, cut.recording, angle)
 
     def world(self, world: World) -> World:
-        """Return a world whose speeds, loads and counts hold those of the recordings, with their rate.
+        """Return a world of the recordings' quantity and rate whose speeds, loads and counts hold theirs.
 
         Speeds and loads reach 10 % further than the recordings; a rate above that of ``world`` stays its.
         """
@@ -252,6 +267,7 @@ class MeasuredRig:
         counts = [*world.defect_counts, *(one.defect_count or 0 for one in self.recordings)]
         return dataclasses.replace(
             world,
+            quantity=self.quantity,
             sampling_rate=min(self.sampling_rate, world.sampling_rate),
             speeds_rpm=(0.9 * speeds.min(), 1.1 * speeds.max()),
             loads_nm=(0.9 * loads.min(), 1.1 * loads.max()),
@@ -270,6 +286,7 @@ class MeasuredRig:
             duration=self.n_lobes / speed_hz,
             input_speed_hz=speed_hz,
             direction=condition.direction,
+            quantity=self.quantity,
             may_differ=(*world.may_differ, *FLOOR),
             defect_counts=world.defect_counts,
             wheels=world.wheels,
@@ -341,6 +358,17 @@ class MeasuredRig:
         """Angles of the input shaft; the tachometer may have been on a disc."""
         angles = (recording.input_angle(self.n_lobes) for recording in recordings)
         return [angle for angle in angles if angle is not None]
+
+
+def _at_output(
+    recordings: Sequence[Recording], quantity: str, n_lobes: int
+) -> tuple[Sequence[Recording], list[str]]:
+    """Return recordings with the torque as at the output, and a warning where that is not measured there."""
+    factor = reduction_to(quantity, n_lobes)
+    if factor == 1:
+        return recordings, []
+    warning = f"torque on the input is multiplied by {factor}, the reduction: all Nm are as at the output"
+    return [recording.replace(torque=factor * recording.torque) for recording in recordings], [warning]
 
 
 def _at_one_rate(

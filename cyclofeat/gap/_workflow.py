@@ -79,12 +79,14 @@ def find_gap(
     settings, say = settings or GapSettings(), progress or (lambda _: None)
     posterior = posterior or load_posterior()
     world = posterior.world
-    rig = MeasuredRig.of(measured, world.rig, world.sampling_rate)
+    rig = MeasuredRig.of(measured, world.rig, world.sampling_rate, quantity=world.quantity)
     session = rig.session(one_assembly=settings.one_assembly)
     presence = posterior.presence(session)
     held = None
     if held_out is not None:
-        held = MeasuredRig.of(held_out, world.rig, world.sampling_rate, conditions=rig.conditions)
+        held = MeasuredRig.of(
+            held_out, world.rig, world.sampling_rate, quantity=world.quantity, conditions=rig.conditions
+        )
     say("comparing measurement and model")
     located = locate_all(rig, world, settings)
     say("simulating rigs that the recordings leave possible")

@@ -13,8 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cyclofeat._base.checks import flag, is_number, positive, whole
+from cyclofeat._base.checks import flag, is_number, one_of, positive, whole
 from cyclofeat._base.checks import n_jobs as checked_jobs
+from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import (
     MAY_DIFFER,
     Bank,
@@ -62,6 +63,8 @@ class Comparison:
     direction : {1, -1}, default=1
         -1 if the gearbox runs in reverse. All torque is positive for a load that brakes: that of recordings
         in reverse has the other sign than it was measured with.
+    quantity : {"output_torque", "input_torque"}, default="output_torque"
+        What was measured. Torque on the input counts times the reduction.
     may_differ : tuple of Effect
         Effects that may differ between a measured and a simulated recording without being missing: added to
         the rig for those kinds of effects that it does not state itself. All values are *assumptions*.
@@ -100,6 +103,7 @@ class Comparison:
     duration: float = 1.8
     input_speed_hz: float | None = None
     direction: int = 1
+    quantity: str = "output_torque"
     may_differ: tuple[Effect, ...] = MAY_DIFFER
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
@@ -116,6 +120,7 @@ class Comparison:
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "duration": positive("duration", self.duration, "a number of s"),
             "rig": as_rig(self.rig),
+            "quantity": one_of("quantity", self.quantity, TORQUES),
             "defect_counts": _checked_counts(self.defect_counts),
             "tachometer": flag("tachometer", self.tachometer),
             "one_assembly": flag("one_assembly", self.one_assembly),
@@ -161,7 +166,9 @@ class Comparison:
     def population(self) -> Population:
         """Source of simulated recordings: the model with what may differ anyway."""
         rig = with_may_differ(self.rig, self.may_differ)
-        return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction)
+        return Population(
+            rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity
+        )
 
     @property
     def text(self) -> str:

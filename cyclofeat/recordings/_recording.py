@@ -13,7 +13,7 @@ import numpy as np
 from cyclofeat._base import plots, svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
-from cyclofeat._base.quantities import QUANTITIES, QUANTITY_UNITS, in_words
+from cyclofeat._base.quantities import CHANNELS, QUANTITIES, QUANTITY_UNITS, in_words
 from cyclofeat._base.words import from_1, lobes_text
 from cyclofeat.recordings import _checks as check
 from cyclofeat.recordings._checks import Label
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Attribute of a simulated run that holds each quantity.
-_OF_A_RUN = {"output_torque": "torque_out", "input_torque": "torque_in", "motor_current": "motor_current"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +223,7 @@ class Recording:
         >>> recording.worn_lobes, recording.source, recording.angle_is_absolute
         ((3,), 'simulated', True)
         """
-        attribute = _OF_A_RUN[check.one_of("quantity", quantity, QUANTITIES)]
+        attribute = CHANNELS[check.one_of("quantity", quantity, QUANTITIES)]
         samples = getattr(run, attribute, None)
         if samples is None:
             raise ArgumentError(

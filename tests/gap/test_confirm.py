@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from cyclofeat.gap.confirm import (
     size_posterior,
     unexplained,
 )
-from cyclofeat.gap.posterior import EffectPosterior, named_effects
+from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR, Session, World, prepare_world
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Gain, Hum, LoadDrift, LoadScale, Noise, Offset, Rig, SensorDrift
@@ -167,20 +168,27 @@ SMALL = World(
 )  # fmt: skip
 
 
+def learned(world, folder):
+    return EffectPosterior(1, epochs=40).fit(prepare_world(world, folder, 40))
+
+
 @pytest.fixture(scope="module")
 def posterior(tmp_path_factory):
-    return EffectPosterior(1, epochs=40).fit(prepare_world(SMALL, tmp_path_factory.mktemp("world"), 40))
+    return learned(SMALL, tmp_path_factory.mktemp("world"))
 
 
-def recordings(*effects, loads=(22.0,), n=6, seed=0):
+def recordings(*effects, loads=(22.0,), n=6, seed=0, quantity="output_torque"):
     """Recordings of a rig with effects, at one load or several."""
     rig = Rig().with_added(*FLOOR, *effects)
     made = []
     for i in range(n):
         load = loads[i % len(loads)]
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=SPEED * np.pi / 30, load_torque=load))
-        run = at.simulate(duration=954 / SPEED, sampling_rate=RATE, random_state=100 * seed + i)
-        made.append(Recording.from_run(run, with_angle=False, assembly=i, speed_rpm=SPEED, load_nm=load))
+        run = at.simulate(
+            duration=954 / SPEED, sampling_rate=RATE, random_state=100 * seed + i, quantity=quantity
+        )
+        stated = {"assembly": i, "speed_rpm": SPEED, "load_nm": load}
+        made.append(Recording.from_run(run, quantity=quantity, with_angle=False, **stated))
     return made
 
 
@@ -213,6 +221,23 @@ def test_what_is_missing_is_named_sized_and_closes_the_gap(posterior):
     assert {overlay.condition.load_nm for overlay in result.overlays} == {22.0, 14.0}
     assert told[0] == "comparing measurement and model"
     assert told[-1] == "judging on recordings held out"
+
+
+@pytest.mark.slow
+def test_what_is_missing_is_found_in_the_input_torque_too(tmp_path):
+    """The noise is 0.3 / 15 Nm there, and counts times the reduction."""
+    quantity = "input_torque"
+    posterior = learned(dataclasses.replace(SMALL, quantity=quantity), tmp_path)
+    posterior = load_posterior(posterior.save(tmp_path / "of_input.npz"))
+    measured = recordings(Noise(0.3), n=8, quantity=quantity)
+    held_out = recordings(Noise(0.3), n=4, seed=1, quantity=quantity)
+    result = find_gap(measured, held_out, posterior=posterior, settings=SETTINGS)
+    assert [effect.effect_id for effect in result.named] == ["noise"]
+    assert result.effect("noise").sizes[0].value == pytest.approx(0.3, rel=0.1)
+    assert result.proof[0].result.grr > 0.8
+    assert any("multiplied by 15, the reduction" in warning for warning in result.warnings)
+    with pytest.raises(ValueError, match=r"must be 'input_torque', as of .* got 'output_torque': prepare"):
+        find_gap(recordings(n=4), posterior=posterior, settings=SETTINGS)
 
 
 def test_of_look_alikes_that_share_their_probability_the_first_is_named():

@@ -219,10 +219,11 @@ def test_a_posterior_is_prepared_for_one_s_own_model(
     target = tmp_path / "mine.npz"
     code, out, err = run(
         capsys, "--prepare", target, "--simulator", tmp_path / "mine.json", "--cache", tmp_path / "cache",
-        "--machines", 24, "--seed", 5, "--jobs", 2,
+        "--machines", 24, "--seed", 5, "--jobs", 2, "--quantity", "input_torque",
     )  # fmt: skip
     assert code == 0, err
     world = prepared["world"]
+    assert world.quantity == "input_torque"
     assert (world.rig.effects, world.random_state) == ((Noise(0.1),), 5)
     assert "noise" not in world.names
     assert (world.speeds_rpm, world.sampling_rate) == (World().speeds_rpm, 25_600)
@@ -231,8 +232,8 @@ def test_a_posterior_is_prepared_for_one_s_own_model(
     assert target.read_bytes() == b"posterior"
     effects = len(World(rig=world.rig).names)
     assert out.strip() == (
-        f"{target}: {effects} effects, learned from 96 simulated rigs at 350 to 700 RPM, 10 to 30 Nm and "
-        "25600 Hz"
+        f"{target}: {effects} effects, learned from the input torque of 96 simulated rigs at 350 to 700 RPM, "
+        "10 to 30 Nm and 25600 Hz"
     )
 
 
@@ -270,6 +271,7 @@ def test_what_a_preparation_needs(
         (["--prepare", target, "--cache", tmp_path, "--hold-out", "0.4"], "--hold-out has no effect with"),
         (["--prepare", target, "--cache", tmp_path, "--effects", "rust"], "--effects must name different"),
         (["--machines", "8"], "--machines has no effect without --prepare"),
+        (["--check", "--quantity", "input_torque"], "--quantity has no effect without MEASURED or --prepare"),
         ([], "MEASURED must name recordings"),
     ):
         code, out, err = run(capsys, *arguments)

@@ -90,7 +90,7 @@ def test_what_cannot_be_used_is_refused_by_name() -> None:
         ([made(), made(speed=None)], None, "1 of 2 recordings state no nominal speed: give speed_rpm="),
         ([made(n_lobes=11)], None, "the model's discs have 15 lobes, those of the recordings 11"),
         ([made(), made(n_lobes=11)], None, "n_lobes must be the same"),
-        ([made(quantity="motor_current")], None, "quantity of the recordings must be 'output_torque', as of"),
+        ([made(quantity="motor_current")], None, "quantity .* must be 'output_torque' or 'input_torque', got"),
         ([made()], 25_600, "25600 Hz or more, the rate of the posterior's world, got 12800 Hz"),
         ([made()], 0, "sampling_rate must be positive"),
     ):
@@ -102,6 +102,26 @@ def test_what_cannot_be_used_is_refused_by_name() -> None:
     assert np.shape(short_one.windows(short_one.conditions[0]).X) == (1, 23_040)
     with pytest.raises(ValueError, match=r"'r0' is too short: an output turn and 3 % more, 1\.8\d* s at 500"):
         short_one.session()
+
+
+def test_torque_on_the_input_counts_times_the_reduction_and_is_the_simulated_quantity() -> None:
+    at_output = MeasuredRig.of([made()], MODEL)
+    at_input = MeasuredRig.of([made().replace(torque=NOISE[0] / 15, quantity="input_torque")], MODEL)
+    np.testing.assert_allclose(at_input.session().values, at_output.session().values, rtol=1e-3, atol=1e-3)
+    assert at_input.conditions == at_output.conditions
+    assert any("multiplied by 15" in warning for warning in at_input.warnings)
+    world = at_input.world(World())
+    assert World.from_dict(world.to_dict()).quantity == "input_torque"
+    comparison = at_input.comparison(at_input.conditions[0], world, GapSettings())
+    made_by_model = comparison.population.record(2, np.random.SeedSequence(3))
+    without = comparison.replace(quantity="output_torque").population.record(2, np.random.SeedSequence(3))
+    # By the reduction both are the load, but the lobes' share in each is another.
+    assert made_by_model.torque.mean() == pytest.approx(without.torque.mean(), rel=0.1)
+    assert np.corrcoef(made_by_model.torque, without.torque)[0, 1] < 0.9
+    with pytest.raises(ValueError, match=r"must be 'output_torque', as of the posterior's world, got 'input"):
+        MeasuredRig.of([made(quantity="input_torque")], MODEL, quantity="output_torque")
+    with pytest.raises(ValueError, match="quantity must be 'output_torque' or 'input_torque', got 'motor"):
+        World(quantity="motor_current")
 
 
 # Windows, sessions and comparisons

@@ -267,7 +267,8 @@ def _next(
 def _template(recordings: tuple[Any, ...], world: World) -> Session:
     """Return a session with the conditions of recordings, and what is known of them."""
     if not recordings or isinstance(recordings[0], Recording):
-        return MeasuredRig.of(recordings, world.rig, world.sampling_rate).session()
+        rig = MeasuredRig.of(recordings, world.rig, world.sampling_rate, quantity=world.quantity)
+        return rig.session()
     for one in recordings:
         check_type("recordings", one, Condition)
     n = len(recordings)

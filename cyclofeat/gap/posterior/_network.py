@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.training import first_weights
+
 Array = Any  # of numpy or JAX
 Weights = Mapping[str, Array]
 
@@ -26,7 +28,7 @@ FIXED = ("uncorrelating", "pool_centre", "pool_spread")  # weights that are not 
 def initial_weights(
     n_columns: int, uncorrelating: NDArray[Any], n_whole: int, n_outputs: int, random: np.random.Generator
 ) -> dict[str, NDArray[np.float32]]:
-    """Draw weights (He et al. 2015), and those that are not trained with pools as they are."""
+    """Draw weights; those that are not trained leave pools as they are."""
     first, second = _RECORDING
     n_pools = 7 * len(uncorrelating) + n_whole
     weights: dict[str, NDArray[np.float32]] = {
@@ -39,11 +41,7 @@ def initial_weights(
         "session_1": (n_pools + 2 * second, _SESSION, 2.0), "session_2": (_SESSION, _SESSION, 0.5),
         "session_3": (_SESSION, _SESSION, 0.5), "answer": (_SESSION, n_outputs, 0.1),
     }  # fmt: skip
-    for name, (n_in, n_out, power) in layers.items():
-        drawn = random.normal(0, np.sqrt(power / n_in), (n_in, n_out))
-        weights[name] = drawn.astype(np.float32)
-        weights[f"{name}_bias"] = np.zeros(n_out, dtype=np.float32)
-    return weights
+    return weights | first_weights(layers, random)
 
 
 def with_outputs(weights: Weights, columns: NDArray[np.intp], random: np.random.Generator) -> dict[str, Any]:

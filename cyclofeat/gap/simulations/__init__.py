@@ -15,6 +15,7 @@ from cyclofeat.gap.simulations._population import (
     Record,
     as_rig,
     record,
+    reduction_to,
     simulate_bank,
     with_may_differ,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "Record",
     "as_rig",
     "record",
+    "reduction_to",
     "simulate_bank",
     "versions",
     "with_may_differ",

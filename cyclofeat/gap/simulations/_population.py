@@ -13,6 +13,7 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat._base.quantities import CHANNELS
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
@@ -59,9 +60,14 @@ def with_may_differ(rig: Rig, effects: Iterable[Effect] = MAY_DIFFER) -> Rig:
     return rig.with_added(*(effect for effect in effects if effect.effect_id not in stated))
 
 
+def reduction_to(quantity: str, n_lobes: int) -> int:
+    """Return what a torque is multiplied by, as the torque meter's effects have it (:meth:`Rig.simulate`)."""
+    return n_lobes if quantity == "input_torque" else 1
+
+
 @dataclass(frozen=True)
 class Record:
-    """One recording: torque in Nm, float32, shape (n_samples,), and its mean input speed in Hz."""
+    """One recording: torque as at the output in Nm, float32, shape (n_samples,), and mean input speed in Hz."""
 
     torque: NDArray[np.float32] = field(repr=False)
     speed: float
@@ -110,6 +116,8 @@ class Population:
         Wheels that may carry the wear, with equal chances.
     direction : {1, -1}
         -1 in reverse (:func:`record`).
+    quantity : {"output_torque", "input_torque"}
+        What is measured.
     """
 
     rig: Rig
@@ -117,13 +125,13 @@ class Population:
     sampling_rate: float
     wheels: tuple[tuple[int, ...], ...]
     direction: int = 1
+    quantity: str = "output_torque"
 
     @property
     def text(self) -> str:
         """Text of everything that affects a recording, besides its count and its random numbers."""
-        return json.dumps(
-            [self.rig.to_text(), self.n_samples, self.sampling_rate, self.wheels, self.direction]
-        )
+        others = {name: value for name, value in vars(self).items() if name != "rig"}
+        return json.dumps([self.rig.to_text(), others])
 
     def with_added(self, *effects: Effect) -> Population:
         """Return a copy with effects added to those of the rig."""
@@ -152,7 +160,8 @@ class Population:
             sampling_rate=self.sampling_rate,
             random_state=for_run,
             assembly=assembly,
-            torque_in=False,
+            quantity=self.quantity,
+            torque_in=False,  # where it is not measured
             motion=False,
             solver=_SOLVER,
             spare_s=spare * duration,
@@ -170,14 +179,18 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     """Record a machine's run through its chain of measurement, with further effects on the torque.
 
     In reverse (``direction=-1``) the mirror image of the gearbox runs: its torque has the other sign before
-    it is measured. The record is the torque times the direction, positive for a load that brakes.
+    it is measured. The record is the torque times the direction, positive for a load that brakes, and on the
+    input times the reduction.
     """
+    channel = CHANNELS[run.quantity]
     if direction < 0:
-        run = dataclasses.replace(run, run=dataclasses.replace(run.run, torque_out=-run.run.torque_out))
+        turned = {channel: -getattr(run.run, channel)}
+        run = dataclasses.replace(run, run=dataclasses.replace(run.run, **turned))
     made = run.record(effects)
     angle = made.input_angle
     turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
-    torque = made.torque_out.astype(np.float32) * np.float32(direction)
+    factor = direction * reduction_to(run.quantity, made.gearbox.n_lobes)
+    torque = getattr(made, channel).astype(np.float32) * np.float32(factor)
     return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 
 

@@ -110,7 +110,7 @@ def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
         n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
-        population = Population(at, n_samples, world.sampling_rate, world.wheels)
+        population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
         try:
             assembly = first_of[int(session.assemblies[i])]
             plans.append(population.plan_run(int(session.counts[i]), seed, assembly, spare=SPARE))

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import pair, positive, whole
+from cyclofeat._base.checks import one_of, pair, positive, whole
+from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import MAY_DIFFER
 from cyclofeat.gap.summaries import Cell
 from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
@@ -45,6 +46,8 @@ class World:
         In Hz.
     speeds_rpm, loads_nm : pair of float
         Ranges of the input's speed in RPM and of the load in Nm.
+    quantity : {"output_torque", "input_torque"}, default="output_torque"
+        What is measured. Torque on the input counts times the reduction: all Nm are those at the output.
     defect_counts : sequence of int, default=range(8)
         Counts of worn lobes.
     wheels : tuple of tuple of int
@@ -74,6 +77,7 @@ class World:
     sampling_rate: float = 25_600.0
     speeds_rpm: tuple[float, float] = (350.0, 700.0)
     loads_nm: tuple[float, float] = (10.0, 30.0)
+    quantity: str = "output_torque"
     defect_counts: Sequence[int] = tuple(range(8))
     wheels: tuple[tuple[int, ...], ...] = ((0,), (0, 1))
     n_recordings: int = 12
@@ -88,6 +92,7 @@ class World:
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "speeds_rpm": _increasing("speeds_rpm", self.speeds_rpm),
             "loads_nm": _increasing("loads_nm", self.loads_nm),
+            "quantity": one_of("quantity", self.quantity, TORQUES),
             "defect_counts": tuple(whole("defect_counts", count, 0) for count in self.defect_counts),
             "n_recordings": whole("n_recordings", self.n_recordings, 1),
             "n_rigs_per_machine": whole("n_rigs_per_machine", self.n_rigs_per_machine, 1),
@@ -147,8 +152,8 @@ class World:
         """Return all settings in types that JSON knows."""
         plain = {
             name: getattr(self, name)
-            for name in ("most", "sampling_rate", "speeds_rpm", "loads_nm", "defect_counts", "wheels",
-                         "n_recordings", "n_rigs_per_machine", "random_state")
+            for name in ("most", "sampling_rate", "speeds_rpm", "loads_nm", "quantity", "defect_counts",
+                         "wheels", "n_recordings", "n_rigs_per_machine", "random_state")
         }  # fmt: skip
         listed = {"effects": self.effects or (), "may_differ": self.may_differ}
         return {
