@@ -171,7 +171,7 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
         return lines * jnp.exp(gain + 1j * (_PHASE * phase + 2 * np.pi * turned * numbers))
 
     def disturbance(lines: Any, keys: Iterator[Any]) -> Any:
-        """Return blows that a lobe's rate brings about, or noise, both about a resonance, for some windows."""
+        """Return blows as frequent as one lobe's, or noise, both about a resonance, for some windows."""
         n = len(lines)
 
         def between(low: float, high: float) -> Any:

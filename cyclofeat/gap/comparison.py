@@ -166,9 +166,7 @@ class Comparison:
     def population(self) -> Population:
         """Source of simulated recordings: the model with what may differ anyway."""
         rig = with_may_differ(self.rig, self.may_differ)
-        return Population(
-            rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity
-        )
+        return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity)
 
     @property
     def text(self) -> str:

@@ -67,7 +67,7 @@ def reduction_to(quantity: str, n_lobes: int) -> int:
 
 @dataclass(frozen=True)
 class Record:
-    """One recording: torque as at the output in Nm, float32, shape (n_samples,), and mean input speed in Hz."""
+    """One recording: torque as at the output in Nm, float32, shape (n_samples,), and mean speed in Hz."""
 
     torque: NDArray[np.float32] = field(repr=False)
     speed: float
