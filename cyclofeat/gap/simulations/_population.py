@@ -184,8 +184,8 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     """
     channel = CHANNELS[run.quantity]
     if direction < 0:
-        turned = {channel: -getattr(run.run, channel)}
-        run = dataclasses.replace(run, run=dataclasses.replace(run.run, **turned))
+        mirrored = dataclasses.replace(run.run, **{channel: -getattr(run.run, channel)})
+        run = dataclasses.replace(run, run=mirrored)
     made = run.record(effects)
     angle = made.input_angle
     turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
