@@ -20,7 +20,7 @@ Array = Any  # of numpy or JAX
 Weights = Mapping[str, Array]
 
 # Widths of the hidden layers, and share of their units that is dropped in training.
-_HIDDEN, _DROPPED = (512, 128), 0.3
+_HIDDEN, _DROPPED = (512, 128), 0.1
 _BATCH, _RATE, _DECAY = 128, 2e-3, 0.02
 # Windows in a batch where there are fewer than four times as many as in the usual one.
 _SMALL_BATCH = 32
@@ -34,7 +34,7 @@ _PLACES, _NEAR = 4, 0.5
 _GAIN_DB, _PHASE, _N_TERMS = 2.0, 0.2, 4
 # Share of the variants with a disturbance, its root mean square as a share of the lines', the damping of its
 # resonance as a share of the critical one, twice, and turns of the fold by which blows slip in a window.
-_DISTURBED, _DISTURBANCE, _DAMPING, _SLIPPED = 0.25, (0.05, 2.0), (0.05, 1.0), 0.08
+_DISTURBED, _DISTURBANCE, _DAMPING, _SLIPPED = 0.2, (0.05, 2.0), (0.05, 1.0), 0.08
 # Lower lobe lines hold the brake's drift.
 _LOWEST_LINE = 3
 # Instead of minus infinity, whose gradient is not a number.
