@@ -135,8 +135,8 @@ $(TABLES): bench-%: $(INSTALLED)
 # Coarser models, for fewer samples per turn, go into the file of the next: quantity, samples per turn, assemblies.
 default-models: $(INSTALLED)  ## train the packaged models (an hour and a half); writes cyclofeat/models/default
 	mkdir -p build/models
-	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:2000 \
-		input_torque:37:400 input_torque:128:400 motor_current:37:400 motor_current:128:400; do \
+	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:4000 \
+		input_torque:37:600 input_torque:128:600 motor_current:37:600 motor_current:128:600; do \
 		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
 		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $$1 --counter rows \

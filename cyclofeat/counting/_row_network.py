@@ -26,9 +26,9 @@ _BATCH, _RATE, _DECAY = 128, 2e-3, 0.02
 _SMALL_BATCH = 32
 # Epochs, and least number of batches, where nothing else is said.
 _EPOCHS, _LEAST_STEPS = 40, 600
-# Places within each lobe at which a row may begin, in training, and how far from the true one, in lobes, a
-# beginning is right: a window without a tachometer begins anywhere.
-_PLACES, _NEAR = 4, 0.5
+# Places within each lobe at which a row may begin: a window without a tachometer begins anywhere. How far from
+# the true one, in lobes, a beginning is right in training.
+PLACES, _NEAR = 4, 0.5
 # Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines.
 # Number of terms.
 _GAIN_DB, _PHASE, _N_TERMS = 2.0, 0.2, 4
@@ -90,6 +90,15 @@ def log_odds(
     return rows, (x.mean(1) @ weights["sound"] + weights["sound_bias"])[:, 0]
 
 
+def layers(n_inputs: int, n_lengths: int) -> dict[str, tuple[int, int, float]]:
+    """Return the layers, as :func:`first_weights` takes them."""
+    first, second = _HIDDEN
+    return {
+        "hidden_1": (n_inputs, first, 2.0), "hidden_2": (first, second, 2.0), "row": (second, n_lengths, 0.3),
+        "sound": (second, 1, 0.0),
+    }  # fmt: skip
+
+
 def train(
     lines: Complex,
     length: Int,
@@ -127,13 +136,8 @@ def train(
     jax, _, _ = libraries()
     n, n_lines = lines.shape
     random = np.random.default_rng(random_state)
-    places = turns_of_places(n_lobes, n_lines, _PLACES)
-    first, second = _HIDDEN
-    layers = {
-        "hidden_1": (2 * places.shape[1], first, 2.0), "hidden_2": (first, second, 2.0),
-        "row": (second, n_lengths, 0.3), "sound": (second, 1, 0.0),
-    }  # fmt: skip
-    weights: Any = first_weights(layers, random)
+    places = turns_of_places(n_lobes, n_lines, PLACES)
+    weights: Any = first_weights(layers(2 * places.shape[1], n_lengths), random)
     # Rows and a sound disc begin equally probable.
     weights["row_bias"] -= np.float32(np.log(len(places)))
     known = lines.astype(np.complex64), length.astype(np.int32), begins.astype(np.float32)
@@ -157,7 +161,7 @@ def train(
 def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the optimiser's first state and one step of training, as functions."""
     jax, jnp, _ = libraries()
-    turns = turns_of_places(n_lobes, n_lines, _PLACES)
+    turns = turns_of_places(n_lobes, n_lines, PLACES)
     at = np.arange(len(turns)) / len(turns)
     numbers = np.arange(1, n_lines + 1)
     term = np.arange(1, _N_TERMS + 1)[:, np.newaxis]

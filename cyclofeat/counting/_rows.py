@@ -26,14 +26,12 @@ from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobe_network import begins_by_mesh
 from cyclofeat.counting._lobe_sets import Bool
 from cyclofeat.counting._pooling import pool_weights, pooled, softmax
-from cyclofeat.counting._row_network import Weights, log_odds, train, turns_of_places
+from cyclofeat.counting._row_network import PLACES, Weights, log_odds, train, turns_of_places
 from cyclofeat.counting.scores import shares
 from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
-# Places within a lobe at which a row is looked for, where no tachometer says where lobes pass.
-_PLACES = 4
 # Share of an input turn over which the autoregressive model reaches: the resonance of rotor and torque meter
 # is one pair of its poles, the others follow the slope of the spectrum. A longer one would take out the
 # pattern of the worn lobes as well.
@@ -291,7 +289,7 @@ class RowCounter(Counter):
         """Return the log odds of each class against no row, (n_windows, n_classes)."""
         logs = np.zeros((len(lines), self.classes_.size))
         for k in range(0, len(logs), _BLOCK):
-            rows, sound = self._log_rows(networks, lines[k : k + _BLOCK], _PLACES)
+            rows, sound = self._log_rows(networks, lines[k : k + _BLOCK], PLACES)
             logs[k : k + _BLOCK] = logsumexp(rows, axis=1) - sound[:, np.newaxis]
         logs[:, self._sound] = 0.0
         return logs

@@ -67,6 +67,8 @@ _CONTRAST_WIDTH = 5
 # Steps of the speed search over its whole range; its first line, below which the brake drifts.
 _SPEED_STEPS = 301
 _FIRST_SEARCHED = 5
+# Windows whose spectra, some fifty times as large as they, are in memory at once.
+_BLOCK = 256
 # Power ratios are read down to -30 dB.
 _TINY = 1e-3
 
@@ -93,6 +95,12 @@ class LobeLines:
     def part(self, windows: slice | NDArray[np.int64]) -> LobeLines:
         """Return the lines of some of the windows."""
         return LobeLines(self.input_speed_hz[windows], self.lines[windows], self.floor[windows])
+
+    @classmethod
+    def joined(cls, parts: Sequence[LobeLines]) -> LobeLines:
+        """Return the lines of all windows of some parts, in order."""
+        columns = zip(*((part.input_speed_hz, part.lines, part.floor) for part in parts), strict=True)
+        return cls(*map(np.concatenate, columns))
 
 
 def lobe_frequency(input_speed_hz: float, n_lobes: int = 15) -> float:
@@ -265,6 +273,9 @@ def lobe_lines(
     """
     comb = comb or LobeComb()
     n_windows = X.shape[0]
+    if n_windows > _BLOCK:
+        blocks = (X[first : first + _BLOCK] for first in range(0, n_windows, _BLOCK))
+        return LobeLines.joined([lobe_lines(one, sampling_rate, input_speed_hz, comb) for one in blocks])
     nominal = lobe_frequency(input_speed_hz, comb.n_lobes)
     if X.shape[1] * nominal < 2 * sampling_rate:
         return LobeLines(

@@ -210,6 +210,17 @@ def test_constant_and_short_windows_have_documented_values(window):
     assert_allclose(features[0, 30:], -30)
 
 
+def test_lines_of_many_windows_are_those_of_each(monkeypatch):
+    """Many windows are taken in blocks, of which none may be lost or change its lines."""
+    random = np.random.default_rng(0)
+    X = random.normal(size=(11, 1920))
+    whole = lobes.lobe_lines(X, 128, 1.0)
+    monkeypatch.setattr(lobes, "_BLOCK", 4)
+    in_blocks = lobes.lobe_lines(X, 128, 1.0)
+    for name, values in vars(whole).items():
+        np.testing.assert_array_equal(getattr(in_blocks, name), values)
+
+
 def test_windows_on_equal_steps_of_the_angle():
     """Samples per turn in place of the rate, 1 in place of the speed: the same features."""
     record = one_disturbed_lobe(N_SAMPLES)
