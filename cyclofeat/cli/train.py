@@ -33,6 +33,8 @@ _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "
 _RANGE = 1.25
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
+# A motor yields to the load, and turns by so much less than its speed would at most.
+_SLIP = 0.03
 # Assemblies of each count that are simulated together.
 _PART = 50
 # Samples per input turn of windows, cyclofeat.recordings.SAMPLES_PER_TURN, which loads late.
@@ -173,6 +175,8 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     speeds = arguments.speeds or _around(60 * gearbox.input_speed_hz)
     # Or an error before the work.
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
+    quantity = arguments.quantity or "output_torque"
+    turns = windows * (1 + _SLIP) if quantity == "motor_current" else windows
     counts = range(arguments.max_count + 1)
     n_assemblies = whole("assemblies", arguments.assemblies, 1)
     recordings: list[Recording] = []
@@ -188,12 +192,12 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
                 speed_rpm=speeds,
                 load_nm=arguments.loads or _around(gearbox.load_torque),
                 wear_um=arguments.wear,
-                output_turns=windows,
+                output_turns=turns,
                 sampling_rate=sampling_rate,
                 random_state=arguments.seed,
                 n_jobs=arguments.jobs,
                 with_angle=True,
-                quantity=arguments.quantity or "output_torque",
+                quantity=quantity,
                 kernel=arguments.kernel,
                 # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
                 solver=Solver(integrator="adams_bashforth"),

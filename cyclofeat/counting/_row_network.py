@@ -26,8 +26,8 @@ _BATCH, _RATE, _DECAY = 128, 2e-3, 0.02
 _SMALL_BATCH = 32
 # Epochs, and least number of batches, where nothing else is said.
 _EPOCHS, _LEAST_STEPS = 40, 600
-# Places within each lobe at which a row may begin: a window without a tachometer begins anywhere. How far from
-# the true one, in lobes, a beginning is right in training.
+# Places within each lobe at which a row may begin, as a window without a tachometer begins anywhere; how far
+# from the true one, in lobes, a beginning is right in training.
 PLACES, _NEAR = 4, 0.5
 # Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines.
 # Number of terms.

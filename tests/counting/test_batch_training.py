@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import cyclofeat.datasets
 from cyclofeat import Windower
+from cyclofeat.cli import make_parser, train
 from cyclofeat.counting import make_lobe_counter
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.features import (
@@ -14,7 +16,7 @@ from cyclofeat.features import (
     SpectralEntropy,
     TorqueStatistics,
 )
-from cyclofeat.recordings import WindowSet
+from cyclofeat.recordings import WindowSet, shaft_windows
 from cyclofeat.simulators import Solver
 
 RATE = 5120.0
@@ -60,3 +62,23 @@ def test_either_kernel_trains_for_the_recordings_of_the_other(by_kernel):
         # Another seed of the trees changes probabilities by 0.1.
         assert np.abs(other - likely[0]).max() < 0.1
         assert np.array_equal(other.argmax(axis=1), likely[0].argmax(axis=1))
+
+
+@pytest.mark.slow
+def test_a_motor_that_yields_to_the_load_still_fills_its_windows(monkeypatch):
+    """Of 4,800 motors at all speeds and loads, number 3,818 turns least in the time of one output turn."""
+
+    def fewer(n, counts, first_assembly, **options):
+        return make_rig_recordings(1, [2], first_assembly=3818, **options)
+
+    monkeypatch.setattr(cyclofeat.datasets, "make_rig_recordings", fewer)
+    command = (
+        "train --quantity motor_current --speeds 100:1500 --loads 3:40 --windows 1 --jobs 1 --out m.skops"
+    )
+    ((recording,), _) = train._simulated(make_parser().parse_args([*command.split(), "--assemblies", "1"]))
+    angle = recording.input_angle(15)
+    assert len(shaft_windows([recording], [angle], 15)) == 1
+    as_stated = round(recording.sampling_rate * 15 / recording.input_speed_hz)
+    with pytest.raises(ValueError, match=r"14\.\d* input turns, a window of one output turn needs"):
+        shaft_windows([recording.replace(torque=recording.torque[:as_stated], angle=angle[:as_stated])],
+                      [angle[:as_stated]], 15)  # fmt: skip
