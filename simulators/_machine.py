@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.checks import check_type, is_whole, short
-from cyclofeat._base.quantities import CHANNELS, TORQUES
+from cyclofeat._base.quantities import CHANNELS, TORQUES, factor_to_output
 from cyclofeat.simulators._simulator import Simulator
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.effects import Effect, TorqueContext
@@ -147,7 +147,7 @@ class Machine:
         """Return the channels of one run after all effects on the torque; no meter measures a current."""
         meter = CHANNELS[quantity] if quantity in TORQUES else None
         # A meter on the input has a smaller range, with smaller errors.
-        scale = self.gearbox.n_lobes if quantity == "input_torque" else 1
+        scale = factor_to_output(quantity, self.gearbox.n_lobes)
         for effect, key in zip(self.effects, library.stream_keys(self.effects), strict=True):
             if not (effect.overrides("change_torque") or effect.overrides("resample")):
                 continue

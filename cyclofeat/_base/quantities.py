@@ -19,6 +19,11 @@ CHANNELS: Mapping[str, str] = MappingProxyType(
 )
 
 
+def factor_to_output(quantity: str, n_lobes: int) -> int:
+    """Return the factor that refers a torque to the output: number of lobes at the input shaft, else 1."""
+    return n_lobes if quantity == "input_torque" else 1
+
+
 def in_words(quantity: str) -> str:
     """Return a quantity as sentences name it: ``motor current``."""
     return quantity.replace("_", " ")

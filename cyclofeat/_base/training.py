@@ -23,7 +23,11 @@ def libraries() -> tuple[Any, Any, Any]:
 def first_weights(
     layers: Mapping[str, tuple[int, int, float]], random: np.random.Generator
 ) -> dict[str, NDArray[np.float32]]:
-    """Draw weights of dense layers (He et al. 2015): of each its inputs, outputs, and power of an output."""
+    """Draw weights of dense layers, with biases of zero (He et al. 2015).
+
+    ``layers`` maps the name of each to its number of inputs, its number of outputs, and the variance of its
+    weights times its number of inputs.
+    """
     weights = {}
     for name, (n_in, n_out, power) in layers.items():
         drawn = random.normal(0, np.sqrt(power / n_in), (n_in, n_out))
@@ -32,8 +36,8 @@ def first_weights(
     return weights
 
 
-def dropping(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
-    """Return what drops this share of a layer's units (Srivastava et al. 2014), one random key each time."""
+def dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
+    """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key."""
     jax, _, _ = libraries()
 
     def thinned(layer: Any) -> Any:

@@ -47,7 +47,8 @@ def add_preparation(parser: argparse.ArgumentParser) -> None:
         "--prepare",
         metavar="FILE",
         help="learn --posterior for the model from simulated rigs, at conditions like those of MEASURED if "
-        "there are some, and write it to FILE, .npz; with --posterior, start from that one",
+        "there are some (of input torque without them: --quantity input_torque), and write it to FILE, .npz; "
+        "with --posterior, start from that one",
     )
     parser.add_argument(
         "--effects",
@@ -88,7 +89,7 @@ def prepare(arguments: argparse.Namespace) -> Prepared:
     world = world_of(arguments, model)
     start = None if arguments.posterior is None else read_posterior(arguments.posterior)
     if start is not None:  # before the simulations, which take an hour
-        start.check_goes_on(world.cells, world.defect_counts)
+        start.check_goes_on(world.cells, world.defect_counts, world.quantity)
     with Progress("cyclofeat gap: simulating machines, eight at a time") as progress:
         rigs = prepare_world(
             world,

@@ -33,7 +33,7 @@ _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "
 _RANGE = 1.25
 # Output turns of a simulated assembly; early wear hardly shows in one turn.
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
-# A motor yields to the load, and turns by so much less than its speed would at most.
+# Largest share by which a motor turns less under load than at its nominal speed.
 _SLIP = 0.03
 # Assemblies of each count that are simulated together.
 _PART = 50
@@ -176,7 +176,7 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     # Or an error before the work.
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
-    turns = windows * (1 + _SLIP) if quantity == "motor_current" else windows
+    turns = windows * (1 + _SLIP) if rig.has_motor or quantity == "motor_current" else windows
     counts = range(arguments.max_count + 1)
     n_assemblies = whole("assemblies", arguments.assemblies, 1)
     recordings: list[Recording] = []

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.training import descent, dropping, first_weights, libraries
+from cyclofeat._base.training import descent, dropout, first_weights, libraries
 from cyclofeat.counting._assembly_folds import Float, Int
 from cyclofeat.signal.windows import Complex
 
@@ -32,8 +32,8 @@ PLACES, _NEAR = 4, 0.5
 # Standard deviations of a variant: gain in dB and phase in rad of each smooth term over the lobe lines.
 # Number of terms.
 _GAIN_DB, _PHASE, _N_TERMS = 2.0, 0.2, 4
-# Share of the variants with a disturbance, its root mean square as a share of the lines', the damping of its
-# resonance as a share of the critical one, twice, and turns of the fold by which blows slip in a window.
+# Share of the variants that are disturbed. Ranges, log-uniform: root mean square of the disturbance over that
+# of the lines, and twice the damping ratio of its resonance. Most turns of the fold by which impacts slip.
 _DISTURBED, _DISTURBANCE, _DAMPING, _SLIPPED = 0.2, (0.05, 2.0), (0.05, 1.0), 0.08
 # Lower lobe lines hold the brake's drift.
 _LOWEST_LINE = 3
@@ -114,8 +114,8 @@ def train(
     The probability of the true length, with a beginning at most half a lobe from the true one, is that of
     all lengths and places together: the loss is its logarithm. In each epoch a window is another variant of
     itself: turned at random, and with a gain and phase that change smoothly over the lobe lines, as behind
-    another rotor and torque meter. To some is added noise, or what looks like a worn lobe: blows of a
-    neighbour that come as often as one lobe passes.
+    another rotor and torque meter. A fifth of the variants get noise, or impacts of a neighbouring machine
+    at the lobe rate, which look like a worn lobe.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def train(
     -------
     dict from str to ndarray
         Weights, rounded to half precision: their errors are far below those of the network, and files are
-        half as large.
+        a third smaller.
     """
     jax, _, _ = libraries()
     n, n_lines = lines.shape
@@ -175,7 +175,7 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
         return lines * jnp.exp(gain + 1j * (_PHASE * phase + 2 * np.pi * turned * numbers))
 
     def disturbance(lines: Any, keys: Iterator[Any]) -> Any:
-        """Return blows as frequent as one lobe's, or noise, both about a resonance, for some windows."""
+        """Return impacts at the lobe rate, or noise, both about a resonance; zero for most windows."""
         n = len(lines)
 
         def between(low: float, high: float) -> Any:
@@ -185,9 +185,9 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
         rings = resonance**2 / (resonance**2 - numbers**2 + 1j * numbers * resonance * between(*_DAMPING))
         begins = jax.random.uniform(next(keys), (n, 1))
         slipped = _SLIPPED * jax.random.uniform(next(keys), (n, 1)) * numbers
-        blows = jnp.exp(-2j * np.pi * begins * numbers) * jnp.sinc(slipped)
+        impacts = jnp.exp(-2j * np.pi * begins * numbers) * jnp.sinc(slipped)
         noise = jax.random.normal(next(keys), lines.shape, dtype=lines.dtype)
-        added = rings * jnp.where(jax.random.bernoulli(next(keys), 0.5, (n, 1)), blows, noise)
+        added = rings * jnp.where(jax.random.bernoulli(next(keys), 0.5, (n, 1)), impacts, noise)
         some = jax.random.bernoulli(next(keys), _DISTURBED, (n, 1))
         return some * between(*_DISTURBANCE) * added * rms(lines) / rms(added)
 
@@ -200,7 +200,7 @@ def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any]
         turned = jax.random.uniform(next(keys), (len(lines), 1))
         seen = varied(lines, turned, keys)
         seen += disturbance(seen, keys)
-        rows, sound = log_odds(jnp, weights, seen, turns, dropping(_DROPPED, keys))
+        rows, sound = log_odds(jnp, weights, seen, turns, dropout(_DROPPED, keys))
         beside = jnp.abs((at - begins[:, None] + turned + 0.5) % 1 - 0.5) * n_lobes
         of_length = jnp.take_along_axis(rows, jnp.maximum(length, 0)[:, None, None], axis=2)[:, :, 0]
         right = jax.nn.logsumexp(of_length + jnp.where(beside <= _NEAR, 0.0, _NEVER), axis=1)

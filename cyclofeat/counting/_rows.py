@@ -53,7 +53,7 @@ class RowCounter(Counter):
 
     The machine to be counted is none of those in training. So the network learns from variants of each
     window, whose lobe lines have another gain and phase, smooth over the lines, as behind another rotor and
-    torque meter; some have the blows of a neighbour or noise added.
+    torque meter; some also have noise or the impacts of a neighbouring machine.
 
     Parameters
     ----------

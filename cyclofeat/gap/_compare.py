@@ -72,6 +72,7 @@ def compare_recordings(
     return GapResult(
         where=tuple(where_of(one, pictures=pictures) for one in located),
         rig=rig,
+        quantity=both.quantity,
         overlays=tuple(
             overlay
             for one in located

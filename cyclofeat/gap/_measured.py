@@ -14,11 +14,11 @@ from scipy.signal import resample_poly
 
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.checks import check_type, positive
-from cyclofeat._base.quantities import TORQUES
+from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat.gap._doubts import doubts_of
 from cyclofeat.gap._settings import GapSettings, Windows
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.simulations import Bank, reduction_to
+from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
 from cyclofeat.recordings import Recording, Windower, common_n_lobes, common_quantity
@@ -85,7 +85,7 @@ class MeasuredRig:
     Attributes
     ----------
     recordings : tuple of Recording
-        All at one sampling rate, with the torque as at the output: on the input, times the reduction.
+        All at one sampling rate, with the torque referred to the output.
     sampling_rate : float
         In Hz.
     quantity : {"output_torque", "input_torque"}
@@ -168,8 +168,8 @@ class MeasuredRig:
             )  # fmt: skip
         if quantity not in (None, measured):
             raise ArgumentError(
-                "{argument} of the recordings must be {wanted!r}, as of the posterior's world, got {got!r}: "
-                "prepare a posterior for it",
+                "{argument} of the recordings must be {wanted!r}, from which the posterior was learned, got "
+                "{got!r}: prepare a posterior for {got!r}",
                 argument="quantity", wanted=quantity, got=measured,
             )  # fmt: skip
         n_lobes = common_n_lobes(given)
@@ -363,11 +363,11 @@ class MeasuredRig:
 def _at_output(
     recordings: Sequence[Recording], quantity: str, n_lobes: int
 ) -> tuple[Sequence[Recording], list[str]]:
-    """Return recordings with the torque as at the output, and a warning where that is not measured there."""
-    factor = reduction_to(quantity, n_lobes)
+    """Return recordings with the torque referred to the output, and a warning where it was the input's."""
+    factor = factor_to_output(quantity, n_lobes)
     if factor == 1:
         return recordings, []
-    warning = f"torque on the input is multiplied by {factor}, the reduction: all Nm are as at the output"
+    warning = f"input torque is multiplied by {factor}, the reduction: all torques are referred to the output"
     return [recording.replace(torque=factor * recording.torque) for recording in recordings], [warning]
 
 

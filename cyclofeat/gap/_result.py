@@ -213,6 +213,8 @@ class GapResult(EffectRows[FoundEffect]):
         Recordings against the model as it was, one comparison per condition.
     rig : Rig
         The corrected model: the model with ``named`` added.
+    quantity : {"output_torque", "input_torque"}
+        What was measured. Input torque is referred to the output here.
     posterior_rig : Rig or None
         The model with effects drawn from all that the recordings leave possible: each assembly drawn from it
         has another of its 200 variants. None where effects were not asked for.
@@ -237,6 +239,7 @@ class GapResult(EffectRows[FoundEffect]):
 
     where: tuple[Where, ...] = field(repr=False)
     rig: Rig = field(repr=False)
+    quantity: str = "output_torque"
     posterior_rig: Rig | None = field(default=None, repr=False)
     effects: tuple[FoundEffect, ...] = field(default=(), repr=False)
     named: tuple[Effect, ...] = ()
@@ -263,6 +266,7 @@ class GapResult(EffectRows[FoundEffect]):
             "format": FORMAT,
             "verdict": self.verdict,
             "p": self.p,
+            "quantity": self.quantity,
             "effects": [_plain_effect(found) for found in self.effects],
             "named": [effect.effect_id for effect in self.named],
             "remainder": None if self.remainder is None else asdict(self.remainder),

@@ -108,6 +108,7 @@ def find_gap(
     return GapResult(
         where=tuple(where_of(one, pictures=settings.pictures) for one in located),
         rig=corrected,
+        quantity=rig.quantity,
         posterior_rig=corrected_rig(located, world.rig, variants=variants),
         effects=_effects(posterior, session, presence, confirmed),
         named=confirmed.effects,

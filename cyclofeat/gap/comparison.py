@@ -64,7 +64,8 @@ class Comparison:
         -1 if the gearbox runs in reverse. All torque is positive for a load that brakes: that of recordings
         in reverse has the other sign than it was measured with.
     quantity : {"output_torque", "input_torque"}, default="output_torque"
-        What was measured. Torque on the input counts times the reduction.
+        What was measured. Input torque is multiplied by the reduction: all torques are referred to the
+        output.
     may_differ : tuple of Effect
         Effects that may differ between a measured and a simulated recording without being missing: added to
         the rig for those kinds of effects that it does not state itself. All values are *assumptions*.

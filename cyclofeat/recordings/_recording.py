@@ -24,8 +24,6 @@ from cyclofeat.signal.windows import Float
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Attribute of a simulated run that holds each quantity.
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from cyclofeat._base.quantities import in_words
 from cyclofeat.plotting.gap_words import p_words
 from cyclofeat.report._page import versions
 
@@ -85,6 +86,7 @@ def provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, s
         "recordings": sum(one.n_recordings for one in result.where),
         "conditions": "; ".join(one.condition.text for one in result.where),
         "simulated recordings": sum(one.n_simulated for one in result.where),
+        "quantity": in_words(result.quantity),
         "sampling rate": f"{where.sampling_rate:g} Hz",
         "random state": where.random_state,
     }

@@ -67,7 +67,7 @@ _CONTRAST_WIDTH = 5
 # Steps of the speed search over its whole range; its first line, below which the brake drifts.
 _SPEED_STEPS = 301
 _FIRST_SEARCHED = 5
-# Windows whose spectra, some fifty times as large as they, are in memory at once.
+# Windows taken at once: their spectra need some fifty times their memory.
 _BLOCK = 256
 # Power ratios are read down to -30 dB.
 _TINY = 1e-3

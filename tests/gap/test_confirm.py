@@ -236,7 +236,9 @@ def test_what_is_missing_is_found_in_the_input_torque_too(tmp_path):
     assert result.effect("noise").sizes[0].value == pytest.approx(0.3, rel=0.1)
     assert result.proof[0].result.grr > 0.8
     assert any("multiplied by 15, the reduction" in warning for warning in result.warnings)
-    with pytest.raises(ValueError, match=r"must be 'input_torque', as of .* got 'output_torque': prepare"):
+    with pytest.raises(
+        ValueError, match=r"must be 'input_torque', from which .* got 'output_torque': prepare"
+    ):
         find_gap(recordings(n=4), posterior=posterior, settings=SETTINGS)
 
 

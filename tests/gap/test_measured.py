@@ -118,7 +118,7 @@ def test_torque_on_the_input_counts_times_the_reduction_and_is_the_simulated_qua
     # By the reduction both are the load, but the lobes' share in each is another.
     assert made_by_model.torque.mean() == pytest.approx(without.torque.mean(), rel=0.1)
     assert np.corrcoef(made_by_model.torque, without.torque)[0, 1] < 0.9
-    with pytest.raises(ValueError, match=r"must be 'output_torque', as of the posterior's world, got 'input"):
+    with pytest.raises(ValueError, match=r"must be 'output_torque', from which .* got 'input"):
         MeasuredRig.of([made(quantity="input_torque")], MODEL, quantity="output_torque")
     with pytest.raises(ValueError, match="quantity must be 'output_torque' or 'input_torque', got 'motor"):
         World(quantity="motor_current")

@@ -6,7 +6,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,7 @@ class EffectPosterior(DocumentedEstimator):
             Not used.
         start : EffectPosterior, optional
             Its networks go on learning, in the place of random ones: what they know of effects that both have
-            is kept, and fewer rigs suffice. Summaries and counts must be the same.
+            is kept, and fewer rigs suffice. Quantity, summaries and counts must be the same.
         progress : callable, optional
             Called after each epoch with the number done and their total.
 
@@ -141,8 +141,8 @@ class EffectPosterior(DocumentedEstimator):
         ImportError
             If JAX or Optax is not installed.
         ValueError
-            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has other
-            summaries, counts or fewer networks.
+            If a parameter is invalid, there are too few rigs without an effect, or ``start`` has another
+            quantity, other summaries or counts, or fewer networks.
         """
         n_networks, epochs = whole("n_networks", self.n_networks, 1), whole("epochs", self.epochs, 1)
         rate = self.learning_rate
@@ -225,7 +225,7 @@ class EffectPosterior(DocumentedEstimator):
 
     def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Weights]:
         """Return the networks of another posterior, with the outputs of this one; take over its scales."""
-        start.check_goes_on(self.cells_, self.reference_.counts_.tolist())
+        start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), _quantity(self.world_))
         if len(start.networks_) < self.n_networks:
             raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
         places = {name: k for k, name in enumerate(start.names_)}
@@ -273,9 +273,13 @@ class EffectPosterior(DocumentedEstimator):
             if enough[size]:
                 self.size_quantiles_[size] = _quantiles(z)
 
-    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int]) -> None:
-        """Raise ValueError unless it can go on learning from rigs with these summaries and counts."""
+    def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
+        """Raise ValueError unless it can go on learning from rigs with these properties."""
         check_is_fitted(self, "networks_")
+        if _quantity(self.world_) != quantity:
+            raise ValueError(
+                f"start must have learned from {quantity}, like the rigs, got one of {_quantity(self.world_)}"
+            )
         if tuple(cells) != tuple(self.cells_):
             raise ValueError(
                 f"start must have the {len(cells)} summaries of the rigs, got one with {len(self.cells_)}, "
@@ -480,6 +484,11 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             networks.setdefault(place, {})[key] = values.astype(np.float32)
     posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
+
+
+def _quantity(world: Mapping[str, Any]) -> str:
+    """Return the quantity of a world's settings; those of older files state none."""
+    return str(world.get("quantity", World.quantity))
 
 
 def _quantiles(residuals: Float) -> Float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.training import descent, dropping, libraries
+from cyclofeat._base.training import descent, dropout, libraries
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._inputs import Inputs, Recordings, assembled
 from cyclofeat.gap.posterior._reference import Reference
@@ -90,7 +90,7 @@ def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any
         def blurred(pools: Any) -> Any:
             return pools + _BLURRED * jax.random.normal(next(keys), pools.shape)
 
-        thinned = dropping(_DROPPED, keys)
+        thinned = dropout(_DROPPED, keys)
         outputs = _network.answers(jnp, weights | fixed, **inputs, blurred=blurred, thinned=thinned)
         logits, mean, spread = _network.split(jnp, outputs, n_effects)
         of_presence = optax.sigmoid_binary_cross_entropy(logits, present).sum(1).mean()

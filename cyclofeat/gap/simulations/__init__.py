@@ -15,7 +15,6 @@ from cyclofeat.gap.simulations._population import (
     Record,
     as_rig,
     record,
-    reduction_to,
     simulate_bank,
     with_may_differ,
 )
@@ -31,7 +30,6 @@ __all__ = [
     "Record",
     "as_rig",
     "record",
-    "reduction_to",
     "simulate_bank",
     "versions",
     "with_may_differ",

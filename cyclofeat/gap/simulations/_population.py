@@ -13,7 +13,7 @@ import joblib
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.quantities import CHANNELS
+from cyclofeat._base.quantities import CHANNELS, factor_to_output
 from cyclofeat.simulators import (
     CycloidalGearbox,
     Effect,
@@ -60,14 +60,9 @@ def with_may_differ(rig: Rig, effects: Iterable[Effect] = MAY_DIFFER) -> Rig:
     return rig.with_added(*(effect for effect in effects if effect.effect_id not in stated))
 
 
-def reduction_to(quantity: str, n_lobes: int) -> int:
-    """Return what a torque is multiplied by, as the torque meter's effects have it (:meth:`Rig.simulate`)."""
-    return n_lobes if quantity == "input_torque" else 1
-
-
 @dataclass(frozen=True)
 class Record:
-    """One recording: torque as at the output in Nm, float32, shape (n_samples,), and mean speed in Hz."""
+    """One recording: torque in Nm referred to the output, float32 (n_samples,), and mean speed in Hz."""
 
     torque: NDArray[np.float32] = field(repr=False)
     speed: float
@@ -161,7 +156,7 @@ class Population:
             random_state=for_run,
             assembly=assembly,
             quantity=self.quantity,
-            torque_in=False,  # where it is not measured
+            torque_in=False,  # plan_run sets True where it is measured
             motion=False,
             solver=_SOLVER,
             spare_s=spare * duration,
@@ -179,8 +174,8 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     """Record a machine's run through its chain of measurement, with further effects on the torque.
 
     In reverse (``direction=-1``) the mirror image of the gearbox runs: its torque has the other sign before
-    it is measured. The record is the torque times the direction, positive for a load that brakes, and on the
-    input times the reduction.
+    it is measured. The record is the torque times the direction, so positive for a load that brakes; input
+    torque is also multiplied by the reduction.
     """
     channel = CHANNELS[run.quantity]
     if direction < 0:
@@ -189,7 +184,7 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
     made = run.record(effects)
     angle = made.input_angle
     turned = (float(angle[-1]) - float(angle[0])) / (2 * np.pi)
-    factor = direction * reduction_to(run.quantity, made.gearbox.n_lobes)
+    factor = direction * factor_to_output(run.quantity, made.gearbox.n_lobes)
     torque = getattr(made, channel).astype(np.float32) * np.float32(factor)
     return Record(torque, turned / (angle.size - 1) * made.sampling_rate)
 

@@ -47,7 +47,7 @@ class World:
     speeds_rpm, loads_nm : pair of float
         Ranges of the input's speed in RPM and of the load in Nm.
     quantity : {"output_torque", "input_torque"}, default="output_torque"
-        What is measured. Torque on the input counts times the reduction: all Nm are those at the output.
+        What is measured. Input torque is multiplied by the reduction: all torques are referred to the output.
     defect_counts : sequence of int, default=range(8)
         Counts of worn lobes.
     wheels : tuple of tuple of int
@@ -100,6 +100,11 @@ class World:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.rig.simulator is not None and self.quantity != "output_torque":
+            raise ValueError(
+                "quantity must be 'output_torque' for a rig with a simulator of its own, got "
+                f"{self.quantity!r}"
+            )
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"effects must be of different kinds, got {', '.join(self.names)}")
 
