@@ -258,6 +258,10 @@ def test_a_wrong_answer_names_the_simulator(fault: str, message: str) -> None:
 
 
 def test_a_world_considers_what_its_simulator_answers(misaligned) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(
+        ValueError, match="quantity must be 'output_torque' for a rig with a simulator of its"
+    ):
+        World(rig=OWN, quantity="input_torque")
     own, of_gearbox = set(World(rig=OWN).names), set(World().names)
     assert own - of_gearbox == {"misaligned"}
     assert {"pin_errors", "clearance", "brake_rotor"} <= of_gearbox - own
