@@ -133,7 +133,7 @@ $(TABLES): bench-%: $(INSTALLED)
 
 # Output torque needs more assemblies: its lobe lines hide in the resonance of rotor and torque meter.
 # Coarser models, for fewer samples per turn, go into the file of the next: quantity, samples per turn, assemblies.
-default-models: $(INSTALLED)  ## train the packaged models (an hour and a half); writes cyclofeat/models/default
+default-models: $(INSTALLED)  ## train the packaged models (two hours); writes cyclofeat/models/default
 	mkdir -p build/models
 	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:4000 \
 		input_torque:37:600 input_torque:128:600 motor_current:37:450 motor_current:128:450; do \
