@@ -53,6 +53,8 @@ from cyclofeat.signal.windows import Float
 
 # Samples of windows that are counted together.
 _BATCH_SAMPLES = 2**20
+# Assemblies whose names a card lists: of more, which are simulated, none.
+_MOST_NAMED = 1000
 # Share by which a speed may lie outside those of training.
 _SPEED_MARGIN = 0.05
 # Number of places between two lobes at which a recording without an absolute angle may begin.
@@ -204,6 +206,7 @@ class LobeModel(RecordingPredictions):
         domain = None
         if np.unique(member).size > 1:
             domain = TrainingDomain(random_state=random_state).fit(features, windows.y, groups=member)
+        names = [] if windows.groups is None else np.unique(windows.groups).tolist()
         card = {
             "description": description,
             "quantity": quantity,
@@ -212,7 +215,7 @@ class LobeModel(RecordingPredictions):
             "n_recordings": len(recordings),
             "n_windows": len(windows),
             "sources": sorted({str(r.source) for r in recordings}),
-            "assemblies": None if windows.groups is None else np.unique(windows.groups).tolist(),
+            "assemblies": names if 0 < len(names) <= _MOST_NAMED else None,
             "classes": np.unique(windows.y).tolist(),
             "calibrated": fewest_assemblies(member, windows.y) > 1,
             "cross_validation": scores,

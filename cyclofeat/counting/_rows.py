@@ -26,7 +26,14 @@ from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobe_network import begins_by_mesh
 from cyclofeat.counting._lobe_sets import Bool
 from cyclofeat.counting._pooling import pool_weights, pooled, softmax
-from cyclofeat.counting._row_network import PLACES, Weights, log_odds, train, turns_of_places
+from cyclofeat.counting._row_network import (
+    PLACES,
+    Weights,
+    in_single_precision,
+    log_odds,
+    train,
+    turns_of_places,
+)
 from cyclofeat.counting.scores import shares
 from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
@@ -198,6 +205,7 @@ class RowCounter(Counter):
         begins = begins + first / self.n_lobes
         every = np.arange(len(rank))
         self.calibrated_ = bool(folds)
+        vars(self).pop("_single", None)
         self.networks_: list[Weights] = [
             train(
                 lines[rows], length[rows], begins[rows], n_lobes=self.n_lobes,
@@ -210,7 +218,7 @@ class RowCounter(Counter):
         self.oob_decision_function_: Float = np.full((rank.size, self.classes_.size), np.nan)
         if folds:
             held_out = np.full_like(self.oob_decision_function_, np.nan)
-            for network, (_, rows) in zip(self.networks_, folds, strict=True):
+            for network, (_, rows) in zip(self._answering, folds, strict=True):
                 held_out[rows] = self._log_counts([network], lines[rows])
             known = np.isfinite(held_out).all(axis=1)
             opinions, rank, member = self._opinions(held_out[known]), rank[known], member[known]
@@ -220,6 +228,16 @@ class RowCounter(Counter):
             self.dependence_ = learn_dependence(self.oob_decision_function_[known], rank, member)
         return self
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in super().__getstate__().items() if name != "_single"}
+
+    @property
+    def _answering(self) -> Sequence[Weights]:
+        """Networks in single precision, in which numpy is fast; files hold half precision only."""
+        if "_single" not in vars(self):
+            self._single = [in_single_precision(network) for network in self.networks_]
+        return self._single
+
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
         windows = self._windows(X)
@@ -227,14 +245,14 @@ class RowCounter(Counter):
 
     def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
         """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
-        return pooled(self._opinions(self._log_counts(self.networks_, lines.lines)), self.weights_)
+        return pooled(self._opinions(self._log_counts(self._answering, lines.lines)), self.weights_)
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike, proba: Float | None = None) -> Float:
         """Return the probability that each lobe is worn, from given lobe lines, and of counts if at hand."""
         begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
         at_lobes = lobes.shift(found.lines, begins)
         # Of each class, where its row begins.
-        first = softmax(self._log_rows(self.networks_, at_lobes, 1)[0].transpose(0, 2, 1))
+        first = softmax(self._log_rows(self._answering, at_lobes, 1)[0].transpose(0, 2, 1))
         proba = self.proba_of_lines(found) if proba is None else proba
         worn = np.zeros(first.shape[::2])
         for k in np.flatnonzero(~self._sound):
