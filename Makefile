@@ -136,7 +136,7 @@ $(TABLES): bench-%: $(INSTALLED)
 default-models: $(INSTALLED)  ## train the packaged models (two hours); writes cyclofeat/models/default
 	mkdir -p build/models
 	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:4000 \
-		input_torque:37:600 input_torque:128:600 motor_current:37:450 motor_current:128:450; do \
+		input_torque:37:600 input_torque:128:1200 motor_current:37:450 motor_current:128:450; do \
 		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
 		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $$1 --counter rows \
