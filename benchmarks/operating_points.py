@@ -222,8 +222,8 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--judged", type=int, default=48, help="assemblies of each count (default 48)")
-    parser.add_argument("--trained", type=int, default=200, help="the same, of models trained here (200)")
+    parser.add_argument("--judged", type=int, default=96, help="assemblies of each count (default 96)")
+    parser.add_argument("--trained", type=int, default=600, help="the same, of models trained here (600)")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/operating_points.md"))
     arguments = parser.parse_args()
