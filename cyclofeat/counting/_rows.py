@@ -205,7 +205,8 @@ class RowCounter(Counter):
         begins = begins + first / self.n_lobes
         every = np.arange(len(rank))
         self.calibrated_ = bool(folds)
-        vars(self).pop("_single", None)
+        if hasattr(self, "_single"):
+            del self._single
         self.networks_: list[Weights] = [
             train(
                 lines[rows], length[rows], begins[rows], n_lobes=self.n_lobes,
@@ -234,7 +235,7 @@ class RowCounter(Counter):
     @property
     def _answering(self) -> Sequence[Weights]:
         """Networks in single precision, in which numpy is fast; files hold half precision only."""
-        if "_single" not in vars(self):
+        if not hasattr(self, "_single"):
             self._single = [in_single_precision(network) for network in self.networks_]
         return self._single
 
