@@ -243,7 +243,7 @@ refused, and has a probability above 0.9.
 
 One window of output torque at 25.6 kHz, 500 RPM and 22 Nm takes {times[0]:.1f} ms of processor time
 from the recording in memory to refusal and count (goal 10 ms), and {times[1]:.1f} ms without a tachometer:
-of {TIMED} recordings the median, of each the least of {REPEATS}, beside other work on the same cores.
+of {TIMED} recordings the median, of each the least of {REPEATS}.
 
 """
     arguments.out.write_text(text + table(head, made), encoding="utf-8")

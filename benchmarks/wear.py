@@ -34,7 +34,7 @@ TURNS = 5
 N_TREES = 150
 # Step of the depth for the derivative of the lobe lines.
 STEP = 1.1
-PER_COUNT = {"R1": 48, "R2": 80}
+PER_COUNT = {"R1": 48, "R2": 240}
 
 
 def simulated(
