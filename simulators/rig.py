@@ -485,7 +485,7 @@ class Rig:
         settles = settled and self.simulator is None  # a user's runs already
         n_settling = settling_samples(gearbox, sampling_rate) if settles else 0
         motor = machine.motor
-        self._check_quantity(quantity, motor, settled)
+        self._check_recorded(quantity, motor, settled)
         if motor is not None:
             n_settling += math.ceil(motor.warm_up * sampling_rate)
             spare_s += _LEAD_S
@@ -511,13 +511,18 @@ class Rig:
             n_settling=n_settling, from_rest=not settled, quantity=quantity,
         )  # fmt: skip
 
-    def _check_quantity(self, quantity: str, motor: Motor | None, settled: bool) -> None:
-        """Raise ValueError unless a machine with this motor can be recorded so."""
+    def check_quantity(self, quantity: str) -> str:
+        """Return a quantity, or raise ValueError where it is none or the rig's simulator has no such one."""
         one_of("quantity", quantity, QUANTITIES)
         if self.simulator is not None and quantity != QUANTITIES[0]:
             raise ValueError(
                 f"quantity must be {QUANTITIES[0]!r} for a rig with a simulator of its own, got {quantity!r}"
             )
+        return quantity
+
+    def _check_recorded(self, quantity: str, motor: Motor | None, settled: bool) -> None:
+        """Raise ValueError unless a machine with this motor can be recorded so."""
+        self.check_quantity(quantity)
         if quantity == "motor_current" and motor is None:
             raise ValueError(
                 "quantity must be a torque for a rig without a motor, got 'motor_current': add "

@@ -815,17 +815,19 @@ def _fitted(
             "recordings must all state an absolute angle and worn_lobes that are neighbours for "
             "counter='rows', some do not"
         )
-    if worn is not None and (rows or _any_apart(worn)):
-        counter = make_lobe_counter(windows.sampling_rate, kind="rows" if rows else "lobes", **made_for)
-        if rows:
-            counter.set_params(
-                n_lines=max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
-            )
-        scores = None if rows else _cross_validation(counter, windows.X, windows, protocol, (worn, passage))
+    if rows:
+        n_lines = max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
+        counter = make_lobe_counter(windows.sampling_rate, kind="rows", **made_for).set_params(
+            n_lines=n_lines
+        )
         counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
-        if rows:
-            scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)
-            del counter.oob_decision_function_  # a file would hold it
+        scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)
+        del counter.oob_decision_function_  # a file would hold it
+        return counter, counter, scores, features_seen(counter, windows.X)
+    if worn is not None and _any_apart(worn):
+        counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
+        scores = _cross_validation(counter, windows.X, windows, protocol, (worn, passage))
+        counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
         return counter, counter, scores, features_seen(counter, windows.X)
     plain = make_lobe_counter(windows.sampling_rate, **made_for)
     # A lobe map learns nothing from other windows, so that all folds can share it.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral, Real
 from typing import Any, ClassVar, Self
 
@@ -205,8 +206,7 @@ class RowCounter(Counter):
         begins = begins + first / self.n_lobes
         every = np.arange(len(rank))
         self.calibrated_ = bool(folds)
-        if hasattr(self, "_single"):
-            del self._single
+        self.__dict__.pop("_answering", None)  # of an earlier fit
         self.networks_: list[Weights] = [
             train(
                 lines[rows], length[rows], begins[rows], n_lobes=self.n_lobes,
@@ -230,14 +230,12 @@ class RowCounter(Counter):
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in super().__getstate__().items() if name != "_single"}
+        return {name: value for name, value in super().__getstate__().items() if name != "_answering"}
 
-    @property
-    def _answering(self) -> Sequence[Weights]:
+    @cached_property
+    def _answering(self) -> list[Weights]:
         """Networks in single precision, in which numpy is fast; files hold half precision only."""
-        if not hasattr(self, "_single"):
-            self._single = [in_single_precision(network) for network in self.networks_]
-        return self._single
+        return [in_single_precision(network) for network in self.networks_]
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""

@@ -92,7 +92,7 @@ class World:
             "sampling_rate": positive("sampling_rate", self.sampling_rate, "a number of Hz"),
             "speeds_rpm": _increasing("speeds_rpm", self.speeds_rpm),
             "loads_nm": _increasing("loads_nm", self.loads_nm),
-            "quantity": one_of("quantity", self.quantity, TORQUES),
+            "quantity": self.rig.check_quantity(one_of("quantity", self.quantity, TORQUES)),
             "defect_counts": tuple(whole("defect_counts", count, 0) for count in self.defect_counts),
             "n_recordings": whole("n_recordings", self.n_recordings, 1),
             "n_rigs_per_machine": whole("n_rigs_per_machine", self.n_rigs_per_machine, 1),
@@ -100,11 +100,6 @@ class World:
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        if self.rig.simulator is not None and self.quantity != "output_torque":
-            raise ValueError(
-                "quantity must be 'output_torque' for a rig with a simulator of its own, got "
-                f"{self.quantity!r}"
-            )
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"effects must be of different kinds, got {', '.join(self.names)}")
 
