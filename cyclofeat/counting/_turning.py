@@ -65,23 +65,24 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
         return _searched(recording, n_lobes)
     followed = _followed(recording, stated, n_lobes)
     rpm = f"{60 * stated:.5g} RPM"
-    if followed.evidence > 0:
-        doubt = ""
-        if not followed.fits:
-            doubt = f"its lines are not those of a disc at the stated {rpm}, but of another speed"
-        return Turning(
-            followed.angle,
-            followed.speed_hz,
-            f"no tachometer: {60 * followed.speed_hz:.5g} RPM found in the torque",
-            doubt,
+    speed = f"{60 * followed.speed_hz:.5g} RPM"
+    if followed.fits:
+        return Turning(followed.angle, followed.speed_hz, f"no tachometer: {speed} found in the torque")
+    doubt = f"its lines are not those of a disc at the stated {rpm}, but of another speed"
+    if not np.isfinite(followed.margin):
+        doubt = (
+            f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
+            f"{rpm}: its speed is not confirmed"
         )
-    return Turning(
-        2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float),
-        stated,
-        f"no tachometer: taken to turn steadily at the stated {rpm}",
-        f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
-        f"{rpm}: its speed is not confirmed",
-    )
+    if _holds_a_window(followed.angle, n_lobes):
+        note = f"no tachometer: {speed} is the most probable by the torque"
+        return Turning(followed.angle, followed.speed_hz, note, doubt)
+    steady = 2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float)
+    return Turning(steady, stated, f"no tachometer: taken to turn steadily at the stated {rpm}", doubt)
+
+
+def _holds_a_window(angle: Float, n_lobes: int) -> bool:
+    return bool(np.ptp(angle) >= 2 * np.pi * WINDOW_TURNS * n_lobes)
 
 
 def _followed(recording: Recording, speed_hz: float, n_lobes: int) -> FollowedSpeed:
@@ -101,9 +102,7 @@ def angle_by_lines(recording: Recording, turning: Turning, n_lobes: int) -> Floa
         return None
     beside = turning.angle - followed.angle
     one_lobe = 2 * np.pi * n_lobes / (n_lobes + 1)
-    if followed.evidence <= 0 or not followed.fits or np.ptp(beside) > one_lobe:
-        return None
-    if np.ptp(followed.angle) < 2 * np.pi * WINDOW_TURNS * n_lobes:
+    if not followed.fits or np.ptp(beside) > one_lobe or not _holds_a_window(followed.angle, n_lobes):
         return None
     return np.asarray(followed.angle + beside.mean())
 

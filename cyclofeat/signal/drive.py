@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 
 import numpy as np
 from scipy.signal import lfilter
 
-from cyclofeat.signal.orders import mean_speed, resample_by_angle
+from cyclofeat.signal.orders import resample_by_angle
 from cyclofeat.signal.speed import (
     _COARSE,
     _LAST,
     _SAMPLES_PER_TURN,
+    _STEADY,
     FollowedSpeed,
     _at_samples,
+    _Attempt,
     _course,
     _followed,
     _Lines,
@@ -42,8 +45,14 @@ _GAIN_STEP, _TIME_STEP, _HALVINGS = 0.02, 2**0.5, 2
 # to itself: such lobe lines are left out, and blocks are long enough to tell the others from it.
 _SHARP = _Pass(turns=14, hop=3.5, tolerance=8e-3, step=2.5e-4, change=1e-3, apart=0.15)
 _SHARPER = dataclasses.replace(_LAST, apart=0.15)
-# Output turns, at most, in the middle of the record that are searched.
-_SEARCHED_TURNS = 2.0
+_ATTEMPTS = (
+    _Attempt((_COARSE, _SHARP, _SHARPER)),
+    _Attempt((dataclasses.replace(_STEADY, apart=0.15), _SHARPER), every_line=True),
+    _Attempt((_COARSE, _SHARP, _SHARPER), every_line=True),
+)
+# Output turns, at most, in the middle of the record that are searched, and samples per input turn by which
+# controls are compared.
+_SEARCHED_TURNS, _COMPARED_PER_TURN = 2.0, 160
 # Evidence per turn that a control must add before it is believed; multiple of the evidence that lines at
 # another speed have.
 _GAINED, _CLEARLY = 0.2, 1.2
@@ -124,7 +133,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     """
     found = _driven(current, sampling_rate, nominal_hz, n_lobes)
     if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):
-        return dataclasses.replace(found, fits=False)
+        return dataclasses.replace(found, margin=-found.margin)
     return found
 
 
@@ -156,25 +165,25 @@ def _driven(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: in
         return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
     control = _control(middle, unit, rate, nominal_hz, lines)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
-    best = _followed_from(steady, thinned, rate, lines)
+    best, start = _followed_from(steady, thinned, rate, lines, _ATTEMPTS[:1]), steady
     turned = None if control is None else _turned(thinned, middle.mean(), unit, rate, nominal_hz, *control)
     if turned is not None:
-        controlled = _followed_from(turned, thinned, rate, lines)
-        best = controlled if controlled[1] > best[1] + _GAINED else best
-    kept, evidence, fits, reaches = best
-    angle = _at_samples(kept - kept[0], rate, current.size, sampling_rate)
-    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
+        controlled = _followed_from(turned, thinned, rate, lines, _ATTEMPTS[:1])
+        if controlled.evidence > best.evidence + _GAINED:
+            best, start = controlled, turned
+    if not best.fits:
+        again = _followed_from(start, thinned, rate, lines, _ATTEMPTS[1:])
+        best = max(best, again, key=attrgetter("margin"))
+    return _at_samples(best, best.angle - best.angle[0], rate, current.size, sampling_rate)
 
 
 def _followed_from(
-    turned: Float, current: Float, rate: float, lines: _Lines
-) -> tuple[Float, float, bool, bool]:
+    turned: Float, current: Float, rate: float, lines: _Lines, attempts: Sequence[_Attempt]
+) -> FollowedSpeed:
     """Return what :func:`~cyclofeat.signal.speed._followed` finds, beginning with turns that are known."""
     even, grid = resample_by_angle(current, 2 * np.pi * turned, _SAMPLES_PER_TURN, rate)
-    spared = dataclasses.replace(lines, spared=1)
-    passes = (_COARSE, _SHARP, _SHARPER)
-    slow, evidence, fits, reaches = _followed(even, _SAMPLES_PER_TURN, 1.0, spared, passes)
-    return _continued(2 * np.pi * turned, grid, slow), evidence, fits, reaches
+    slow = _followed(even, _SAMPLES_PER_TURN, 1.0, lines, attempts)
+    return dataclasses.replace(slow, angle=_continued(2 * np.pi * turned, grid, slow.angle))
 
 
 def _turned(
@@ -200,9 +209,9 @@ def _control(
         if turned is None:
             return -np.inf
         # Straight lines suffice to compare controls.
-        grid = np.arange(turned[0], turned[-1], 1 / _SAMPLES_PER_TURN)
+        grid = np.arange(turned[0], turned[-1], 1 / _COMPARED_PER_TURN)
         even = np.interp(grid, turned, current)
-        return _course(even, _SAMPLES_PER_TURN, 1.0, _COARSE, lines)[1]
+        return _course(even, _COMPARED_PER_TURN, 1.0, _COARSE, lines)[1]
 
     pairs = [(float(gain), integral_s) for gain in _GAINS for integral_s in _TIMES]
     best = _climbed(evidence, *max(pairs, key=lambda pair: evidence(*pair)))

@@ -312,13 +312,14 @@ def comb_prominence(
     sampling_rate: float,
     input_speed_hz: float,
     factors: Float,
-    numbers: NDArray[np.int64],
+    numbers: NDArray[Any],
     n_lobes: int = 15,
 ) -> Float:
     """Return the power of lobe lines over the spectrum around each, shape (n_windows, n_factors, n_lines).
 
     ``factors`` are input speeds as multiples of ``input_speed_hz``, ``numbers`` the lobe lines, counted from
-    1; other arguments are those of :func:`lobe_lines`. The ratio is 1 on average where there are no lines.
+    1, or places between them; other arguments are those of :func:`lobe_lines`. The ratio is 1 on average
+    where there are no lines.
     """
     nominal = lobe_frequency(input_speed_hz, n_lobes)
     white = _whitened(X, sampling_rate, nominal, int(numbers.max()), _AR_ORDER)

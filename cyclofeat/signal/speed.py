@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.special import logsumexp
 
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
 from cyclofeat.signal.orders import at_every_sample, mean_speed, resample_by_angle
@@ -26,18 +28,22 @@ SEARCHED_HZ = (100 / 60, 1500 / 60)
 # Lobe lines that are followed: below them the load drifts, and a low rate holds fewer, but at least those of
 # the mesh. Lines of the shaft of a sound disc are even, as its wheels are half a turn apart.
 _FIRST_LOBE_LINE, _LAST_LOBE_LINE, _FIRST_SHAFT_LINE, _LAST_SHAFT_LINE = 3, 36, 4, 30
+# Highest lobe line that is used where these do not suffice, and to tell at which speed the lines fit: at low
+# speeds the disturbance of a worn lobe is short, and the lower lines are lost in the drift of the load.
+_HIGHEST_LOBE_LINE = 88
 # A line's power over its floor is exponentially distributed with one of these means: absent, clear, strong.
 _MEANS = np.array([1.0, 4.0, 10.0])
 _LOBE_LINE, _MESH_LINE, _SHAFT_LINE = (0.25, 0.4, 0.35), (0.2, 0.3, 0.5), (0.45, 0.35, 0.2)
 _MOST = 15.0  # power over floor that still counts
-_SAMPLES_PER_TURN = 160
-# Samples per turn that suffice: six times the highest lobe line.
-_DENSE = 230
+# Over the angle, with room for the highest line; in time, six times that line.
+_SAMPLES_PER_TURN, _DENSE = 256, 560
 _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
-# Mean log-likelihood ratio per line above which lines are there, and below which they are not; distance from
-# the shaft's lines (in orders) at which those are not seen any more; mean ratio beyond lobe line n_lobes that
-# a worn disc's lobe lines exceed, and the even lines of a sound one's shaft (beyond order 2 n_lobes) do not.
-_PRESENT, _ABSENT, _APART, _FEW = 0.6, -0.2, 0.11, 0.3
+# Speeds, as multiples of the one found, at which the disc may turn instead. By how much its lines must be
+# more probable (logarithm): of a worn disc than at these; of a sound one; of a worn disc than of a sound one
+# whose shaft has its even lines at the same places; of a disc than of none. By how much the lines of a worn
+# disc at the places of a sound one's even lines may be more probable than those, as there are more of them.
+_MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
+_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 5.0, 3.0, 3.0, 12.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -60,30 +66,42 @@ class _Pass:
     apart: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Attempt:
+    """Passes of the search, by few lobe lines or by all that a record holds."""
+
+    passes: tuple[_Pass, ...]
+    every_line: bool = False
+
+    def of(self, lines: _Lines) -> _Lines:
+        return replace(lines, last_lobe=lines.highest_lobe) if self.every_line else lines
+
+
 _COARSE = _Pass(turns=6, hop=2, tolerance=FOLLOWED_TOLERANCE, step=1e-3, change=4e-3)
+_STEADY = _Pass(turns=14, hop=3.5, tolerance=FOLLOWED_TOLERANCE, step=2.5e-4, change=1e-3)
 _FINE = _Pass(turns=9, hop=3, tolerance=8e-3, step=2.5e-4, change=1e-3)
 _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
+_ATTEMPTS = (
+    _Attempt((_COARSE, _FINE, _LAST)),
+    _Attempt((_STEADY, _LAST), every_line=True),
+    _Attempt((_COARSE, _FINE, _LAST), every_line=True),
+)
 
 
 @dataclass(frozen=True)
 class _Lines:
-    """Last lobe line, and last line of the shaft, that are used, and the orders that a record holds.
-
-    ``spared`` of the odd lines of the shaft, the strongest, are left to the slots of a motor.
-    """
+    """Last lobe line and last line of the shaft that are followed, and the highest lobe line that is held."""
 
     n_lobes: int
     last_lobe: int
     last_shaft: int
-    orders: float
-    spared: int = 0
+    highest_lobe: int
 
     @classmethod
     def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
-        orders = sampling_rate / 2 / (nominal_hz * (1 + _COARSE.tolerance))
-        last_lobe = int(orders / lobe_frequency(1.0, n_lobes))
-        last_shaft = min(_LAST_SHAFT_LINE, int(orders))
-        return cls(n_lobes, min(_LAST_LOBE_LINE, last_lobe), last_shaft, orders)
+        orders = sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE))
+        highest = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
+        return cls(n_lobes, min(_LAST_LOBE_LINE, highest), min(_LAST_SHAFT_LINE, int(orders)), highest)
 
 
 @dataclass(frozen=True)
@@ -97,21 +115,25 @@ class FollowedSpeed:
     speed_hz : float
         Mean speed in turns per second.
     evidence : float
-        Logarithm of how much more probable the lines are at this speed than noise, per input turn. Below 0
-        the torque holds no lines that could be followed.
-    fits : bool
-        Whether the lines are those of a disc at the stated speed, and not at a half, a third, twice or any
-        other multiple of it.
+        Logarithm of how much more probable the lines are at this speed than noise, per input turn.
+    margin : float
+        By how much more probable (logarithm) than it must be a disc at this speed is than one at a quarter, a
+        third, a half, twice or three times of it; minus infinity where the torque holds no lines.
     reaches : bool
-        Whether the lobe lines reach beyond what the shaft of a sound disc has at (n_lobes + 1) / (2 n_lobes)
-        of the speed, where its even lines are in the places of a worn disc's lobe lines.
+        Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
+        (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the lobe lines.
     """
 
     angle: Float
     speed_hz: float
     evidence: float
-    fits: bool
+    margin: float
     reaches: bool
+
+    @property
+    def fits(self) -> bool:
+        """Whether the lines are those of a disc at this speed, and not at another."""
+        return self.margin > 0
 
 
 def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int = 15) -> FollowedSpeed:
@@ -152,10 +174,15 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     >>> bool(np.std(error) < 2 * np.pi * 0.003)
     True
     """
+    return _follow(torque, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
+
+
+def _follow(
+    torque: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
+) -> FollowedSpeed:
     lines, thinned, rate = _thinned(torque, sampling_rate, nominal_hz, n_lobes)
-    kept, evidence, fits, reaches = _followed(thinned, rate, nominal_hz, lines)
-    angle = _at_samples(kept, rate, torque.size, sampling_rate)
-    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, fits, reaches)
+    found = _followed(thinned, rate, nominal_hz, lines, attempts)
+    return _at_samples(found, found.angle, rate, torque.size, sampling_rate)
 
 
 def _thinned(
@@ -179,12 +206,15 @@ def _thinned(
     return lines, thinned, rate
 
 
-def _at_samples(kept: Float, rate: float, n_samples: int, sampling_rate: float) -> Float:
-    """Return the angle at all samples from that at those that were kept."""
+def _at_samples(
+    found: FollowedSpeed, kept: Float, rate: float, n_samples: int, sampling_rate: float
+) -> FollowedSpeed:
+    """Return what was found with the angle at all samples, from that at those that were kept."""
     step = sampling_rate / rate
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
-    return at_every_sample(n_samples, step * np.arange(marks.size), marks)
+    angle = at_every_sample(n_samples, step * np.arange(marks.size), marks)
+    return replace(found, angle=angle, speed_hz=float(mean_speed(angle, sampling_rate)))
 
 
 def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list[FollowedSpeed]:
@@ -237,7 +267,8 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
         first = (torque.size - length) // 2
         return torque[first : first + length]
 
-    followed = [follow_speed(middle(at), sampling_rate, at, n_lobes) for at in started.tolist()]
+    first = _ATTEMPTS[:1]
+    followed = [_follow(middle(at), sampling_rate, at, n_lobes, first) for at in started.tolist()]
     clear = sorted((one for one in followed if one.evidence >= _LEAST), key=lambda one: -one.evidence)
     best = next((one for one in clear if one.fits), None)
     if best is None or clear[0].evidence > _MORE * best.evidence:
@@ -258,13 +289,20 @@ def _same(speed: float, other: float) -> bool:
 
 
 def _followed(
-    torque: Float,
-    sampling_rate: float,
-    nominal_hz: float,
-    lines: _Lines,
-    passes: Sequence[_Pass] = (_COARSE, _FINE, _LAST),
-) -> tuple[Float, float, bool, bool]:
-    """Return angle, evidence, fit and reach at the samples of a record that are not more than needed."""
+    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, attempts: Sequence[_Attempt]
+) -> FollowedSpeed:
+    """Follow the speed in a record with no more samples than needed: by the first attempt that fits."""
+    tried = []
+    for attempt in attempts:
+        tried.append(_passed(torque, sampling_rate, nominal_hz, attempt.of(lines), attempt.passes))
+        if tried[-1].fits:
+            break
+    return max(tried, key=attrgetter("margin"))
+
+
+def _passed(
+    torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, passes: Sequence[_Pass]
+) -> FollowedSpeed:
     turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
@@ -272,7 +310,7 @@ def _followed(
     for one in passes:
         if turns < one.turns:
             break
-        if one is _COARSE:
+        if one is passes[0]:
             course, evidence = _course(torque, sampling_rate, nominal_hz, one, lines)
             at = np.interp(time / sampling_rate, *course) * nominal_hz
             angle = _integrated(at, sampling_rate)
@@ -284,58 +322,75 @@ def _followed(
         low, high = smooth.x[0], smooth.x[-1]
         factors = smooth(np.clip(at_turn, low, high))
         angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
-    fits, reaches = _fit(torque, sampling_rate, angle, lines) if evidence > 0 else (False, False)
-    return angle, evidence, fits, reaches
+    margin, reaches = _fit(torque, sampling_rate, angle, lines)
+    return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, margin, reaches)
 
 
-def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[bool, bool]:
-    """Return whether the lines over the angle are those of a worn or a sound disc, and whether they reach.
+def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tuple[float, bool]:
+    """Return margin and reach of the lines over an angle, as of :class:`FollowedSpeed`.
 
-    At a wrong speed, lobe lines lie between those expected (the true speed is a half or a third), on every
-    second or third only (twice or three times), or on the odd lines of the shaft, which no disc has. Where
-    lobe lines abound, odd lines are left to a motor, which may have some. The lobe lines of a worn disc are
-    the even lines of the shaft of a sound one at (n_lobes + 1) / (2 n_lobes) of the speed, but a sound disc
-    has few of them beyond order 2 n_lobes.
+    A worn disc has lobe lines, and a sound one those of the mesh, both with even lines of the shaft. At a
+    wrong speed, lines lie between those expected (a half, a third or a quarter is true), or only every second
+    or third is there (twice or three times), so that discs at these speeds explain more or waste less.
     """
     turned, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes
     length = min(turned.size, n_lobes * _SAMPLES_PER_TURN)
     windows = turned[: turned.size // length * length].reshape(-1, length)
-    lobe = np.arange(_FIRST_LOBE_LINE, lines.last_lobe + 1)
-    mesh, lobe = lobe[lobe % n_lobes == 0], lobe[lobe % n_lobes != 0]
-    per_order = n_lobes / (n_lobes + 1)
-    between = lobe + 0.5
-    orders = between / per_order
-    between = between[np.abs(orders - np.round(orders)) > _APART]  # lines of the shaft prove nothing
-    odd = np.arange(_FIRST_SHAFT_LINE + 1, lines.last_shaft, 2) * per_order
-    high = (lobe > n_lobes) & (2 * lobe % (n_lobes + 1) != 0)
-    even = 2 * lobe[high]
-    even = even[even <= lines.orders] * per_order
-    parts = {"lobe": lobe, "mesh": mesh, "between": between, "odd": odd, "even": even}
-    numbers = np.concatenate(list(parts.values()))
-    steady = np.ones(1)
+    alike = (n_lobes + 1) / (2 * n_lobes)
+    multiples = (1.0, alike, 1 / alike, *_MULTIPLES)
+    places = [_places(multiple, lines) for multiple in multiples]
+    numbers = [part for pair in places for part in pair]
+    one, every = np.ones(1), np.concatenate(numbers)
     power = np.concatenate(
         [
-            comb_prominence(some, _SAMPLES_PER_TURN, 1.0, steady, numbers, n_lobes)
+            comb_prominence(some, _SAMPLES_PER_TURN, 1.0, one, every, n_lobes)[:, 0]
             for some in _in_batches(windows, length)
         ]
     )
-    ratios = _log_ratio(np.minimum(power[:, 0], _MOST), _LOBE_LINE).mean(axis=0)
-    cuts = np.cumsum([part.size for part in parts.values()])[:-1]
-    ratio = dict(zip(parts, np.split(ratios, cuts), strict=True))
-    reaches = bool(high.any() and ratio["lobe"][high].mean() > _FEW)
-    if ratio["between"].mean() > _ABSENT:
-        return False, reaches
-    some = [ratio["lobe"][lobe % 2 == 0], ratio["lobe"][lobe % 2 == 1], ratio["lobe"][lobe % 3 != 0]]
-    worn = ratio["lobe"].mean() > _PRESENT and min(one.mean() for one in some) > 0
-    odd_lines = np.sort(ratio["odd"])[: max(1, ratio["odd"].size - lines.spared)]
-    sound = (
-        ratio["lobe"].mean() < 0
-        and ratio["mesh"].mean() > _PRESENT
-        and odd_lines.mean() <= _ABSENT
-        and (not even.size or ratio["even"].mean() <= _FEW)
-    )
-    return bool(worn or sound), reaches
+    ends = np.cumsum([part.size for part in numbers])[:-1]
+    parts = iter(np.split(np.minimum(power, _MOST), ends, axis=1))
+    discs = [
+        _discs(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
+        for lobe, shaft, (lines_of, _), multiple in zip(parts, parts, places, multiples, strict=True)
+    ]
+    (worn, sound), (_, like_worn), (like_sound, _), *others = discs
+    other = max(map(max, others))
+    reaches = worn > max(sound, like_worn + _THAN_ALIKE)
+    if max(worn, sound) <= _THAN_NONE:
+        return -math.inf, reaches
+    if worn > sound:
+        return min(worn - other - _WORN, worn - like_worn - _THAN_ALIKE), reaches
+    return sound - max(other, like_sound - _RICHER) - _SOUND, reaches
+
+
+def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
+    """Return the lobe lines of a disc at a multiple of the speed, and the even lines of its shaft.
+
+    Both are numbers of lobe lines at the speed itself.
+    """
+    lobe = multiple * np.arange(1, math.ceil(lines.highest_lobe / multiple) + 1)
+    even = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
+    even = even[even % (lines.n_lobes + 1) != 0]
+    shaft = multiple * even * lines.n_lobes / (lines.n_lobes + 1)
+    return lobe[(lobe >= _FIRST_LOBE_LINE) & (lobe <= lines.highest_lobe)], shaft[shaft <= lines.highest_lobe]
+
+
+def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, float]:
+    """Return how much more probable than noise (logarithm) the lines of a worn and of a sound disc are.
+
+    Parameters are power over floor, shape (n_windows, n_lines), of the lobe lines and the shaft's, and which of
+    the former are the mesh's.
+    """
+    of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
+    of_lobes = np.where(mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
+    of_shaft = max(_reaching(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0)), 0.0)
+    return _reaching(of_lobes) + of_shaft, _reaching(of_mesh[mesh]) + of_shaft
+
+
+def _reaching(ratios: Float) -> float:
+    """Return the logarithm of the evidence of lines that reach from the first to any of them, or are none."""
+    return float(logsumexp(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 
 def _integrated(speed_hz: Float, sampling_rate: float) -> Float:

@@ -397,8 +397,9 @@ def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):
     recording = surrogates[0]
+    noise = np.random.default_rng(0).normal(22, 1, recording.n_samples)
     with pytest.raises(ValueError, match="nor a speed, and its output torque .* RPM: give speed_rpm="):
-        model.count(recording.replace(speed_rpm=None, angle=None, angle_is_absolute=False))
+        model.count(recording.replace(torque=noise, speed_rpm=None, angle=None, angle_is_absolute=False))
     with pytest.raises(ValueError, match="quantity of the recording is input_torque"):
         model.count(recording.replace(quantity="input_torque"))
     faster = recording.replace(sampling_rate=1.2 * recording.sampling_rate, speed_rpm=600)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cyclofeat.signal.speed import search_speed
+from cyclofeat.signal.speed import follow_speed, search_speed
 
 RATE = 4_000.0
 
@@ -45,6 +45,30 @@ def test_a_wandering_speed_is_found():
     lines = np.cos(2 * np.pi * 16 / 15 * np.outer(turns, np.arange(3, 40))).sum(axis=1)
     found, *_ = search_speed(lines + np.random.default_rng(1).normal(size=time.size), RATE)
     np.testing.assert_allclose(found.angle - found.angle[0], 2 * np.pi * (turns - turns[0]), atol=0.1)
+
+
+def slow_disc(rpm: float, seed: int) -> np.ndarray:
+    """Brief disturbances of worn lobes: lobe lines 37 to 85, weaker than the noise, and a drift below them."""
+    random = np.random.default_rng(seed)
+    time = np.arange(round(32 * 60 / rpm * RATE)) / RATE
+    orders = 16 / 15 * np.arange(37, 86)
+    lines = np.cos(2 * np.pi * orders * rpm / 60 * time[:, None] + random.uniform(0, 7, orders.size)).sum(axis=1)
+    drift = np.cumsum(random.normal(size=time.size))
+    return np.asarray(22 + 0.3 * lines + 5 * drift / np.abs(drift).max() + 3 * random.normal(size=time.size))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_speed_of_a_slow_disc_is_followed_by_its_higher_lines(seed):
+    found = follow_speed(slow_disc(118.0, seed), RATE, 120 / 60)
+    assert found.fits and found.reaches
+    assert 60 * found.speed_hz == pytest.approx(118.0, rel=2e-4)
+
+
+@pytest.mark.parametrize("factor", [1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 15 / 8, 8 / 15])
+@pytest.mark.parametrize("worn", [True, False])
+def test_a_disc_does_not_fit_at_a_multiple_of_its_speed(worn, factor):
+    """A sound disc may pass for a worn one only where all lines are the same, at 8/15 of the speed."""
+    assert not follow_speed(torque(330.0, 20, worn=worn), RATE, factor * 330 / 60).fits
 
 
 @pytest.mark.parametrize("seed", range(3))
