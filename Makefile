@@ -133,9 +133,9 @@ $(TABLES): bench-%: $(INSTALLED)
 
 # Output torque needs more assemblies: its lobe lines hide in the resonance of rotor and torque meter.
 # Coarser models, for fewer samples per turn, go into the file of the next: quantity, samples per turn, assemblies.
-default-models: $(INSTALLED)  ## train the packaged models (two hours); writes cyclofeat/models/default
+default-models: $(INSTALLED)  ## train the packaged models (three hours); writes cyclofeat/models/default
 	mkdir -p build/models
-	for one in output_torque:37:400 output_torque:128:1000 output_torque:256:3000 \
+	for one in output_torque:37:3000 output_torque:128:1000 output_torque:256:5000 \
 		input_torque:37:600 input_torque:128:1200 motor_current:37:450 motor_current:128:450; do \
 		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
 		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
