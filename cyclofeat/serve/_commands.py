@@ -65,7 +65,7 @@ def order(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path
     """
     makers: dict[Any, Callable[[], Order]] = {
         "simulate": lambda: _example(store),
-        "inspect": lambda: _of_recordings(asked, store, "inspect", "Inspection of", [], ()),
+        "inspect": lambda: _of_recordings(asked, store, "inspect", [], ()),
         "count": lambda: _count(asked, store, model, folder),
         "gap": lambda: _gap(asked, store, folder),
     }
@@ -85,7 +85,7 @@ def _example(store: Store) -> Order:
 def _count(asked: Mapping[str, Any], store: Store, model: list[str], folder: Path) -> Order:
     page = "count.html"
     arguments = [*model, "--report", str(folder / page)]
-    return _of_recordings(asked, store, "count", "Count of", arguments, (page,), {"skip": "--skip"})
+    return _of_recordings(asked, store, "count", arguments, (page,), {"skip": "--skip"})
 
 
 def _gap(asked: Mapping[str, Any], store: Store, folder: Path) -> Order:
@@ -102,14 +102,13 @@ def _gap(asked: Mapping[str, Any], store: Store, folder: Path) -> Order:
     targets = zip(("--out", "--save-simulator"), outputs, strict=False)
     arguments = [word for option, name in targets for word in (option, str(folder / name))]
     more = {"hold_out": "--hold-out", "simulated": "--simulated"}
-    return _of_recordings(asked, store, "gap", "Gap of", arguments, outputs, more)
+    return _of_recordings(asked, store, "gap", arguments, outputs, more)
 
 
 def _of_recordings(
     asked: Mapping[str, Any],
     store: Store,
     command: str,
-    title: str,
     arguments: list[str],
     outputs: tuple[str, ...],
     more: Mapping[str, str] | None = None,
@@ -117,7 +116,8 @@ def _of_recordings(
     names = _names(asked.get("recordings"), store)
     spelled = _spelled(_options(asked), _READING | dict(more or {}))
     what = names[0] if len(names) == 1 else number(len(names), "recording")
-    return Order(command, f"{title} {what}", [*arguments, *spelled, *names], names, outputs)
+    title = "inspection" if command == "inspect" else command
+    return Order(command, f"{title.capitalize()} of {what}", [*arguments, *spelled, *names], names, outputs)
 
 
 def _options(asked: Mapping[str, Any]) -> dict[str, str]:

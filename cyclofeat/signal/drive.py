@@ -166,7 +166,9 @@ def _driven(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: in
     control = _control(middle, unit, rate, nominal_hz, lines)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
     best, start = _followed_from(steady, thinned, rate, lines, _ATTEMPTS[:1]), steady
-    turned = None if control is None else _turned(thinned, middle.mean(), unit, rate, nominal_hz, *control)
+    turned = None
+    if control is not None:
+        turned = _turned((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
         controlled = _followed_from(turned, thinned, rate, lines, _ATTEMPTS[:1])
         if controlled.evidence > best.evidence + _GAINED:
@@ -187,25 +189,28 @@ def _followed_from(
 
 
 def _turned(
-    current: Float, mean: float, unit: float, rate: float, nominal_hz: float, gain: float, integral_s: float
+    driving: Float, sampling_rate: float, nominal_hz: float, gain: float, integral_s: float
 ) -> Float | None:
-    """Return the turns of a shaft at the stated speed under a control; None where it would all but stop."""
-    lag = controlled_lag((current - mean) / unit, rate, integral_s)
-    turned = nominal_hz * (np.arange(current.size) / rate - gain * lag)
-    return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / rate else None
+    """Return the turns of a shaft at the stated speed under a control; None where it would all but stop.
+
+    ``driving`` is the current, less its mean, in units of ``gain``.
+    """
+    lag = controlled_lag(driving, sampling_rate, integral_s)
+    turned = nominal_hz * (np.arange(driving.size) / sampling_rate - gain * lag)
+    return turned if np.diff(turned).min() > _SLOWEST * nominal_hz / sampling_rate else None
 
 
 def _control(
     current: Float, unit: float, rate: float, nominal_hz: float, lines: _Lines
 ) -> tuple[float, float] | None:
     """Return gain and integral time of the control that the lines make most probable, None for no control."""
-    mean = float(current.mean())
+    driving = (current - current.mean()) / unit
 
     @functools.cache
     def evidence(gain: float, integral_s: float) -> float:
         if not (0 <= gain <= _HIGHEST_GAIN and _SHORTEST <= integral_s <= _LONGEST):
             return -np.inf
-        turned = _turned(current, mean, unit, rate, nominal_hz, gain, integral_s)
+        turned = _turned(driving, rate, nominal_hz, gain, integral_s)
         if turned is None:
             return -np.inf
         # Straight lines suffice to compare controls.

@@ -369,18 +369,18 @@ def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
 
     Both are numbers of lobe lines at the speed itself.
     """
-    lobe = multiple * np.arange(1, math.ceil(lines.highest_lobe / multiple) + 1)
+    lobe: Float = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
     even = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
     even = even[even % (lines.n_lobes + 1) != 0]
-    shaft = multiple * even * lines.n_lobes / (lines.n_lobes + 1)
+    shaft: Float = multiple * even * lines.n_lobes / (lines.n_lobes + 1)
     return lobe[(lobe >= _FIRST_LOBE_LINE) & (lobe <= lines.highest_lobe)], shaft[shaft <= lines.highest_lobe]
 
 
 def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, float]:
     """Return how much more probable than noise (logarithm) the lines of a worn and of a sound disc are.
 
-    Parameters are power over floor, shape (n_windows, n_lines), of the lobe lines and the shaft's, and which of
-    the former are the mesh's.
+    Parameters are power over floor, shape (n_windows, n_lines), of the lobe lines and the shaft's, and which
+    of the former are the mesh's.
     """
     of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
     of_lobes = np.where(mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
