@@ -360,7 +360,9 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
     if worn > sound:
-        return min(worn - other - _WORN, worn - like_worn - _THAN_ALIKE), reaches
+        # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
+        like = like_worn if lines.highest_lobe > n_lobes else -math.inf
+        return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     return sound - max(other, like_sound - _RICHER) - _SOUND, reaches
 
 
