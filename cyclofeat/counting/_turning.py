@@ -68,14 +68,14 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     speed = f"{60 * followed.speed_hz:.5g} RPM"
     if followed.fits:
         return Turning(followed.angle, followed.speed_hz, f"no tachometer: {speed} found in the torque")
-    doubt = f"its lines are not those of a disc at the stated {rpm}, but of another speed"
+    doubt = f"its lines could as well be those of a disc at another speed than the stated {rpm}"
     if not np.isfinite(followed.margin):
         doubt = (
             f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
             f"{rpm}: its speed is not confirmed"
         )
     if _holds_a_window(followed.angle, n_lobes):
-        note = f"no tachometer: {speed} is the most probable by the torque"
+        note = f"no tachometer: {speed} is the likeliest speed in the torque"
         return Turning(followed.angle, followed.speed_hz, note, doubt)
     steady = 2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float)
     return Turning(steady, stated, f"no tachometer: taken to turn steadily at the stated {rpm}", doubt)

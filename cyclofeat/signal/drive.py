@@ -131,7 +131,7 @@ def follow_motor(current: Float, sampling_rate: float, nominal_hz: float, n_lobe
     >>> bool(np.std(found.angle - angle) < 2 * np.pi * 0.003)
     True
     """
-    found = _driven(current, sampling_rate, nominal_hz, n_lobes)
+    found = _driven(current, sampling_rate, nominal_hz, n_lobes, _ATTEMPTS)
     if found.fits and not found.reaches and _is_another(found, current, sampling_rate, n_lobes):
         return dataclasses.replace(found, margin=-found.margin)
     return found
@@ -143,17 +143,20 @@ def _is_another(found: FollowedSpeed, current: Float, sampling_rate: float, n_lo
     A motor's strongest line may pass for that of the mesh at another speed.
     """
     shaft = (n_lobes + 1) / n_lobes
+    own = _driven(current, sampling_rate, found.speed_hz, n_lobes, _ATTEMPTS[:1]).evidence
     for multiple in (1 / 4, 1 / 3, 1 / 2, shaft / 2, 2 / shaft, 2, 3):
         try:
-            other = _driven(current, sampling_rate, multiple * found.speed_hz, n_lobes)
+            other = _driven(current, sampling_rate, multiple * found.speed_hz, n_lobes, _ATTEMPTS[:1])
         except ValueError:  # the record does not hold that speed
             continue
-        if other.evidence > _CLEARLY * found.evidence:
+        if other.evidence > _CLEARLY * own:
             return True
     return False
 
 
-def _driven(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int) -> FollowedSpeed:
+def _driven(
+    current: Float, sampling_rate: float, nominal_hz: float, n_lobes: int, attempts: Sequence[_Attempt]
+) -> FollowedSpeed:
     """Follow the shaft under the most probable control, or, where none is probable, without any."""
     lines, thinned, rate = _thinned(current, sampling_rate, nominal_hz, n_lobes)
     length = min(thinned.size, round(_SEARCHED_TURNS * n_lobes / nominal_hz * rate))
@@ -165,16 +168,16 @@ def _driven(current: Float, sampling_rate: float, nominal_hz: float, n_lobes: in
         return follow_speed(current, sampling_rate, nominal_hz, n_lobes)
     control = _control(middle, unit, rate, nominal_hz, lines)
     steady: Float = nominal_hz / rate * np.arange(thinned.size, dtype=float)
-    best, start = _followed_from(steady, thinned, rate, lines, _ATTEMPTS[:1]), steady
+    best, start = _followed_from(steady, thinned, rate, lines, attempts[:1]), steady
     turned = None
     if control is not None:
         turned = _turned((thinned - middle.mean()) / unit, rate, nominal_hz, *control)
     if turned is not None:
-        controlled = _followed_from(turned, thinned, rate, lines, _ATTEMPTS[:1])
+        controlled = _followed_from(turned, thinned, rate, lines, attempts[:1])
         if controlled.evidence > best.evidence + _GAINED:
             best, start = controlled, turned
-    if not best.fits:
-        again = _followed_from(start, thinned, rate, lines, _ATTEMPTS[1:])
+    if attempts[1:] and not best.fits:
+        again = _followed_from(start, thinned, rate, lines, attempts[1:])
         best = max(best, again, key=attrgetter("margin"))
     return _at_samples(best, best.angle - best.angle[0], rate, current.size, sampling_rate)
 
@@ -193,7 +196,8 @@ def _turned(
 ) -> Float | None:
     """Return the turns of a shaft at the stated speed under a control; None where it would all but stop.
 
-    ``driving`` is the current, less its mean, in units of ``gain``.
+    ``driving`` is the current less its mean, in standard deviations; its sign is turned where a negative
+    current drives.
     """
     lag = controlled_lag(driving, sampling_rate, integral_s)
     turned = nominal_hz * (np.arange(driving.size) / sampling_rate - gain * lag)

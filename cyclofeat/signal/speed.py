@@ -38,10 +38,11 @@ _MOST = 15.0  # power over floor that still counts
 # Over the angle, with room for the highest line; in time, six times that line.
 _SAMPLES_PER_TURN, _DENSE = 256, 560
 _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
-# Speeds, as multiples of the one found, at which the disc may turn instead. By how much its lines must be
-# more probable (logarithm): of a worn disc than at these; of a sound one; of a worn disc than of a sound one
-# whose shaft has its even lines at the same places; of a disc than of none. By how much the lines of a worn
-# disc at the places of a sound one's even lines may be more probable than those, as there are more of them.
+# Speeds, as multiples of the one found, at which the disc may really turn. What follows are differences of
+# log probabilities for one output turn. A disc fits if it is more probable than discs at these multiples, a
+# worn one by _WORN and a sound one by _SOUND; if worn, than the sound disc whose even shaft lines lie at its
+# lobe lines, by _THAN_ALIKE; and than noise, by _THAN_NONE. The even lines of a sound disc are also lobe
+# lines of a worn one at another speed: as that has more, it may be more probable, by _RICHER less _SOUND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 5.0, 3.0, 3.0, 12.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
@@ -68,7 +69,7 @@ class _Pass:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Passes of the search, by few lobe lines or by all that a record holds."""
+    """Passes of the search, by the lower lobe lines or by all up to the highest."""
 
     passes: tuple[_Pass, ...]
     every_line: bool = False
@@ -100,6 +101,7 @@ class _Lines:
     @classmethod
     def held(cls, sampling_rate: float, nominal_hz: float, n_lobes: int) -> _Lines:
         orders = sampling_rate / 2 / (nominal_hz * (1 + FOLLOWED_TOLERANCE))
+        orders = min(orders, _SAMPLES_PER_TURN / 2)
         highest = min(_HIGHEST_LOBE_LINE, int(orders / lobe_frequency(1.0, n_lobes)))
         return cls(n_lobes, min(_LAST_LOBE_LINE, highest), min(_LAST_SHAFT_LINE, int(orders)), highest)
 
@@ -115,10 +117,13 @@ class FollowedSpeed:
     speed_hz : float
         Mean speed in turns per second.
     evidence : float
-        Logarithm of how much more probable the lines are at this speed than noise, per input turn.
+        Logarithm of how much more probable the lines are at this speed than noise, per input turn. Only
+        speeds followed by the same lobe lines can be compared.
     margin : float
-        By how much more probable (logarithm) than it must be a disc at this speed is than one at a quarter, a
-        third, a half, twice or three times of it; minus infinity where the torque holds no lines.
+        Difference of log probabilities, for one output turn, between a disc at this speed and the most
+        probable one at another (a quarter, a third, a half, 2 to 12 times it, and where the lines look
+        alike), less the least difference that counts. Minus infinity where the torque holds no lines. Of a
+        current, negative also where another speed has clearly more evidence.
     reaches : bool
         Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
         (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the lobe lines.
@@ -142,6 +147,9 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
     the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
     further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
+    If the lines found are not those of a disc (``fits``), the search is repeated with blocks of 14 turns,
+    then of six, and with lobe lines up to the 88th. The first attempt that fits is returned, or else the one
+    with the largest margin.
 
     Parameters
     ----------
@@ -292,9 +300,11 @@ def _followed(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, attempts: Sequence[_Attempt]
 ) -> FollowedSpeed:
     """Follow the speed in a record with no more samples than needed: by the first attempt that fits."""
-    tried = []
-    for attempt in attempts:
-        tried.append(_passed(torque, sampling_rate, nominal_hz, attempt.of(lines), attempt.passes))
+    turns = torque.size / sampling_rate * nominal_hz
+    long_enough = [one for one in attempts if turns >= one.passes[0].turns] or attempts[:1]
+    tried: list[FollowedSpeed] = []
+    for passes, held in dict.fromkeys((one.passes, one.of(lines)) for one in long_enough):
+        tried.append(_passed(torque, sampling_rate, nominal_hz, held, passes))
         if tried[-1].fits:
             break
     return max(tried, key=attrgetter("margin"))
@@ -331,14 +341,15 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
 
     A worn disc has lobe lines, and a sound one those of the mesh, both with even lines of the shaft. At a
     wrong speed, lines lie between those expected (a half, a third or a quarter is true), or only every second
-    or third is there (twice or three times), so that discs at these speeds explain more or waste less.
+    or further one is there (a multiple is true), so that discs at these speeds explain more or waste less.
     """
     turned, _ = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     n_lobes = lines.n_lobes
     length = min(turned.size, n_lobes * _SAMPLES_PER_TURN)
     windows = turned[: turned.size // length * length].reshape(-1, length)
     alike = (n_lobes + 1) / (2 * n_lobes)
-    multiples = (1.0, alike, 1 / alike, *_MULTIPLES)
+    # The mesh lines of a sound disc at 1 / n_lobes of the speed are the lobe lines themselves.
+    multiples = (1.0, alike, 1 / alike, *(one for one in _MULTIPLES if one * n_lobes != 1))
     places = [_places(multiple, lines) for multiple in multiples]
     numbers = [part for pair in places for part in pair]
     one, every = np.ones(1), np.concatenate(numbers)
@@ -375,11 +386,15 @@ def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
     even = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
     even = even[even % (lines.n_lobes + 1) != 0]
     shaft: Float = multiple * even * lines.n_lobes / (lines.n_lobes + 1)
-    return lobe[(lobe >= _FIRST_LOBE_LINE) & (lobe <= lines.highest_lobe)], shaft[shaft <= lines.highest_lobe]
+
+    def held(numbers: Float) -> Float:
+        return numbers[(numbers >= _FIRST_LOBE_LINE) & (numbers <= lines.highest_lobe)]
+
+    return held(lobe), held(shaft)
 
 
 def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, float]:
-    """Return how much more probable than noise (logarithm) the lines of a worn and of a sound disc are.
+    """Return the log probability ratios over noise of a worn and of a sound disc, for one output turn.
 
     Parameters are power over floor, shape (n_windows, n_lines), of the lobe lines and the shaft's, and which
     of the former are the mesh's.
@@ -391,7 +406,7 @@ def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, f
 
 
 def _reaching(ratios: Float) -> float:
-    """Return the logarithm of the evidence of lines that reach from the first to any of them, or are none."""
+    """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
     return float(logsumexp(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 

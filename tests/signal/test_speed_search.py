@@ -65,10 +65,28 @@ def test_the_speed_of_a_slow_disc_is_followed_by_its_higher_lines(seed):
     assert 60 * found.speed_hz == pytest.approx(118.0, rel=2e-4)
 
 
+def test_run_out_does_not_make_a_disc_less_probable():
+    """Orders 1 and 2 are even lines of the shaft at a half and a quarter of the speed."""
+    weak = torque(330.0, 20, noise=20.0)
+    turned = 2 * np.pi * 330 / 60 * np.arange(weak.size) / RATE
+    plain, run_out = (
+        follow_speed(one, RATE, 330 / 60) for one in (weak, weak + 30 * (np.cos(turned) + np.cos(2 * turned)))
+    )
+    assert plain.fits
+    assert run_out.margin == pytest.approx(plain.margin, abs=3)
+
+
+@pytest.mark.parametrize("turns", [6.5, 8, 13])
+def test_short_records_are_followed_by_blocks_that_they_hold(turns):
+    found = follow_speed(torque(330.0, turns * 60 / 330), RATE, 335 / 60)
+    assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
+
+
 @pytest.mark.parametrize("factor", [1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 15 / 8, 8 / 15])
 @pytest.mark.parametrize("worn", [True, False])
 def test_a_disc_does_not_fit_at_a_multiple_of_its_speed(worn, factor):
-    """A sound disc may pass for a worn one only where all lines are the same, at 8/15 of the speed."""
+    """Even where lines coincide: a sound disc's even lines are lobe lines at 15/8 of its speed, and a worn
+    disc's lobe lines are even lines at 8/15."""
     assert not follow_speed(torque(330.0, 20, worn=worn), RATE, factor * 330 / 60).fits
 
 
