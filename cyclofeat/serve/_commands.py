@@ -19,6 +19,7 @@ _READING = {
     "pulses_per_turn": "--pulses-per-turn", "n_lobes": "--n-lobes", "delimiter": "--delimiter",
 }  # fmt: skip
 _SWITCHES = {"no_angle": "--no-angle", "angle_is_absolute": "--angle-absolute"}
+_TITLES = {"inspect": "Inspection", "count": "Count", "gap": "Gap"}
 _LONGEST_VALUE = 200
 
 
@@ -116,8 +117,7 @@ def _of_recordings(
     names = _names(asked.get("recordings"), store)
     spelled = _spelled(_options(asked), _READING | dict(more or {}))
     what = names[0] if len(names) == 1 else number(len(names), "recording")
-    title = "inspection" if command == "inspect" else command
-    return Order(command, f"{title.capitalize()} of {what}", [*arguments, *spelled, *names], names, outputs)
+    return Order(command, f"{_TITLES[command]} of {what}", [*arguments, *spelled, *names], names, outputs)
 
 
 def _options(asked: Mapping[str, Any]) -> dict[str, str]:

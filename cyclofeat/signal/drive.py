@@ -179,7 +179,7 @@ def _driven(
     if attempts[1:] and not best.fits:
         again = _followed_from(start, thinned, rate, lines, attempts[1:])
         best = max(best, again, key=attrgetter("margin"))
-    return _at_samples(best, best.angle - best.angle[0], rate, current.size, sampling_rate)
+    return _at_samples(best, rate, current.size, sampling_rate)
 
 
 def _followed_from(

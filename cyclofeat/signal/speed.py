@@ -190,7 +190,7 @@ def _follow(
 ) -> FollowedSpeed:
     lines, thinned, rate = _thinned(torque, sampling_rate, nominal_hz, n_lobes)
     found = _followed(thinned, rate, nominal_hz, lines, attempts)
-    return _at_samples(found, found.angle, rate, torque.size, sampling_rate)
+    return _at_samples(found, rate, torque.size, sampling_rate)
 
 
 def _thinned(
@@ -214,11 +214,9 @@ def _thinned(
     return lines, thinned, rate
 
 
-def _at_samples(
-    found: FollowedSpeed, kept: Float, rate: float, n_samples: int, sampling_rate: float
-) -> FollowedSpeed:
+def _at_samples(found: FollowedSpeed, rate: float, n_samples: int, sampling_rate: float) -> FollowedSpeed:
     """Return what was found with the angle at all samples, from that at those that were kept."""
-    step = sampling_rate / rate
+    step, kept = sampling_rate / rate, found.angle - found.angle[0]
     # To the last samples, behind the last of those that were kept, the shaft turns on.
     marks = np.append(kept, 2 * kept[-1] - kept[-2])
     angle = at_every_sample(n_samples, step * np.arange(marks.size), marks)
@@ -313,6 +311,7 @@ def _followed(
 def _passed(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, passes: Sequence[_Pass]
 ) -> FollowedSpeed:
+    """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks."""
     turns = torque.size / sampling_rate * nominal_hz
     time = np.arange(torque.size)
     angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
@@ -383,14 +382,18 @@ def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
     Both are numbers of lobe lines at the speed itself.
     """
     lobe: Float = multiple * np.arange(1.0, math.ceil(lines.highest_lobe / multiple) + 1)
-    even = np.arange(_FIRST_SHAFT_LINE, _LAST_SHAFT_LINE + 1, 2)
-    even = even[even % (lines.n_lobes + 1) != 0]
-    shaft: Float = multiple * even * lines.n_lobes / (lines.n_lobes + 1)
+    shaft = multiple * _even_lines(_LAST_SHAFT_LINE, lines.n_lobes)
 
     def held(numbers: Float) -> Float:
         return numbers[(numbers >= _FIRST_LOBE_LINE) & (numbers <= lines.highest_lobe)]
 
     return held(lobe), held(shaft)
+
+
+def _even_lines(last: int, n_lobes: int) -> Float:
+    """Return the even lines of the shaft but those of the mesh, as numbers of lobe lines."""
+    even = np.arange(_FIRST_SHAFT_LINE, last + 1, 2)
+    return np.asarray(even[even % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1))
 
 
 def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, float]:
@@ -452,8 +455,7 @@ def _votes(blocks: Float, rate: float, speed: float, factors: Float, lines: _Lin
     mesh = lobe % n_lobes == 0
     beside = np.abs((lobe + n_lobes // 2) % n_lobes - n_lobes // 2) / n_lobes
     lobe, mesh = lobe[mesh | (beside > apart)], mesh[mesh | (beside > apart)]
-    shaft = np.arange(_FIRST_SHAFT_LINE, lines.last_shaft + 1, 2)
-    shaft = shaft[shaft % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1)
+    shaft = _even_lines(lines.last_shaft, n_lobes)
     numbers = np.concatenate([lobe, shaft])
     power = np.minimum(comb_prominence(blocks, rate, speed, factors, numbers, n_lobes), _MOST)
     n = lobe.size
