@@ -41,10 +41,11 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # Speeds, as multiples of the one found, at which the disc may really turn. What follows are differences of
 # log probabilities for one output turn. A disc fits if it is more probable than discs at these multiples, a
 # worn one by _WORN and a sound one by _SOUND; if worn, than the sound disc whose even shaft lines lie at its
-# lobe lines, by _THAN_ALIKE; and than noise, by _THAN_NONE. The even lines of a sound disc are also lobe
-# lines of a worn one at another speed: as that has more, it may be more probable, by _RICHER less _SOUND.
+# lobe lines, by _THAN_ALIKE; if sound, its mesh lines than noise, by _THAN_NONE. The even lines of a sound
+# disc are also lobe lines of a worn one at another speed: as that has more, it may be more probable by
+# _RICHER.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
-_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 4.0, 3.0, 3.0, 12.0
+_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 1.0, 3.0, 3.0, 11.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -122,7 +123,8 @@ class FollowedSpeed:
     margin : float
         Difference of log probabilities, for one output turn, between a disc at this speed and the most
         probable one at another (a quarter, a third, a half, 2 to 12 times it, and where the lines look
-        alike), less the least difference that counts. Minus infinity where the torque holds no lines. Of a
+        alike), less the least difference that counts. Negative also where the lines are the shaft's alone,
+        as a disc has mesh or lobe lines too. Minus infinity where the torque holds no lines. Of a
         current, negative also where another speed has clearly more evidence.
     reaches : bool
         Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
@@ -147,9 +149,10 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
     the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
     further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
-    If the lines found are not those of a disc (``fits``), the search is repeated with blocks of 14 turns,
-    then of six, and with lobe lines up to the 88th. The first attempt that fits is returned, or else the one
-    with the largest margin.
+    If the lines found are not those of a disc (``fits``), they may be the even shaft lines of a sound disc
+    that turns faster (16/15 of the speed for 15 lobes), and this is tried. Then the search is repeated with
+    blocks of 14 turns, then of six, and with lobe lines up to the 88th. The first attempt that fits is
+    returned, or else the one with the largest margin.
 
     Parameters
     ----------
@@ -313,24 +316,38 @@ def _passed(
 ) -> FollowedSpeed:
     """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks."""
     turns = torque.size / sampling_rate * nominal_hz
-    time = np.arange(torque.size)
-    angle: Float = 2 * np.pi * nominal_hz / sampling_rate * time.astype(float)
-    evidence = 0.0
-    for one in passes:
-        if turns < one.turns:
-            break
-        if one is passes[0]:
-            course, evidence = _course(torque, sampling_rate, nominal_hz, one, lines)
-            at = np.interp(time / sampling_rate, *course) * nominal_hz
-            angle = _integrated(at, sampling_rate)
-            continue
-        even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
-        (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
-        smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
-        at_turn = angle / (2 * np.pi)
-        low, high = smooth.x[0], smooth.x[-1]
-        factors = smooth(np.clip(at_turn, low, high))
-        angle = np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)])
+    finer = [one for one in passes[1:] if one.turns <= turns]
+    course, evidence = _course(torque, sampling_rate, nominal_hz, passes[0], lines)
+    at = np.interp(np.arange(torque.size) / sampling_rate, *course) * nominal_hz
+    angle = _integrated(at, sampling_rate)
+    for one in finer:
+        angle, evidence = _finer(torque, sampling_rate, angle, one, lines)
+    found = _found(torque, sampling_rate, angle, evidence, lines)
+    # A sound disc's even shaft lines are followed as lobe lines if 15/16 of the speed is nearer to the stated.
+    shaft = (lines.n_lobes + 1) / lines.n_lobes
+    if found.fits or not finer or shaft * found.speed_hz > (1 + FOLLOWED_TOLERANCE) * nominal_hz:
+        return found
+    other = _found(
+        torque, sampling_rate, *_finer(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
+    )
+    return max(found, other, key=attrgetter("margin"))
+
+
+def _finer(
+    torque: Float, sampling_rate: float, angle: Float, one: _Pass, lines: _Lines
+) -> tuple[Float, float]:
+    """Return the angle by a pass on the torque over an angle that is nearly right, and the evidence per turn."""
+    even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
+    (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
+    smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
+    low, high = smooth.x[0], smooth.x[-1]
+    factors = smooth(np.clip(angle / (2 * np.pi), low, high))
+    return np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)]), evidence
+
+
+def _found(
+    torque: Float, sampling_rate: float, angle: Float, evidence: float, lines: _Lines
+) -> FollowedSpeed:
     margin, reaches = _fit(torque, sampling_rate, angle, lines)
     return FollowedSpeed(angle, float(mean_speed(angle, sampling_rate)), evidence, margin, reaches)
 
@@ -361,19 +378,21 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
     ends = np.cumsum([part.size for part in numbers])[:-1]
     parts = iter(np.split(np.minimum(power, _MOST), ends, axis=1))
     discs = [
-        _discs(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
+        _disc(lobe, np.round(lines_of / multiple) % n_lobes == 0, shaft)
         for lobe, shaft, (lines_of, _), multiple in zip(parts, parts, places, multiples, strict=True)
     ]
-    (worn, sound), (_, like_worn), (like_sound, _), *others = discs
-    other = max(map(max, others))
-    reaches = worn > max(sound, like_worn + _THAN_ALIKE)
+    this, like_worn, like_sound, *others = discs
+    worn, sound = this.worn, this.sound
+    other = max(max(one.worn, one.sound) for one in others)
+    reaches = worn > max(sound, like_worn.sound + _THAN_ALIKE)
     if max(worn, sound) <= _THAN_NONE:
         return -math.inf, reaches
     if worn > sound:
         # The shaft of a sound disc has lines at the lowest n_lobes places: a low rate may hold no others.
-        like = like_worn if lines.highest_lobe > n_lobes else -math.inf
+        like = like_worn.sound if lines.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
-    return sound - max(other, like_sound - _RICHER) - _SOUND, reaches
+    # Lines of the shaft alone may be lobe lines of a worn disc at another speed.
+    return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _THAN_NONE), reaches
 
 
 def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
@@ -396,16 +415,29 @@ def _even_lines(last: int, n_lobes: int) -> Float:
     return np.asarray(even[even % (n_lobes + 1) != 0] * n_lobes / (n_lobes + 1))
 
 
-def _discs(lobe: Float, mesh: NDArray[np.bool_], shaft: Float) -> tuple[float, float]:
-    """Return the log probability ratios over noise of a worn and of a sound disc, for one output turn.
+@dataclass(frozen=True)
+class _Disc:
+    """Log probability ratios over noise, for one output turn, of the lines that a disc has at some speed."""
 
-    Parameters are power over floor, shape (n_windows, n_lines), of the lobe lines and the shaft's, and which
-    of the former are the mesh's.
-    """
+    lobes: float
+    mesh: float
+    shaft: float
+
+    @property
+    def worn(self) -> float:
+        return self.lobes + self.shaft
+
+    @property
+    def sound(self) -> float:
+        return self.mesh + self.shaft
+
+
+def _disc(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
+    """Return what the power over floor, shape (n_windows, n_lines), of lobe and shaft lines tells of a disc."""
     of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
-    of_lobes = np.where(mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
-    of_shaft = max(_reaching(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0)), 0.0)
-    return _reaching(of_lobes) + of_shaft, _reaching(of_mesh[mesh]) + of_shaft
+    of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
+    of_shaft = _reaching(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0))
+    return _Disc(_reaching(of_lobes), _reaching(of_mesh[is_mesh]), max(of_shaft, 0.0))
 
 
 def _reaching(ratios: Float) -> float:

@@ -82,6 +82,21 @@ def test_short_records_are_followed_by_blocks_that_they_hold(turns):
     assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
 
 
+@pytest.mark.parametrize("beside", [-0.035, -0.025, 0.0, 0.025])
+def test_a_sound_disc_s_shaft_lines_are_not_followed_as_lobe_lines(beside):
+    """Its even lines are lobe lines at 15/16 of the speed, which is near where a lower one is stated."""
+    found = follow_speed(torque(330.0, 20, worn=False), RATE, (1 + beside) * 330 / 60)
+    assert found.fits
+    assert 60 * found.speed_hz == pytest.approx(330, rel=2e-3)
+
+
+def test_lines_of_the_shaft_alone_are_no_disc():
+    time = np.arange(round(8 * RATE)) / RATE
+    turned = 2 * np.pi * 330 / 60 * np.outer(time, [4, 6, 8, 10, 12, 14, 18, 20])
+    lines = np.cos(turned).sum(axis=1) + np.random.default_rng(0).normal(size=time.size)
+    assert not follow_speed(lines, RATE, 330 / 60).fits
+
+
 @pytest.mark.parametrize("factor", [1 / 4, 1 / 3, 1 / 2, 2.0, 3.0, 15 / 8, 8 / 15])
 @pytest.mark.parametrize("worn", [True, False])
 def test_a_disc_does_not_fit_at_a_multiple_of_its_speed(worn, factor):
