@@ -323,7 +323,7 @@ def _passed(
     for one in finer:
         angle, evidence = _finer(torque, sampling_rate, angle, one, lines)
     found = _found(torque, sampling_rate, angle, evidence, lines)
-    # A sound disc's even shaft lines are followed as lobe lines if 15/16 of the speed is nearer to the stated.
+    # A sound disc's shaft lines are followed as lobe lines if 15/16 of its speed is nearer to the stated one.
     shaft = (lines.n_lobes + 1) / lines.n_lobes
     if found.fits or not finer or shaft * found.speed_hz > (1 + FOLLOWED_TOLERANCE) * nominal_hz:
         return found
@@ -336,7 +336,7 @@ def _passed(
 def _finer(
     torque: Float, sampling_rate: float, angle: Float, one: _Pass, lines: _Lines
 ) -> tuple[Float, float]:
-    """Return the angle by a pass on the torque over an angle that is nearly right, and the evidence per turn."""
+    """Return the angle by a pass on the torque over one that is nearly right, and the evidence per turn."""
     even, grid = resample_by_angle(torque, angle, _SAMPLES_PER_TURN, sampling_rate)
     (position, factor), evidence = _course(even, _SAMPLES_PER_TURN, 1.0, one, lines)
     smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
@@ -433,7 +433,7 @@ class _Disc:
 
 
 def _disc(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
-    """Return what the power over floor, shape (n_windows, n_lines), of lobe and shaft lines tells of a disc."""
+    """Return what lobe and shaft lines tell, from their power over floor, shape (n_windows, n_lines)."""
     of_mesh = _log_ratio(lobe, _MESH_LINE).mean(axis=0)
     of_lobes = np.where(is_mesh, of_mesh, _log_ratio(lobe, _LOBE_LINE).mean(axis=0))
     of_shaft = _reaching(_log_ratio(shaft, _SHAFT_LINE).mean(axis=0))
