@@ -103,6 +103,6 @@ def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0):
 
 
 @functools.cache
-def wear_model():
+def wear_model(counter="trees"):
     """A model that learned the depth of the wear."""
-    return LobeModel.train(recordings_with_wear(), n_splits=0, n_trees=25, wear_um=(5, 200))
+    return LobeModel.train(recordings_with_wear(), n_splits=0, n_trees=25, wear_um=(5, 200), counter=counter)

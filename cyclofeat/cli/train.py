@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--counter", choices=("trees", "rows"), default="trees",
         help="trees (default), or rows: more accurate for neighbouring worn lobes, above all at many speeds "
-        "and loads; takes minutes to learn",
+        "and loads, and for early wear (--wear) of some 500 --assemblies and more; takes minutes to learn",
     )  # fmt: skip
     parser.add_argument(
         "--samples-per-turn", type=int, metavar="N", default=_PER_TURN,
@@ -131,9 +131,10 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     coarser = None if arguments.coarser is None else load_model(arguments.coarser)
     if arguments.counter == "rows":
         libraries()  # or an error before the work
-    elif arguments.samples_per_turn > _PER_TURN:
+    one_by_rows = arguments.counter == "rows" and arguments.wear is None
+    if arguments.samples_per_turn > _PER_TURN and not one_by_rows:
         raise ValueError(
-            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
+            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, and with --wear, got "
             f"{arguments.samples_per_turn}"
         )
     if arguments.recordings:

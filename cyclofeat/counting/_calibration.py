@@ -62,6 +62,9 @@ class GroupCalibratedCounter(Counter):
     dependence_ : float or None
         How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
         :func:`predict_recordings`. None where no assembly has several windows.
+    oob_decision_function_ : ndarray, shape (n_windows, n_classes)
+        Probabilities of each window in training by a counter that did not see its assembly, corrected as all
+        are. NaN without folds.
 
     Notes
     -----
@@ -129,9 +132,12 @@ class GroupCalibratedCounter(Counter):
         self.steps_: list[IsotonicRegression] = []
         self.dependence_: float | None = None
         self.calibrated_ = bool(folds)
+        held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
         if folds:
-            held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
             self._learn(held_out, rank, member)
+        known = np.isfinite(held_out).all(axis=1)
+        self.oob_decision_function_: Float = np.full_like(held_out, np.nan)
+        self.oob_decision_function_[known] = self._corrected(held_out[known])
         return self
 
     def _learn(self, proba: Float, rank: Int, member: Int) -> None:

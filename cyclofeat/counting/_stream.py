@@ -229,11 +229,11 @@ class LobeStream:
             self._first_angle = float(window.cut[2][0])
         prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
         (answered,) = self.model._answered([prepared])
-        answered = dataclasses.replace(answered, wear=self._wear_features(windows.X[0], faults[0]))
+        answered = dataclasses.replace(answered, wear=self._wear_answers(windows.X[0], faults[0]))
         self._keep(answered.shifted(window.first_sample / self.sampling_rate))
 
-    def _wear_features(self, window: Float, fault: str) -> Float | None:
-        """Return the features of the run that a window completes; None where it completes none."""
+    def _wear_answers(self, window: Float, fault: str) -> Float | None:
+        """Return what the run tells that a window completes; None where it completes none."""
         wear = self.model.wear
         if wear is None:
             return None
@@ -241,7 +241,7 @@ class LobeStream:
         if len(self._run) < wear.n_windows:
             return None
         run, self._run = np.array(self._run), []
-        return wear.features(run, [""] * len(run))
+        return wear.answers(run, [""] * len(run))
 
     def _count_blocks(self, torque: Float) -> None:
         """Count the blocks that the samples complete."""

@@ -12,10 +12,12 @@ from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.checks import is_number, pair, short
 from cyclofeat._base.words import number
-from cyclofeat.counting._assembly_folds import Float, assemblies_of, grouped_folds, held_out_proba
+from cyclofeat.counting._assembly_folds import Float
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import combine_proba
 from cyclofeat.counting._conformal_regressor import ConformalRegressor
+from cyclofeat.counting._locator import passage_of_lobe_zero
+from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.features import LobeMap
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet
@@ -85,10 +87,10 @@ class RadialWear:
 
     Attributes
     ----------
-    counter : GroupCalibratedCounter
-        Fitted to the features of runs, classes are defect counts.
+    counter : GroupCalibratedCounter or RowCounter
+        Fitted to the features of runs, or to runs; classes are defect counts.
     depth : ConformalRegressor
-        Fitted to the logarithm of the depth in um.
+        Fitted to the logarithm of the depth in um, by the features of runs and the probabilities of counts.
     n_windows, n_lobes, samples_per_turn : int
         Windows of a run; lobes of a disc; samples per input turn of the windows.
     range_um : tuple of float
@@ -96,13 +98,13 @@ class RadialWear:
     limit_um : float or None
         As in :class:`WearDepth`.
     accuracy : float or None
-        Share of runs counted right by trees that have not seen their assembly; None where assemblies are too
-        few.
+        Share of runs counted right by counters that have not seen their assembly; None where assemblies are
+        too few.
     false_alarms : float or None
-        Share of healthy runs that these trees count as worn; None also where none is healthy.
+        Share of healthy runs that these count as worn; None also where none is healthy.
     """
 
-    counter: GroupCalibratedCounter
+    counter: GroupCalibratedCounter | RowCounter
     depth: ConformalRegressor
     n_windows: int
     n_lobes: int
@@ -122,6 +124,7 @@ class RadialWear:
         n_lobes: int,
         n_trees: int = 300,
         random_state: int = 0,
+        rows: bool = False,
     ) -> RadialWear:
         """Train on windows over the angle of the shaft.
 
@@ -135,6 +138,8 @@ class RadialWear:
             Least and largest depth.
         n_lobes, n_trees, random_state : int
             As of :meth:`LobeModel.train`.
+        rows : bool
+            Whether to count by a :class:`RowCounter`; worn lobes are known and neighbours.
 
         Returns
         -------
@@ -148,22 +153,37 @@ class RadialWear:
         assert windows.y is not None
         n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
         of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
-        runs = [runs_of(windows.X[rows], n_windows) for rows in of_recordings]
-        recording = np.repeat(np.arange(len(runs)), [len(one) for one in runs])
-        first = np.array([rows[0] for rows in of_recordings])[recording]
+        # The first window of each run, and not of what is left at the end.
+        first = np.concatenate([one[: 1 - n_windows or None : n_windows] for one in of_recordings])
+        recording, count = windows.recording[first], windows.y[first]
         member = recording if windows.groups is None else windows.groups[first]
+        of_each = [runs_of(windows.X[one], n_windows) for one in of_recordings]
         per_turn = round(windows.sampling_rate)
-        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
-        count = windows.y[first]
-        trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
-        counter = GroupCalibratedCounter(trees, random_state=random_state).fit(features, count, groups=member)
+        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in of_each])
+        runs = np.concatenate(of_each)
+        counter: GroupCalibratedCounter | RowCounter
+        if rows:
+            counter = RowCounter(
+                windows.sampling_rate, 1.0, n_lobes, _n_lines(n_lobes, per_turn), random_state=random_state,
+                speed_tolerance=0.0,
+            )  # fmt: skip
+            worn_lobes, passage = windows.worn_table(n_lobes), windows.start_angle[first]
+            assert worn_lobes is not None
+            counter.fit(runs, count, worn_lobes[first], passage_of_lobe_zero(passage, n_lobes), groups=member)
+        else:
+            trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
+            counter = GroupCalibratedCounter(trees, random_state=random_state)
+            counter.fit(features, count, groups=member)
+        proba = counter.oob_decision_function_
+        del counter.oob_decision_function_  # a file would hold it
+        never = ~np.isfinite(proba).all(axis=1)
+        if never.any():  # held out
+            proba[never] = counter.predict_proba((runs if rows else features)[never])
         log_depth = np.log(depths_um[recording])
         limit, accuracy, false_alarms = None, None, None
         # Depths are stated, and so learned and judged, where wear is seen.
         worn = seen = count > 0
-        folds = grouped_folds(count, assemblies_of(member, len(count)), counter.n_splits, random_state)
-        if folds:
-            proba = held_out_proba(trees, features, count, member, counter.classes_, folds)
+        if counter.calibrated_:
             answer = counter.classes_[proba.argmax(axis=1)]
             accuracy = float(np.mean(answer == count))
             seen = worn & (answer > 0)
@@ -176,7 +196,7 @@ class RadialWear:
                 f"{seen.sum()} of {worn.sum()} with wear of {range_um[0]:g} to {range_um[1]:g} um"
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
-        depth.fit(features[seen], log_depth[seen], groups=member[seen])
+        depth.fit(np.hstack([proba, features])[seen], log_depth[seen], groups=member[seen])
         return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy, false_alarms, per_turn)
 
     def made_for(self) -> str:
@@ -202,26 +222,33 @@ class RadialWear:
             "false_alarms": self.false_alarms,
         }
 
-    def features(self, X: Float, faults: Sequence[str]) -> Float | None:
-        """Return the features of the runs of a recording's windows without a fault; None if there is none."""
-        runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
-        return wear_features(runs, self.n_lobes, self.samples_per_turn) if len(runs) else None
+    def answers(self, X: Float, faults: Sequence[str]) -> Float | None:
+        """Return what the runs of a recording's windows without a fault tell; None if there is none.
 
-    def probability(self, features: Float) -> Float:
+        Shape (n_runs, n_classes + n_features): the probability of each count, and the features of a run.
+        """
+        runs = runs_of(X, self.n_windows, np.array([not fault for fault in faults]))
+        if not len(runs):
+            return None
+        features = wear_features(runs, self.n_lobes, self.samples_per_turn)
+        seen = runs if isinstance(self.counter, RowCounter) else features
+        return np.hstack([self.counter.predict_proba(seen), features])
+
+    def probability(self, answers: Float) -> Float:
         """Return the probability of each count from all runs of a recording, shape (n_classes,)."""
-        proba = np.asarray(self.counter.predict_proba(features))
+        proba = answers[:, : self.counter.classes_.size]
         learned = self.counter.dependence_
         same = np.zeros(len(proba), dtype=np.int64)
         return np.asarray(combine_proba(proba, same, 1.0 if learned is None else learned)[0])
 
-    def depth_of(self, features: Float, count: int) -> WearDepth:
-        """Return the depth of a recording's wear, from the features of its runs and its count."""
+    def depth_of(self, answers: Float, count: int) -> WearDepth:
+        """Return the depth of a recording's wear, from what its runs tell and its count."""
         low, high = self.range_um
         if count == 0:
             most = high if self.limit_um is None else self.limit_um
             return WearDepth(None, 0.0, most, self.depth.coverage, self.limit_um)
         # Runs of one recording err together: the interval of their mean is as wide as that of one.
-        logs = self.depth.predict(features), *self.depth.predict_interval(features)
+        logs = self.depth.predict(answers), *self.depth.predict_interval(answers)
         depth, least, most = (float(np.clip(np.exp(values.mean()), low, high)) for values in logs)
         return WearDepth(depth, least, most, self.depth.coverage, self.limit_um)
 

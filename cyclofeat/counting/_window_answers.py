@@ -60,9 +60,9 @@ class AnsweredWindows:
     lobe_proba : ndarray, shape (n_places, n_windows, n_lobes), or None
         Probability of each lobe of being worn, for each place at which the recording may begin between two
         lobes; None where positions are not known.
-    wear : ndarray, shape (n_runs, n_features), or None
-        Features of the runs of windows without a fault (:class:`RadialWear`); None where the model learned no
-        depth of wear, or there is no run.
+    wear : ndarray, shape (n_runs, n_classes + n_features), or None
+        What the runs of windows without a fault tell (:meth:`RadialWear.answers`); None where the model
+        learned no depth of wear, or there is no run.
     """
 
     start_s: Float

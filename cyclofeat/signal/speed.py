@@ -45,7 +45,7 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # disc are also lobe lines of a worn one at another speed: as that has more, it may be more probable by
 # _RICHER.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
-_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 1.0, 3.0, 3.0, 11.0
+_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 1.0, 3.0, 3.0, 18.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.

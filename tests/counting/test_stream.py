@@ -88,8 +88,9 @@ def test_a_speed_that_training_did_not_see_is_refused():
 
 
 @pytest.mark.slow
-def test_the_depth_of_wear_is_that_of_the_file():
-    model = wear_model()
+@pytest.mark.parametrize("counter", ["trees", pytest.param("rows", marks=pytest.mark.slow)])
+def test_the_depth_of_wear_is_that_of_the_file(counter):
+    model = wear_model(counter)
     record = recording((2, 3, 4), seed=76, turns=5, height=0.5)
     rising = record.torque + np.linspace(0, 1, record.n_samples)  # the load drifts from window to window
     spoiled = np.where(abs(np.arange(record.n_samples) - 6000) < 60, 22.0, rising)

@@ -15,9 +15,9 @@ from cyclofeat.models import load_model, read_card, save_model
 from cyclofeat.recordings import SAMPLES_PER_TURN
 
 
-@pytest.fixture(scope="module")
-def model():
-    return wear_model()
+@pytest.fixture(scope="module", params=["trees", pytest.param("rows", marks=pytest.mark.slow)])
+def model(request):
+    return wear_model(request.param)
 
 
 @pytest.fixture(scope="module")
