@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.special import logsumexp
 
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
 from cyclofeat.signal.orders import at_every_sample, mean_speed, resample_by_angle
@@ -442,7 +441,7 @@ def _disc(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
 
 def _reaching(ratios: Float) -> float:
     """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
-    return float(logsumexp(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
+    return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
 
 
 def _integrated(speed_hz: Float, sampling_rate: float) -> Float:
