@@ -58,8 +58,9 @@ class ServoMotor(Effect):
 class TorqueConstantRipple(Effect):
     """Ripple of the motor's torque constant, six times per turn and pair of poles.
 
-    Its phase is random for each assembly. Separating measurement: the torque of the motor alone at several
-    currents, with which it grows.
+    In a three-phase motor the fifth and seventh harmonics of its voltage give this order (Jahns and Soong
+    1996, IEEE Transactions on Industrial Electronics 43(2), 321-330). Its phase is random for each assembly.
+    Separating measurement: the torque of the motor alone at several currents, with which it grows.
 
     Parameters
     ----------
@@ -77,10 +78,11 @@ class TorqueConstantRipple(Effect):
 class Cogging(Effect):
     """Cogging of the motor: torque between magnets and slots, by the angle of its rotor alone.
 
-    A wave for the least common multiple of slots and poles and, for a motor that is not perfect, one for the
-    slots and one for the poles. Their phases are random for each assembly. They lie at whole orders of the
-    input, which only every fifteenth line of the lobes does, but some are 1/15 of an order beside one.
-    Separating measurement: the torque of the motor alone, without current.
+    A wave for the least common multiple of slots and poles (Zhu and Howe 2000, IEEE Transactions on Energy
+    Conversion 15(4), 407-412) and, for a motor that is not perfect, one for the slots and one for the poles.
+    Their phases are random for each assembly. They lie at whole orders of the input, which only every
+    fifteenth line of the lobes does, but some are 1/15 of an order beside one. Separating measurement: the
+    torque of the motor alone, without current.
 
     Parameters
     ----------
