@@ -131,10 +131,9 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     coarser = None if arguments.coarser is None else load_model(arguments.coarser)
     if arguments.counter == "rows":
         libraries()  # or an error before the work
-    one_by_rows = arguments.counter == "rows" and arguments.wear is None
-    if arguments.samples_per_turn > _PER_TURN and not one_by_rows:
+    elif arguments.samples_per_turn > _PER_TURN:
         raise ValueError(
-            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, and with --wear, got "
+            f"--samples-per-turn takes at most {_PER_TURN} without --counter rows, got "
             f"{arguments.samples_per_turn}"
         )
     if arguments.recordings:

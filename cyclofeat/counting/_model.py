@@ -158,8 +158,7 @@ class LobeModel(RecordingPredictions):
         counter : {"trees", "rows"}
             ``"rows"``: a :class:`RowCounter`, for neighbouring lobes that all recordings state. It counts
             more accurately, learns more slowly, and its file is small. It needs JAX and Optax for training.
-            With ``wear_um`` it counts runs of windows; single ones, which tell what to leave out, keep trees.
-            It is more accurate than trees from some 500 assemblies of each count on.
+            With ``wear_um`` it is more accurate than trees from some 500 assemblies of each count on.
         samples_per_turn : int
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
@@ -181,11 +180,10 @@ class LobeModel(RecordingPredictions):
         if counter not in ("trees", "rows"):
             raise ValueError(f"counter must be 'trees' or 'rows', got {counter!r}")
         rows = counter == "rows"
-        one_by_rows = rows and wear_um is None
-        if whole("samples_per_turn", samples_per_turn, 1) > SAMPLES_PER_TURN and not one_by_rows:
+        if whole("samples_per_turn", samples_per_turn, 1) > SAMPLES_PER_TURN and not rows:
             raise ValueError(
-                f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter='trees' and with wear_um, "
-                f"which use {N_LINES} lobe lines, got {samples_per_turn}"
+                f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter={counter!r}, which uses "
+                f"{N_LINES} lobe lines, got {samples_per_turn}"
             )
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
@@ -200,17 +198,15 @@ class LobeModel(RecordingPredictions):
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
-        if rows and _any_apart(windows.worn_table(n_lobes)):
-            raise ValueError(
-                "recordings must all state an absolute angle and worn_lobes that are neighbours for "
-                "counter='rows', some do not"
-            )
+        if rows and stated is not None:
+            # Runs make the count. The windows of a recording are alike: the network learns one of each.
+            windows = windows.part(np.unique(windows.recording, return_index=True)[1])
         made_for = {
             "input_speed_hz": 1.0, "speed_tolerance": 0.0, "n_lobes": n_lobes, "n_trees": n_trees,
             "random_state": random_state,
         }  # fmt: skip
         protocol = Protocol(n_splits=n_splits, random_state=random_state) if n_splits else None
-        fitted, locator, scores, features = _fitted(windows, made_for, protocol, rows=one_by_rows)
+        fitted, locator, scores, features = _fitted(windows, made_for, protocol, rows=rows)
         member = windows.recording if windows.groups is None else windows.groups
         domain = None
         if np.unique(member).size > 1:
@@ -819,6 +815,11 @@ def _fitted(
     n_lobes = made_for["n_lobes"]
     worn = windows.worn_table(n_lobes)
     passage = None if worn is None else passage_of_lobe_zero(windows.start_angle, n_lobes)
+    if rows and (worn is None or _any_apart(worn)):
+        raise ValueError(
+            "recordings must all state an absolute angle and worn_lobes that are neighbours for "
+            "counter='rows', some do not"
+        )
     if rows:
         n_lines = max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
         counter = make_lobe_counter(windows.sampling_rate, kind="rows", **made_for).set_params(
@@ -894,6 +895,6 @@ def _turned(prepared: PreparedWindows, speed_hz: Float) -> Float:
     return np.concatenate([[0.0], np.cumsum(between)])
 
 
-def _any_apart(worn: NDArray[np.bool_] | None) -> bool:
-    """Return True if the worn lobes of any window are not known, or more than one row of neighbours."""
-    return worn is None or bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())
+def _any_apart(worn: NDArray[np.bool_]) -> bool:
+    """Return True if the worn lobes of any window are more than one row of neighbours."""
+    return bool(((worn & ~np.roll(worn, 1, axis=1)).sum(axis=1) > 1).any())

@@ -67,6 +67,20 @@ class WindowSet:
         """Number of windows."""
         return int(self.X.shape[0])
 
+    def part(self, rows: Int) -> WindowSet:
+        """Return the windows with these numbers."""
+        return dataclasses.replace(
+            self,
+            X=self.X[rows],
+            y=None if self.y is None else self.y[rows],
+            groups=None if self.groups is None else self.groups[rows],
+            recording=self.recording[rows],
+            start_s=self.start_s[rows],
+            start_angle=self.start_angle[rows],
+            absolute=self.absolute[rows],
+            worn_lobes=tuple(self.worn_lobes[row] for row in rows.tolist()),
+        )
+
     def worn_table(self, n_lobes: int) -> NDArray[np.bool_] | None:
         """Table of worn lobes, shape (n_windows, n_lobes).
 

@@ -123,7 +123,8 @@ class FollowedSpeed:
         Difference of log probabilities, for one output turn, between a disc at this speed and the most
         probable one at another (a quarter, a third, a half, 2 to 12 times it, and where the lines look
         alike), less the least difference that counts. Negative also where the lines are the shaft's alone,
-        as a disc has mesh or lobe lines too. Minus infinity where the torque holds no lines. Of a
+        as a disc has mesh or lobe lines too. Minus infinity where the torque holds no lines, or only at the
+        end of the range of speeds. Of a
         current, negative also where another speed has clearly more evidence.
     reaches : bool
         Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
@@ -322,9 +323,12 @@ def _passed(
     for one in finer:
         angle, evidence = _finer(torque, sampling_rate, angle, one, lines)
     found = _found(torque, sampling_rate, angle, evidence, lines)
+    beside = passes[0].tolerance - passes[0].step
+    if abs(found.speed_hz / nominal_hz - 1) > beside:
+        found = replace(found, margin=-math.inf)  # the lines may be those of a speed beyond
     # A sound disc's shaft lines are followed as lobe lines if 15/16 of its speed is nearer to the stated one.
     shaft = (lines.n_lobes + 1) / lines.n_lobes
-    if found.fits or not finer or shaft * found.speed_hz > (1 + FOLLOWED_TOLERANCE) * nominal_hz:
+    if found.fits or not finer or shaft * found.speed_hz > (1 + beside) * nominal_hz:
         return found
     other = _found(
         torque, sampling_rate, *_finer(torque, sampling_rate, shaft * angle, finer[-1], lines), lines

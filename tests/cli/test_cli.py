@@ -658,7 +658,7 @@ def test_bad_recordings(capsys, folder, make, message):
         ),
         (
             ["train", "--out", "{folder}/m.skops", "--samples-per-turn", "256"],
-            "--samples-per-turn takes at most 128 without --counter rows, and with --wear, got 256",
+            "--samples-per-turn takes at most 128 without --counter rows, got 256",
         ),
         (["train", "--out", "{folder}/m.skops", "--coarser", "absent.skops"], "absent.skops does not exist"),
         (["count", "x.csv", "--model", "absent.joblib", "--trust"], "absent.joblib does not exist"),
