@@ -195,12 +195,12 @@ class LobeModel(RecordingPredictions):
         windows = seen
         if quantity == "motor_current":
             windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn)
-        assert windows.y is not None
-        if np.unique(windows.y).size < 2:
-            raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         if rows and stated is not None:
             # Runs make the count. The windows of a recording are alike: the network learns one of each.
             windows = windows.part(np.unique(windows.recording, return_index=True)[1])
+        assert windows.y is not None
+        if np.unique(windows.y).size < 2:
+            raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")
         made_for = {
             "input_speed_hz": 1.0, "speed_tolerance": 0.0, "n_lobes": n_lobes, "n_trees": n_trees,
             "random_state": random_state,
