@@ -230,11 +230,11 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
     """Follow the input shaft at the speeds from 100 to 1,500 RPM that the torque allows.
 
     :func:`follow_speed` starts at speeds whose tolerances overlap, in the middle of the record. Of those
-    where the lines are those of a disc (``fits``), the one with the most evidence is meant. Others with at
-    least half as much are possible too: those that fit, and some that look alike. For 15 lobes these are 15/8
-    of the speed, where a worn disc's lobe lines would be taken for the even lines of a sound one's shaft;
-    8/15, the other way round, unless the lobe lines reach further (``reaches``); and 16/15, where all lines
-    of a motor's shaft would be taken for lobe lines.
+    where the lines are those of a disc (``fits``), the one with the most evidence is meant, if it also fits
+    the whole record. Others with at least half as much are possible too: those that fit, and some that look
+    alike. For 15 lobes these are 15/8 of the speed, where a worn disc's lobe lines would be taken for the
+    even lines of a sound one's shaft; 8/15, the other way round, unless the lobe lines reach further
+    (``reaches``); and 16/15, where all lines of a motor's shaft would be taken for lobe lines.
 
     Parameters
     ----------
@@ -290,7 +290,8 @@ def search_speed(torque: Float, sampling_rate: float, n_lobes: int = 15) -> list
         likely = one.evidence >= _POSSIBLE * best.evidence
         if new and likely and (one.fits or any(_same(one.speed_hz, other) for other in alike)):
             possible.append(one)
-    return [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
+    whole = [follow_speed(torque, sampling_rate, one.speed_hz, n_lobes) for one in possible]
+    return whole if whole[0].fits else []
 
 
 def _same(speed: float, other: float) -> bool:

@@ -39,6 +39,15 @@ def test_a_sound_disc_is_not_taken_for_a_worn_one_at_another_speed(rpm):
     assert found == [] or any(speed == pytest.approx(rpm, rel=2e-3) for speed in found)
 
 
+def test_a_speed_that_does_not_fit_the_whole_record_is_not_taken():
+    """The machine runs in the middle of the record only."""
+    running = torque(437.0, 6)
+    random = np.random.default_rng(1)
+    still = [running.mean() + running.std() * random.normal(size=round(50 * RATE)) for _ in range(2)]
+    assert search_speed(running, RATE)
+    assert search_speed(np.concatenate([still[0], running, still[1]]), RATE) == []
+
+
 def test_a_wandering_speed_is_found():
     time = np.arange(round(6 * RATE)) / RATE
     turns = 7 * time + 7 * 0.02 / (2 * np.pi * 0.2) * (1 - np.cos(2 * np.pi * 0.2 * time))
