@@ -90,15 +90,16 @@ def labelled(counts=(0, 1, 3), per_count=8, n_lobes=15, **labels):
     ]
 
 
-def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0):
-    """Recordings of two output turns whose bursts are as high as the wear is deep: 1 Nm at 200 um."""
+def recordings_with_wear(n=24, counts=(0, 1, 3), seed=0, turns=(2,)):
+    """Recordings of some output turns whose bursts are as high as the wear is deep: 1 Nm at 200 um."""
     random = np.random.default_rng(seed)
     made = []
     for k, count in enumerate(np.tile(counts, n)):
         depth = float(5 * 40 ** random.random())
         lobes = tuple(int(lobe) for lobe in (random.integers(15) + np.arange(count)) % 15)
         meta = {"wear_um": depth if count else 0.0}
-        made.append(recording(lobes, seed=1000 * seed + k, turns=2, height=depth / 200, meta=meta))
+        long = turns[k % len(turns)]
+        made.append(recording(lobes, seed=1000 * seed + k, turns=long, height=depth / 200, meta=meta))
     return made
 
 

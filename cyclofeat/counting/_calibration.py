@@ -63,8 +63,8 @@ class GroupCalibratedCounter(Counter):
         How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
         :func:`predict_recordings`. None where no assembly has several windows.
     oob_decision_function_ : ndarray, shape (n_windows, n_classes)
-        Probabilities of each window in training by a counter that did not see its assembly, corrected as all
-        are. NaN without folds.
+        Probabilities of each window in training by a counter that did not see its assembly, calibrated like
+        those of ``predict_proba``. NaN without folds.
 
     Notes
     -----
@@ -135,14 +135,11 @@ class GroupCalibratedCounter(Counter):
         held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
         if folds:
             self._learn(held_out, rank, member)
-        known = np.isfinite(held_out).all(axis=1)
-        self.oob_decision_function_: Float = np.full_like(held_out, np.nan)
-        self.oob_decision_function_[known] = self._corrected(held_out[known])
+            held_out = self._corrected(held_out)
+        self.oob_decision_function_: Float = held_out
         return self
 
     def _learn(self, proba: Float, rank: Int, member: Int) -> None:
-        usable = np.isfinite(proba).all(axis=1)
-        proba, rank, member = proba[usable], rank[usable], member[usable]
         weights = shares(np.unique(member, return_inverse=True)[1])
         if self.method == "temperature":
             power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]

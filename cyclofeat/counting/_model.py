@@ -158,7 +158,8 @@ class LobeModel(RecordingPredictions):
         counter : {"trees", "rows"}
             ``"rows"``: a :class:`RowCounter`, for neighbouring lobes that all recordings state. It counts
             more accurately, learns more slowly, and its file is small. It needs JAX and Optax for training.
-            With ``wear_um`` it is more accurate than trees from some 500 assemblies of each count on.
+            With ``wear_um`` it is more accurate than trees from some 500 assemblies of each count on; then
+            single windows, where they have to do, are counted by what the first of each recording tells.
         samples_per_turn : int
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
@@ -196,8 +197,8 @@ class LobeModel(RecordingPredictions):
         if quantity == "motor_current":
             windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn)
         if rows and stated is not None:
-            # Runs make the count. The windows of a recording are alike: the network learns one of each.
-            windows = windows.part(np.unique(windows.recording, return_index=True)[1])
+            # Runs make the count. The windows of a recording are alike: the network learns the first.
+            windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
         assert windows.y is not None
         if np.unique(windows.y).size < 2:
             raise ValueError(f"recordings must hold at least two defect counts, got {windows.y[0]} only")

@@ -153,32 +153,30 @@ class RadialWear:
         assert windows.y is not None
         n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
         of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
-        # The first window of each run, and not of what is left at the end.
-        first = np.concatenate([one[: 1 - n_windows or None : n_windows] for one in of_recordings])
+        # The first window of each run.
+        first = np.concatenate(
+            [one[: one.size // n_windows * n_windows : n_windows] for one in of_recordings]
+        )
         recording, count = windows.recording[first], windows.y[first]
         member = recording if windows.groups is None else windows.groups[first]
-        of_each = [runs_of(windows.X[one], n_windows) for one in of_recordings]
+        runs = [runs_of(windows.X[one], n_windows) for one in of_recordings]
         per_turn = round(windows.sampling_rate)
-        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in of_each])
-        runs = np.concatenate(of_each)
+        features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
         counter: GroupCalibratedCounter | RowCounter
         if rows:
             counter = RowCounter(
                 windows.sampling_rate, 1.0, n_lobes, _n_lines(n_lobes, per_turn), random_state=random_state,
                 speed_tolerance=0.0,
             )  # fmt: skip
-            worn_lobes, passage = windows.worn_table(n_lobes), windows.start_angle[first]
-            assert worn_lobes is not None
-            counter.fit(runs, count, worn_lobes[first], passage_of_lobe_zero(passage, n_lobes), groups=member)
+            table = windows.part(first).worn_table(n_lobes)
+            passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)
+            counter.fit(np.concatenate(runs), count, table, passage, groups=member)
         else:
             trees = CountingTrees(n_trees, max_features=0.2, random_state=random_state)
             counter = GroupCalibratedCounter(trees, random_state=random_state)
             counter.fit(features, count, groups=member)
         proba = counter.oob_decision_function_
         del counter.oob_decision_function_  # a file would hold it
-        never = ~np.isfinite(proba).all(axis=1)
-        if never.any():  # held out
-            proba[never] = counter.predict_proba((runs if rows else features)[never])
         log_depth = np.log(depths_um[recording])
         limit, accuracy, false_alarms = None, None, None
         # Depths are stated, and so learned and judged, where wear is seen.
@@ -190,6 +188,8 @@ class RadialWear:
             if not worn.all():
                 limit = _visible_from(log_depth[worn], seen[worn])
                 false_alarms = float(np.mean(answer[~worn] > 0))
+        else:
+            proba = np.full_like(proba, 1 / counter.classes_.size)  # nothing was held out: it tells nothing
         if seen.sum() < 2:
             raise ValueError(
                 "recordings must hold at least two whose wear shows, to learn its depth, got "

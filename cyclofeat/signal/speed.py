@@ -39,10 +39,10 @@ _SAMPLES_PER_TURN, _DENSE = 256, 560
 _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # Speeds, as multiples of the one found, at which the disc may really turn. What follows are differences of
 # log probabilities for one output turn. A disc fits if it is more probable than discs at these multiples, a
-# worn one by _WORN and a sound one by _SOUND; if worn, than the sound disc whose even shaft lines lie at its
-# lobe lines, by _THAN_ALIKE; if sound, its mesh lines than noise, by _THAN_NONE. The even lines of a sound
-# disc are also lobe lines of a worn one at another speed: as that has more, it may be more probable by
-# _RICHER.
+# worn one by _WORN and a sound one by _SOUND, and than noise, by _THAN_NONE. A worn one must also be more
+# probable than the sound disc whose even shaft lines lie at its lobe lines, by _THAN_ALIKE, and a sound one
+# by its mesh lines alone than noise. The even lines of a sound disc are also lobe lines of a worn one at
+# another speed: as that has more, it may be more probable by _RICHER.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
 _WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 1.0, 3.0, 3.0, 18.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
@@ -122,10 +122,9 @@ class FollowedSpeed:
     margin : float
         Difference of log probabilities, for one output turn, between a disc at this speed and the most
         probable one at another (a quarter, a third, a half, 2 to 12 times it, and where the lines look
-        alike), less the least difference that counts. Negative also where the lines are the shaft's alone,
-        as a disc has mesh or lobe lines too. Minus infinity where the torque holds no lines, or only at the
-        end of the range of speeds. Of a
-        current, negative also where another speed has clearly more evidence.
+        alike), less the least difference that counts. It is also negative where the lines are the shaft's
+        alone, as a disc has mesh or lobe lines too, and for a current where another speed has clearly more
+        evidence. Minus infinity where the torque holds no lines, or the speed lies at the end of the range.
     reaches : bool
         Whether the lines are those of a worn disc, as they reach beyond what the shaft of a sound disc has at
         (n_lobes + 1) / (2 n_lobes) of the speed, where its even lines are in the places of the lobe lines.
@@ -149,10 +148,10 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
     the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
     further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
-    If the lines found are not those of a disc (``fits``), they may be the even shaft lines of a sound disc
-    that turns faster (16/15 of the speed for 15 lobes), and this is tried. Then the search is repeated with
-    blocks of 14 turns, then of six, and with lobe lines up to the 88th. The first attempt that fits is
-    returned, or else the one with the largest margin.
+    If the lines found are not those of a disc (``fits``), the search is repeated with blocks of 14 turns,
+    then of six, and with lobe lines up to the 88th. The first attempt that fits is returned, or else the one
+    with the largest margin. Each attempt also tries whether its lines are the even shaft lines of a sound
+    disc that turns faster (16/15 of the speed for 15 lobes).
 
     Parameters
     ----------
@@ -315,7 +314,10 @@ def _followed(
 def _passed(
     torque: Float, sampling_rate: float, nominal_hz: float, lines: _Lines, passes: Sequence[_Pass]
 ) -> FollowedSpeed:
-    """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks."""
+    """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks.
+
+    A speed at the end of the range does not fit. If none fits, one is tried at which they are shaft lines.
+    """
     turns = torque.size / sampling_rate * nominal_hz
     finer = [one for one in passes[1:] if one.turns <= turns]
     course, evidence = _course(torque, sampling_rate, nominal_hz, passes[0], lines)
@@ -327,14 +329,14 @@ def _passed(
     beside = passes[0].tolerance - passes[0].step
     if abs(found.speed_hz / nominal_hz - 1) > beside:
         found = replace(found, margin=-math.inf)  # the lines may be those of a speed beyond
-    # A sound disc's shaft lines are followed as lobe lines if 15/16 of its speed is nearer to the stated one.
+    # A sound disc's shaft lines may be followed as lobe lines, at 15/16 of the speed for 15 lobes.
     shaft = (lines.n_lobes + 1) / lines.n_lobes
     if found.fits or not finer or shaft * found.speed_hz > (1 + beside) * nominal_hz:
         return found
     other = _found(
         torque, sampling_rate, *_finer(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
     )
-    return max(found, other, key=attrgetter("margin"))
+    return other if other.fits else found
 
 
 def _finer(

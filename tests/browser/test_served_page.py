@@ -174,7 +174,7 @@ def test_a_gap_is_found_by_keyboard_and_its_report_downloaded(browser, live, tmp
     browser.said.clear()  # the page before may have asked for its server, which is gone
     tab_to(browser, "folder")
     browser.choose(measured)
-    browser.wait_for(text_of("recordings"), lambda text: text.count("690 RPM") >= 2, 60)
+    browser.wait_for(text_of("recordings"), lambda text: "r1.npz" in text and "690 RPM" in text, 60)
     tab_to(browser, "gap-summary")
     browser.press("Enter")
     tab_to(browser, "gap")

@@ -53,6 +53,19 @@ def test_the_temperature_is_scikit_learns_on_the_same_folds():
     assert log_loss(truth, ours.predict_proba(new)) <= log_loss(truth, theirs.predict_proba(new)) + 0.01
 
 
+def test_held_out_answers_do_not_know_the_windows_assembly():
+    """Features that tell the assembly and nothing else: its own windows are known, all others are guessed."""
+    groups = np.repeat(np.arange(60), 2)
+    y = np.random.default_rng(0).integers(2, size=60)[groups]
+    X = np.eye(60)[groups]
+    counter = GroupCalibratedCounter(ExtraTreesClassifier(20, random_state=0), random_state=0)
+    counter.fit(X, y, groups=groups)
+    assert counter.counter_.score(X, y) == 1
+    assert np.mean(counter.oob_decision_function_.argmax(axis=1) == y) < 0.7
+    alone = counter.fit(X, y, groups=np.zeros(120))
+    assert np.isnan(alone.oob_decision_function_).all()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["temperature", "isotonic"])
 def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):

@@ -88,7 +88,7 @@ def test_a_speed_that_training_did_not_see_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("counter", ["trees", pytest.param("rows", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("counter", ["trees", "rows"])
 def test_the_depth_of_wear_is_that_of_the_file(counter):
     model = wear_model(counter)
     record = recording((2, 3, 4), seed=76, turns=5, height=0.5)

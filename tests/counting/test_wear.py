@@ -97,6 +97,18 @@ def test_counts_and_depths_of_assemblies_never_seen(unseen):
     assert all(depth.low_um <= depth.depth_um <= depth.high_um for _, depth in worn)
 
 
+def test_each_run_of_a_long_recording_is_learned_with_its_count_and_depth(unseen):
+    """Recordings of 2, 5 and 3 output turns hold 1, 2 and 1 runs of two, and windows that are in none."""
+    varied = recordings_with_wear(24, turns=(2, 5, 3, 2))
+    model = LobeModel.train(varied, n_splits=0, n_trees=25, wear_um=(5, 200))
+    assert model.wear.accuracy > 0.7
+    deep = [one for one in unseen[0] if one.meta["wear_um"] > 50]
+    counts = model.count_all(deep)
+    assert np.mean([c.defect_count == r.defect_count for r, c in zip(deep, counts, strict=True)]) >= 0.9
+    errors = [abs(np.log(c.wear_um.depth_um / r.meta["wear_um"])) for r, c in zip(deep, counts, strict=True)]
+    assert np.median(errors) < 0.25
+
+
 def test_where_no_wear_is_seen_the_answer_says_what_may_be_there(model, unseen):
     for count in unseen[1]:
         assert (count.wear_um.depth_um is None) == (count.defect_count == 0)
