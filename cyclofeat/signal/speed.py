@@ -41,10 +41,10 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # log probabilities for one output turn. A disc fits if it is more probable than discs at these multiples, a
 # worn one by _WORN and a sound one by _SOUND, and than noise, by _THAN_NONE. A worn one must also be more
 # probable than the sound disc whose even shaft lines lie at its lobe lines, by _THAN_ALIKE, and a sound one
-# by its mesh lines alone than noise. The even lines of a sound disc are also lobe lines of a worn one at
-# another speed: as that has more, it may be more probable by _RICHER.
+# by its mesh lines alone than noise, by _MESH. The even lines of a sound disc are also lobe lines of a worn
+# one at another speed: as that has more, it may be more probable by _RICHER.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
-_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _RICHER = 6.0, 1.0, 3.0, 3.0, 18.0
+_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -398,7 +398,7 @@ def _fit(torque: Float, sampling_rate: float, angle: Float, lines: _Lines) -> tu
         like = like_worn.sound if lines.highest_lobe > n_lobes else -math.inf
         return min(worn - other - _WORN, worn - like - _THAN_ALIKE), reaches
     # Lines of the shaft alone may be lobe lines of a worn disc at another speed.
-    return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _THAN_NONE), reaches
+    return min(sound - max(other + _SOUND, like_sound.worn - _RICHER), this.mesh - _MESH), reaches
 
 
 def _places(multiple: float, lines: _Lines) -> tuple[Float, Float]:
