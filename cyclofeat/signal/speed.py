@@ -42,9 +42,10 @@ _SAMPLES_AT_ONCE = 2**17  # of blocks, whose spectra are taken
 # worn one by _WORN and a sound one by _SOUND, and than noise, by _THAN_NONE. A worn one must also be more
 # probable than the sound disc whose even shaft lines lie at its lobe lines, by _THAN_ALIKE, and a sound one
 # by its mesh lines alone than noise, by _MESH. The even lines of a sound disc are also lobe lines of a worn
-# one at another speed: as that has more, it may be more probable by _RICHER.
+# one at another speed: as that has more, it may be more probable by _RICHER. Of a second speed that an
+# attempt tries, the margin must be more than _SECOND.
 _MULTIPLES = (1 / 4, 1 / 3, 1 / 2, *range(2, 13))
-_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0
+_WORN, _SOUND, _THAN_ALIKE, _THAN_NONE, _MESH, _RICHER, _SECOND = 6.0, 1.0, 3.0, 8.0, 3.0, 18.0, 3.0
 # Of a search: output turns, at most, in the middle of the record; share of the tolerance that reaches the
 # next start; relative difference of speeds that are the same; evidence below which none is taken; share of
 # the most evidence from which another is possible too, and multiple of it that lines of no disc have at most.
@@ -336,7 +337,7 @@ def _passed(
     other = _found(
         torque, sampling_rate, *_finer(torque, sampling_rate, shaft * angle, finer[-1], lines), lines
     )
-    return other if other.fits else found
+    return other if other.margin > _SECOND else found
 
 
 def _finer(
