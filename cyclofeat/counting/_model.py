@@ -844,7 +844,7 @@ def _fitted(
     random_state = made_for["random_state"]
     trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
     trees.fit(features, windows.y, groups=member)
-    del trees.oob_decision_function_
+    del trees.oob_decision_function_  # a file would hold it
     locator = None
     if worn is not None and passage is not None and worn.any() and not worn.all():
         locator = LobeLocator(

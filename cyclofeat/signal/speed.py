@@ -317,7 +317,8 @@ def _passed(
 ) -> FollowedSpeed:
     """Follow the speed by one attempt's passes, as far as the record is long enough for their blocks.
 
-    A speed at the end of the range does not fit. If none fits, one is tried at which they are shaft lines.
+    A speed at the end of the range does not fit. If the one found does not, the speed is tried at which its
+    lobe lines would be lines of the shaft.
     """
     turns = torque.size / sampling_rate * nominal_hz
     finer = [one for one in passes[1:] if one.turns <= turns]
