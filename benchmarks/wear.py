@@ -34,8 +34,8 @@ TURNS = 5
 N_TREES = 150
 # Step of the depth for the derivative of the lobe lines.
 STEP = 1.1
-# Assemblies of each count in training, and how many of them are simulated at once.
-PER_COUNT, PART = {"R1": 48, "R2": 2000}, 50
+# Assemblies of each count in training.
+PER_COUNT = {"R1": 48, "R2": 2000}
 # Trees need few assemblies; the network learns more from many.
 COUNTERS = {"R1": "trees", "R2": "rows"}
 
@@ -44,16 +44,11 @@ def simulated(
     rig: str, n: int, counts: Sequence[int], wear_um: float | tuple[float, float], seed: int, n_jobs: int
 ) -> list[Recording]:
     """Return recordings without noise, at the lowest rate that their windows need."""
-    recordings: list[Recording] = []
-    for first in range(0, n, PART):  # whole recordings of all assemblies would fill the memory
-        made = make_rig_recordings(
-            min(PART, n - first), counts, first_assembly=first, rig=rig_preset(rig).with_effects(Noise(0.0)),
-            wheels=(0, 1), wear_um=wear_um, output_turns=1.01 * TURNS, sampling_rate=RATE_HZ,
-            random_state=seed, n_jobs=n_jobs, with_angle=True, kernel="auto",
-            solver=Solver(integrator="adams_bashforth"),
-        )  # fmt: skip
-        recordings += [at_lowest_rate(one, 15) for one in made]
-    return recordings
+    return make_rig_recordings(
+        n, counts, rig=rig_preset(rig).with_effects(Noise(0.0)), wheels=(0, 1), wear_um=wear_um,
+        output_turns=1.01 * TURNS, sampling_rate=RATE_HZ, random_state=seed, n_jobs=n_jobs, with_angle=True,
+        kernel="auto", solver=Solver(integrator="adams_bashforth"), keep=lambda one: at_lowest_rate(one, 15),
+    )  # fmt: skip
 
 
 def noisy(recordings: Sequence[Recording], noise_nm: float, seed: int) -> list[Recording]:

@@ -32,6 +32,8 @@ _PRESETS = ("R0", "R1", "R2", "published")
 # Machines that are drawn for one recording while none of them can run, and the number of the first child of
 # the recording's seed that draws another: those before are the rig's, the defects' and the conditions'.
 _MOST_DRAWS, _ANEW = 4, 5
+# Recordings that are planned together.
+_TOGETHER = 400
 
 
 def make_rig_recordings(
@@ -42,6 +44,7 @@ def make_rig_recordings(
     lobes: str = "consecutive",
     wheels: str | Sequence[int] = "random",
     wear_um: float | tuple[float, float] | None = None,
+    radial_share: float = 1.0,
     speed_rpm: float | tuple[float, float] | None = None,
     load_nm: float | tuple[float, float] | None = None,
     duration: float | None = None,
@@ -55,6 +58,7 @@ def make_rig_recordings(
     solver: Solver | None = None,
     quantity: str = "output_torque",
     first_assembly: int = 0,
+    keep: Callable[[Recording], Recording] | None = None,
 ) -> list[Recording]:
     """Make surrogate recordings: simulated assemblies on an assumed rig, with drift and noise.
 
@@ -78,6 +82,8 @@ def make_rig_recordings(
         Radial wear of the worn lobes in um, 0 to 200, or a range from which each assembly draws its own
         (:class:`cyclofeat.simulators.LobeDefects`), log-uniform unless the range begins at 0. Default: the
         papers' chord.
+    radial_share : float, default 1
+        With ``wear_um``: the probability that an assembly has radial wear; the others have the papers' chord.
     speed_rpm, load_nm : float or (low, high), optional
         Nominal input speed in RPM and load torque in Nm: one for all, or a range from which each assembly
         draws its own (log-uniform). Default: those of the rig's gearbox. Below the gearbox's load, the load
@@ -108,6 +114,10 @@ def make_rig_recordings(
         motor is given that of :func:`cyclofeat.simulators.motor_effects`, of the size that the gearbox needs.
     first_assembly : int, default 0
         Assemblies per defect count to leave out before the first: a set may be made in parts.
+    keep : callable, optional
+        Called with each recording as soon as it is made; what it returns is kept in its place. Many
+        recordings fit into memory if that is less, such as what
+        :func:`cyclofeat.recordings.at_lowest_rate` returns.
 
     Returns
     -------
@@ -168,17 +178,21 @@ def make_rig_recordings(
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     wear = _wear_range(wear_um)
+    _check_radial_share(radial_share, wear)
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
-        _drawn_defects(run, index, counts, lobes, worn_wheels, wear) for index in range(first, first + total)
+        _drawn_defects(run, index, counts, lobes, worn_wheels, wear, radial_share)
+        for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
-    for place, recording in _recordings(run, defects, kernel, n_jobs, first):
-        if isinstance(recording, Exception):
-            raise recording
-        recordings[place] = recording
-        if progress is not None:
-            progress(len(recordings), total)
+    for start in range(0, total, _TOGETHER):
+        part = defects[start : start + _TOGETHER]
+        for place, recording in _recordings(run, part, kernel, n_jobs, first + start):
+            if isinstance(recording, Exception):
+                raise recording
+            recordings[start + place] = recording if keep is None else keep(recording)
+            if progress is not None:
+                progress(len(recordings), total)
     return [recordings[place] for place in range(total)]
 
 
@@ -277,6 +291,7 @@ def _drawn_defects(
     lobes: str,
     wheels: tuple[int, ...] | None,
     wear_um: tuple[float, float] | None,
+    radial_share: float,
 ) -> LobeDefects:
     """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
     from cyclofeat.simulators import LobeDefects
@@ -293,6 +308,8 @@ def _drawn_defects(
     share = random.random()
     # Rounding must not leave the range.
     depth = low + (high - low) * share if low == 0 else min(low * (high / low) ** share, high)
+    if random.random() >= radial_share:
+        return drawn
     return replace(drawn, depth=0.0, wear_um=depth)
 
 
@@ -457,3 +474,10 @@ def _wear_range(wear_um: Any) -> tuple[float, float] | None:
             f"got {wear_um!r}"
         )
     return low, high
+
+
+def _check_radial_share(share: Any, wear: tuple[float, float] | None) -> None:
+    if not 0 < checks.number("radial_share", share, "a share") <= 1:
+        raise ValueError(f"radial_share must be above 0 and at most 1, got {share!r}")
+    if share != 1 and wear is None:
+        raise ValueError(f"radial_share needs wear_um, the depth of the wear, got {share!r} without")

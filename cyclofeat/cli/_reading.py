@@ -58,7 +58,7 @@ _ALIASES = {
     "noise_nm": ("--noise",),
     "load_nm": ("--load", "--loads"),
     "speed_rpm": ("--speed", "--speeds"),
-    "wear_um": ("--wear",),
+    "wear_um": ("--wear", "--mixed-wear"),
     "output_turns": ("--turns", "--windows"),
 }
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["add_arguments", "printed", "run"]
 
 _SIMULATION = (
-    "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--kernel", "--jobs",
-    "--rig", "--simulator",
+    "--assemblies", "--windows", "--speeds", "--loads", "--max-count", "--lobes", "--mixed-wear", "--kernel",
+    "--jobs", "--rig", "--simulator",
 )  # fmt: skip
 # The rig states the rest.
 _OF_FILES = tuple(option for option in READING if option not in ("--quantity", "--sampling-rate"))
@@ -35,8 +35,8 @@ _RANGE = 1.25
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
 # Largest share by which a motor turns less under load than at its nominal speed.
 _SLIP = 0.03
-# Assemblies of each count that are simulated together.
-_PART = 50
+# Share of the simulated assemblies that have radial wear beside those with the chord (--mixed-wear).
+_RADIAL_SHARE = 1 / 3
 # Samples per input turn of windows, cyclofeat.recordings.SAMPLES_PER_TURN, which loads late.
 _PER_TURN = 128
 
@@ -82,10 +82,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="model with fewer samples per turn, which the file is to hold too: it counts the recordings "
         "that do not hold as many",
     )  # fmt: skip
-    parser.add_argument(
+    wear = parser.add_mutually_exclusive_group()
+    wear.add_argument(
         "--wear", type=_range_of("um"), metavar="LOW:HIGH",
         help="learn the depth of radial wear, such as 5:200 um, and count from all windows of a recording at "
         "once; simulated lobes then have such wear in place of the papers' chord",
+    )  # fmt: skip
+    wear.add_argument(
+        "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
+        help="a third of the simulated assemblies has radial wear, such as 60:200 um, the others the papers' "
+        "chord; both are counted, no depth is learned",
     )  # fmt: skip
     parser.add_argument(
         "--sampling-rate", type=float, metavar="HZ",
@@ -142,6 +148,8 @@ def run(arguments: argparse.Namespace) -> LobeModel:
     else:
         recordings, name = _simulated(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
+        if arguments.mixed_wear is not None:
+            origin += ", a third of them with radial wear of {:g} to {:g} um".format(*arguments.mixed_wear)
     with Steps() as step:
         step(f"training on {origin}")
         model = LobeModel.train(
@@ -177,39 +185,31 @@ def _simulated(arguments: argparse.Namespace) -> tuple[list[Recording], str]:
     samples_per_turn_at(sampling_rate, speeds[1] / 60, gearbox.n_lobes, arguments.samples_per_turn)
     quantity = arguments.quantity or "output_torque"
     turns = windows * (1 + _SLIP) if rig.has_motor or quantity == "motor_current" else windows
-    counts = range(arguments.max_count + 1)
     n_assemblies = whole("assemblies", arguments.assemblies, 1)
-    recordings: list[Recording] = []
     with Progress("simulating assemblies") as progress:
-        # In parts, of which only what the windows need is kept: whole recordings would fill the memory.
-        for first in range(0, n_assemblies, _PART):
-            made = make_rig_recordings(
-                min(_PART, n_assemblies - first),
-                counts,
-                first_assembly=first,
-                rig=rig,
-                lobes=arguments.lobes,
-                speed_rpm=speeds,
-                load_nm=arguments.loads or _around(gearbox.load_torque),
-                wear_um=arguments.wear,
-                output_turns=turns,
-                sampling_rate=sampling_rate,
-                random_state=arguments.seed,
-                n_jobs=arguments.jobs,
-                with_angle=True,
-                quantity=quantity,
-                kernel=arguments.kernel,
-                # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
-                solver=Solver(integrator="adams_bashforth"),
-                progress=_after(progress, first * len(counts), n_assemblies * len(counts)),
-            )
-            recordings += [at_lowest_rate(one, gearbox.n_lobes, arguments.samples_per_turn) for one in made]
+        recordings = make_rig_recordings(
+            n_assemblies,
+            range(arguments.max_count + 1),
+            rig=rig,
+            lobes=arguments.lobes,
+            speed_rpm=speeds,
+            load_nm=arguments.loads or _around(gearbox.load_torque),
+            wear_um=arguments.wear or arguments.mixed_wear,
+            radial_share=1.0 if arguments.mixed_wear is None else _RADIAL_SHARE,
+            output_turns=turns,
+            sampling_rate=sampling_rate,
+            random_state=arguments.seed,
+            n_jobs=arguments.jobs,
+            with_angle=True,
+            quantity=quantity,
+            kernel=arguments.kernel,
+            # Half the time of the midpoint rule; its error is far below the noise of any torque meter.
+            solver=Solver(integrator="adams_bashforth"),
+            progress=progress,
+            # Only what the windows need: whole recordings would fill the memory.
+            keep=lambda one: at_lowest_rate(one, gearbox.n_lobes, arguments.samples_per_turn),
+        )
     return recordings, rig.name
-
-
-def _after(progress: Progress, n_before: int, total: int) -> Callable[[int, int], None]:
-    """Return a progress of one part of several, behind ``n_before`` of all."""
-    return lambda done, _: progress(n_before + done, total)
 
 
 def _around(nominal: float) -> tuple[float, float]:

@@ -34,6 +34,11 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, DocumentedEstimator):
         proba = self.predict_proba(X)  # raises NotFittedError before classes_ is missed
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what a counter said of each window in training: files would hold it."""
+        state = super().__getstate__()
+        return {name: value for name, value in state.items() if name != "oob_decision_function_"}
+
     def _labelled(self, X: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], NDArray[Any], Int]:
         """Check windows and labels, store the classes; return windows, labels and class indices."""
         windows, labels = validate_data(self, X, y, dtype=self._kinds)

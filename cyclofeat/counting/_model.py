@@ -230,7 +230,7 @@ class LobeModel(RecordingPredictions):
         wear = None
         if stated is not None:
             wear = RadialWear.train(
-                seen, *stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=rows
+                seen, stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=rows
             )
             card["wear"] = wear.summary()
         return cls(fitted, locator, n_lobes, card, domain, wear=wear, samples_per_turn=per_turn)
@@ -828,7 +828,6 @@ def _fitted(
         )
         counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
         scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)
-        del counter.oob_decision_function_  # a file would hold it
         return counter, counter, scores, features_seen(counter, windows.X)
     if worn is not None and _any_apart(worn):
         counter = make_lobe_counter(windows.sampling_rate, kind="lobes", **made_for)
@@ -844,7 +843,6 @@ def _fitted(
     random_state = made_for["random_state"]
     trees = GroupCalibratedCounter(plain["trees"], random_state=random_state)
     trees.fit(features, windows.y, groups=member)
-    del trees.oob_decision_function_  # a file would hold it
     locator = None
     if worn is not None and passage is not None and worn.any() and not worn.all():
         locator = LobeLocator(

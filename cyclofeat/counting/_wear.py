@@ -79,6 +79,22 @@ class WearDepth:
 
 
 @dataclass(frozen=True)
+class StatedDepths:
+    """Depths of radial wear that recordings state.
+
+    Attributes
+    ----------
+    depths_um : ndarray, shape (n_recordings,)
+        1 where no lobe is worn.
+    range_um : tuple of float
+        Least and largest depth that a model is to learn.
+    """
+
+    depths_um: Float
+    range_um: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class RadialWear:
     """Count and depth of radial wear from runs of windows; part of a :class:`LobeModel`.
 
@@ -118,8 +134,7 @@ class RadialWear:
     def train(
         cls,
         windows: WindowSet,
-        depths_um: Float,
-        range_um: tuple[float, float],
+        stated: StatedDepths,
         *,
         n_lobes: int,
         n_trees: int = 300,
@@ -132,10 +147,7 @@ class RadialWear:
         ----------
         windows : WindowSet
             Labelled windows of recordings, those of each recording in a row.
-        depths_um : ndarray, shape (n_recordings,)
-            Depth of the wear in um; of recordings without worn lobes it is not used.
-        range_um : tuple of float
-            Least and largest depth.
+        stated : StatedDepths
         n_lobes, n_trees, random_state : int
             As of :meth:`LobeModel.train`.
         rows : bool
@@ -176,8 +188,7 @@ class RadialWear:
             counter = GroupCalibratedCounter(trees, random_state=random_state)
             counter.fit(features, count, groups=member)
         proba = counter.oob_decision_function_
-        del counter.oob_decision_function_  # a file would hold it
-        log_depth = np.log(depths_um[recording])
+        log_depth = np.log(stated.depths_um[recording])
         limit, accuracy, false_alarms = None, None, None
         # Depths are stated, and so learned and judged, where wear is seen.
         worn = seen = count > 0
@@ -191,13 +202,16 @@ class RadialWear:
         else:
             proba = np.full_like(proba, 1 / counter.classes_.size)  # nothing was held out: it tells nothing
         if seen.sum() < 2:
+            low, high = stated.range_um
             raise ValueError(
                 "recordings must hold at least two whose wear shows, to learn its depth, got "
-                f"{seen.sum()} of {worn.sum()} with wear of {range_um[0]:g} to {range_um[1]:g} um"
+                f"{seen.sum()} of {worn.sum()} with wear of {low:g} to {high:g} um"
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
         depth.fit(np.hstack([proba, features])[seen], log_depth[seen], groups=member[seen])
-        return cls(counter, depth, n_windows, n_lobes, range_um, limit, accuracy, false_alarms, per_turn)
+        return cls(
+            counter, depth, n_windows, n_lobes, stated.range_um, limit, accuracy, false_alarms, per_turn
+        )
 
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
@@ -253,8 +267,8 @@ class RadialWear:
         return WearDepth(depth, least, most, self.depth.coverage, self.limit_um)
 
 
-def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float, tuple[float, float]]:
-    """Return the depth that each recording states, 1 where no lobe is worn, and the checked range.
+def stated_depths(recordings: Sequence[Recording], range_um: Any) -> StatedDepths:
+    """Return the depth that each recording states.
 
     Raises
     ------
@@ -275,7 +289,7 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float
                 f'meta["wear_um"], that of assembly {recording.assembly} is {short(depth)}'
             )
         depths[k] = depth
-    return depths, (low, high)
+    return StatedDepths(depths, (low, high))
 
 
 def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> Float:

@@ -205,6 +205,28 @@ def test_every_command_of_rigs_takes_effects_of_the_user(capsys, tmp_path, comma
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_training_states_how_many_assemblies_have_radial_wear(capsys, tmp_path):
+    options = [
+        "--mixed-wear",
+        "60:200",
+        "--assemblies",
+        "6",
+        "--max-count",
+        "1",
+        "--windows",
+        "1",
+        "--sampling-rate",
+        "3200",
+    ]
+    code, out, err = run(capsys, "train", "--rig", "r1", *options, "--out", tmp_path / "m.joblib")
+    assert code == 0, err
+    assert (
+        "12 simulated assemblies of rig R1, seed 0, a third of them with radial wear of 60 to 200 um" in out
+    )
+    assert "depth of wear" not in out
+
+
 def test_training_simulates_the_effects_of_a_rig(capsys, tmp_path):
     possible = [(TorqueMeterLowPass(900.0),), (TorqueMeterLowPass(2000.0),)]
     Rig.r0().replace(name="mine", effects=[Offset(0.5)], variants=possible).to_json(tmp_path / "mine.json")
@@ -285,12 +307,13 @@ def test_simulated_training_with_wear_takes_five_turns(capsys, tmp_path, monkeyp
 
     monkeypatch.setattr("cyclofeat.datasets.make_rig_recordings", stop)
     for options, expected in (
-        (["--wear", "5:200"], (5, (5.0, 200.0))),
-        (["--wear", "5:200", "--windows", "3"], (3, (5.0, 200.0))),
-        ([], (2, None)),
+        (["--wear", "5:200"], (5, (5.0, 200.0), 1)),
+        (["--wear", "5:200", "--windows", "3"], (3, (5.0, 200.0), 1)),
+        (["--mixed-wear", "60:200"], (2, (60.0, 200.0), 1 / 3)),
+        ([], (2, None, 1)),
     ):
         assert run(capsys, "train", "--out", tmp_path / "m.joblib", *options)[0] == 2
-        assert (asked["output_turns"], asked["wear_um"]) == expected
+        assert (asked["output_turns"], asked["wear_um"], asked["radial_share"]) == expected
 
 
 def test_a_refused_recording_has_no_count(capsys, folder, tmp_path):
@@ -825,6 +848,10 @@ def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, c
         ("train --out m.skops --jobs 0", "--jobs must be a whole number of workers, or -1 for all, got 0"),
         ("train --out m.skops --seed=-1", "--seed must be at least 0, got -1"),
         ("train --out m.skops --wear 5:300", "--wear must be a number of um or a range (low, high)"),
+        (
+            "train --out m.skops --mixed-wear 5:300",
+            "--mixed-wear must be a number of um or a range (low, high)",
+        ),
         ("evaluate a.npz --folds 1", "--folds must be at least 2, got 1"),
         ("simulate --out r.npz --duration 0", "--duration must be positive and finite, got 0.0"),
         ("plan --worn-count 2 --noise=-1", "--noise must be positive and finite, got -1.0"),

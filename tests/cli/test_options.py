@@ -127,6 +127,9 @@ def test_every_argument_is_known_to_have_an_effect_always_or_not(command):
 def test_a_value_that_is_the_default_is_typed_too(capsys):
     assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--depth=1"]) == 2
     assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["train", "--out", "x", "--wear", "5:200", "--mixed-wear", "60:200"])
+    assert "argument --mixed-wear: not allowed with argument --wear" in capsys.readouterr().err
     assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--dep", "1"]) == 2
     assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
 

@@ -68,7 +68,7 @@ def test_either_kernel_trains_for_the_recordings_of_the_other(by_kernel):
 def test_a_motor_that_yields_to_the_load_still_fills_its_windows(monkeypatch):
     """Of 4,800 motors at all speeds and loads, number 3,818 turns least in the time of one output turn."""
 
-    def fewer(n, counts, first_assembly, **options):
+    def fewer(n, counts, **options):
         return make_rig_recordings(1, [2], first_assembly=3818, **options)
 
     monkeypatch.setattr(cyclofeat.datasets, "make_rig_recordings", fewer)

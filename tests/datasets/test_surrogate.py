@@ -59,6 +59,12 @@ def test_set_made_in_parts_is_the_set(labelled):
     assert parts == labelled
 
 
+def test_what_keep_returns_is_kept(labelled):
+    options = {"rig": "R2", "duration": 0.06, "with_angle": True, "random_state": 9}
+    few = make_rig_recordings(2, [0, 1, 3], keep=lambda one: one.part(0.01, 0.02), **options)
+    assert few == [one.part(0.01, 0.02) for one in labelled]
+
+
 # Labels
 
 
