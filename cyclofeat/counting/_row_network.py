@@ -45,7 +45,7 @@ _NEVER = -30.0
 def turns_of_places(n_lobes: int, n_lines: int, n_places: int) -> NDArray[np.complex64]:
     """Return by how much the lobe lines turn from place to place, shape (n_lobes * n_places, n_used)."""
     at = np.arange(n_lobes * n_places) / (n_lobes * n_places)
-    turns = np.exp(2j * np.pi * np.outer(at, _used(n_lines))).astype(np.complex64)
+    turns = np.asarray(np.exp(2j * np.pi * np.outer(at, _used(n_lines))), dtype=np.complex64)
     turns.flags.writeable = False  # all callers share it
     return turns
 
