@@ -37,16 +37,11 @@ def first_weights(
 
 
 def dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
-    """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key.
-
-    Layers have the shape (n_cases, ..., n_units). All that a network sees of one case loses the same units:
-    random numbers for each place would take a third of the time of training.
-    """
+    """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key."""
     jax, _, _ = libraries()
 
     def thinned(layer: Any) -> Any:
-        shape = (layer.shape[0], *[1] * (layer.ndim - 2), layer.shape[-1])
-        return layer * jax.random.bernoulli(next(keys), 1 - share, shape) / (1 - share)
+        return layer * jax.random.bernoulli(next(keys), 1 - share, layer.shape) / (1 - share)
 
     return thinned
 
