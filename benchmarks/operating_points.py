@@ -10,7 +10,6 @@ own.
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import compress
@@ -34,8 +33,8 @@ TURNS = 1.05
 CURRENT_HZ = 8000.0
 # Seeds; the packaged models have 0.
 JUDGED, TRAINED, SPECIAL = 23, 22, 3
-# Assemblies of each count that teach both kinds of wear, and the depth of those with radial wear.
-BOTH, RADIAL_UM = 108, (60.0, 200.0)
+# Assemblies of each count that teach both kinds of wear; share and depth of the worn ones with radial wear.
+BOTH, RADIAL_SHARE, RADIAL_UM = 108, 1 / 3, (60.0, 200.0)
 # Recordings whose count is timed, and how often.
 TIMED, REPEATS = 6, 30
 Answers = Sequence[LobeCount | None]
@@ -191,7 +190,9 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
         add("- without it, steady speed", 0.95, others, counted(of_quantity, others, blind))
         add("- speed wandering by 5 %", 0.93, others, counted(of_quantity, others, wandering))
     for depth in (20.0, 50.0, 100.0, 200.0):
-        early = simulated(n_judged // 4, "output_torque", n_jobs, JUDGED, wear_um=depth)
+        early = simulated(
+            n_judged // 4, "output_torque", n_jobs, JUDGED, wear_um=depth, defect_counts=range(1, 8)
+        )
         add(
             f"output torque, radial wear of {depth:g} um, never trained",
             "stated",
@@ -211,20 +212,23 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
     at: dict[str, float] = {"speed_rpm": 500.0, "load_nm": 22.0}
     for rig in ("R1", "R2"):
         special = Data(simulated(96, "output_torque", n_jobs, SPECIAL, rig=rig, **at))
-        own = counted(trained(special.training), special.judged)
-        add(f"{rig} at 500 RPM, 22 Nm: a model for these alone", "stated", special.judged, own)
+        alone = trained(special.training)
+        add(f"{rig} at 500 RPM, 22 Nm: a model for these alone", "stated",
+            special.judged, counted(alone, special.judged))  # fmt: skip
         add("- the packaged model, of R2 at all speeds and loads", "not below by more than 0.01",
             special.judged, counted(model, special.judged))  # fmt: skip
-        both = trained(
-            simulated(
-                BOTH, "output_torque", n_jobs, TRAINED, rig=rig, wear_um=RADIAL_UM, radial_share=1 / 3, **at
-            )
-        )
-        words = "- a model of both kinds of wear"
-        add(words, "stated", special.judged, counted(both, special.judged))
+        both = trained(simulated(
+            BOTH, "output_torque", n_jobs, TRAINED, rig=rig, wear_um=RADIAL_UM, radial_share=RADIAL_SHARE,
+            **at,
+        ))  # fmt: skip
+        add("- a model of both kinds of wear", "stated", special.judged, counted(both, special.judged))
         for depth in (50.0, 100.0, 200.0):
-            early = simulated(n_judged // 4, "output_torque", n_jobs, JUDGED, rig=rig, wear_um=depth, **at)
-            add(f"{words}: radial wear of {depth:g} um", "stated", early, counted(both, early))
+            early = simulated(
+                n_judged // 4, "output_torque", n_jobs, JUDGED, rig=rig, wear_um=depth,
+                defect_counts=range(1, 8), **at,
+            )  # fmt: skip
+            for words, one in (("alone", alone), ("of both kinds", both)):
+                add(f"- radial wear of {depth:g} um, the model {words}", "stated", early, counted(one, early))
     times = [count_ms(model, special.judged[:TIMED]), count_ms(model, [
         blind(one, np.random.default_rng(5)) for one in special.judged[:TIMED]
     ])]  # fmt: skip
@@ -238,21 +242,21 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("benchmarks/operating_points.md"))
     arguments = parser.parse_args()
-    began = time.monotonic()
     head = ["work", "goal", "right, of all", "refused", "right, of those counted", "wrong and sure", "n"]
     made, times = rows(arguments.judged, arguments.trained, arguments.jobs)
     text = f"""# Counts at any speed and load
 
 Made by
-`python -m benchmarks.operating_points --judged {arguments.judged} --trained {arguments.trained}` in
-{(time.monotonic() - began) / 60:.0f} minutes. Simulated assemblies of rig R2, speeds of {SPEEDS[0]:g} to
+`python -m benchmarks.operating_points --judged {arguments.judged} --trained {arguments.trained}`.
+Simulated assemblies of rig R2, speeds of {SPEEDS[0]:g} to
 {SPEEDS[1]:g} RPM and loads of {LOADS[0]:g} to {LOADS[1]:g} Nm (log-uniform), counts of 0 to 7, chance 0.125;
 the drift of the load shrinks with loads below 22 Nm. The packaged models (`make default-models`) count one
 window of one output turn of assemblies that they have not seen. "Right, of all" takes the count of
 refused recordings too (95 % interval by Wilson); "wrong and sure" is the share of all that is wrong, not
-refused, and has a probability above 0.9. Worn lobes have the papers' chord where nothing else is said. A
-model of both kinds of wear learned {BOTH} assemblies of each count at this speed and load, a third of them
-with radial wear of {RADIAL_UM[0]:g} to {RADIAL_UM[1]:g} um.
+refused, and has a probability above 0.9. Worn lobes have the papers' chord where nothing else is said; rows
+of radial wear hold worn discs only. A model of both kinds of wear learned {BOTH} assemblies of each count at
+this speed and load, a share of {RADIAL_SHARE:.2f} of the worn ones with radial wear of {RADIAL_UM[0]:g} to
+{RADIAL_UM[1]:g} um.
 
 One window of output torque at 25.6 kHz, 500 RPM and 22 Nm takes {times[0]:.1f} ms of processor time
 from the recording in memory to refusal and count (goal 10 ms), and {times[1]:.1f} ms without a tachometer:

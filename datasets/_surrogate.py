@@ -32,7 +32,7 @@ _PRESETS = ("R0", "R1", "R2", "published")
 # Machines that are drawn for one recording while none of them can run, and the number of the first child of
 # the recording's seed that draws another: those before are the rig's, the defects' and the conditions'.
 _MOST_DRAWS, _ANEW = 4, 5
-# Recordings that are planned together.
+# Recordings that are simulated together where not all of them are kept whole.
 _TOGETHER = 400
 
 
@@ -115,9 +115,8 @@ def make_rig_recordings(
     first_assembly : int, default 0
         Assemblies per defect count to leave out before the first: a set may be made in parts.
     keep : callable, optional
-        Called with each recording as soon as it is made; what it returns is kept in its place. Many
-        recordings fit into memory if that is less, such as what
-        :func:`cyclofeat.recordings.at_lowest_rate` returns.
+        Called with each recording; what it returns is kept in its place. With one that returns less, such as
+        :func:`cyclofeat.recordings.at_lowest_rate`, no more than some hundred whole recordings are in memory.
 
     Returns
     -------
@@ -179,14 +178,17 @@ def make_rig_recordings(
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
     wear = _wear_range(wear_um)
     _check_radial_share(radial_share, wear)
+    if keep is not None and not callable(keep):
+        raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
         _drawn_defects(run, index, counts, lobes, worn_wheels, wear, radial_share)
         for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
-    for start in range(0, total, _TOGETHER):
-        part = defects[start : start + _TOGETHER]
+    together = total if keep is None else _TOGETHER
+    for start in range(0, total, together):
+        part = defects[start : start + together]
         for place, recording in _recordings(run, part, kernel, n_jobs, first + start):
             if isinstance(recording, Exception):
                 raise recording

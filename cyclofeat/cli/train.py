@@ -35,7 +35,7 @@ _RANGE = 1.25
 _WINDOWS, _WINDOWS_OF_WEAR = 2, 5
 # Largest share by which a motor turns less under load than at its nominal speed.
 _SLIP = 0.03
-# Share of the simulated assemblies that have radial wear beside those with the chord (--mixed-wear).
+# Share of the simulated worn assemblies that have radial wear, of --mixed-wear; the others have the chord.
 _RADIAL_SHARE = 1 / 3
 # Samples per input turn of windows, cyclofeat.recordings.SAMPLES_PER_TURN, which loads late.
 _PER_TURN = 128
@@ -90,8 +90,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     wear.add_argument(
         "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
-        help="a third of the simulated assemblies has radial wear, such as 60:200 um, the others the papers' "
-        "chord; both are counted, no depth is learned",
+        help="about a third of the simulated worn assemblies has radial wear, such as 60:200 um, the others "
+        "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
     parser.add_argument(
         "--sampling-rate", type=float, metavar="HZ",
@@ -149,7 +149,9 @@ def run(arguments: argparse.Namespace) -> LobeModel:
         recordings, name = _simulated(arguments)
         origin = f"{len(recordings)} simulated assemblies of rig {name}, seed {arguments.seed}"
         if arguments.mixed_wear is not None:
-            origin += ", a third of them with radial wear of {:g} to {:g} um".format(*arguments.mixed_wear)
+            n_radial = sum(bool((one.meta or {}).get("wear_um")) for one in recordings)
+            low, high = arguments.mixed_wear
+            origin += f", {n_radial} of them with radial wear of {low:g} to {high:g} um"
     with Steps() as step:
         step(f"training on {origin}")
         model = LobeModel.train(

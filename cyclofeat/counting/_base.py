@@ -35,7 +35,7 @@ class Counter(PoorOnArbitraryData, ClassifierMixin, DocumentedEstimator):
         return np.asarray(self.classes_[np.argmax(proba, axis=1)])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what a counter said of each window in training: files would hold it."""
+        """Leave out what a counter said of each window in training, which would fill files."""
         state = super().__getstate__()
         return {name: value for name, value in state.items() if name != "oob_decision_function_"}
 

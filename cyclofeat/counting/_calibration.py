@@ -64,7 +64,7 @@ class GroupCalibratedCounter(Counter):
         :func:`predict_recordings`. None where no assembly has several windows.
     oob_decision_function_ : ndarray, shape (n_windows, n_classes)
         Probabilities of each window in training by a counter that did not see its assembly, calibrated like
-        those of ``predict_proba``. NaN without folds. Files do not hold it.
+        those of ``predict_proba``. NaN without folds. Copies and files do not hold it.
 
     Notes
     -----

@@ -101,7 +101,7 @@ class RowCounter(Counter):
         Weights of the networks.
     oob_decision_function_ : ndarray, shape (n_windows, n_classes)
         Probabilities of each window in training by the network that did not see its assembly. NaN without
-        folds. Files do not hold it.
+        folds. Copies and files do not hold it.
     lobe_map_ : LobeMap
 
     Notes

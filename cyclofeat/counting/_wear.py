@@ -79,22 +79,6 @@ class WearDepth:
 
 
 @dataclass(frozen=True)
-class StatedDepths:
-    """Depths of radial wear that recordings state.
-
-    Attributes
-    ----------
-    depths_um : ndarray, shape (n_recordings,)
-        1 where no lobe is worn.
-    range_um : tuple of float
-        Least and largest depth that a model is to learn.
-    """
-
-    depths_um: Float
-    range_um: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class RadialWear:
     """Count and depth of radial wear from runs of windows; part of a :class:`LobeModel`.
 
@@ -134,7 +118,7 @@ class RadialWear:
     def train(
         cls,
         windows: WindowSet,
-        stated: StatedDepths,
+        stated: tuple[Float, tuple[float, float]],
         *,
         n_lobes: int,
         n_trees: int = 300,
@@ -147,7 +131,8 @@ class RadialWear:
         ----------
         windows : WindowSet
             Labelled windows of recordings, those of each recording in a row.
-        stated : StatedDepths
+        stated : (depths_um, range_um)
+            Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
         n_lobes, n_trees, random_state : int
             As of :meth:`LobeModel.train`.
         rows : bool
@@ -163,6 +148,7 @@ class RadialWear:
             If the wear of fewer than two runs shows.
         """
         assert windows.y is not None
+        depths_um, (low, high) = stated
         n_windows = min(MOST_WINDOWS, int(np.bincount(windows.recording).min()))
         of_recordings = [np.flatnonzero(windows.recording == k) for k in range(windows.recording[-1] + 1)]
         # The first window of each run.
@@ -188,7 +174,7 @@ class RadialWear:
             counter = GroupCalibratedCounter(trees, random_state=random_state)
             counter.fit(features, count, groups=member)
         proba = counter.oob_decision_function_
-        log_depth = np.log(stated.depths_um[recording])
+        log_depth = np.log(depths_um[recording])
         limit, accuracy, false_alarms = None, None, None
         # Depths are stated, and so learned and judged, where wear is seen.
         worn = seen = count > 0
@@ -202,16 +188,13 @@ class RadialWear:
         else:
             proba = np.full_like(proba, 1 / counter.classes_.size)  # nothing was held out: it tells nothing
         if seen.sum() < 2:
-            low, high = stated.range_um
             raise ValueError(
                 "recordings must hold at least two whose wear shows, to learn its depth, got "
                 f"{seen.sum()} of {worn.sum()} with wear of {low:g} to {high:g} um"
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
         depth.fit(np.hstack([proba, features])[seen], log_depth[seen], groups=member[seen])
-        return cls(
-            counter, depth, n_windows, n_lobes, stated.range_um, limit, accuracy, false_alarms, per_turn
-        )
+        return cls(counter, depth, n_windows, n_lobes, (low, high), limit, accuracy, false_alarms, per_turn)
 
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
@@ -267,8 +250,8 @@ class RadialWear:
         return WearDepth(depth, least, most, self.depth.coverage, self.limit_um)
 
 
-def stated_depths(recordings: Sequence[Recording], range_um: Any) -> StatedDepths:
-    """Return the depth that each recording states.
+def stated_depths(recordings: Sequence[Recording], range_um: Any) -> tuple[Float, tuple[float, float]]:
+    """Return the depth that each recording states, 1 where no lobe is worn, and the checked range.
 
     Raises
     ------
@@ -289,7 +272,7 @@ def stated_depths(recordings: Sequence[Recording], range_um: Any) -> StatedDepth
                 f'meta["wear_um"], that of assembly {recording.assembly} is {short(depth)}'
             )
         depths[k] = depth
-    return StatedDepths(depths, (low, high))
+    return depths, (low, high)
 
 
 def runs_of(X: Float, n_windows: int, used: NDArray[np.bool_] | None = None) -> Float:

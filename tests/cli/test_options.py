@@ -127,9 +127,6 @@ def test_every_argument_is_known_to_have_an_effect_always_or_not(command):
 def test_a_value_that_is_the_default_is_typed_too(capsys):
     assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--depth=1"]) == 2
     assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["train", "--out", "x", "--wear", "5:200", "--mixed-wear", "60:200"])
-    assert "argument --mixed-wear: not allowed with argument --wear" in capsys.readouterr().err
     assert main(["simulate", "--out", "x", "--worn-count", "3", "--wear-um", "30", "--dep", "1"]) == 2
     assert "--depth has no effect with --wear-um: leave it out" in capsys.readouterr().err
 
@@ -191,3 +188,9 @@ def test_two_options_name_two_files(capsys, tmp_path):
     page = str(tmp_path / "a.html")
     assert main(["count", "x", "--model", "m.skops", "--report", page, "--csv", page]) == 2
     assert f"--report and --csv must name different files, both are {page}" in capsys.readouterr().err
+
+
+def test_one_kind_of_wear_in_training_excludes_the_other(capsys):
+    with pytest.raises(SystemExit):
+        main(["train", "--out", "x", "--wear", "5:200", "--mixed-wear", "60:200"])
+    assert "argument --mixed-wear: not allowed with argument --wear" in capsys.readouterr().err

@@ -1,5 +1,7 @@
 """Probabilities of held-out assemblies: against scikit-learn's calibration, by simulation and by hand."""
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -62,6 +64,7 @@ def test_held_out_answers_do_not_know_the_windows_assembly():
     counter.fit(X, y, groups=groups)
     assert counter.counter_.score(X, y) == 1
     assert np.mean(counter.oob_decision_function_.argmax(axis=1) == y) < 0.7
+    assert not hasattr(pickle.loads(pickle.dumps(counter)), "oob_decision_function_")
     alone = counter.fit(X, y, groups=np.zeros(120))
     assert np.isnan(alone.oob_decision_function_).all()
 

@@ -61,8 +61,25 @@ def test_set_made_in_parts_is_the_set(labelled):
 
 def test_what_keep_returns_is_kept(labelled):
     options = {"rig": "R2", "duration": 0.06, "with_angle": True, "random_state": 9}
-    few = make_rig_recordings(2, [0, 1, 3], keep=lambda one: one.part(0.01, 0.02), **options)
+    calls = []
+
+    def keep(one):
+        calls.append("keep")
+        return one.part(0.01, 0.02)
+
+    few = make_rig_recordings(2, [0, 1, 3], keep=keep, progress=lambda done, _: calls.append(done), **options)
     assert few == [one.part(0.01, 0.02) for one in labelled]
+    assert calls == [call for done in range(1, 7) for call in ("keep", done)]
+    with pytest.raises(TypeError, match="keep must be a function of a recording, got 3"):
+        make_rig_recordings(1, [0], keep=3, **options)
+
+
+@pytest.mark.slow
+def test_many_recordings_are_each_in_their_place():
+    options = {"rig": "R0", "duration": 0.002, "kernel": "auto"}
+    many = make_rig_recordings(210, [0, 2], keep=lambda one: one, **options)
+    assert [one.assembly for one in many] == [f"R0-0-{k:04d}" for k in range(420)]
+    assert many[-4:] == make_rig_recordings(2, [0, 2], first_assembly=208, **options)
 
 
 # Labels
