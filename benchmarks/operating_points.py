@@ -227,7 +227,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
                 n_judged // 4, "output_torque", n_jobs, JUDGED, rig=rig, wear_um=depth,
                 defect_counts=range(1, 8), **at,
             )  # fmt: skip
-            for words, one in (("alone", alone), ("of both kinds", both)):
+            for words, one in (("of the chord alone", alone), ("of both kinds", both)):
                 add(f"- radial wear of {depth:g} um, the model {words}", "stated", early, counted(one, early))
     times = [count_ms(model, special.judged[:TIMED]), count_ms(model, [
         blind(one, np.random.default_rng(5)) for one in special.judged[:TIMED]
