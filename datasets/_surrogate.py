@@ -176,13 +176,12 @@ def make_rig_recordings(
     worn_wheels = checks.wheels(wheels)
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    wear = _wear_range(wear_um)
-    _check_radial_share(radial_share, wear)
+    radial = _radial(wear_um, radial_share)
     if keep is not None and not callable(keep):
         raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
     defects = [
-        _drawn_defects(run, index, counts, lobes, worn_wheels, wear, radial_share)
+        _drawn_defects(run, index, counts, lobes, worn_wheels, radial)
         for index in range(first, first + total)
     ]
     recordings: dict[int, Recording] = {}
@@ -292,8 +291,7 @@ def _drawn_defects(
     counts: Sequence[int],
     lobes: str,
     wheels: tuple[int, ...] | None,
-    wear_um: tuple[float, float] | None,
-    radial_share: float,
+    radial: _Radial | None,
 ) -> LobeDefects:
     """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
     from cyclofeat.simulators import LobeDefects
@@ -304,15 +302,10 @@ def _drawn_defects(
     drawn = LobeDefects.drawn(
         counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
     )
-    if wear_um is None:
+    if radial is None:
         return drawn
-    low, high = wear_um
-    share = random.random()
-    # Rounding must not leave the range.
-    depth = low + (high - low) * share if low == 0 else min(low * (high / low) ** share, high)
-    if random.random() >= radial_share:
-        return drawn
-    return replace(drawn, depth=0.0, wear_um=depth)
+    depth = radial.depth(random.random())
+    return replace(drawn, depth=0.0, wear_um=depth) if random.random() < radial.share else drawn
 
 
 def _recordings(
@@ -464,10 +457,30 @@ def _rig(rig: Any) -> Rig:
         raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}") from None
 
 
-def _wear_range(wear_um: Any) -> tuple[float, float] | None:
+@dataclass(frozen=True)
+class _Radial:
+    """Range of the depth of radial wear in um, and the probability that an assembly has it."""
+
+    low: float
+    high: float
+    share: float
+
+    def depth(self, share: float) -> float:
+        """Return the depth below which this share of all depths lies."""
+        if self.low == 0:
+            return self.high * share
+        # Rounding must not leave the range.
+        return float(min(self.low * (self.high / self.low) ** share, self.high))
+
+
+def _radial(wear_um: Any, share: Any) -> _Radial | None:
     from cyclofeat.simulators.defects import MOST_WEAR_UM
 
+    if not 0 < checks.number("radial_share", share, "a share") <= 1:
+        raise ValueError(f"radial_share must be above 0 and at most 1, got {share!r}")
     if wear_um is None:
+        if share != 1:
+            raise ValueError(f"radial_share needs wear_um, the depth of the wear, got {share!r} without")
         return None
     low, high = checks.ends("wear_um", wear_um, "a number of um")
     if not 0 <= low <= high <= MOST_WEAR_UM:
@@ -475,11 +488,4 @@ def _wear_range(wear_um: Any) -> tuple[float, float] | None:
             f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
             f"got {wear_um!r}"
         )
-    return low, high
-
-
-def _check_radial_share(share: Any, wear: tuple[float, float] | None) -> None:
-    if not 0 < checks.number("radial_share", share, "a share") <= 1:
-        raise ValueError(f"radial_share must be above 0 and at most 1, got {share!r}")
-    if share != 1 and wear is None:
-        raise ValueError(f"radial_share needs wear_um, the depth of the wear, got {share!r} without")
+    return _Radial(low, high, share)
