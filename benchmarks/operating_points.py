@@ -62,6 +62,12 @@ def simulated(
     )  # fmt: skip
 
 
+def with_radial_wear(depth_um: float, n: int, n_jobs: int, **at: object) -> list[Recording]:
+    """Return recordings of worn discs with radial wear in place of the chord, n of each count from 1 to 7."""
+    worn = {"wear_um": depth_um, "defect_counts": range(1, 8)}
+    return simulated(n, "output_torque", n_jobs, JUDGED, **worn, **at)  # type: ignore[arg-type]
+
+
 def trained(recordings: Sequence[Recording]) -> LobeModel:
     return LobeModel.train(recordings, n_splits=0)
 
@@ -190,9 +196,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
         add("- without it, steady speed", 0.95, others, counted(of_quantity, others, blind))
         add("- speed wandering by 5 %", 0.93, others, counted(of_quantity, others, wandering))
     for depth in (20.0, 50.0, 100.0, 200.0):
-        early = simulated(
-            n_judged // 4, "output_torque", n_jobs, JUDGED, wear_um=depth, defect_counts=range(1, 8)
-        )
+        early = with_radial_wear(depth, n_judged // 4, n_jobs)
         add(
             f"output torque, radial wear of {depth:g} um, never trained",
             "stated",
@@ -223,10 +227,7 @@ def rows(n_judged: int, n_trained: int, n_jobs: int) -> tuple[list[list[str]], l
         ))  # fmt: skip
         add("- a model of both kinds of wear", "stated", special.judged, counted(both, special.judged))
         for depth in (50.0, 100.0, 200.0):
-            early = simulated(
-                n_judged // 4, "output_torque", n_jobs, JUDGED, rig=rig, wear_um=depth,
-                defect_counts=range(1, 8), **at,
-            )  # fmt: skip
+            early = with_radial_wear(depth, n_judged // 4, n_jobs, rig=rig, **at)
             for words, one in (("of the chord alone", alone), ("of both kinds", both)):
                 add(f"- radial wear of {depth:g} um, the model {words}", "stated", early, counted(one, early))
     times = [count_ms(model, special.judged[:TIMED]), count_ms(model, [

@@ -1,8 +1,8 @@
-"""Length of surrogate recordings, and the speeds and loads at which they are made."""
+"""Length of surrogate recordings, the speeds and loads at which they are made, and their radial wear."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from cyclofeat._base import checks
 
 if TYPE_CHECKING:
-    from cyclofeat.simulators import CycloidalGearbox, Rig
+    from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig
 
 DEFAULT_S = 1.8  # one output turn at 500 RPM
 
@@ -74,6 +74,39 @@ class Conditions:
         return rig.replace(gearbox=rig.gearbox.replace(**changes), effects=effects)
 
 
+@dataclass(frozen=True)
+class Radial:
+    """Range of the depth of radial wear in um, and the probability that a worn assembly has it."""
+
+    wear_um: tuple[float, float]
+    share: float
+
+    @classmethod
+    def checked(cls, wear_um: Any, share: Any) -> Radial | None:
+        from cyclofeat.simulators.defects import MOST_WEAR_UM
+
+        if not 0 < checks.number("radial_share", share, "a share") <= 1:
+            raise ValueError(f"radial_share must be above 0 and at most 1, got {share!r}")
+        if wear_um is None:
+            if share != 1:
+                raise ValueError(f"radial_share needs wear_um, the depth of the wear, got {share!r} without")
+            return None
+        low, high = checks.ends("wear_um", wear_um, "a number of um")
+        if not 0 <= low <= high <= MOST_WEAR_UM:
+            raise ValueError(
+                f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
+                f"got {wear_um!r}"
+            )
+        return cls((low, high), share)
+
+    def drawn(self, defects: LobeDefects, random: np.random.Generator) -> LobeDefects:
+        """Return the defects of one assembly: with radial wear, or as they are."""
+        low, high = self.wear_um
+        share = random.random()
+        depth = high * share if low == 0 else _log_uniform(self.wear_um, share)
+        return replace(defects, depth=0.0, wear_um=depth) if random.random() < self.share else defects
+
+
 def _scaled(value: Any, factor: float) -> Any:
     """Return a parameter's number or range times a factor."""
     if factor == 1:
@@ -100,4 +133,4 @@ def _positive_range(name: str, given: Any, unit: str) -> tuple[float, float] | N
 
 def _log_uniform(ends: tuple[float, float], share: float) -> float:
     low, high = ends
-    return float(low * (high / low) ** share)
+    return float(min(low * (high / low) ** share, high))  # rounding must not leave the range

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from cyclofeat._base import checks
 from cyclofeat._base.words import from_1
-from cyclofeat.datasets._conditions import Conditions, Length
+from cyclofeat.datasets._conditions import Conditions, Length, Radial
 from cyclofeat.recordings import QUANTITIES, Recording
 
 if TYPE_CHECKING:  # the simulator loads numba: only those who simulate wait for it
@@ -176,7 +176,7 @@ def make_rig_recordings(
     worn_wheels = checks.wheels(wheels)
     checks.one_of("kernel", kernel, ("exact", "batch", "auto"))
     total = checks.whole("n_assemblies", n_assemblies, 1) * len(counts)
-    radial = _radial(wear_um, radial_share)
+    radial = Radial.checked(wear_um, radial_share)
     if keep is not None and not callable(keep):
         raise TypeError(f"keep must be a function of a recording, got {keep!r}")
     first = checks.whole("first_assembly", first_assembly, 0) * len(counts)
@@ -291,7 +291,7 @@ def _drawn_defects(
     counts: Sequence[int],
     lobes: str,
     wheels: tuple[int, ...] | None,
-    radial: _Radial | None,
+    radial: Radial | None,
 ) -> LobeDefects:
     """Draw the worn lobes of a recording, and then their radial wear: the lobes do not depend on it."""
     from cyclofeat.simulators import LobeDefects
@@ -302,10 +302,7 @@ def _drawn_defects(
     drawn = LobeDefects.drawn(
         counts[index % len(counts)], run.rig.gearbox.n_lobes, random, consecutive=consecutive, wheels=wheels
     )
-    if radial is None:
-        return drawn
-    depth = radial.depth(random.random())
-    return replace(drawn, depth=0.0, wear_um=depth) if random.random() < radial.share else drawn
+    return drawn if radial is None else radial.drawn(drawn, random)
 
 
 def _recordings(
@@ -455,37 +452,3 @@ def _rig(rig: Any) -> Rig:
         return rig_preset(rig)
     except ValueError:
         raise ValueError(f"rig must be one of {_PRESETS} or a Rig, got {rig!r}") from None
-
-
-@dataclass(frozen=True)
-class _Radial:
-    """Range of the depth of radial wear in um, and the probability that an assembly has it."""
-
-    low: float
-    high: float
-    share: float
-
-    def depth(self, share: float) -> float:
-        """Return the depth below which this share of all depths lies."""
-        if self.low == 0:
-            return self.high * share
-        # Rounding must not leave the range.
-        return float(min(self.low * (self.high / self.low) ** share, self.high))
-
-
-def _radial(wear_um: Any, share: Any) -> _Radial | None:
-    from cyclofeat.simulators.defects import MOST_WEAR_UM
-
-    if not 0 < checks.number("radial_share", share, "a share") <= 1:
-        raise ValueError(f"radial_share must be above 0 and at most 1, got {share!r}")
-    if wear_um is None:
-        if share != 1:
-            raise ValueError(f"radial_share needs wear_um, the depth of the wear, got {share!r} without")
-        return None
-    low, high = checks.ends("wear_um", wear_um, "a number of um")
-    if not 0 <= low <= high <= MOST_WEAR_UM:
-        raise ValueError(
-            f"wear_um must be a number of um or a range (low, high) within 0 to {MOST_WEAR_UM:g}, "
-            f"got {wear_um!r}"
-        )
-    return _Radial(low, high, share)

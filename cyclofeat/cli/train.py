@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     wear.add_argument(
         "--mixed-wear", type=_range_of("um"), metavar="LOW:HIGH",
-        help="about a third of the simulated worn assemblies has radial wear, such as 60:200 um, the others "
+        help="about a third of the simulated worn assemblies have radial wear, such as 60:200 um, the others "
         "the papers' chord; both are counted, no depth is learned",
     )  # fmt: skip
     parser.add_argument(
