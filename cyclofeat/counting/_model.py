@@ -57,6 +57,8 @@ _BATCH_SAMPLES = 2**20
 _MOST_NAMED = 1000
 # Share by which a speed may lie outside those of training.
 _SPEED_MARGIN = 0.05
+# Of so many torques with a tachometer, rows learn one also as if it had none.
+_BY_LINES_TOO = 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
@@ -123,6 +125,7 @@ class LobeModel(RecordingPredictions):
         wear_um: tuple[float, float] | None = None,
         counter: str = "trees",
         samples_per_turn: int = SAMPLES_PER_TURN,
+        epochs: int | None = None,
     ) -> LobeModel:
         """Train on labelled recordings, of any speeds, loads and sampling rates.
 
@@ -130,7 +133,8 @@ class LobeModel(RecordingPredictions):
         the lines of the torque give around the stated speed. They have ``samples_per_turn``, or as many as
         the recording with the fewest would hold at 5 % more speed. Of motor currents with a tachometer the
         counter also learns windows over the angle that their lines tell: counted without a tachometer, their
-        lines are less sharp, as the speed of a controlled motor changes within a turn.
+        lines are less sharp, as the speed of a controlled motor changes within a turn. ``"rows"`` learns
+        such windows of every third torque, too.
 
         Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
         counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
@@ -163,6 +167,8 @@ class LobeModel(RecordingPredictions):
         samples_per_turn : int
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
+        epochs : int, optional
+            Times that ``"rows"`` sees each window, ``n_epochs`` of :class:`RowCounter`; not with ``wear_um``.
 
         Returns
         -------
@@ -186,6 +192,11 @@ class LobeModel(RecordingPredictions):
                 f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter={counter!r}, which uses "
                 f"{N_LINES} lobe lines, got {samples_per_turn}"
             )
+        if epochs is not None and not (rows and wear_um is None):
+            raise ValueError(
+                f"epochs are those of counter='rows' without wear_um, got {epochs} for counter={counter!r}, "
+                f"wear_um={wear_um!r}"
+            )
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
@@ -196,6 +207,8 @@ class LobeModel(RecordingPredictions):
         windows = seen
         if quantity == "motor_current":
             windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn)
+        elif rows and stated is None:
+            windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn, every=_BY_LINES_TOO)
         if rows and stated is not None:
             # Runs make the count. The windows of a recording are alike: the network learns the first.
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
@@ -207,7 +220,7 @@ class LobeModel(RecordingPredictions):
             "random_state": random_state,
         }  # fmt: skip
         protocol = Protocol(n_splits=n_splits, random_state=random_state) if n_splits else None
-        fitted, locator, scores, features = _fitted(windows, made_for, protocol, rows=rows)
+        fitted, locator, scores, features = _fitted(windows, made_for, protocol, rows=rows, epochs=epochs)
         member = windows.recording if windows.groups is None else windows.groups
         domain = None
         if np.unique(member).size > 1:
@@ -794,12 +807,17 @@ def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) ->
 
 
 def _with_those_by_lines(
-    recordings: Sequence[Recording], turnings: Sequence[Turning], n_lobes: int, samples_per_turn: int
+    recordings: Sequence[Recording],
+    turnings: Sequence[Turning],
+    n_lobes: int,
+    samples_per_turn: int,
+    every: int = 1,
 ) -> WindowSet:
-    """Return the windows of recordings; of those with a tachometer also as if it were missing."""
+    """Return the windows of recordings; of every n-th, if it has a tachometer, also as if it had none."""
     number = list(range(len(recordings)))
     angles = [one.angle for one in turnings]
-    for k, (recording, turning) in enumerate(zip(recordings, turnings, strict=True)):
+    for k in range(0, len(recordings), every):
+        recording, turning = recordings[k], turnings[k]
         by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
         if by_lines is not None:
             number.append(k)
@@ -809,7 +827,12 @@ def _with_those_by_lines(
 
 
 def _fitted(
-    windows: WindowSet, made_for: dict[str, Any], protocol: Protocol | None, *, rows: bool
+    windows: WindowSet,
+    made_for: dict[str, Any],
+    protocol: Protocol | None,
+    *,
+    rows: bool,
+    epochs: int | None,
 ) -> tuple[BaseEstimator, LobeLocator | LobeCounter | RowCounter | None, dict[str, Any] | None, Float]:
     """Fit counter and locator (if worn lobes are known); return them, cross-validated scores and features."""
     member = windows.recording if windows.groups is None else windows.groups
@@ -824,7 +847,7 @@ def _fitted(
     if rows:
         n_lines = max(N_LINES, round(N_LINES * windows.sampling_rate / SAMPLES_PER_TURN))
         counter = make_lobe_counter(windows.sampling_rate, kind="rows", **made_for).set_params(
-            n_lines=n_lines
+            n_lines=n_lines, n_epochs=epochs
         )
         counter.fit(windows.X, windows.y, groups=member, worn=worn, passage=passage)
         scores = _held_out_scores(counter.oob_decision_function_, windows, protocol)

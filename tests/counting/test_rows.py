@@ -171,6 +171,9 @@ def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, 
     assert path.stat().st_size < 2e6
     again = load_model(path).count_all(judged)
     assert [one.probability for one in again] == [one.probability for one in answers]
+    n_learned = model.card["n_windows"]
+    whole = sum(len(model.windows(one)) for one in training)
+    assert whole < n_learned <= whole + -(-whole // 3), "of every third, windows by its lines too"
 
 
 def test_rejects_lobes_that_are_no_row():
@@ -193,3 +196,9 @@ def test_more_samples_per_turn_than_trees_use_are_refused():
         ValueError, match="at most 128 for counter='trees', which uses 44 lobe lines, got 256"
     ):
         LobeModel.train([], samples_per_turn=256)
+
+
+@pytest.mark.parametrize("given", [{"counter": "trees"}, {"counter": "rows", "wear_um": (5, 200)}])
+def test_epochs_are_refused_where_they_have_no_effect(given):
+    with pytest.raises(ValueError, match="epochs are those of counter='rows' without wear_um, got 80"):
+        LobeModel.train([], epochs=80, **given)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,11 +82,19 @@ class Inputs:
     whole: Single
 
 
+class _Padded(NamedTuple):
+    """Columns of :class:`Rigs`, or of sessions padded to equal numbers of recordings with NaN."""
+
+    values: NDArray[np.floating]
+    conditions: Float
+    counts: NDArray[np.int64]
+    speeds: Float
+
+
 def recordings_of_rigs(rigs: Rigs, reference: Reference) -> Recordings:
     """Return all recordings of simulated rigs."""
-    return _recordings(
-        rigs.values, rigs.conditions, rigs.counts, rigs.speeds, reference, rigs.cells, (True, True)
-    )
+    padded = _Padded(rigs.values, rigs.conditions, rigs.counts, rigs.speeds)
+    return _recordings(padded, reference, rigs.cells, (True, True))
 
 
 def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells: tuple[str, ...]) -> Inputs:
@@ -105,19 +114,14 @@ def inputs_of_sessions(sessions: Sequence[Session], reference: Reference, cells:
     with_counts = np.array([session.counts is not None for session in sessions])
     tachometer = np.array([session.speeds_rpm is not None for session in sessions])
     needed = bool(with_counts.any()), not with_counts.all()
-    made = _recordings(values, conditions, counts, speeds, reference, cells, needed)
+    made = _recordings(_Padded(values, conditions, counts, speeds), reference, cells, needed)
     return assembled(made, made.made, with_counts, tachometer, reference)
 
 
 def _recordings(
-    values: NDArray[np.floating],
-    conditions: Float,
-    counts: NDArray[np.int64],
-    speeds: Float,
-    reference: Reference,
-    cells: tuple[str, ...],
-    needed: tuple[bool, bool],
+    padded: _Padded, reference: Reference, cells: tuple[str, ...], needed: tuple[bool, bool]
 ) -> Recordings:
+    values, conditions, counts, speeds = padded
     made = np.isfinite(values[:, :, 0])
     shape = (*made.shape, 2 * values.shape[2])
     deviations = [np.zeros(shape, dtype=np.float32) for _ in needed]
