@@ -134,14 +134,14 @@ $(TABLES): bench-%: $(INSTALLED)
 # Output torque needs more assemblies: its lobe lines hide in the resonance of rotor and torque meter.
 # Coarser models, for fewer samples per turn, go into the file of the next: quantity, samples per turn,
 # assemblies, epochs.
-default-models: $(INSTALLED)  ## train the packaged models (about four hours and 20 GB of memory); writes cyclofeat/models/default
+default-models: $(INSTALLED)  ## train the packaged models (some hours, 20 GB of memory); writes cyclofeat/models/default
 	mkdir -p build/models
-	for one in output_torque:37:3000:40 output_torque:128:1000:40 output_torque:256:10000:80 \
-		input_torque:37:1800:80 input_torque:128:1800:80 motor_current:37:450:40 motor_current:128:450:40; do \
+	for one in output_torque:37:3000 output_torque:128:1000 output_torque:256:10000:80 \
+		input_torque:37:1800:80 input_torque:128:1800:80 motor_current:37:450 motor_current:128:450; do \
 		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
 		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $$1 --counter rows \
-			--samples-per-turn $$2 --speeds 100:1500 --loads 3:40 --assemblies $$3 --epochs $$4 --windows 1 \
+			--samples-per-turn $$2 --speeds 100:1500 --loads 3:40 --assemblies $$3 $${4:+--epochs $$4} --windows 1 \
 			$$([ $$2 -eq 37 ] || echo --coarser build/models/coarser.skops) --force --out $$out || exit 1; \
 	done
 	cp build/models/output_torque.skops* build/models/input_torque.skops* build/models/motor_current.skops* \

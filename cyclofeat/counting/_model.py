@@ -57,8 +57,8 @@ _BATCH_SAMPLES = 2**20
 _MOST_NAMED = 1000
 # Share by which a speed may lie outside those of training.
 _SPEED_MARGIN = 0.05
-# Of so many torques with a tachometer, rows learn one also as if it had none.
-_BY_LINES_TOO = 3
+# Share of the torques of each count that rows learn a second time, as if they had no tachometer.
+_BY_LINES_TOO = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
@@ -134,7 +134,7 @@ class LobeModel(RecordingPredictions):
         the recording with the fewest would hold at 5 % more speed. Of motor currents with a tachometer the
         counter also learns windows over the angle that their lines tell: counted without a tachometer, their
         lines are less sharp, as the speed of a controlled motor changes within a turn. ``"rows"`` learns
-        such windows of every third torque, too.
+        such windows of a third of the torques too, but not with ``wear_um``.
 
         Where all recordings state which lobes are worn and some hold sets that are no row of neighbours, the
         counter is a :class:`LobeCounter`, which counts lobe by lobe; else trees on the lobe map.
@@ -168,7 +168,8 @@ class LobeModel(RecordingPredictions):
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
         epochs : int, optional
-            Times that ``"rows"`` sees each window, ``n_epochs`` of :class:`RowCounter`; not with ``wear_um``.
+            Times that ``"rows"`` sees each window; not with ``wear_um``. Default: 40, and more where windows
+            are few (``n_epochs`` of :class:`RowCounter`).
 
         Returns
         -------
@@ -192,11 +193,13 @@ class LobeModel(RecordingPredictions):
                 f"samples_per_turn must be at most {SAMPLES_PER_TURN} for counter={counter!r}, which uses "
                 f"{N_LINES} lobe lines, got {samples_per_turn}"
             )
-        if epochs is not None and not (rows and wear_um is None):
-            raise ValueError(
-                f"epochs are those of counter='rows' without wear_um, got {epochs} for counter={counter!r}, "
-                f"wear_um={wear_um!r}"
-            )
+        if epochs is not None:
+            whole("epochs", epochs, 1)
+            if not rows or wear_um is not None:
+                raise ValueError(
+                    "epochs must be None unless counter='rows' and wear_um is None, got "
+                    f"{epochs} with counter={counter!r}, wear_um={wear_um!r}"
+                )
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
@@ -206,9 +209,10 @@ class LobeModel(RecordingPredictions):
         seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
         windows = seen
         if quantity == "motor_current":
-            windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn)
+            windows = _with_those_by_lines(recordings, turnings, range(len(recordings)), per_turn)
         elif rows and stated is None:
-            windows = _with_those_by_lines(recordings, turnings, n_lobes, per_turn, every=_BY_LINES_TOO)
+            some = _some_of_each_count(recordings, _BY_LINES_TOO, random_state)
+            windows = _with_those_by_lines(recordings, turnings, some, per_turn)
         if rows and stated is not None:
             # Runs make the count. The windows of a recording are alike: the network learns the first.
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
@@ -806,17 +810,25 @@ def _stops(windows: WindowSet, recording: Recording, turning: Turning | None) ->
     return turning.times(windows.start_angle + turned, recording.sampling_rate)
 
 
+def _some_of_each_count(recordings: Sequence[Recording], share: float, random_state: int) -> list[int]:
+    """Return the numbers of a random share of the recordings of each count, rounded up."""
+    random = np.random.default_rng(random_state)
+    counts = np.array([one.defect_count for one in recordings])
+    some: list[int] = []
+    for count in np.unique(counts):
+        of_count = random.permutation(np.flatnonzero(counts == count))
+        some += of_count[: int(np.ceil(share * of_count.size))].tolist()
+    return sorted(some)
+
+
 def _with_those_by_lines(
-    recordings: Sequence[Recording],
-    turnings: Sequence[Turning],
-    n_lobes: int,
-    samples_per_turn: int,
-    every: int = 1,
+    recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], samples_per_turn: int
 ) -> WindowSet:
-    """Return the windows of recordings; of every n-th, if it has a tachometer, also as if it had none."""
+    """Return the windows of recordings; of those numbered with a tachometer also as if they had none."""
+    n_lobes = common_n_lobes(recordings)
     number = list(range(len(recordings)))
     angles = [one.angle for one in turnings]
-    for k in range(0, len(recordings), every):
+    for k in again:
         recording, turning = recordings[k], turnings[k]
         by_lines = None if recording.angle is None else angle_by_lines(recording, turning, n_lobes)
         if by_lines is not None:

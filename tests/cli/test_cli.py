@@ -834,6 +834,7 @@ def test_an_error_of_usage_is_json_too_where_json_is_asked_for(command, error, c
         ("train --out m.skops --max-count 16", "--max-count must be at most 15, got 16"),
         ("train --out m.skops --jobs 0", "--jobs must be a whole number of workers, or -1 for all, got 0"),
         ("train --out m.skops --seed=-1", "--seed must be at least 0, got -1"),
+        ("train --out m.skops --counter rows --epochs 0", "--epochs must be at least 1, got 0"),
         ("train --out m.skops --wear 5:300", "--wear must be a number of um or a range (low, high)"),
         (
             "train --out m.skops --mixed-wear 5:300",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.training import first_weights
 from cyclofeat.counting import LobeModel, RowCounter, _row_network, passage_of_lobe_zero
+from cyclofeat.counting._model import _some_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings import shaft_windows
@@ -173,7 +176,8 @@ def test_model_of_rows_counts_recordings_and_is_small_on_disk(training, judged, 
     assert [one.probability for one in again] == [one.probability for one in answers]
     n_learned = model.card["n_windows"]
     whole = sum(len(model.windows(one)) for one in training)
-    assert whole < n_learned <= whole + -(-whole // 3), "of every third, windows by its lines too"
+    assert whole < n_learned <= whole + len(training) // 3, "of a third, windows by their lines too"
+    assert LobeModel.train(training, n_splits=0, counter="rows", epochs=2).counter.n_epochs == 2
 
 
 def test_rejects_lobes_that_are_no_row():
@@ -198,7 +202,17 @@ def test_more_samples_per_turn_than_trees_use_are_refused():
         LobeModel.train([], samples_per_turn=256)
 
 
+def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
+    """Also where counts come in turn, and their number is a multiple of what the share leaves out."""
+    recordings = [SimpleNamespace(defect_count=number % 3) for number in range(36)]
+    some = _some_of_each_count(recordings, 1 / 3, 0)
+    assert np.bincount([recordings[k].defect_count for k in some]).tolist() == [4, 4, 4]
+    assert some == sorted({*some}) == _some_of_each_count(recordings, 1 / 3, 0)
+
+
 @pytest.mark.parametrize("given", [{"counter": "trees"}, {"counter": "rows", "wear_um": (5, 200)}])
 def test_epochs_are_refused_where_they_have_no_effect(given):
-    with pytest.raises(ValueError, match="epochs are those of counter='rows' without wear_um, got 80"):
+    with pytest.raises(
+        ValueError, match="epochs must be None unless counter='rows' and wear_um is None, got 80"
+    ):
         LobeModel.train([], epochs=80, **given)
