@@ -206,13 +206,14 @@ class LobeModel(RecordingPredictions):
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
         turnings = [turning_of(recording, n_lobes) for recording in recordings]
         per_turn = _samples_per_turn(recordings, turnings, n_lobes, samples_per_turn)
-        seen = shaft_windows(recordings, [one.angle for one in turnings], n_lobes, per_turn)
-        windows = seen
+        again: Sequence[int] = ()
         if quantity == "motor_current":
-            windows = _with_those_by_lines(recordings, turnings, range(len(recordings)), per_turn)
+            again = range(len(recordings))
         elif rows and stated is None:
-            some = _some_of_each_count(recordings, _BY_LINES_TOO, random_state)
-            windows = _with_those_by_lines(recordings, turnings, some, per_turn)
+            again = _some_of_each_count(recordings, _BY_LINES_TOO, random_state)
+        windows = seen = _with_those_by_lines(recordings, turnings, again, n_lobes, per_turn)
+        if again and stated is not None:  # depths are learned from the windows of the tachometer alone
+            seen = _with_those_by_lines(recordings, turnings, (), n_lobes, per_turn)
         if rows and stated is not None:
             # Runs make the count. The windows of a recording are alike: the network learns the first.
             windows = windows.part(np.flatnonzero(np.diff(windows.recording, prepend=-1)))
@@ -822,10 +823,13 @@ def _some_of_each_count(recordings: Sequence[Recording], share: float, random_st
 
 
 def _with_those_by_lines(
-    recordings: Sequence[Recording], turnings: Sequence[Turning], again: Sequence[int], samples_per_turn: int
+    recordings: Sequence[Recording],
+    turnings: Sequence[Turning],
+    again: Sequence[int],
+    n_lobes: int,
+    samples_per_turn: int,
 ) -> WindowSet:
-    """Return the windows of recordings; of those numbered with a tachometer also as if they had none."""
-    n_lobes = common_n_lobes(recordings)
+    """Return the windows of recordings, then those of some of them ``again``, as if without tachometer."""
     number = list(range(len(recordings)))
     angles = [one.angle for one in turnings]
     for k in again:
