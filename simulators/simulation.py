@@ -168,6 +168,9 @@ class Solver:
     decimation : {"antialias", "pick"}
         Anti-alias filter, or every k-th sample as in the papers (``1 / (dt sampling_rate)`` must then be a
         whole number).
+    check_friction : bool
+        Whether to warn if friction chatters at this ``dt``. The forces that this takes come from the exact
+        kernel, also after a batch, which must then be compiled: leave it out where no one can act on it.
 
     Raises
     ------
@@ -178,6 +181,7 @@ class Solver:
     dt: float = 1e-5
     integrator: str = "midpoint"
     decimation: str = "antialias"
+    check_friction: bool = True
 
     def __post_init__(self) -> None:
         positive("dt", self.dt)
@@ -269,10 +273,11 @@ def simulate(
     state = rest_state(gearbox)
     if start == "relaxed":
         state = relaxed(integration, state)
-    watched = steps[:: max(steps.size // _N_WATCHED, 1)] if gearbox.has_friction else steps[:0]
+    checked = gearbox.has_friction and solver.check_friction
+    watched = steps[:: max(steps.size // _N_WATCHED, 1)] if checked else steps[:0]
     kept = steps if motion or forces or points else watched
     done = integration.run(state, 0, n_steps, kept, forces=forces or points)
-    if gearbox.has_friction:
+    if checked:
         states = done.motion[np.searchsorted(kept, watched)]
         nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
         rates = damping_by_friction(gearbox, integration.constants, dt, nearby, states)

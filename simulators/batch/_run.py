@@ -177,7 +177,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     for begin, results in batch.pieces(samples.again):
         samples.take(begin, results)
     for lane, one in enumerate(requests):
-        if batch.reached[lane] and one.gearbox.has_friction:
+        if batch.reached[lane] and one.gearbox.has_friction and settings.solver.check_friction:
             _warn_of_chatter(one, batch.watched(lane))
     taken = {row: samples.of_lanes(row) for row in range(rows.N_RESULTS)}
     return [

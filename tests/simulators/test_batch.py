@@ -300,6 +300,8 @@ def test_friction_that_chatters_is_told(integrator: str, friction: float) -> Non
         simulate_many([smooth], LobeDefects.worn(7), **options)
         # The first looks at 0.01 s: one of these ends before.
         dict(simulate_each([{"gearbox": smooth, "duration": one} for one in (0.005, 0.02)], "batch"))
+        unchecked = Solver(integrator=integrator, check_friction=False)
+        simulate_many([steep], LobeDefects.worn(7), **options | {"solver": unchecked})
 
 
 def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pytest.MonkeyPatch) -> None:

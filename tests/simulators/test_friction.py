@@ -26,6 +26,7 @@ from cyclofeat.simulators import (
     GearboxLocked,
     LobeDefects,
     SimulationRun,
+    Solver,
     simulate,
 )
 from cyclofeat.simulators._chatter import friction_rates
@@ -376,7 +377,9 @@ def test_a_bearing_that_turns_does_not_chatter() -> None:
     """Its friction is steep at rest only; from the standing start on it would be told."""
     steep = STEEL.replace(output_bearing_torque=8.0)
     with pytest.warns(RuntimeWarning, match="friction chatters"):
-        simulate(steep, duration=0.02)
+        told = simulate(steep, duration=0.02)
+    unchecked = simulate(steep, duration=0.02, solver=Solver(check_friction=False))
+    np.testing.assert_array_equal(unchecked.torque_out, told.torque_out)
     constant = np.full(600, STEEL.input_speed)
     simulate_with(steep, duration=0.02, speed=constant, load=np.full(600, 22.0), start="relaxed")
 

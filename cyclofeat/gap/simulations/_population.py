@@ -34,7 +34,7 @@ Float = NDArray[np.float64]
 Seed = np.random.SeedSequence
 
 # One evaluation per step instead of two; the difference is below the resolution of the summaries.
-_SOLVER = Solver(integrator="adams_bashforth")
+SOLVER = Solver(integrator="adams_bashforth")
 # Banks and tables are compared within the scatter of recordings: the error of single precision is far below.
 KERNEL = "auto"
 # Errors of a rig that cannot be built or simulated: a filter above the Nyquist frequency, a gearbox that does
@@ -133,7 +133,13 @@ class Population:
         return dataclasses.replace(self, rig=self.rig.with_added(*effects))
 
     def plan_run(
-        self, count: int, random_state: Seed, assembly: Seed | None = None, spare: float = 0.0
+        self,
+        count: int,
+        random_state: Seed,
+        assembly: Seed | None = None,
+        *,
+        spare: float = 0.0,
+        solver: Solver = SOLVER,
     ) -> PlannedRun:
         """Draw one run of the machine, without simulating it.
 
@@ -158,7 +164,7 @@ class Population:
             quantity=self.quantity,
             torque_in=False,  # plan_run sets True where it is measured
             motion=False,
-            solver=_SOLVER,
+            solver=solver,
             spare_s=spare * duration,
         )
 

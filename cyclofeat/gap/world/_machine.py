@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SPARE, Population, record
+from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Population, record
 from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
 from cyclofeat.gap.world._prior import DrawnSession, draw_session, with_floor
 from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed
@@ -24,6 +23,8 @@ Float = NDArray[np.float64]
 # Children of the world's seed.
 _MACHINE, _RIG, _RECORDING = range(3)
 FEWEST = 4  # recordings of a machine
+# Drawn sizes may be beyond the prior, and no one can choose another time step for them.
+_SOLVER = dataclasses.replace(SOLVER, check_friction=False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,10 +66,7 @@ def simulate_machines(world: World, numbers: Sequence[int]) -> list[dict[str, ND
 def simulate_drawn(world: World, machines: Sequence[DrawnMachine]) -> list[dict[str, NDArray[Any]]]:
     """Simulate drawn machines, and return the columns of the rigs of each, without their numbers."""
     plans = [plan for machine in machines for plan in _plans(world, machine)]
-    with warnings.catch_warnings():
-        # Drawn sizes may be beyond the prior, and no one can choose another time step for them.
-        warnings.filterwarnings("ignore", "friction chatters", RuntimeWarning)
-        made = iter(attempt_planned(plans, KERNEL))
+    made = iter(attempt_planned(plans, KERNEL))
     return [_summarised(world, machine, [next(made) for _ in machine.seeds]) for machine in machines]
 
 
@@ -113,7 +111,8 @@ def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]
         population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
         try:
             assembly = first_of[int(session.assemblies[i])]
-            plans.append(population.plan_run(int(session.counts[i]), seed, assembly, spare=SPARE))
+            count = int(session.counts[i])
+            plans.append(population.plan_run(count, seed, assembly, spare=SPARE, solver=_SOLVER))
         except ValueError as error:
             plans.append(error)
     return plans
