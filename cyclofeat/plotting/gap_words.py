@@ -39,9 +39,12 @@ _FAMILY_NAMES = {
     "mains": "mains lines",
     "slow bands": "slow fluctuation by bands",
     "course": "course over the recording",
+    "decays": "exponential decays",
+    "slips": "slow climbs and quick falls",
     "codes": "values that repeat, end or stand still",
 }
-_OF_FAMILY = ("modulation", "course", "codes", "mains", "slow bands")  # names that say too little alone
+# Names that say too little alone.
+_OF_FAMILY = ("modulation", "course", "decays", "slips", "codes", "mains", "slow bands")
 OURS = "after"  # the correction itself among the alternatives
 _ALTERNATIVES = {
     OURS: "named effects added",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import sys
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_t
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
@@ -17,6 +19,8 @@ from cyclofeat.gap.posterior import (
     load_posterior,
     score_posterior,
 )
+from cyclofeat.gap.posterior._calibration import mean_coefficients, of_mean, quantiles_of, spread_power
+from cyclofeat.gap.posterior._mean_torque import cause_logits
 from cyclofeat.gap.world import Rigs, Session, World
 from cyclofeat.simulators import Gain, Hum, Offset
 
@@ -309,6 +313,65 @@ def test_bad_input_is_named(hasty, rigs):
 
 
 # The pieces against formulas
+
+
+def test_causes_of_the_mean_by_the_evidence_of_eight_models():
+    """The evidence of each set of causes is a multivariate t density."""
+    random = np.random.default_rng(3)
+    load, direction = random.uniform(10, 30, (5, 9)), random.choice([-1.0, 1.0], (5, 9))
+    conditions = np.stack([np.full((5, 9), 500.0), load, direction], axis=2)
+    shown = np.arange(9) < np.array([[9], [8], [7], [5], [4]])
+    error = np.hypot(0.003 * load, 0.05)
+    moved = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, -0.3], [0.004, 0.1], [0.0, 0.0]])
+    mean = load * (1 + moved[:, :1]) + moved[:, 1:] * direction + random.normal(0, error)
+    said = cause_logits(mean, conditions, shown)
+    spreads, chances = np.array([0.03, 0.5, 0.15]), np.array([0.18, 0.09, 0.09])
+    for k in range(5):
+        rows = shown[k]
+        causes = np.stack([load[k], direction[k], np.ones(9)])[:, rows] / error[k, rows] * spreads[:, None]
+        y = ((mean[k] - load[k]) / error[k])[rows]
+        weights = {}
+        for chosen in itertools.product((False, True), repeat=3):
+            some = causes[list(chosen)]
+            density = multivariate_t(np.zeros(y.size), np.eye(y.size) + some.T @ some, df=6).pdf(y)
+            weights[chosen] = density * np.prod(np.where(chosen, chances, 1 - chances))
+        for cause in range(3):
+            there = sum(weight for chosen, weight in weights.items() if chosen[cause])
+            truth = np.log(there / (sum(weights.values()) - there))
+            assert said[k, cause] == pytest.approx(np.clip(truth, -8, 8), abs=1e-6)
+
+
+def test_what_moves_the_mean_alone_is_learned_where_nothing_else_does():
+    names = ("gain", "load_warm_up", "hum", "offset")
+    random = np.random.default_rng(5)
+    n = 6000
+    present = random.random((n, 4)) < 0.3
+    causes = np.where(present[:, [0, 3, 2]], 3.0, -3.0) + random.normal(0, 1.5, (n, 3))
+    causes[present[:, 1]] = random.normal(0, 3.0, (present[:, 1].sum(), 3))
+    logits = random.normal(-1.0, 0.1, (n, 4))
+    logits[:, 1] = np.where(present[:, 1], 4.0, -4.0)
+    told = of_mean(logits, causes, names)
+    coefficients = mean_coefficients(told, present, names)
+    assert np.isfinite(coefficients).all(axis=1).tolist() == [True, False, False, True]
+    found = told @ coefficients[0, :-1] + coefficients[0, -1] > 0
+    cold = ~present[:, 1]
+    assert np.mean(found[cold] == present[cold, 0]) > 0.95
+    assert np.mean(found[~cold] == present[~cold, 0]) < 0.75
+    few = mean_coefficients(told[:200], present[:200], names)
+    assert np.isnan(few).all()
+
+
+def test_the_power_of_spreads_is_found_with_a_factor_for_each_size():
+    random = np.random.default_rng(4)
+    spreads = np.exp(random.normal(-1.0, 0.5, (3000, 4)))
+    errors = random.normal(0, [0.5, 1.0, 2.0, 4.0] * spreads**1.4)
+    errors[random.random(errors.shape) < 0.8] = np.nan
+    assert spread_power(errors, spreads) == pytest.approx(1.4, abs=0.08)
+    power = spread_power(errors, spreads)
+    covered = np.abs(errors / spreads**power) <= quantiles_of(errors / spreads**power)[:, 4]
+    for wide in (spreads > 0.5, spreads < 0.25):
+        assert covered[wide & np.isfinite(errors)].mean() == pytest.approx(0.9, abs=0.03)
+    assert spread_power(np.full((30, 2), np.nan), np.ones((30, 2))) == 1.0
 
 
 def test_gain_and_offset_by_least_squares():

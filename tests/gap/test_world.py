@@ -217,6 +217,34 @@ def test_codes_and_course_by_construction():
     assert found["straight line"] > np.log(3)
 
 
+def test_decays_say_what_the_torque_settles_to():
+    conditions = Conditions(RATE, 10.0)
+    time = np.arange(turn_samples(conditions)) / RATE
+    ripple = 0.3 * np.sin(2 * np.pi * 160 * time)
+    x = np.array([22 + size * np.exp(-time / 0.6) + ripple for size in (1.5, -0.8)])
+    values, cells = recording_cells(x.astype(np.float32), conditions)
+    found = dict(zip([cell.name for cell in cells], values.T, strict=True))
+    np.testing.assert_allclose(found["size of a decay in 0.6 s"], [1.5, -0.8], atol=0.01)
+    np.testing.assert_allclose(found["torque settled after a decay in 0.6 s"], 22, atol=0.01)
+    left = [found[f"level left by a decay in {time_constant:g} s"] for time_constant in (0.3, 0.6, 1.2, 2.5)]
+    assert np.argmin(left, axis=0).tolist() == [1, 1]
+
+
+def test_slips_tell_a_sawtooth_from_its_mirror_image_and_from_a_drift():
+    conditions = Conditions(RATE, 10.0)
+    n = turn_samples(conditions)
+    climb = (np.arange(n) / RATE * 4) % 1
+    drift = np.cumsum(np.random.default_rng(0).normal(0, 0.01, n))
+    x = np.array([22 + climb, 22 - climb, 22 + drift])
+    values, cells = recording_cells(x.astype(np.float32), conditions)
+    names = [cell.name for cell in cells]
+    for box in (28, 14, 7):
+        falls, rises, drifts = values[:, names.index(f"skewness of changes in {box} ms")]
+        assert falls < -2
+        assert rises == pytest.approx(-falls, rel=1e-3)
+        assert abs(drifts) < -falls / 2
+
+
 def test_a_session_of_measured_recordings_has_the_summaries_of_the_world():
     run = Rig(effects=[Noise(0.05)]).simulate(duration=2.0, sampling_rate=RATE)
     backwards = Session.of([-run.torque_out], RATE, [(500, 22, -1)], counts=[3])

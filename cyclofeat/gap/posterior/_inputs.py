@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.gap.posterior._mean_torque import cause_logits, gain_and_offset
 from cyclofeat.gap.posterior._reference import Reference
 from cyclofeat.gap.world import Rigs, Session
 
@@ -17,10 +18,6 @@ Float = NDArray[np.float64]
 Single = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-# Prior spreads of the fit of gain and offset: share of the load, Nm, and what recordings differ by.
-_GAIN, _OFFSET_NM = 0.06, 1.0
-_LOAD_SHARE, _MEAN_NM = 0.003, 0.05
-_SMALL = 0.003, 0.05  # gain, and offset in Nm, from which their logarithm counts
 _LOW_COUNTS = 2  # counts up to it are pooled apart from larger ones
 _SPEED_SCALES = 0.1, 0.005  # %: what the speed by the tachometer varies by, and that by the mesh from it
 _SPEED_CELL = "speed: input speed by the mesh lines"
@@ -62,7 +59,7 @@ class Recordings:
 
 @dataclass(frozen=True)
 class Inputs:
-    """Arrays that the network takes.
+    """Arrays that the network takes, and what the mean torque alone says.
 
     Attributes
     ----------
@@ -74,12 +71,20 @@ class Inputs:
         1 for shown recordings with a known count above 2.
     whole : ndarray of float32, shape (n_sessions, n_facts)
         Fit of gain and offset, and what is known of the session.
+    causes : ndarray, shape (n_sessions, 3)
+        Not for the network: :func:`cause_logits`.
     """
 
     recordings: Single
     shown: Single
     many: Single
     whole: Single
+    causes: Float
+
+    @property
+    def of_network(self) -> dict[str, Single]:
+        """Arguments of the network."""
+        return {name: value for name, value in vars(self).items() if name != "causes"}
 
 
 class _Padded(NamedTuple):
@@ -166,48 +171,5 @@ def assembled(
         axis=1, dtype=np.float32,
     )  # fmt: skip
     many = shown & known[:, 0] & (made.counts > _LOW_COUNTS)
-    return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole)
-
-
-def gain_and_offset(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
-    """Explain the deviation of the mean torque by a gain, an offset and a friction, for each session.
-
-    A gain grows with the load, an offset keeps its sign when the rig reverses, and a friction changes it.
-    Each is fitted alone, then gain and offset together; a Gaussian prior holds these where one load and
-    direction cannot tell them apart.
-
-    Parameters
-    ----------
-    mean_torque : ndarray, shape (n_sessions, n_recordings)
-    conditions : ndarray, shape (n_sessions, n_recordings, 3)
-    shown : ndarray of bool, shape (n_sessions, n_recordings)
-
-    Returns
-    -------
-    ndarray, shape (n_sessions, 14)
-        The three alone, over their standard errors; gain and offset together, then over their standard
-        errors; the logarithms of these errors; and the logarithms of the mean squares that each of the three
-        leaves alone, that there are without any, and that gain and offset leave together. All but logarithms
-        are on a scale that is linear for small values and logarithmic for large ones.
-    """
-    load, direction = conditions[:, :, 1], conditions[:, :, 2]
-    n = shown.sum(axis=1, keepdims=True)
-    error = np.hypot(_LOAD_SHARE * load, _MEAN_NM)
-    causes = np.stack([load, direction, np.ones_like(load)], axis=2) * (shown / error)[:, :, None]
-    deviation = (mean_torque - load) / error * shown
-    total = np.sum(deviation**2, axis=1, keepdims=True)
-    alone = np.sum(causes * deviation[:, :, None], axis=1) / np.sqrt(np.sum(causes**2, axis=1))
-    both = causes[:, :, :2]
-    information = np.swapaxes(both, 1, 2) @ both + np.diag([_GAIN**-2, _OFFSET_NM**-2])
-    covariance = np.linalg.inv(information)
-    fitted = (covariance @ np.swapaxes(both, 1, 2) @ deviation[:, :, None])[:, :, 0]
-    errors = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    left = deviation - (both @ fitted[:, :, None])[:, :, 0]
-    squares = [np.maximum(total - alone**2, 0), total, np.sum(left**2, axis=1, keepdims=True)]
-    return np.concatenate(
-        [
-            np.arcsinh(np.concatenate([alone, fitted / _SMALL, fitted / errors], axis=1)),
-            np.log(errors), *(np.log(some / n + 0.1) for some in squares),
-        ],
-        axis=1,
-    )  # fmt: skip
+    causes = cause_logits(made.mean_torque, made.conditions, shown)
+    return Inputs(recordings, shown.astype(np.float32), many.astype(np.float32), whole, causes)

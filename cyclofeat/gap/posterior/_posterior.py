@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import norm
-from sklearn.linear_model import LogisticRegression
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import positive, whole
@@ -22,6 +21,15 @@ from cyclofeat._base.files import write_whole
 from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._answers import NAMED, with_look_alikes
+from cyclofeat.gap.posterior._calibration import (
+    FEWEST,
+    QUANTILES,
+    mean_coefficients,
+    of_mean,
+    quantiles_of,
+    slopes_of,
+    spread_power,
+)
 from cyclofeat.gap.posterior._inputs import Inputs, inputs_of_sessions, recordings_of_rigs
 from cyclofeat.gap.posterior._reference import Reference
 from cyclofeat.gap.posterior._strengths import (
@@ -37,17 +45,17 @@ from cyclofeat.simulators.effects import EffectParameter
 
 Float = NDArray[np.float64]
 
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 DEFAULT = Path(__file__).with_name("default.npz")
-_FORMAT = "cyclofeat effect posterior 4"
-_FEWEST = 20  # machines with an effect from which it is learned
+_FORMAT = "cyclofeat effect posterior 5"
 _CALIBRATING = 0.15  # share of the machines that calibrates probabilities and intervals
+_PLENTY = 1500  # machines that suffice for that
 _SEEN = 0.5  # share of the rigs with an effect of a size in which it is named, from which that size is seen
 _AT_A_TIME = 500
 _ARRAYS = (
-    "learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "size_quantiles_", "limits_",
+    "learned_", "sizes_learned_", "size_mean_", "size_spread_", "slopes_", "mean_coefficients_",
+    "size_quantiles_", "limits_",
 )  # fmt: skip
-_STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_")
+_STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_", "spread_power_")
 
 
 class EffectPosterior(DocumentedEstimator):
@@ -84,6 +92,8 @@ class EffectPosterior(DocumentedEstimator):
         Strength of each effect's main parameter, its distance from neutral on the scale of its fit, from
         which half of the rigs with the effect are named, itself or a look-alike; NaN where no strength
         suffices.
+    spread_power_ : float
+        Power of the networks' spreads of sizes to which those of their errors are proportional.
     n_rigs_ : int
         Simulated rigs that it has learned from, those of what it started from included.
 
@@ -152,7 +162,8 @@ class EffectPosterior(DocumentedEstimator):
         self.logarithmic_, self.world_, self.n_rigs_ = rigs.logarithmic, rigs.world, len(rigs)
         random = np.random.default_rng(self.random_state)
         machines = np.unique(rigs.machines)
-        calibrating = random.permutation(machines)[: max(round(_CALIBRATING * machines.size), 1)]
+        n_calibrating = min(max(round(_CALIBRATING * machines.size), 1), _PLENTY)
+        calibrating = random.permutation(machines)[:n_calibrating]
         held = np.isin(rigs.machines, calibrating)
         self.reference_ = Reference().fit(rigs)
         self._standardise(rigs)
@@ -177,9 +188,16 @@ class EffectPosterior(DocumentedEstimator):
             for k in range(n_networks)
         ]  # fmt: skip
         rows = np.flatnonzero(held)
-        logits, mean, spread = self._outputs(random_inputs(made.of(rows), self.reference_, random))
-        self._calibrate(logits, (sizes[rows] - mean) / spread, rigs.present[rows])
-        self.limits_ = self._limits(self._probabilities(logits), rigs.sizes[rows])
+        self.spread_power_ = 1.0
+        inputs = random_inputs(made.of(rows), self.reference_, random)
+        logits, mean, spread = self._outputs(inputs)
+        self.slopes_ = slopes_of(logits, rigs.present[rows])
+        told = of_mean(logits, inputs.causes, self.names_)
+        self.mean_coefficients_ = mean_coefficients(told, rigs.present[rows], self.names_)
+        errors = sizes[rows] - mean
+        self.spread_power_ = spread_power(errors, spread)
+        self.size_quantiles_ = quantiles_of(errors / spread**self.spread_power_)
+        self.limits_ = self._limits(self._probabilities(logits, inputs.causes), rigs.sizes[rows])
         return self
 
     def learn_limits(self, rigs: Rigs, *, random_state: int = 0) -> EffectPosterior:
@@ -199,7 +217,7 @@ class EffectPosterior(DocumentedEstimator):
         check_is_fitted(self, "networks_")
         made = recordings_of_rigs(rigs, self.reference_)
         inputs = random_inputs(made, self.reference_, np.random.default_rng(random_state))
-        self.limits_ = self._limits(self._probabilities(self._outputs(inputs)[0]), rigs.sizes)
+        self.limits_ = self._limits(self._probabilities(self._outputs(inputs)[0], inputs.causes), rigs.sizes)
         return self
 
     def _limits(self, probabilities: Float, sizes: Float) -> Float:
@@ -252,26 +270,13 @@ class EffectPosterior(DocumentedEstimator):
             np.array([np.unique(rigs.machines[having]).size for having in flags.T])
             for flags in (present, ~present)
         )
-        self.learned_ = (n_with >= _FEWEST) & (n_without >= _FEWEST)
+        self.learned_ = (n_with >= FEWEST) & (n_without >= FEWEST)
         there = np.isfinite(rigs.sizes)
         sums = np.maximum(there.sum(axis=0), 1)
         self.size_mean_ = np.nansum(rigs.sizes, axis=0) / sums
         self.size_spread_ = np.sqrt(np.nansum((rigs.sizes - self.size_mean_) ** 2, axis=0) / sums) + 1e-9
         owners = np.array([name.partition(".")[0] for name in self.size_names_])
         self.sizes_learned_ = self.learned_[[self.names_.index(owner) for owner in owners]]
-
-    def _calibrate(self, logits: Float, residuals: Float, present: NDArray[np.bool_]) -> None:
-        """Learn the slope of each logit (Guo et al. 2017), and quantiles of standardised sizes."""
-        self.slopes_ = np.ones(len(self.names_))
-        for k, with_it in enumerate(present.T):
-            if min(with_it.sum(), (~with_it).sum()) >= _FEWEST:
-                line = LogisticRegression(C=10.0, fit_intercept=False).fit(logits[:, [k]], with_it)
-                self.slopes_[k] = max(line.coef_[0, 0], 0.1)
-        enough = np.isfinite(residuals).sum(axis=0) >= _FEWEST
-        self.size_quantiles_ = np.tile(_quantiles(residuals), (enough.size, 1))
-        for size, z in enumerate(residuals.T):
-            if enough[size]:
-                self.size_quantiles_[size] = _quantiles(z)
 
     def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
         """Raise ValueError unless it can go on learning from rigs with these properties."""
@@ -299,10 +304,15 @@ class EffectPosterior(DocumentedEstimator):
 
     def predict_proba(self, sessions: Sequence[Session]) -> Float:
         """Return the probability of each effect, shape (n_sessions, n_effects); NaN for one not learned."""
-        return self._probabilities(self._outputs(self._inputs(sessions))[0])
+        inputs = self._inputs(sessions)
+        return self._probabilities(self._outputs(inputs)[0], inputs.causes)
 
-    def _probabilities(self, logits: Float) -> Float:
-        return np.where(self.learned_, expit(self.slopes_ * logits), np.nan)
+    def _probabilities(self, logits: Float, causes: Float) -> Float:
+        calibrated = self.slopes_ * logits
+        known = np.isfinite(self.mean_coefficients_).all(axis=1)
+        weights, constants = self.mean_coefficients_[known, :-1], self.mean_coefficients_[known, -1]
+        calibrated[:, known] = of_mean(logits, causes, self.names_) @ weights.T + constants
+        return np.where(self.learned_, expit(calibrated), np.nan)
 
     def predict_visible(self, sessions: Sequence[Session]) -> Float:
         """Return the probability that each effect is there and large enough to be seen.
@@ -315,12 +325,13 @@ class EffectPosterior(DocumentedEstimator):
         ndarray, shape (n_sessions, n_effects)
             NaN for an effect that no size shows, or that was not learned.
         """
-        logits, mean, spread = self._outputs(self._inputs(sessions))
+        inputs = self._inputs(sessions)
+        logits, mean, spread = self._outputs(inputs)
         middle, width = self._on_scale_of_fit(mean, spread)
         beyond = np.full(logits.shape, np.nan)
         for k, column, parameter in self._main_parameters():
             beyond[:, k] = reach_beyond(parameter, self.limits_[k], middle[:, column], width[:, column])
-        return np.asarray(self._probabilities(logits) * beyond)
+        return np.asarray(self._probabilities(logits, inputs.causes) * beyond)
 
     def visible_from(self) -> dict[str, tuple[str, float, float]]:
         """Return the main parameter of each effect that is seen, and the values beyond which it is.
@@ -416,7 +427,7 @@ class EffectPosterior(DocumentedEstimator):
             axis=0, dtype=np.float64,
         )  # fmt: skip
         logits, mean, spread = _network.split(np, outputs, len(self.names_))
-        return logits, mean, np.exp(spread)
+        return logits, mean, np.exp(self.spread_power_ * spread)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the posterior to a file (NPZ, no pickle); it appears whole or not at all.
@@ -491,11 +502,5 @@ def _quantity(world: Mapping[str, Any]) -> str:
     return str(world.get("quantity", World.quantity))
 
 
-def _quantiles(residuals: Float) -> Float:
-    """Quantiles whose expected coverage is nominal also for few residuals; NaN are left out."""
-    found: Float = np.quantile(residuals[np.isfinite(residuals)], np.array(QUANTILES), method="weibull")
-    return found
-
-
 def _part(inputs: Inputs, first: int) -> dict[str, Any]:
-    return {name: values[first : first + _AT_A_TIME] for name, values in vars(inputs).items()}
+    return {name: values[first : first + _AT_A_TIME] for name, values in inputs.of_network.items()}

@@ -70,7 +70,7 @@ def train(
             rows = rows[: n // per_epoch]  # batches of one size are compiled once
             key, dropping = jax.random.split(key)
             inputs = random_inputs(made.of(rows), reference, random)
-            batch = (fixed, vars(inputs), present[rows], sizes[rows], there[rows])
+            batch = (fixed, inputs.of_network, present[rows], sizes[rows], there[rows])
             weights, state = step(weights, state, batch, dropping)
         if progress is not None:
             progress(epoch + 1, epochs)
@@ -121,7 +121,7 @@ def _first_weights(
         inputs.recordings.shape[2], reference.uncorrelating_, inputs.whole.shape[1],
         n_effects + 2 * n_sizes, random,
     )  # fmt: skip
-    found = np.asarray(_network.pools(np, weights, **vars(inputs)))
+    found = np.asarray(_network.pools(np, weights, **inputs.of_network))
     weights["pool_centre"] = np.median(found, axis=0).astype(np.float32)
     weights["pool_spread"] = (found.std(axis=0) + 0.05).astype(np.float32)
     share = np.clip(targets.present.mean(axis=0), 1e-3, 1 - 1e-3)

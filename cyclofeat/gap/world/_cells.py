@@ -30,6 +30,9 @@ _LEAST_SLOW_NM = 0.05  # a slow torque below it says nothing of what follows it
 _MAINS_HZ = (50.0, 100.0, 150.0)
 _MAINS_REACH_HZ = 1.5  # for a clock that is off by a percent
 _SLOW_EDGES_HZ = (0.0, 0.75, 1.5, 3.0, 6.0, 12.0, 24.0)
+_DECAYS_S = (0.3, 0.6, 1.2, 2.5)
+_DECAY_HZ = 12.0
+_SLIP_BOXES_S = (0.028, 0.014, 0.007)
 
 
 def conditions_of(sampling_rate: float, speed_rpm: float, n_lobes: int) -> Conditions:
@@ -57,17 +60,20 @@ def recording_cells(X: NDArray[np.float32], conditions: Conditions) -> tuple[Flo
     values : ndarray, shape (n_recordings, n_cells)
         Those of :func:`cyclofeat.gap.summarise`, and: modulation of the mesh lines' amplitudes and phases and
         how far it follows the slow torque, which a drift of the load causes and one of the sensor does not;
-        mains lines and slow part in Hz; signed trend and curvature; repeated, equal and extreme values.
+        mains lines and slow part in Hz; signed trend and curvature; exponential decays, and the torque that
+        they settle to; repeated, equal and extreme values.
     cells : list of Cell
     """
     values, cells = summarise(X, conditions)
-    ripple = X.astype(np.float64)
-    ripple -= ripple.mean(axis=1, keepdims=True)
+    mean = X.mean(axis=1, dtype=np.float64)
+    ripple = X.astype(np.float64) - mean[:, None]
     speeds = conditions.input_speed_hz * (1 + values[:, 0] / 100)
     parts = [
         _modulation(ripple, conditions, speeds),
         _fixed_in_hz(ripple, conditions.sampling_rate),
         _course(ripple),
+        _decays(ripple, mean, conditions.sampling_rate),
+        _slips(ripple, conditions.sampling_rate),
         _codes(X),
     ]
     return (
@@ -175,6 +181,37 @@ def _course(ripple: Float) -> tuple[Float, list[Cell]]:
     values = ripple @ (shapes / np.sum(shapes**2, axis=0))
     names = ("straight line", "parabola")
     return signed_log(10 * values), [Cell("course", name, "1") for name in names]
+
+
+def _decays(ripple: Float, mean: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Exponential decays through the record: their size, what each leaves, and what the torque settles to."""
+    slow, rate = block_means(ripple, sampling_rate, _DECAY_HZ)
+    slow = slow - slow.mean(axis=1, keepdims=True)
+    time = np.arange(slow.shape[1]) / rate
+    columns, cells = [], []
+    for time_constant in _DECAYS_S:
+        decay = np.exp(-time / time_constant)
+        shape = decay - decay.mean()
+        size = slow @ shape / (shape @ shape)
+        left = np.mean((slow - size[:, None] * shape) ** 2, axis=1)
+        columns += [size, level(left + RESOLUTION_NM**2), mean - size * decay.mean()]
+        names = (("size of", "Nm"), ("level left by", "dB"), ("torque settled after", "Nm"))
+        cells += [Cell("decays", f"{name} a decay in {time_constant:g} s", unit) for name, unit in names]
+    return np.column_stack(columns), cells
+
+
+def _slips(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
+    """Skewness of the changes of the slow torque: stick-slip climbs slowly and falls fast."""
+    columns, cells = [], []
+    for box_s in _SLIP_BOXES_S:
+        box = max(round(box_s * sampling_rate), 1)
+        means = ripple[:, : ripple.shape[1] // box * box].reshape(len(ripple), -1, box).mean(axis=2)
+        changes = np.diff(means, axis=1)
+        cubes = np.mean(changes**3, axis=1)
+        columns += [cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5, signed_log(1e3 * cubes)]
+        names = ("skewness of", "third moment of")
+        cells += [Cell("slips", f"{name} changes in {1e3 * box_s:g} ms", "1") for name in names]
+    return np.column_stack(columns), cells
 
 
 def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
