@@ -24,7 +24,9 @@ from cyclofeat.simulators import Effect
 
 Float = NDArray[np.float64]
 
-_WIDER = (1.0, 1.5)  # spread of the simulated sizes, over that of the distribution that they are drawn from
+# Rounds of simulation, and the spread of the simulated sizes over that of what is believed of them, which may
+# be off.
+_ROUNDS, _WIDER = 2, 1.5
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
 _NOT_OPEN = 0.05  # p of it with open effects besides, below which these do not explain it
@@ -110,10 +112,10 @@ def confirm(
     # The last of the sizes is the tolerances' factor.
     believed = Gaussian(np.r_[middle, prior.mean[-1]], np.diag(np.r_[spread**2, prior.covariance[-1, -1]]))
     before = believed.without_last()
-    rounds = _WIDER if names else _WIDER[:1]
-    for round_, wider in enumerate(rounds):
+    n_rounds, wider = (_ROUNDS, _WIDER) if names else (1, 1.0)
+    for round_ in range(n_rounds):
         if progress is not None:
-            progress(f"simulating the named effects, {round_ + 1} of {len(rounds)}")
+            progress(f"simulating the named effects, {round_ + 1} of {n_rounds}")
         drawn = Gaussian(believed.mean, believed.covariance * wider**2)
         simulated = simulate_sessions(
             world, shown, functools.partial(_drawn, effects, drawn.without_last()), n_sessions,

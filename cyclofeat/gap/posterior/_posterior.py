@@ -478,9 +478,7 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             f"{path} holds no posterior of effects that this version reads; "
             "cyclofeat gap --prepare FILE writes one"
         ) from None
-    # Files of earlier versions state fewer.
-    parameters = EffectPosterior().get_params().keys() & stated.keys()
-    posterior = EffectPosterior(**{name: stated.pop(name) for name in parameters})
+    posterior = EffectPosterior(**{name: stated.pop(name) for name in EffectPosterior().get_params()})
     for name, value in stated.items():
         setattr(posterior, name, tuple(value) if isinstance(value, list) else value)
     posterior.reference_ = Reference()
