@@ -61,9 +61,9 @@ print("something left unexplained:", result.remainder.unexplained)
 
 # %%
 # The intervals are of 90 % and should hold the truth, which only a surrogate rig lets us check: 0.020 kg
-# m², 12,000 Nm/rad, hum of 0.3 Nm, noise of 0.1 Nm, drift of 0.3 Nm. Those of brake and hum do, those of
-# noise and drift end just below it. Where something stays unexplained, the sizes are those of the
-# posterior, and wider.
+# m², 12,000 Nm/rad, hum of 0.3 Nm, noise of 0.1 Nm, drift of 0.3 Nm. Those of brake, hum and drift do,
+# that of noise ends just below it. Where something stays unexplained, the sizes are those of the posterior,
+# and wider.
 
 # %%
 # Look at the correction before you use it

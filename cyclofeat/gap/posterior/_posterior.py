@@ -200,26 +200,6 @@ class EffectPosterior(DocumentedEstimator):
         self.limits_ = self._limits(self._probabilities(logits, inputs.causes), rigs.sizes[rows])
         return self
 
-    def learn_limits(self, rigs: Rigs, *, random_state: int = 0) -> EffectPosterior:
-        """Learn from which size each effect is seen, from other simulated rigs; nothing else changes.
-
-        Parameters
-        ----------
-        rigs : Rigs
-            Of the same world, of machines that it was not fitted to.
-        random_state : int
-            Draws which recordings of each rig are shown, and what is known of them.
-
-        Returns
-        -------
-        EffectPosterior
-        """
-        check_is_fitted(self, "networks_")
-        made = recordings_of_rigs(rigs, self.reference_)
-        inputs = random_inputs(made, self.reference_, np.random.default_rng(random_state))
-        self.limits_ = self._limits(self._probabilities(self._outputs(inputs)[0], inputs.causes), rigs.sizes)
-        return self
-
     def _limits(self, probabilities: Float, sizes: Float) -> Float:
         """Return the strengths from which effects are named, by rigs with these sizes."""
         limits = np.full(len(self.names_), np.nan)
