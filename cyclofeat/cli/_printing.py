@@ -65,8 +65,17 @@ def _results(command: Command, arguments: Namespace) -> Iterator[Printed]:
         for result in outcome if isinstance(outcome, Iterator) else (outcome,):
             yield module.printed(arguments, result)
     except _expected_errors() as error:
+        if _of_ctrl_c(error):
+            raise KeyboardInterrupt from error
         text = error_text(error, arguments.typed)
         yield Printed("", {"error": text}, text, failed=True)
+
+
+def _of_ctrl_c(error: BaseException | None) -> bool:
+    """Return True for an error that Ctrl-C caused, as in the import of a compiled module."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _expected_errors() -> tuple[type[Exception], ...]:

@@ -75,6 +75,14 @@ def test_ctrl_c_ends_imports_with_one_line(moment, counting):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "cyclofeat: interrupted\n")
 
 
+def test_ctrl_c_in_the_import_of_a_compiled_module_ends_with_one_line(counting):
+    cut_off = "raise ImportError('initialization failed') from KeyboardInterrupt()"  # as pybind11 does
+    code = INTERRUPTED.replace("os.kill(os.getpid(), signal.SIGINT)", cut_off)
+    command = [sys.executable, "-c", code, "scipy.special", *counting]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "cyclofeat: interrupted\n")
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 def test_ctrl_c_soon_after_the_start_ends_with_one_line(counting):
