@@ -94,7 +94,7 @@ class Integrating:
                 )  # fmt: skip
                 if done < n:  # all lanes have ended
                     return
-                if tables.spins is not None:
+                if tables.spins is not None and self._solver.check_friction:
                     rows_then = inputs[:, :, stages * (first + n)].copy()
                     self._seen.append((begin + first + n, rows_then, states(tables)))
             yield begin, results[: again + size]

@@ -177,7 +177,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
     for begin, results in batch.pieces(samples.again):
         samples.take(begin, results)
     for lane, one in enumerate(requests):
-        if batch.reached[lane] and one.gearbox.has_friction and settings.solver.check_friction:
+        if batch.reached[lane] and one.gearbox.has_friction:
             _warn_of_chatter(one, batch.watched(lane))
     taken = {row: samples.of_lanes(row) for row in range(rows.N_RESULTS)}
     return [
@@ -190,7 +190,7 @@ def run_batch(requests: Sequence[Request]) -> list[SimulationRun | None]:
 
 def _warn_of_chatter(request: Request, watched: Sequence[tuple[Float, Float]]) -> None:
     """Warn as ``simulate`` does, by input and load, and state, at some steps."""
-    if not watched:  # the run ends before the first of them
+    if not watched:  # unchecked, or the run ends before the first of them
         return
     solver = request.settings.solver
     inputs, states = (np.stack(parts) for parts in zip(*watched, strict=True))

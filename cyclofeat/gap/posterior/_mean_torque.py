@@ -104,5 +104,4 @@ def cause_logits(mean_torque: Float, conditions: Float, shown: Flags) -> Float:
         prior = np.log(np.where(chosen, chances, 1 - chances)).sum()
         evidence.append(prior - occam - freedom / 2 * np.log1p(left / _FREEDOM))
     there = softmax(np.transpose(evidence), axis=1) @ sets
-    least = np.exp(-_SUREST) / (1 + np.exp(-_SUREST))
-    return np.asarray(logit(np.clip(there, least, 1 - least)))
+    return np.asarray(np.clip(logit(np.minimum(there, 1.0)), -_SUREST, _SUREST))

@@ -16,6 +16,7 @@ from cyclofeat.gap.summaries import (
     Cell,
     Conditions,
     block_means,
+    box_means,
     hann_lines,
     level,
     signed_log,
@@ -86,20 +87,17 @@ def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[F
     """Modulation of the mesh lines, and its regression on the slow torque."""
     highest = _MESH_LINES * (conditions.n_lobes + 1) * conditions.input_speed_hz * (1 + SPEED_TOLERANCE)
     ripple, sampling_rate = block_means(ripple, conditions.sampling_rate, highest)
-    n_windows, n_samples = ripple.shape
+    n_samples = ripple.shape[1]
     box = max(round(_BOX_S * sampling_rate), 1)
     weights = np.hanning(_BOXES + 2)[1:-1]
     weights /= weights.sum()
-
-    def boxes(wave: NDArray[np.inexact[Any]]) -> NDArray[Any]:
-        return np.asarray(wave[:, : n_samples // box * box].reshape(n_windows, -1, box).mean(axis=2))
 
     def smooth(means: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(
             np.lib.stride_tricks.sliding_window_view(means, _BOXES, axis=1)[:, ::_HOP] @ weights
         )
 
-    means = boxes(ripple)
+    means = box_means(ripple, box)
     slow = smooth(means)
     slow = slow - slow.mean(axis=1, keepdims=True)
     slow_power = np.mean(slow**2, axis=1)
@@ -111,7 +109,7 @@ def _modulation(ripple: Float, conditions: Conditions, speeds: Float) -> tuple[F
     carrier = np.ones_like(first)
     for line in range(1, _MESH_LINES + 1):
         carrier = carrier * first
-        phasor = smooth(boxes(light * carrier))
+        phasor = smooth(box_means(light * carrier, box))
         phasor = phasor / (phasor.mean(axis=1, keepdims=True) + 1e-9)
         for what, part in (("amplitude", phasor.real - 1), ("phase", np.angle(phasor))):
             part = _without_line(np.clip(part, -10, 10))
@@ -205,8 +203,7 @@ def _slips(ripple: Float, sampling_rate: float) -> tuple[Float, list[Cell]]:
     columns, cells = [], []
     for box_s in _SLIP_BOXES_S:
         box = max(round(box_s * sampling_rate), 1)
-        means = ripple[:, : ripple.shape[1] // box * box].reshape(len(ripple), -1, box).mean(axis=2)
-        changes = np.diff(means, axis=1)
+        changes = np.diff(box_means(ripple, box), axis=1)
         cubes = np.mean(changes**3, axis=1)
         columns += [cubes / (np.mean(changes**2, axis=1) + RESOLUTION_NM**2) ** 1.5, signed_log(1e3 * cubes)]
         names = ("skewness of", "third moment of")
