@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,10 @@ N_TREES = 150
 STEP = 1.1
 # Assemblies of each count in training.
 PER_COUNT = {"R1": 48, "R2": 2000}
-# Trees need few assemblies; the network learns more from many.
-COUNTERS = {"R1": "trees", "R2": "rows"}
+# Trees need few assemblies; the network learns more from many, and in more epochs.
+COUNTERS: dict[str, dict[str, Any]] = {
+    "R1": {"counter": "trees"}, "R2": {"counter": "rows", "epochs": 80}
+}  # fmt: skip
 
 
 def simulated(
@@ -138,7 +141,7 @@ def rows(n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], li
         for noise in NOISES_NM[rig]:
             model = LobeModel.train(
                 noisy(training, noise, 4), n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM,
-                counter=COUNTERS[rig],
+                **COUNTERS[rig],
             )  # fmt: skip
             assert model.wear is not None
             answers = model.count_all(noisy(healthy, noise, 5))
@@ -172,8 +175,8 @@ def main() -> None:
 Made by `python -m benchmarks.wear` in {time.process_time() / 60:.0f} minutes of one core. Simulated
 assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a tachometer;
 white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT["R1"]} (R1, trees) and
-{PER_COUNT["R2"]} (R2, `counter="rows"`) assemblies of each count from 0 to 7, with depths log-uniform from
-{RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn
+{PER_COUNT["R2"]} (R2, `counter="rows"`, {COUNTERS["R2"]["epochs"]} epochs) assemblies of each count from 0
+to 7, with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn
 lobes. "Count right" is of all, refused ones too (95 % interval by Wilson; chance is 0.125). Depths and
 intervals are those of recordings that were neither refused nor counted as healthy.
 

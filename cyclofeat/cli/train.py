@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--epochs", type=int, metavar="N",
         help="times that --counter rows sees each window, in other variants (default 40, more where they are "
-        "few); of tens of thousands, 80 count better, in twice the time",
+        "few); of ten thousand and more, 80 count better, in twice the time",
     )  # fmt: skip
     parser.add_argument(
         "--coarser", metavar="MODEL",
@@ -114,7 +114,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_options(parser, sampling_rate=False)
     add_idle(parser, *_SIMULATION, beside=["recordings"])
     add_idle(parser, *_OF_FILES, without=["recordings"])
-    add_idle(parser, "--epochs", beside=["--wear"])
     add_idle(parser, "--epochs", without=["--counter rows"])
 
 

@@ -168,8 +168,8 @@ class LobeModel(RecordingPredictions):
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
         epochs : int, optional
-            Times that ``"rows"`` sees each window; not with ``wear_um``. Default: 40, and more where windows
-            are few (``n_epochs`` of :class:`RowCounter`).
+            Times that ``"rows"`` sees each window, or with ``wear_um`` all windows of a recording in a row.
+            Default: 40, and more where there are few (``n_epochs`` of :class:`RowCounter`).
 
         Returns
         -------
@@ -195,10 +195,9 @@ class LobeModel(RecordingPredictions):
             )
         if epochs is not None:
             whole("epochs", epochs, 1)
-            if not rows or wear_um is not None:
+            if not rows:
                 raise ValueError(
-                    "epochs must be None unless counter='rows' and wear_um is None, got "
-                    f"{epochs} with counter={counter!r}, wear_um={wear_um!r}"
+                    f"epochs must be None unless counter='rows', got {epochs} with counter={counter!r}"
                 )
         n_lobes, quantity = common_n_lobes(recordings), common_quantity(recordings)
         if any(recording.defect_count is None for recording in recordings):
@@ -225,7 +224,9 @@ class LobeModel(RecordingPredictions):
             "random_state": random_state,
         }  # fmt: skip
         protocol = Protocol(n_splits=n_splits, random_state=random_state) if n_splits else None
-        fitted, locator, scores, features = _fitted(windows, made_for, protocol, rows=rows, epochs=epochs)
+        fitted, locator, scores, features = _fitted(
+            windows, made_for, protocol, rows=rows, epochs=epochs if stated is None else None
+        )
         member = windows.recording if windows.groups is None else windows.groups
         domain = None
         if np.unique(member).size > 1:
@@ -248,8 +249,9 @@ class LobeModel(RecordingPredictions):
         wear = None
         if stated is not None:
             wear = RadialWear.train(
-                seen, stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=rows
-            )
+                seen, stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=rows,
+                epochs=epochs,
+            )  # fmt: skip
             card["wear"] = wear.summary()
         return cls(fitted, locator, n_lobes, card, domain, wear=wear, samples_per_turn=per_turn)
 

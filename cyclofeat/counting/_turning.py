@@ -69,13 +69,12 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     if followed.fits:
         return Turning(followed.angle, followed.speed_hz, f"no tachometer: {speed} found in the torque")
     doubt = f"its lines could as well be those of a disc at another speed than the stated {rpm}"
-    has_lines = np.isfinite(followed.margin)
-    if not has_lines:
+    if not np.isfinite(followed.margin):
         doubt = (
             f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
             f"{rpm}: its speed is not confirmed"
         )
-    if has_lines and _holds_a_window(followed.angle, n_lobes):
+    if _holds_a_window(followed.angle, n_lobes):
         note = f"no tachometer: {speed} is the likeliest speed in the torque"
         return Turning(followed.angle, followed.speed_hz, note, doubt)
     steady = 2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float)

@@ -38,8 +38,9 @@ _WEAKEST_DB, _FALL_DB, _SLOPE_DB = -14.0, -68.0, -8.0
 _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
 _SLIP = 0.055
-# Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before.
-_ANGLE_STEPS = (0.5, 1.5)
+# Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
+# the angle from turn to turn in degrees; a motor under control reaches 4.
+_ANGLE_STEPS, _MOST_JITTER = (0.5, 1.5), 5.0
 _JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
 _AGREEMENT = 0.4
@@ -148,6 +149,8 @@ def _of_angle(angle: Float, sampling_rate: float, input_speed_hz: float) -> str:
     at_once = _is_off(advance[1:] / advance[:-1])
     if np.any(_is_off(advance[1:]) & at_once) or np.any(_is_off(advance[:-1]) & at_once):
         return "the angle jumps or stands still within the window"
+    if (jitter := faults.jitter(angle)) > _MOST_JITTER:
+        return f"the angle jitters by {jitter:.2g} deg from turn to turn"
     return ""
 
 

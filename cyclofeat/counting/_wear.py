@@ -124,6 +124,7 @@ class RadialWear:
         n_trees: int = 300,
         random_state: int = 0,
         rows: bool = False,
+        epochs: int | None = None,
     ) -> RadialWear:
         """Train on windows over the angle of the shaft.
 
@@ -137,6 +138,8 @@ class RadialWear:
             As of :meth:`LobeModel.train`.
         rows : bool
             Whether to count by a :class:`RowCounter`; worn lobes are known and neighbours.
+        epochs : int or None
+            As of :meth:`LobeModel.train`.
 
         Returns
         -------
@@ -163,8 +166,8 @@ class RadialWear:
         counter: GroupCalibratedCounter | RowCounter
         if rows:
             counter = RowCounter(
-                windows.sampling_rate, 1.0, n_lobes, _n_lines(n_lobes, per_turn), random_state=random_state,
-                speed_tolerance=0.0,
+                windows.sampling_rate, 1.0, n_lobes, _n_lines(n_lobes, per_turn), n_epochs=epochs,
+                random_state=random_state, speed_tolerance=0.0,
             )  # fmt: skip
             table = windows.part(first).worn_table(n_lobes)
             passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)

@@ -47,8 +47,8 @@ _SHARP = _Pass(turns=14, hop=3.5, tolerance=8e-3, step=2.5e-4, change=1e-3, apar
 _SHARPER = dataclasses.replace(_LAST, apart=0.15)
 _ATTEMPTS = (
     _Attempt((_COARSE, _SHARP, _SHARPER)),
-    _Attempt((dataclasses.replace(_STEADY, apart=0.15), _SHARPER), every_line=True),
     _Attempt((_COARSE, _SHARP, _SHARPER), every_line=True),
+    _Attempt((dataclasses.replace(_STEADY, apart=0.15), _SHARPER), every_line=True),
 )
 # Output turns, at most, in the middle of the record that are searched, and samples per input turn by which
 # controls are compared.

@@ -19,6 +19,7 @@ __all__ = [
     "clipped",
     "dropped",
     "fresh_rate",
+    "jitter",
     "jumps",
     "local_speeds",
     "noise_change",
@@ -224,6 +225,18 @@ def weakest_part(
     parts = np.array_split(filtered[: round(filtered.size * torque.size / padded)] ** 2, n_parts)
     power = np.array([part.mean() for part in parts])
     return float(10 * np.log10(power.min() / np.median(power))) if power.min() > 0 else -np.inf
+
+
+def jitter(angle: Float) -> float:
+    """Standard deviation in degrees by which angles of a shaft err from turn to turn.
+
+    Third differences over one mean turn are next to zero where the speed changes evenly; of independent
+    errors they have 20 times the variance. Their median ignores the moments where a run-up begins and ends.
+    The angle, in rad, must rise by five turns at least.
+    """
+    per_turn = round(2 * np.pi * angle.size / float(np.ptp(angle)))
+    third = np.diff(angle[::per_turn], 3)
+    return float(np.degrees(_OF_MEDIAN * np.median(np.abs(third)) / np.sqrt(20)))
 
 
 def local_speeds(

@@ -85,8 +85,8 @@ _FINE = _Pass(turns=9, hop=3, tolerance=8e-3, step=2.5e-4, change=1e-3)
 _LAST = _Pass(turns=14, hop=3.5, tolerance=2e-3, step=1e-4, change=2e-4)
 _ATTEMPTS = (
     _Attempt((_COARSE, _FINE, _LAST)),
-    _Attempt((_STEADY, _LAST), every_line=True),
     _Attempt((_COARSE, _FINE, _LAST), every_line=True),
+    _Attempt((_STEADY, _LAST), every_line=True),
 )
 
 
@@ -149,8 +149,8 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     Blocks of the record vote for the factor by which the speed differs from the nominal one; the course of
     the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
     further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
-    If the lines found are not those of a disc (``fits``), the search is repeated with blocks of 14 turns,
-    then of six, and with lobe lines up to the 88th. The first attempt that fits is returned, or else the one
+    If the lines found are not those of a disc (``fits``), the search is repeated with lobe lines up to the
+    88th, in blocks of six turns, then of 14. The first attempt that fits is returned, or else the one
     with the largest margin. Each attempt also tries whether its lines are the even shaft lines of a sound
     disc that turns faster (16/15 of the speed for 15 lobes).
 
@@ -309,7 +309,8 @@ def _followed(
         tried.append(_passed(torque, sampling_rate, nominal_hz, held, passes))
         if tried[-1].fits:
             break
-    return max(tried, key=attrgetter("margin"))
+    # Where no lines stand out, the last attempt, by the longest blocks, errs least.
+    return max(reversed(tried), key=attrgetter("margin"))
 
 
 def _passed(

@@ -23,7 +23,7 @@ from cyclofeat.counting import (
     passage_of_lobe_zero,
 )
 from cyclofeat.counting._turning import turning_of
-from cyclofeat.recordings import Windower
+from cyclofeat.recordings import Recording, Windower
 
 SPEED = 500 / 60
 
@@ -393,6 +393,18 @@ def test_the_speed_of_a_worn_disc_need_not_be_stated(model, surrogates):
     current = blind.replace(speed_rpm=None, quantity="motor_current")
     with pytest.raises(ArgumentError, match=r"its motor current allows \d+(\.\d+)? RPM"):
         turning_of(current, 15)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_lines_too_faint_to_be_believed_still_tell_the_speed(seed):
+    """Each of them has hardly more power than the noise in its bin."""
+    random, rate, rpm = np.random.default_rng(seed), 2000, 110.0
+    lobes = 2 * np.pi * 16 / 15 * rpm / 60 * np.arange(15.3 / rpm * 60 * rate) / rate
+    torque = 22 + random.normal(0, 1, lobes.size)
+    torque += sum(0.02 * np.cos(k * lobes + random.uniform(0, 6.3)) for k in range(3, 60))
+    turning = turning_of(Recording(torque, rate, speed_rpm=1.015 * rpm), 15)
+    assert "not confirmed" in turning.doubt
+    assert turning.speed_hz == pytest.approx(rpm / 60, rel=1e-3)
 
 
 def test_a_model_refuses_what_it_was_not_made_for(model, surrogates):

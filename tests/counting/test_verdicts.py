@@ -181,6 +181,16 @@ def test_the_angle_says_how_the_speed_changes_unless_it_jumps():
     )
 
 
+@pytest.mark.parametrize(("jitter_deg", "is_fault"), [(2, False), (20, True)])
+def test_pulses_of_a_tachometer_that_jitter(jitter_deg, is_fault):
+    """One pulse a turn, between which the angle is interpolated."""
+    random = np.random.default_rng(3)
+    turns, pulses = SPEED * np.arange(3 * TURN) / RATE, np.arange(-2, 50)
+    angle = 2 * np.pi * np.interp(turns, pulses + jitter_deg / 360 * random.normal(size=pulses.size), pulses)
+    for reason in faults_over_the_angle(geared(2, 0.05, turns=3), angle):
+        assert reason.startswith("the angle jitters by") == is_fault, reason
+
+
 SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
 
 
