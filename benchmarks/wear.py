@@ -175,8 +175,9 @@ def main() -> None:
 Made by `python -m benchmarks.wear` in {time.process_time() / 60:.0f} minutes of one core. Simulated
 assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a tachometer;
 white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT["R1"]} (R1, trees) and
-{PER_COUNT["R2"]} (R2, `counter="rows"`, {COUNTERS["R2"]["epochs"]} epochs) assemblies of each count from 0
-to 7, with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn
+{PER_COUNT["R2"]} (R2, `counter="rows"`, {COUNTERS["R2"]["epochs"]} epochs) assemblies of each count
+from 0 to 7, with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with
+{COUNTS[0]} and {COUNTS[1]} neighbouring worn
 lobes. "Count right" is of all, refused ones too (95 % interval by Wilson; chance is 0.125). Depths and
 intervals are those of recordings that were neither refused nor counted as healthy.
 

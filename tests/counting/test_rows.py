@@ -211,5 +211,5 @@ def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
 
 
 def test_epochs_are_refused_where_they_have_no_effect():
-    with pytest.raises(ValueError, match="epochs must be None unless counter='rows', got 80 with counter='tr"):
+    with pytest.raises(ValueError, match="epochs must be None unless counter='rows', got 80 with counter="):
         LobeModel.train([], epochs=80)
