@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.parallel import stopped_quietly
-from cyclofeat.gap.world import FEWEST, DrawnMachine, DrawnSession, Rigs, Session, World, simulate_drawn
+from cyclofeat.gap.world import (
+    FEWEST_RECORDINGS,
+    DrawnMachine,
+    DrawnSession,
+    Rigs,
+    Session,
+    World,
+    simulate_drawn,
+)
 from cyclofeat.simulators import Effect, SimulationFailed
 
 Float = NDArray[np.float64]
@@ -154,7 +162,7 @@ def simulate_prior(
         numbers // _RIGS_PER_MACHINE, world=world.to_dict(), **columns,
     )  # fmt: skip
     n_made = np.isfinite(made.values[:, :, 0]).sum(axis=1)
-    usable = made.of(n_made >= min(FEWEST, len(template.values)))
+    usable = made.of(n_made >= min(FEWEST_RECORDINGS, len(template.values)))
     if not len(usable):
         raise SimulationFailed(f"none of {n_rigs} simulated rigs gave enough recordings")
     return usable

@@ -12,7 +12,7 @@ from sklearn.linear_model import LogisticRegression
 
 Float = NDArray[np.float64]
 
-FEWEST = 20  # machines with an effect, or rigs, from which something is learned of it
+FEWEST_LEARNED = 20  # machines with an effect, or rigs, from which something is learned of it
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 _POWERS = (0.5, 2.0)
 # Effects that change the mean torque alone, and those beside which the mean says little of them.
@@ -27,7 +27,7 @@ def slopes_of(logits: Float, present: NDArray[np.bool_]) -> Float:
     """Return the slope of each effect's logit, shape (n_effects,) (Guo et al. 2017)."""
     slopes = np.ones(logits.shape[1])
     for k, with_it in enumerate(present.T):
-        if min(with_it.sum(), (~with_it).sum()) >= FEWEST:
+        if min(with_it.sum(), (~with_it).sum()) >= FEWEST_LEARNED:
             line = LogisticRegression(C=10.0, fit_intercept=False).fit(logits[:, [k]], with_it)
             slopes[k] = max(line.coef_[0, 0], 0.1)
     return slopes
@@ -85,7 +85,7 @@ def spread_power(errors: Float, spreads: Float) -> float:
     errors, spreads : ndarray, shape (n_rigs, n_sizes)
         Errors of sizes, NaN where an effect is absent, and their stated standard deviations.
     """
-    enough = np.isfinite(errors).sum(axis=0) >= FEWEST
+    enough = np.isfinite(errors).sum(axis=0) >= FEWEST_LEARNED
     if not enough.any():
         return 1.0
     errors, logarithms = errors[:, enough], np.log(spreads[:, enough])
@@ -106,7 +106,7 @@ def quantiles_of(residuals: Float) -> Float:
     """
     found = np.tile(_quantiles(residuals), (residuals.shape[1], 1))
     for size, z in enumerate(residuals.T):
-        if np.isfinite(z).sum() >= FEWEST:
+        if np.isfinite(z).sum() >= FEWEST_LEARNED:
             found[size] = _quantiles(z)
     return found
 

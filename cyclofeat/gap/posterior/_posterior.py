@@ -22,7 +22,7 @@ from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._answers import NAMED, with_look_alikes
 from cyclofeat.gap.posterior._calibration import (
-    FEWEST,
+    FEWEST_LEARNED,
     QUANTILES,
     mean_coefficients,
     of_mean,
@@ -250,7 +250,7 @@ class EffectPosterior(DocumentedEstimator):
             np.array([np.unique(rigs.machines[having]).size for having in flags.T])
             for flags in (present, ~present)
         )
-        self.learned_ = (n_with >= FEWEST) & (n_without >= FEWEST)
+        self.learned_ = (n_with >= FEWEST_LEARNED) & (n_without >= FEWEST_LEARNED)
         there = np.isfinite(rigs.sizes)
         sums = np.maximum(there.sum(axis=0), 1)
         self.size_mean_ = np.nansum(rigs.sizes, axis=0) / sums

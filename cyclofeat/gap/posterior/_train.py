@@ -14,7 +14,7 @@ from cyclofeat._base.training import descent, dropout, libraries
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._inputs import Inputs, Recordings, assembled
 from cyclofeat.gap.posterior._reference import Reference
-from cyclofeat.gap.world import FEWEST
+from cyclofeat.gap.world import FEWEST_RECORDINGS
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -103,7 +103,7 @@ def _steps(n_effects: int, n_steps: int, rate: float) -> tuple[Callable[..., Any
 def random_inputs(made: Recordings, reference: Reference, random: np.random.Generator) -> Inputs:
     """Show a random number of each rig's recordings, with counts and tachometer or without."""
     n, n_recordings = made.made.shape
-    wanted = random.integers(min(FEWEST, n_recordings), n_recordings + 1, n)
+    wanted = random.integers(min(FEWEST_RECORDINGS, n_recordings), n_recordings + 1, n)
     order = np.argsort(random.random(made.made.shape) + ~made.made, axis=1)
     shown = (np.argsort(order, axis=1) < wanted[:, None]) & made.made
     with_counts, tachometer = random.random((2, n)) < 0.5

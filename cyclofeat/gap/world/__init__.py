@@ -5,14 +5,14 @@ result. A :class:`Session` holds the recordings of one rig, measured or simulate
 """
 
 from cyclofeat.gap.world._cells import recording_cells, turn_samples
-from cyclofeat.gap.world._machine import FEWEST, DrawnMachine, simulate_drawn
+from cyclofeat.gap.world._machine import FEWEST_RECORDINGS, DrawnMachine, simulate_drawn
 from cyclofeat.gap.world._prepare import prepare_world
 from cyclofeat.gap.world._prior import FLOOR, TOLERANCES, DrawnSession, EffectPrior
 from cyclofeat.gap.world._rigs import Rigs, Session, present_effects
 from cyclofeat.gap.world._world import World
 
 __all__ = [
-    "FEWEST",
+    "FEWEST_RECORDINGS",
     "FLOOR",
     "TOLERANCES",
     "DrawnMachine",

@@ -22,7 +22,7 @@ Float = NDArray[np.float64]
 
 # Children of the world's seed.
 _MACHINE, _RIG, _RECORDING = range(3)
-FEWEST = 4  # recordings of a machine
+FEWEST_RECORDINGS = 4  # recordings of a machine
 # Drawn sizes may be beyond the prior, and no one can choose another time step for them.
 _SOLVER = dataclasses.replace(SOLVER, check_friction=False)
 
@@ -82,7 +82,7 @@ def _rigs_of(world: World, number: int) -> NDArray[np.int64]:
 def _draw(world: World, number: int) -> DrawnMachine:
     random = np.random.default_rng(_seed(world, _MACHINE, number))
     # Few recordings more often than many: other machines teach more than further recordings of one.
-    fewest = min(FEWEST, world.n_recordings)
+    fewest = min(FEWEST_RECORDINGS, world.n_recordings)
     n = fewest + int((world.n_recordings - fewest + 1) * random.random() ** 2)
     session = draw_session(world.speeds_rpm, world.loads_nm, world.defect_counts, n, random)
     effects = world.prior.in_machine(random)

@@ -16,7 +16,7 @@ from cyclofeat._base.checks import whole
 from cyclofeat._base.files import write_whole
 from cyclofeat._base.parallel import stopped_quietly
 from cyclofeat.gap.simulations import versions
-from cyclofeat.gap.world._machine import FEWEST, simulate_machines
+from cyclofeat.gap.world._machine import FEWEST_RECORDINGS, simulate_machines
 from cyclofeat.gap.world._rigs import Rigs
 from cyclofeat.gap.world._world import World
 
@@ -134,4 +134,4 @@ def _read(folder: Path, files: list[Path]) -> Rigs:
         machines=columns["numbers"] // stated["world"]["n_rigs_per_machine"],
         **columns,
     )
-    return rigs.of(made.sum(axis=1) >= min(FEWEST, made.shape[1]))
+    return rigs.of(made.sum(axis=1) >= min(FEWEST_RECORDINGS, made.shape[1]))
