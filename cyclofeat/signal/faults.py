@@ -34,6 +34,8 @@ _SHORTEST_CLIP, _PILE = 3, 4.0
 _SHORTEST_HOLD, _HOLD_RATIO, _JUMP = 10, 5.0, 10.0
 # Second differences below this share of the standard deviation belong to a straight line.
 _STRAIGHT = 1e-9
+# Turns of a shaft from which its jitter is told, and places in each.
+_FEWEST_TURNS, _PLACES = 6, 4
 # The standard deviation of normal noise, in median absolute deviations.
 _OF_MEDIAN = 1.4826
 _LOW_LINES, _HIGH_LINES = (3, 9), (44, 88)
@@ -232,11 +234,16 @@ def jitter(angle: Float) -> float:
 
     Third differences over one mean turn are next to zero where the speed changes evenly; of independent
     errors they have 20 times the variance. Their median ignores the moments where a run-up begins and ends.
-    The angle, in rad, must rise by five turns at least.
+    Of angles from one pulse a turn the largest of four places is taken, since the interpolation between two
+    pulses averages their errors. Zero for angles, in rad, of fewer than six turns, which are too few to tell.
     """
-    per_turn = round(2 * np.pi * angle.size / float(np.ptp(angle)))
-    third = np.diff(angle[::per_turn], 3)
-    return float(np.degrees(_OF_MEDIAN * np.median(np.abs(third)) / np.sqrt(20)))
+    per_turn = max(_PLACES, round(2 * np.pi * angle.size / float(np.ptp(angle))))
+    n_turns = angle.size // per_turn
+    if n_turns < _FEWEST_TURNS:
+        return 0.0
+    at_places = angle[: n_turns * per_turn].reshape(n_turns, per_turn)[:, :: per_turn // _PLACES]
+    third = np.median(np.abs(np.diff(at_places, 3, axis=0)), axis=0)
+    return float(np.degrees(_OF_MEDIAN * third.max() / np.sqrt(20)))
 
 
 def local_speeds(

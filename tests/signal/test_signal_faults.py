@@ -66,3 +66,21 @@ def test_the_noise_between_adjacent_samples_is_that_of_the_meter():
     np.testing.assert_allclose(off, faults.jumps(noise, faults.noise_level(noise)), rtol=1e-12)
     usual = np.abs(noise[1:-1] - (noise[:-2] + noise[2:]) / 2)
     np.testing.assert_allclose(off[1:-1], usual / (1.4826 * np.median(usual)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("steadiness", [0.0, 0.1])
+def test_jitter_of_pulses_once_a_turn(steadiness):
+    """Of the errors at the pulses; a speed that rises by a tenth adds nothing."""
+    turns = np.linspace(0, 2000, 200_000)
+    turns += steadiness * turns**2 / 4000
+    errors = np.random.default_rng(0).normal(0, 8 / 360, 2300)
+    angle = np.interp(turns, np.arange(2300) + errors, np.arange(2300))
+    windows, steady = (2 * np.pi * one.reshape(-1, 1600) for one in (angle, turns))
+    # A place that meets no pulse has a mean of two errors.
+    assert 0.7 * 8 < np.mean([faults.jitter(one) for one in windows]) < 1.05 * 8
+    assert max(faults.jitter(one) for one in steady) < 0.01
+
+
+def test_few_turns_do_not_tell_the_jitter():
+    angle = np.linspace(0, 2 * np.pi * 4, 1000)
+    assert faults.jitter(angle + np.random.default_rng(0).normal(0, 0.3, 1000)) == 0
