@@ -39,8 +39,8 @@ _KNOWN, _UNSTEADY, _SAME_SPEED = 0.6, 0.02, 0.004
 # Largest relative deviation of the angle's speed from the stated one: a motor's slip.
 _SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
-# the angle from turn to turn in degrees; a motor under control reaches 4.
-_ANGLE_STEPS, _MOST_JITTER = (0.5, 1.5), 5.0
+# the angle from turn to turn in degrees; a motor under control reaches 5.
+_ANGLE_STEPS, _MOST_JITTER = (0.5, 1.5), 8.0
 _JUMPS = "the torque jumps"
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
 _AGREEMENT = 0.4
