@@ -48,8 +48,16 @@ class Turning:
         return samples_at(angle, self.angle) / sampling_rate
 
 
-def turning_of(recording: Recording, n_lobes: int) -> Turning:
+def turning_of(recording: Recording, n_lobes: int, *, by_faint_lines: bool = True) -> Turning:
     """Return how the shaft turned.
+
+    Parameters
+    ----------
+    recording : Recording
+    n_lobes : int
+    by_faint_lines : bool
+        Whether lines that do not stand out may tell the angle where a speed is stated; otherwise the shaft
+        is taken to turn steadily at that speed.
 
     Raises
     ------
@@ -69,12 +77,13 @@ def turning_of(recording: Recording, n_lobes: int) -> Turning:
     if followed.fits:
         return Turning(followed.angle, followed.speed_hz, f"no tachometer: {speed} found in the torque")
     doubt = f"its lines could as well be those of a disc at another speed than the stated {rpm}"
-    if not np.isfinite(followed.margin):
+    stands_out = bool(np.isfinite(followed.margin))
+    if not stands_out:
         doubt = (
             f"no lobe, mesh or shaft lines stand out within {100 * FOLLOWED_TOLERANCE:.2g} % of the stated "
             f"{rpm}: its speed is not confirmed"
         )
-    if _holds_a_window(followed.angle, n_lobes):
+    if (stands_out or by_faint_lines) and _holds_a_window(followed.angle, n_lobes):
         note = f"no tachometer: {speed} is the likeliest speed in the torque"
         return Turning(followed.angle, followed.speed_hz, note, doubt)
     steady = 2 * np.pi * stated / rate * np.arange(recording.n_samples, dtype=float)
