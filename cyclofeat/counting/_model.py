@@ -203,7 +203,7 @@ class LobeModel(RecordingPredictions):
         if any(recording.defect_count is None for recording in recordings):
             raise ValueError("recordings must all state their defect_count to train on, some do not")
         stated = None if wear_um is None else stated_depths(recordings, wear_um)
-        # Faint lines are mostly right, but those of a sound disc are often noise: the stated speed is safer.
+        # Faint lines are often right, but those of a sound disc are noise: the stated speed is safer.
         turnings = [turning_of(recording, n_lobes, by_faint_lines=False) for recording in recordings]
         per_turn = _samples_per_turn(recordings, turnings, n_lobes, samples_per_turn)
         again: Sequence[int] = ()
