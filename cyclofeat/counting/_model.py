@@ -168,8 +168,8 @@ class LobeModel(RecordingPredictions):
             Samples per input turn of the windows: 128 hold 44 lobe lines. Of ``"rows"``, 256 hold 88, which
             tell counts better apart at low speeds; recordings to be counted must hold as many.
         epochs : int, optional
-            Times that ``"rows"`` sees each window, or with ``wear_um`` all windows of a recording in a row.
-            Default: 40, and more where there are few (``n_epochs`` of :class:`RowCounter`).
+            Times that ``"rows"`` sees each window; with ``wear_um``, each run of windows. Default: 40, and
+            more where they are few (``n_epochs`` of :class:`RowCounter`).
 
         Returns
         -------
@@ -249,10 +249,10 @@ class LobeModel(RecordingPredictions):
         }
         wear = None
         if stated is not None:
+            of_runs = clone(fitted).set_params(n_epochs=epochs) if rows else None
             wear = RadialWear.train(
-                seen, stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=rows,
-                epochs=epochs,
-            )  # fmt: skip
+                seen, stated, n_lobes=n_lobes, n_trees=n_trees, random_state=random_state, rows=of_runs
+            )
             card["wear"] = wear.summary()
         return cls(fitted, locator, n_lobes, card, domain, wear=wear, samples_per_turn=per_turn)
 

@@ -123,8 +123,7 @@ class RadialWear:
         n_lobes: int,
         n_trees: int = 300,
         random_state: int = 0,
-        rows: bool = False,
-        epochs: int | None = None,
+        rows: RowCounter | None = None,
     ) -> RadialWear:
         """Train on windows over the angle of the shaft.
 
@@ -136,10 +135,9 @@ class RadialWear:
             Depth of each recording's wear in um, not used where no lobe is worn; least and largest depth.
         n_lobes, n_trees, random_state : int
             As of :meth:`LobeModel.train`.
-        rows : bool
-            Whether to count by a :class:`RowCounter`; worn lobes are known and neighbours.
-        epochs : int or None
-            As of :meth:`LobeModel.train`.
+        rows : RowCounter, optional
+            Counts the runs, with the lobe lines that these hold; worn lobes are known and neighbours.
+            Default: trees.
 
         Returns
         -------
@@ -164,11 +162,8 @@ class RadialWear:
         per_turn = round(windows.sampling_rate)
         features = np.vstack([wear_features(one, n_lobes, per_turn) for one in runs])
         counter: GroupCalibratedCounter | RowCounter
-        if rows:
-            counter = RowCounter(
-                windows.sampling_rate, 1.0, n_lobes, _n_lines(n_lobes, per_turn), n_epochs=epochs,
-                random_state=random_state, speed_tolerance=0.0,
-            )  # fmt: skip
+        if rows is not None:
+            counter = rows.set_params(n_lines=_n_lines(n_lobes, per_turn))
             table = windows.part(first).worn_table(n_lobes)
             passage = passage_of_lobe_zero(windows.start_angle[first], n_lobes)
             counter.fit(np.concatenate(runs), count, table, passage, groups=member)

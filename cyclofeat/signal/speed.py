@@ -150,9 +150,9 @@ def follow_speed(torque: Float, sampling_rate: float, nominal_hz: float, n_lobes
     the speed is the path through the blocks' votes that is most probable if the speed changes slowly. Two
     further passes repeat this on the torque over the angle found so far, with longer blocks and finer steps.
     If the lines found are not those of a disc (``fits``), the search is repeated with lobe lines up to the
-    88th, in blocks of six turns, then of 14. The first attempt that fits is returned, or else the one
-    with the largest margin. Each attempt also tries whether its lines are the even shaft lines of a sound
-    disc that turns faster (16/15 of the speed for 15 lobes).
+    88th, in blocks of six turns, then of 14. The first attempt that fits is returned, or else the one with
+    the largest margin, or the last where none has any lines. Each attempt also tries whether its lines are
+    the even shaft lines of a sound disc that turns faster (16/15 of the speed for 15 lobes).
 
     Parameters
     ----------

@@ -68,11 +68,11 @@ def test_the_noise_between_adjacent_samples_is_that_of_the_meter():
     np.testing.assert_allclose(off[1:-1], usual / (1.4826 * np.median(usual)), rtol=1e-9)
 
 
-@pytest.mark.parametrize("steadiness", [0.0, 0.1])
-def test_jitter_of_pulses_once_a_turn(steadiness):
+@pytest.mark.parametrize("rise", [0.0, 0.1])
+def test_jitter_of_pulses_once_a_turn(rise):
     """Of the errors at the pulses; a speed that rises by a tenth adds nothing."""
     turns = np.linspace(0, 2000, 200_000)
-    turns += steadiness * turns**2 / 4000
+    turns += rise * turns**2 / 4000
     errors = np.random.default_rng(0).normal(0, 8 / 360, 2300)
     angle = np.interp(turns, np.arange(2300) + errors, np.arange(2300))
     windows, steady = (2 * np.pi * one.reshape(-1, 1600) for one in (angle, turns))
