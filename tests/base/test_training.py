@@ -16,8 +16,8 @@ def test_dropout_takes_the_same_units_at_all_places_of_a_sample_and_keeps_the_me
     np.testing.assert_array_equal(of_places, np.repeat(of_places[:, :1], 7, axis=1))
     for kept in (of_places[:, 0], of_samples):
         np.testing.assert_allclose(np.unique(kept), [0, 4 / 3], rtol=1e-6)
-        assert (kept > 0).any(axis=0).all() and not (kept > 0).all(
-            axis=0
-        ).any()  # other units in other samples
+        # Other units in other samples.
+        assert (kept > 0).any(axis=0).all()
+        assert not (kept > 0).all(axis=0).any()
         # Standard deviation of the mean of 20,000 units: 4/3 sqrt(0.25 * 0.75 / 20000) = 0.004.
         assert abs(kept.mean() - 1) < 0.016
