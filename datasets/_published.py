@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from sklearn.utils import Bunch
 
-from cyclofeat._base.frames import frame
 from cyclofeat.datasets._descr import descr
 
 _TABLES = {
@@ -18,13 +17,8 @@ _TABLES = {
 }
 
 
-def load_published_tables(*, as_frame: bool = False) -> Bunch:
+def load_published_tables() -> Bunch:
     """Load published statistics, centroids and entropies of measured torque, for 0 to 7 worn lobes.
-
-    Parameters
-    ----------
-    as_frame : bool, default=False
-        Return data frames of pandas instead of structured arrays.
 
     Returns
     -------
@@ -40,11 +34,6 @@ def load_published_tables(*, as_frame: bool = False) -> Bunch:
 
         DESCR : str
             Origin, licence, units and what is inferred.
-
-    Raises
-    ------
-    ImportError
-        If ``as_frame`` and pandas is not installed.
 
     Notes
     -----
@@ -63,8 +52,7 @@ def load_published_tables(*, as_frame: bool = False) -> Bunch:
     tables: dict[str, Any] = {}
     for name, file in _TABLES.items():
         with (folder / file).open(encoding="utf-8") as lines:
-            table = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
-        tables[name] = frame(table) if as_frame else table
+            tables[name] = np.genfromtxt(lines, delimiter=",", names=True, dtype=None, encoding="utf-8")
     description = descr(
         "Published statistics, centroids and entropies of torque measured on a cycloidal gearbox.",
         origin=(

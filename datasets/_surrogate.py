@@ -161,7 +161,7 @@ def make_rig_recordings(
     A converter of 12 bits behind a low-pass, and mains hum that differs between assemblies:
 
     >>> from cyclofeat.simulators import Hum, Quantisation, TorqueMeterLowPass
-    >>> effects = [Quantisation.from_bits(12, 102.4), TorqueMeterLowPass(300.0), Hum((0.05, 0.3))]
+    >>> effects = [Quantisation(0.05, 102.4), TorqueMeterLowPass(300.0), Hum((0.05, 0.3))]
     >>> rig = rig_preset("R0").with_added(*effects)
     >>> (one,) = make_rig_recordings(1, [2], rig=rig, duration=0.1)
     >>> [effect["effect"] for effect in one.meta["effects"][-3:]]

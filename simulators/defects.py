@@ -267,7 +267,7 @@ class LobeDefects:
         """Raise ValueError if a lobe index does not exist on a wheel of ``n_lobes`` lobes."""
         highest = max(self.worn_lobes + self.removed_lobes, default=-1)
         if highest >= n_lobes:
-            raise ValueError(f"defects name lobe {highest}, but the wheel has lobes 0 to {n_lobes - 1}")
+            raise ValueError(f"defects name lobe {highest} (from 0), but the wheel has {n_lobes} lobes")
 
 
 def machine(

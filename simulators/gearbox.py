@@ -20,7 +20,7 @@ from cyclofeat._base.checks import (
 )
 from cyclofeat.simulators.geometry import CycloidalProfile
 
-__all__ = ["CONTACT_LAWS", "RPM", "CycloidalGearbox"]
+__all__ = ["RPM", "CycloidalGearbox"]
 
 RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from cyclofeat._base.checks import not_negative, number, positive, whole
+from cyclofeat._base.checks import number, positive, whole
 from cyclofeat.simulators import _held
 from cyclofeat.simulators._kernels import new_memory
 from cyclofeat.simulators.defects import LobeDefects, machine
@@ -20,6 +20,8 @@ from cyclofeat.simulators.tables import kernel_input, rest_state
 __all__ = ["TorqueDeflection", "torque_deflection"]
 
 Float = NDArray[np.float64]
+
+_DAMPING = 1e-3  # Nms/rad, of the input's free vibration: an assumption
 
 
 @dataclass(frozen=True)
@@ -50,29 +52,23 @@ class TorqueDeflection:
         last = self.cycle == self.cycle[-1]
         return self.torque[last], self.deflection[last]
 
-    def lost_motion(self, torque: float = 0.0) -> float:
-        """Width of the last loop in rad, between the two crossings of a torque in Nm (0: the play)."""
-        loop, deflection = self._closed()
-        above = loop - torque
-        at = np.flatnonzero((above[1:] >= 0) != (above[:-1] >= 0))
-        if at.size != 2:
-            raise ValueError(
-                f"torque must lie within the last loop, {loop.min():g} to {loop.max():g} Nm, got {torque!r}"
-            )
-        share = above[at] / (above[at] - above[at + 1])
-        crossings = deflection[at] + share * (deflection[at + 1] - deflection[at])
-        return float(abs(crossings[1] - crossings[0]))
+    def lost_motion(self) -> float:
+        """Width of the last loop in rad, between its two crossings of zero torque: the play."""
+        torque, deflection = self._closed()
+        at = np.flatnonzero((torque[1:] >= 0) != (torque[:-1] >= 0))
+        share = torque[at] / (torque[at] - torque[at + 1])
+        return float(np.ptp(deflection[at] + share * (deflection[at + 1] - deflection[at])))
 
-    def stiffness(self, share: float = 0.5) -> float:
-        """Slope in Nm/rad of the unloading branches beyond a ``share`` of the peak torque, mean of both."""
+    def stiffness(self) -> float:
+        """Slope in Nm/rad of the unloading branches beyond half the peak torque, mean of both."""
         torque, deflection = self.last_cycle()
         peak = np.abs(torque).max()
         falling = np.gradient(np.abs(torque)) < 0
         slopes = []
-        for side in (torque > share * peak, torque < -share * peak):
+        for side in (torque > peak / 2, torque < -peak / 2):
             chosen = side & falling
             if chosen.sum() < 3:
-                raise ValueError(f"share {share!r} leaves fewer than 3 points: take a lower one")
+                raise ValueError("beyond half the peak torque there are fewer than 3 points: raise n_points")
             slopes.append(np.polyfit(deflection[chosen], torque[chosen], 1)[0])
         return float(np.mean(slopes))
 
@@ -94,7 +90,6 @@ def torque_deflection(
     n_cycles: int = 2,
     n_points: int = 1000,
     input_angle: float = 0.0,
-    numerical_damping: float = 1e-3,
     dt: float = 1e-5,
 ) -> TorqueDeflection:
     """Simulate a torque-deflection loop with the output held.
@@ -117,8 +112,6 @@ def torque_deflection(
         Points recorded per cycle.
     input_angle : float
         Angle of the input at the start, in rad: backlash and stiffness depend on it.
-    numerical_damping : float
-        Viscous damping of the input's free vibration in Nms/rad. *Assumption.*
     dt : float
         Integration step in s.
 
@@ -132,7 +125,8 @@ def torque_deflection(
     Notes
     -----
     The input's equation is (J_in + sum m_w |c_k|^2) phi'' = T - sum c_k x R_k: paper B eq. 2 without the
-    driver's constraint, with the wheels' masses on the cams.
+    driver's constraint, with the wheels' masses on the cams. The input's free vibration is damped by 0.001
+    Nms/rad (*assumption*).
 
     Examples
     --------
@@ -144,7 +138,6 @@ def torque_deflection(
     gearbox, defects = machine(gearbox, defects)
     for name, value in (("peak_torque", peak_torque), ("period", period), ("dt", dt)):
         positive(name, value)
-    not_negative("numerical_damping", numerical_damping)
     number("input_angle", input_angle)
     whole("n_cycles", n_cycles, 1)
     whole("n_points", n_points, 8)
@@ -166,7 +159,7 @@ def torque_deflection(
     angle, held = np.empty(n_kept), np.empty(n_kept)
     state = rest_state(gearbox)
     finished = _held.integrate_held(
-        n_steps, dt, swing * peak_torque / z, float(input_angle), float(numerical_damping),
+        n_steps, dt, swing * peak_torque / z, float(input_angle), _DAMPING,
         float(gearbox.input_shaft_inertia), through_meter, state, *kernel_input(held_by, defects),
         new_memory(state), ABSURD_TORQUE, every, angle, held,
     )  # fmt: skip

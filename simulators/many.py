@@ -6,7 +6,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any
 
 import joblib
 
@@ -25,23 +25,6 @@ __all__ = ["run_planned", "simulate_many"]
 
 _Gearboxes = CycloidalGearbox | Iterable[CycloidalGearbox] | None
 _Defects = LobeDefects | Iterable[LobeDefects] | None
-Made = TypeVar("Made")
-
-
-@overload
-def simulate_many(
-    gearboxes: _Gearboxes = ...,
-    defects: _Defects = ...,
-    *,
-    on_failure: Literal["raise"] = ...,
-    **options: Any,
-) -> list[SimulationRun]: ...
-
-
-@overload
-def simulate_many(
-    gearboxes: _Gearboxes = ..., defects: _Defects = ..., *, on_failure: Literal["return"], **options: Any
-) -> list[SimulationRun | SimulationFailed]: ...
 
 
 def simulate_many(
@@ -49,12 +32,11 @@ def simulate_many(
     defects: _Defects = None,
     *,
     start_angles: Sequence[float] | None = None,
-    on_failure: str = "raise",
     n_jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
     kernel: str = "exact",
     **options: Any,
-) -> list[SimulationRun] | list[SimulationRun | SimulationFailed]:
+) -> list[SimulationRun]:
     """Simulate many gearboxes, each as :func:`simulate` would.
 
     Parameters
@@ -64,8 +46,6 @@ def simulate_many(
         One for all runs, or one for each.
     start_angles : sequence of float, optional
         Input angle at t = 0 of each run, in rad.
-    on_failure : {"raise", "return"}
-        Raise the exception of the first run that diverges or locks, or return each in its run's place.
     n_jobs : int
         Number of threads; -1 for all processors. ``joblib.parallel_config`` chooses other workers.
     progress : callable, optional
@@ -83,12 +63,12 @@ def simulate_many(
     Returns
     -------
     list of SimulationRun
-        In the order of the arguments; with ``on_failure="return"`` a SimulationFailed for a failed run.
+        In the order of the arguments.
 
     Raises
     ------
     SimulationFailed
-        With ``on_failure="raise"``; a note names the run.
+        Of the first run that diverges or locks; a note names it.
     TypeError, ValueError
         If an argument is of the wrong type, or the arguments differ in length, or with ``kernel="batch"`` a
         run is not for batches.
@@ -106,7 +86,6 @@ def simulate_many(
     >>> [run.defects.defect_count for run in runs]
     [0, 1, 2]
     """
-    one_of("on_failure", on_failure, ("raise", "return"))
     one_of("kernel", kernel, ("exact", "batch", "auto"))
     check_n_jobs(n_jobs)
     if "start_angle" in options:
@@ -123,30 +102,15 @@ def simulate_many(
     same = {"gearbox": gearboxes, "defects": defects, "start_angle": 0.0} | options
     runs = [dict(zip(lists, values, strict=True)) for values in zip(*lists.values(), strict=True)]
     runs = runs if lists else [{}]
-    results: dict[int, SimulationRun | SimulationFailed] = {}
+    results: dict[int, SimulationRun] = {}
     for index, result in simulate_each([same | run for run in runs], kernel, n_jobs):
-        if isinstance(result, SimulationFailed) and on_failure == "raise":
+        if isinstance(result, SimulationFailed):
             result.add_note(f"in run {index} of {len(runs)} (counted from 0)")
             raise result
         results[index] = result
         if progress is not None:
             progress(len(results), len(runs))
     return [results[index] for index in range(len(runs))]
-
-
-@overload
-def simulate_each(
-    runs: Sequence[dict[str, Any]], kernel: str, n_jobs: int = ...
-) -> Generator[tuple[int, SimulationRun | SimulationFailed], None, None]: ...
-
-
-@overload
-def simulate_each(
-    runs: Sequence[dict[str, Any]],
-    kernel: str,
-    n_jobs: int,
-    then: Callable[[int, SimulationRun | SimulationFailed], Made],
-) -> Generator[tuple[int, Made], None, None]: ...
 
 
 def simulate_each(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -492,7 +492,7 @@ def relaxed(integration: Integration, state: Float) -> Float:
     angle, load = integration.course[0, 0], integration.course[3, 0]
     held = Integration(
         gearbox,
-        replace(constants, body=constants.body._replace(brake_inertia=0.0)),
+        constants._replace(body=constants.body._replace(brake_inertia=0.0)),
         np.repeat([[angle], [0.0], [0.0], [load]], 2 * n_steps + 1, axis=1),
         integration.dt,
     )

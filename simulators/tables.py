@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +19,7 @@ __all__ = ["KernelInput", "kernel_input", "rest_state"]
 Float = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class KernelInput:
+class KernelInput(NamedTuple):
     """Constants and tables of one gearbox with its defects, in the order of the kernel's arguments."""
 
     wheel: _outline.WheelConstants
@@ -35,9 +33,6 @@ class KernelInput:
     lobes: Float
     wear: Float
     sleeves: Float
-
-    def __iter__(self) -> Iterator[Any]:
-        return (getattr(self, f.name) for f in fields(self))
 
 
 def kernel_input(gearbox: CycloidalGearbox, defects: LobeDefects) -> KernelInput:

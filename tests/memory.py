@@ -1,14 +1,17 @@
-"""Memory that a call takes."""
+"""Memory that work takes."""
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
-def peak_bytes(work: Callable[[], object]) -> int:
-    """Return the most memory that was allocated at once during a call."""
+@contextmanager
+def peak_bytes() -> Iterator[list[int]]:
+    """Append the most memory that is allocated at once during the block."""
+    peak: list[int] = []
     tracemalloc.start()
     try:
-        work()
-        return tracemalloc.get_traced_memory()[1]
+        yield peak
+        peak.append(tracemalloc.get_traced_memory()[1])
     finally:
         tracemalloc.stop()

@@ -16,7 +16,7 @@ from benchmarks.hidden_effects._sets import FIT, SEED, STANDARD, Planned
 from benchmarks.hidden_effects._visible import simulated_cells
 from cyclofeat.gap import Comparison, locate
 from cyclofeat.gap.simulations import MAY_DIFFER
-from cyclofeat.gap.summaries import Conditions
+from cyclofeat.gap.summaries import Conditions, class_means, less_class_means
 from cyclofeat.gap.where import family_p
 from cyclofeat.gap.world import FLOOR, recording_cells
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Solver, simulate
@@ -113,11 +113,8 @@ def _recorded(planned: Planned, key: tuple[int, ...]) -> NDArray[np.float32]:
 
 def standardised(here: Float, there: Float, counts: NDArray[Any]) -> Float:
     """Difference of the means over its standard error, by cell, with the counts' effect removed."""
-    a, b = here.copy(), there.copy()
-    for count in np.unique(counts):
-        middle = there[counts == count].mean(axis=0)
-        a[counts == count] -= middle
-        b[counts == count] -= middle
+    means = class_means(there, counts)
+    a, b = (less_class_means(values, counts, means) for values in (here, there))
     return np.asarray((a - b).mean(axis=0) / np.sqrt((a.var(axis=0) + b.var(axis=0)) / len(a) + 1e-18))
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from benchmarks._markdown import table, wilson
 from benchmarks.hidden_effects._answers import UNRESOLVED, Answer, grouped
 from benchmarks.hidden_effects._sets import KINDS, STANDARD, definitions, effect_names
+from cyclofeat.gap.posterior import calibration_error
 
-_BINS = 15
 _CONFIDENT = 0.9
 _FEWEST = 10  # intervals of one parameter from which its coverage is stated
 BLACK_BOXES = ("equaliser", "gaussian_process")
@@ -29,20 +29,6 @@ class Figure:
     met: bool | None
     low: float | None = None
     high: float | None = None
-
-
-def calibration_error(probabilities: Sequence[float], right: Sequence[bool]) -> float:
-    """Mean distance of probabilities from shares, over equal bins weighted by their number of cases.
-
-    Examples
-    --------
-    >>> round(calibration_error([0.95, 0.95, 0.55, 0.55], [True, True, True, False]), 3)
-    0.05
-    """
-    p = np.asarray(probabilities)
-    of_bin = np.minimum((p * _BINS).astype(int), _BINS - 1)
-    excess = np.bincount(of_bin, p - np.asarray(right), minlength=_BINS)
-    return float(np.abs(excess).sum() / p.size)
 
 
 # A goal: its text and its limit; shares of rare events are to be small, others large.
@@ -182,7 +168,7 @@ def _calibration(inside: Sequence[Answer]) -> tuple[list[float], Callable[[Seque
         (effect["probability"], name in one.true) for one in inside for name, effect in one.effects.items()
     ]
     right = [there for _, there in pairs]
-    return [p for p, _ in pairs], lambda values: calibration_error(values, right)
+    return [p for p, _ in pairs], lambda values: calibration_error(np.asarray(values), np.asarray(right))
 
 
 def _covered(every: Iterable[Answer]) -> dict[str, list[bool]]:

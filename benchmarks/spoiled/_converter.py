@@ -7,19 +7,8 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from benchmarks.spoiled._kind import Base, added, blocks, kind
 from cyclofeat.recordings import Recording
-from cyclofeat.signal.windows import Float
 
 _BLOCK_S = 0.04  # of samples that the transfer loses
-
-
-def _changed(recording: Recording, torque: Float) -> Recording:
-    return recording.replace(torque=torque)
-
-
-def _cut(recording: Recording, kept: np.ndarray) -> Recording:
-    """Return the samples that are left; the angle lost the same ones."""
-    angle = None if recording.angle is None else recording.angle[kept]
-    return recording.replace(torque=recording.torque[kept], angle=angle)
 
 
 def _in_blocks(base: Base, share: float, random: np.random.Generator, fill: str) -> Recording:
@@ -33,7 +22,7 @@ def _in_blocks(base: Base, share: float, random: np.random.Generator, fill: str)
         # The channel of the angle is another one, and whole.
         angle = None if recording.angle is None else recording.angle[: kept.sum()]
         return recording.replace(torque=torque[kept], angle=angle)
-    return _changed(recording, torque)
+    return recording.replace(torque=torque)
 
 
 @kind(0.03, 0.1, 0.2)
@@ -63,13 +52,16 @@ def blocks_bridged(base: Base, strength: float, random: np.random.Generator) -> 
         torque[lost] = np.linspace(
             torque[max(lost.start - 1, 0)], torque[min(lost.stop, torque.size - 1)], length
         )
-    return _changed(base.recording, torque)
+    return base.recording.replace(torque=torque)
 
 
 @kind(0.01, 0.05, 0.2, has_angle=False)
 def samples_missing(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """Single samples at random places, this share of all, are missing."""
-    return _cut(base.recording, random.random(base.recording.n_samples) >= strength)
+    recording = base.recording
+    kept = random.random(recording.n_samples) >= strength
+    angle = None if recording.angle is None else recording.angle[kept]
+    return recording.replace(torque=recording.torque[kept], angle=angle)
 
 
 @kind(0.2, 0.5, 0.9)
@@ -77,8 +69,8 @@ def samples_repeated(base: Base, strength: float, random: np.random.Generator) -
     """Single samples at random places, this share of all, repeat the one before."""
     fresh = random.random(base.recording.n_samples) >= strength
     fresh[0] = True
-    return _changed(
-        base.recording, base.recording.torque[np.maximum.accumulate(np.arange(fresh.size) * fresh)]
+    return base.recording.replace(
+        torque=base.recording.torque[np.maximum.accumulate(np.arange(fresh.size) * fresh)]
     )
 
 
@@ -89,7 +81,7 @@ def blocks_swapped(base: Base, strength: float, random: np.random.Generator) -> 
     length = int(_BLOCK_S * base.recording.sampling_rate)
     for pair in blocks(torque.size, strength, 2 * length, random):
         torque[pair] = np.roll(torque[pair], length)
-    return _changed(base.recording, torque)
+    return base.recording.replace(torque=torque)
 
 
 @kind(32, 64, 128)
@@ -97,7 +89,7 @@ def aliased(base: Base, strength: float, random: np.random.Generator) -> Recordi
     """Only every sample of this number was taken, without a filter; straight lines stand between."""
     n = base.recording.n_samples
     taken = np.arange(0, n, int(strength))
-    return _changed(base.recording, np.interp(np.arange(n), taken, base.recording.torque[taken]))
+    return base.recording.replace(torque=np.interp(np.arange(n), taken, base.recording.torque[taken]))
 
 
 @kind(0.1, 0.25, 0.5)
@@ -106,7 +98,7 @@ def constant_stretch(base: Base, strength: float, random: np.random.Generator) -
     torque = base.recording.torque.copy()
     start = int(random.uniform(0, 1 - strength) * torque.size)
     torque[start : start + int(strength * torque.size)] = torque[start]
-    return _changed(base.recording, torque)
+    return base.recording.replace(torque=torque)
 
 
 @kind(0.1, 0.3, 0.6)
@@ -116,28 +108,30 @@ def dead_sensor(base: Base, strength: float, random: np.random.Generator) -> Rec
     start = int(random.uniform(0, 1 - strength) * torque.size)
     dead = slice(start, start + int(strength * torque.size))
     torque[dead] = base.per_nm * random.normal(0, 0.02, torque[dead].size)
-    return _changed(base.recording, torque)
+    return base.recording.replace(torque=torque)
 
 
 @kind(0.02, 0.1, 0.44)
 def clipped_on_one_side(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """This share of the samples is clipped at the top."""
     torque = base.recording.torque
-    return _changed(base.recording, np.minimum(torque, np.quantile(torque, 1 - strength)))
+    return base.recording.replace(torque=np.minimum(torque, np.quantile(torque, 1 - strength)))
 
 
 @kind(0.05, 0.2, 0.44)
 def clipped_on_both_sides(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """This share of the samples is clipped, half of it at the top, half at the bottom."""
     torque = base.recording.torque
-    return _changed(base.recording, np.clip(torque, *np.quantile(torque, [strength / 2, 1 - strength / 2])))
+    return base.recording.replace(
+        torque=np.clip(torque, *np.quantile(torque, [strength / 2, 1 - strength / 2]))
+    )
 
 
 @kind(0.3, 1, 4)
 def coarse_steps(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The converter's step is so many standard deviations of the torque."""
     step = strength * base.recording.torque.std()
-    return _changed(base.recording, step * np.round(base.recording.torque / step))
+    return base.recording.replace(torque=step * np.round(base.recording.torque / step))
 
 
 @kind(1, 2, 5)
@@ -145,7 +139,7 @@ def saturating_gain(base: Base, strength: float, random: np.random.Generator) ->
     """The amplifier saturates softly (tanh), from 1/strength standard deviations on."""
     torque = base.recording.torque
     mean, scale = torque.mean(), torque.std() / strength
-    return _changed(base.recording, mean + scale * np.tanh((torque - mean) / scale))
+    return base.recording.replace(torque=mean + scale * np.tanh((torque - mean) / scale))
 
 
 @kind(0.7, 0.4, 0.1)
@@ -153,15 +147,15 @@ def gain_by_polarity(base: Base, strength: float, random: np.random.Generator) -
     """Torque below the mean is amplified by this factor only."""
     mean = base.recording.torque.mean()
     above = base.recording.torque - mean
-    return _changed(base.recording, mean + np.where(above < 0, strength * above, above))
+    return base.recording.replace(torque=mean + np.where(above < 0, strength * above, above))
 
 
 @kind(0.2, 0.5, 1)
 def sign_flipped(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The sign of the torque is wrong for this share of the record, at its end."""
     n = base.recording.n_samples
-    return _changed(
-        base.recording, base.recording.torque * np.where(np.arange(n) < (1 - strength) * n, 1, -1)
+    return base.recording.replace(
+        torque=base.recording.torque * np.where(np.arange(n) < (1 - strength) * n, 1, -1)
     )
 
 
@@ -182,8 +176,8 @@ def drift(base: Base, strength: float, random: np.random.Generator) -> Recording
 @kind(0.8, 0.5, 0.2)
 def gain_drifts(base: Base, strength: float, random: np.random.Generator) -> Recording:
     """The gain drifts from 1 to this factor over the record."""
-    return _changed(
-        base.recording, base.recording.torque * np.linspace(1, strength, base.recording.n_samples)
+    return base.recording.replace(
+        torque=base.recording.torque * np.linspace(1, strength, base.recording.n_samples)
     )
 
 
@@ -200,7 +194,7 @@ def low_pass(base: Base, strength: float, random: np.random.Generator) -> Record
     """A low-pass filter of the fourth order cuts off at this frequency in Hz."""
     torque = base.recording.torque
     sos = butter(4, strength, fs=base.recording.sampling_rate, output="sos")
-    return _changed(base.recording, sosfilt(sos, torque, zi=sosfilt_zi(sos) * torque[0])[0])
+    return base.recording.replace(torque=sosfilt(sos, torque, zi=sosfilt_zi(sos) * torque[0])[0])
 
 
 @kind(1.0, 0.9, 0.5)

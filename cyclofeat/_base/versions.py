@@ -29,16 +29,6 @@ def _version(name: str) -> str:
     return platform.python_version() if name == "python" else importlib.metadata.version(name)
 
 
-@functools.cache
-def documentation_site() -> str:
-    """Return the address of the documentation by the package's metadata; empty where they state none."""
-    for entry in importlib.metadata.metadata("cyclofeat").get_all("Project-URL") or ():
-        name, _, address = str(entry).partition(", ")
-        if name.lower() == "documentation":
-            return address.rstrip("/")
-    return ""
-
-
 def code_sha256(root: Path, files: Iterable[Path]) -> str:
     """Return the SHA-256 of source files: of their paths below ``root`` and their content, in this order."""
     code = hashlib.sha256()

@@ -40,6 +40,7 @@ import warnings
 from collections.abc import Collection, Sequence
 
 from cyclofeat import __version__
+from cyclofeat._base.progress import progress_hidden
 from cyclofeat.cli._idle import CommandParser
 from cyclofeat.cli._printing import run_and_print, show_warning, warn
 from cyclofeat.cli._table import COMMANDS
@@ -78,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if said.getvalue() and not {"--json", "--jsonl"}.isdisjoint(words):
                 print(json.dumps({"error": said.getvalue().rstrip().rpartition("error: ")[2]}))
             sys.stdout and sys.stdout.flush()  # help and version
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), progress_hidden(arguments.quiet):
             warnings.showwarning = show_warning
             return run_and_print(COMMANDS[arguments.command], arguments)
     except BrokenPipeError:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cyclofeat.gap.posterior import EffectPosterior
     from cyclofeat.recordings import Recording
 
-__all__ = ["add_check", "check", "printed_check"]
-
 _RECORDINGS, _RIGS = 12, 240
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 PACKAGED = "packaged"  # word for the posterior that comes with the package
 
-__all__ = ["PACKAGED", "Prepared", "add_preparation", "prepare", "printed_preparation", "read_posterior"]
-
 _MACHINES = 4000  # about an hour of two cores
 _EPOCHS_ON = 12  # of networks that go on: with more they fit single rigs
 _TRAINED_BY = ("jax", "optax")

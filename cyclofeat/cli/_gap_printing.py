@@ -17,8 +17,6 @@ from cyclofeat.plotting.gap_words import (
 if TYPE_CHECKING:
     from cyclofeat.gap import FoundEffect, GapResult, Proof, Remainder
 
-__all__ = ["gap_lines"]
-
 _N_REMAINING = 3
 
 
@@ -26,10 +24,12 @@ def gap_lines(result: GapResult) -> list[str]:
     """Lines that tell a result, the answer first."""
     lines = [f"{VERDICTS[result.verdict]} (p = {result.p:.2g}, adjusted over all comparisons)"]
     named = {effect.effect_id for effect in result.named}
+    told = set(named)
     for found in result.effects:
         if found.effect in named or found.answer == "present":
-            lines += _effect(found, "missing" if found.answer == "present" else "probably missing")
-    rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in named]
+            lines += _effect(result, found)
+            told |= {*found.ties}
+    rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
     open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
     if open_ones:
         lines.append(f"open: {', '.join(open_ones)}")
@@ -49,9 +49,13 @@ def gap_lines(result: GapResult) -> list[str]:
     return lines + [f"note: {warning}" for warning in result.warnings]
 
 
-def _effect(found: FoundEffect, word: str) -> Iterator[str]:
-    ties = f", or {', '.join(found.ties)}" if found.ties else ""
-    yield f"{word}: {found.effect} ({found.probability:.0%}){ties}: {effect_name(found.effect)}"
+def _effect(result: GapResult, found: FoundEffect) -> Iterator[str]:
+    word = "missing" if found.answer == "present" else "probably missing"
+    first, *others = (
+        f"{one.effect} ({one.probability:.0%})" for one in (found, *map(result.effect, found.ties))
+    )
+    ties = f", or {', '.join(others)}" if others else ""
+    yield f"{word}: {first}{ties}: {effect_name(found.effect)}"
     yield from (f"  {size}" for size in found.sizes)
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from cyclofeat.history import GearboxState, History
     from cyclofeat.recordings import Recording
 
-__all__ = ["HistoryWriter", "add_alarm_options", "add_history_options", "alarm_rates", "history_writer"]
-
 
 def add_history_options(parser: argparse.ArgumentParser, default_name: str) -> None:
     """Add the options that name a history and the gearbox whose recordings are counted."""

@@ -7,8 +7,6 @@ from collections.abc import Collection, Sequence
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
-__all__ = ["CommandParser", "Idle", "add_idle", "name_of", "refuse_idle"]
-
 
 class Idle(NamedTuple):
     """Arguments without effect where any of ``beside`` is given, or none of ``without``.

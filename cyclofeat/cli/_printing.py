@@ -8,7 +8,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from typing import Any
 
-from cyclofeat._base.progress import erase_progress, is_hidden, progress_hidden
+from cyclofeat._base.progress import erase_progress, is_hidden
 from cyclofeat.cli._idle import refuse_idle
 from cyclofeat.cli._reading import error_text
 from cyclofeat.cli._rigs import load_own_effects
@@ -22,11 +22,6 @@ def run_and_print(command: Command, arguments: Namespace) -> int:
     Errors of input and surroundings are results too; any other error is a defect of the toolkit and keeps its
     traceback.
     """
-    with progress_hidden(arguments.quiet):
-        return _run_and_print(command, arguments)
-
-
-def _run_and_print(command: Command, arguments: Namespace) -> int:
     failed = refused = False
     # Results of "lines" are lines of JSON anyway, a list on request.
     in_lines = arguments.json if command.output == "lines" else getattr(arguments, "jsonl", False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,19 +152,12 @@ def read_all(paths: Sequence[str], arguments: argparse.Namespace) -> list[Record
     recordings: list[Recording] = []
     with Progress("reading recordings") as progress:
         for entry in files:
-            recordings.append(entry.read(**options))
+            try:
+                recordings.append(entry.read(**options))
+            except UNREADABLE as error:
+                raise ValueError(placed(entry.path, error_text(error))) from error
             progress(len(recordings), len(files))
     return recordings
-
-
-def nominal_speed(recordings: Sequence[Recording]) -> float:
-    """Return the nominal input speed that recordings share, in turns per second."""
-    from cyclofeat.recordings import common_speed
-
-    speed = common_speed(recordings)
-    if speed is None:
-        raise ValueError("the recordings state no nominal speed: give --speed (RPM)")
-    return speed
 
 
 @dataclass(frozen=True)
@@ -221,7 +215,7 @@ def _of_file(
 
 def placed(path: Path, message: str) -> str:
     """Return a message about a file that states the file's path."""
-    if str(path) in message:
+    if re.search(rf"(?<!\w){re.escape(str(path))}(?!\w)", message):
         return message
     if message.startswith(path.name):
         return f"{path}{message.removeprefix(path.name)}"

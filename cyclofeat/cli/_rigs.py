@@ -113,8 +113,8 @@ def _lobes(option: str, text: str) -> tuple[int, ...]:
         numbers = tuple(int(part) - 1 for part in text.split(","))
     except ValueError:
         numbers = ()
-    if not numbers or min(numbers) < 0:
-        raise ValueError(f"{option} must list lobes counted from 1, like 1,5, got {text!r}")
+    if not numbers or min(numbers) < 0 or len(set(numbers)) < len(numbers):
+        raise ValueError(f"{option} must list different lobes counted from 1, like 1,5, got {text!r}")
     return numbers
 
 

@@ -9,8 +9,6 @@ from typing import Any, Literal
 from cyclofeat._base.files import check_parent
 from cyclofeat.cli._idle import add_idle
 
-__all__ = ["add_target", "check_folder", "check_targets"]
-
 Kind = Literal["file", "folder", "model", "page"]
 
 

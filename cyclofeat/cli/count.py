@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import csv
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cyclofeat._base.files import naming
 from cyclofeat._base.progress import Progress
 from cyclofeat._base.words import lobes_text, number
-from cyclofeat.cli._count_table import count_table
 from cyclofeat.cli._history import add_history_options, history_writer
 from cyclofeat.cli._models import (
     add_model_options,
@@ -36,6 +37,12 @@ if TYPE_CHECKING:
     from cyclofeat.recordings import Recording
 
 __all__ = ["Counted", "add_arguments", "printed", "run"]
+
+COLUMNS = (
+    "file", "defect_count", "probability", "worn_lobes_from_1", "lobes_absolute", "refused",
+    "refused_defect_count", "reason", "n_windows", "distance", "warnings", "error",
+    "wear_um", "wear_um_low", "wear_um_high",
+)  # fmt: skip
 
 
 class Counted(NamedTuple):
@@ -109,6 +116,30 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Counted]]:
     with Progress("writing the report"):
         path = write_count_report(model, counted, arguments.report, failures=failures, settings=settings)
     note(f"report: {path}")
+
+
+def count_table(path: str | None) -> Callable[[FileResult[Any], LobeCount | None], None]:
+    """Begin the table of counts, and return the function that adds a row; without a path it does nothing."""
+    if path is None:
+        return lambda result, count: None
+
+    def write(mode: str, row: dict[str, Any]) -> None:
+        # Opened for each row: what is counted stays, whatever comes. The mark at the beginning tells
+        # spreadsheets that the file is UTF-8.
+        with naming(path), open(path, mode, encoding="utf-8-sig", newline="") as stream:
+            csv.DictWriter(stream, COLUMNS, extrasaction="ignore").writerow(row)
+
+    def add(result: FileResult[Any], count: LobeCount | None) -> None:
+        row: dict[str, Any] = {"file": str(result.path), "error": result.error}
+        if count is not None:
+            row |= count.to_dict()
+            row["probability"] = f"{count.probability[count.defect_count]:.6g}"
+            row["worn_lobes_from_1"] = " ".join(map(str, row["worn_lobes_from_1"]))
+            row["warnings"] = "; ".join(count.warnings)
+        write("a", row)
+
+    write("w", {column: column for column in COLUMNS})
+    return add
 
 
 def printed(arguments: argparse.Namespace, result: FileResult[Counted]) -> Printed:

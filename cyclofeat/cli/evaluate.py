@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.progress import Progress
 from cyclofeat.cli._printing import note
-from cyclofeat.cli._reading import add_reading_options, nominal_speed, read_all
+from cyclofeat.cli._reading import add_reading_options, read_all
 from cyclofeat.cli._table import Printed
 from cyclofeat.cli._targets import add_target
 
@@ -75,9 +75,11 @@ def cross_validated(
         make_lobe_counter,
         passage_of_lobe_zero,
     )
-    from cyclofeat.recordings import Windower, common_n_lobes
+    from cyclofeat.recordings import Windower, common_n_lobes, common_speed
 
-    speed, n_lobes = nominal_speed(recordings), common_n_lobes(recordings)
+    speed, n_lobes = common_speed(recordings), common_n_lobes(recordings)
+    if speed is None:
+        raise ValueError("the recordings state no nominal speed: give --speed (RPM)")
     windows = Windower(input_speed_hz=speed, reduction=n_lobes).windows(recordings)
     labels = windows.y
     if labels is None or windows.groups is None:

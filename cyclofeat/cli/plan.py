@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_arguments", "printed", "run"]
 
+_TABULATED_RPM = 500.0
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -25,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--noise", type=float, required=True, metavar="NM", help="rms noise of the meter, Nm")
     parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability (default 0.95)")
     parser.add_argument("--depth", type=float, default=1.0, help="depth of the wear, 0.1 to 1 (default 1)")
-    parser.add_argument("--speed", type=float, default=500.0, metavar="RPM", help="input speed (default 500)")
+    parser.add_argument(
+        "--speed", type=float, default=_TABULATED_RPM, metavar="RPM", help="input speed (default 500)"
+    )
     parser.add_argument(
         "--wear",
         action="store_true",
@@ -67,6 +71,10 @@ def printed(arguments: argparse.Namespace, plan: RecordingPlan | WearPlan) -> Pr
     from cyclofeat.counting import WearPlan
 
     lines = _of_wear(plan) if isinstance(plan, WearPlan) else _of_recording(plan)
+    if not isinstance(plan, WearPlan) and arguments.speed != _TABULATED_RPM:
+        lines.append(
+            f"  note: the table is of {_TABULATED_RPM:g} RPM; another speed is taken to need as many turns"
+        )
     return Printed("\n".join(lines), plan.to_dict())
 
 

@@ -80,6 +80,8 @@ def run(arguments: argparse.Namespace) -> Iterator[FileResult[Watched]]:
 
     folder = Path(arguments.folder)
     if not folder.is_dir():
+        if folder.exists():
+            raise NotADirectoryError(f"{folder} is a file: watch takes a folder")
         raise FileNotFoundError(f"no such folder: {folder}")
     for name in ("interval", "settle"):
         if not 0 < getattr(arguments, name) < _DAY_S:

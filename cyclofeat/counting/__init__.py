@@ -37,8 +37,6 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with 
 """
 
 from cyclofeat.counting._answers import LobeCount, WindowCount, counts_frame
-from cyclofeat.counting._assembly_folds import aligned_proba as aligned_proba
-from cyclofeat.counting._assembly_folds import fit_grouped as fit_grouped
 from cyclofeat.counting._assembly_folds import grouped_folds as grouped_folds
 from cyclofeat.counting._calibration import GroupCalibratedCounter
 from cyclofeat.counting._combine import RecordingCounts, predict_recordings

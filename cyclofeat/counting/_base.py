@@ -6,10 +6,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import ClassifierMixin
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._assembly_folds import Int, ordered_classes
 
 
@@ -22,7 +21,7 @@ class PoorOnArbitraryData:
         return tags
 
 
-class Counter(PoorOnArbitraryData, ClassifierMixin, DocumentedEstimator):
+class Counter(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     """Base of the counters: ``predict`` from ``predict_proba``, checked windows, classes in order."""
 
     classes_: NDArray[Any]

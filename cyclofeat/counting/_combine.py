@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
+from scipy.special import softmax
 from sklearn.base import BaseEstimator
 
 from cyclofeat.counting._assembly_folds import Float, Int, of_windows
-from cyclofeat.counting._pooling import safe_log, softmax
+from cyclofeat.counting._pooling import safe_log
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def combine_proba(proba: Float, member: Int, dependence: float) -> Float:
     size = np.bincount(member)
     sums = np.zeros((size.size, proba.shape[1]))
     np.add.at(sums, member, safe_log(proba))
-    return softmax(sums / (1 + (size - 1) * dependence)[:, np.newaxis])
+    return np.asarray(softmax(sums / (1 + (size - 1) * dependence)[:, np.newaxis], axis=-1))
 
 
 def learn_dependence(proba: Float, rank: Int, member: Int) -> float | None:

@@ -158,24 +158,8 @@ class ConformalCounter(Counter):
     def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
         """Fit the counter, the thresholds and the domain.
 
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm, or features.
-        y : array-like, shape (n_windows,)
-            Number of worn lobes.
-        groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window counts as one assembly; if windows share an
-            assembly, sets are then too small.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ValueError
-            If there is one class only, or shapes do not match.
+        Arguments and errors are those of :meth:`GroupCalibratedCounter.fit`. Where windows share an assembly
+        and ``groups`` are not given, sets are too small.
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
@@ -248,10 +232,6 @@ class ConformalCounter(Counter):
         windows = self._windows(X)
         inside = self._scores(self._proba(windows)) <= self.thresholds_
         return np.asarray(inside & ~(self._distance(windows) > 1)[:, np.newaxis])
-
-    def outside(self, X: ArrayLike) -> Bool:
-        """Mark windows, shape (n_windows, n_samples), outside the training domain; shape (n_windows,)."""
-        return np.asarray(self._distance(self._windows(X)) > 1)
 
     def predict_counts(self, X: ArrayLike) -> list[CountSet]:
         """Return a :class:`CountSet` for each window of ``X``, shape (n_windows, n_samples)."""

@@ -8,12 +8,12 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.ensemble import ExtraTreesRegressor
 from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator, Interval, fit_context
+from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._assembly_folds import Float, Int, assemblies_of, drawn_seed
 from cyclofeat.counting._conformal import conformal_threshold
 
@@ -22,7 +22,7 @@ _LEAST_SPREAD = 0.25
 
 
 @dataclass(eq=False, repr=False)
-class ConformalRegressor(RegressorMixin, DocumentedEstimator):
+class ConformalRegressor(RegressorMixin, BaseEstimator):
     """Extremely randomised trees that predict a number with an interval of a chosen coverage.
 
     Every assembly is predicted by trees that have not seen it (cross-conformal prediction; Vovk, Cross-

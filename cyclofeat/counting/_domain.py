@@ -7,11 +7,11 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import OutlierMixin
+from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.covariance import LedoitWolf
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator, Interval, fit_context
+from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._assembly_folds import (
     Float,
     Int,
@@ -22,7 +22,7 @@ from cyclofeat.counting._assembly_folds import (
 )
 
 
-class TrainingDomain(OutlierMixin, DocumentedEstimator):
+class TrainingDomain(OutlierMixin, BaseEstimator):
     """Domain of the training windows in the space of their features.
 
     The distance of a window is the Mahalanobis distance to the nearest class, with the covariance about the

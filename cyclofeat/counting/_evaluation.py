@@ -70,15 +70,7 @@ def evaluate(
     protocol = protocol or Protocol()
     data = Windows.checked(X, y, groups, lobes)
     protocol.conditions_of(len(data.y))  # raises unless there is one per window
-    folds = folds_of(protocol, data)
-    answers = Answers.empty(data)
-    fits = joblib.Parallel(n_jobs=protocol.n_jobs, return_as="generator")(
-        joblib.delayed(_fit)(counter, data, train) for train, _ in folds
-    )
-    for done, (fitted, (_, test)) in enumerate(zip(fits, folds, strict=True), start=1):
-        answers.enter(fitted, data, test)
-        protocol.report_progress(done, len(folds))
-    return summarise(data, answers, protocol)
+    return _over_folds(counter, data, data, folds_of(protocol, data), protocol)
 
 
 def train_and_test(
@@ -160,15 +152,13 @@ def learning_curve(
     sizes = sorted(set(n_assemblies))
     if not sizes or sizes[0] < 1:
         raise ValueError(f"n_assemblies must hold whole numbers from 1 on, got {n_assemblies!r}")
-    curve, done = {}, 0
-    for size in sizes:
-        answers = Answers.empty(data)
-        for number, (train, test) in enumerate(folds):
-            part = _of_assemblies(data, train, size, np.random.default_rng([protocol.random_state, number]))
-            answers.enter(_fit(counter, data, part), data, test)
-            done += 1
-            protocol.report_progress(done, len(sizes) * len(folds))
-        curve[int(size)] = summarise(data, answers, protocol)
+    curve = {}
+    for k, size in enumerate(sizes):
+        smaller = [
+            (_of_assemblies(data, train, size, np.random.default_rng([protocol.random_state, number])), test)
+            for number, (train, test) in enumerate(folds)
+        ]
+        curve[int(size)] = _over_folds(counter, data, data, smaller, protocol, (k, len(sizes)))
     return curve
 
 
@@ -229,17 +219,35 @@ def noise_sweep(
     test_noise, train_noise = (
         np.random.default_rng([protocol.random_state, k]).standard_normal(data.X.shape) for k in (1, 2)
     )
-    sweep, done = {}, 0
-    for tested, trained in levels:
+    sweep = {}
+    for k, (tested, trained) in enumerate(levels):
         heard = data.with_torque(data.X + tested * test_noise)
         learned = heard if trained == tested else data.with_torque(data.X + trained * train_noise)
-        answers = Answers.empty(data)
-        for train, test in folds:
-            answers.enter(_fit(counter, learned, train), heard, test)
-            done += 1
-            protocol.report_progress(done, len(levels) * len(folds))
-        sweep[float(tested)] = summarise(heard, answers, protocol)
+        sweep[float(tested)] = _over_folds(counter, learned, heard, folds, protocol, (k, len(levels)))
     return sweep
+
+
+def _over_folds(
+    counter: BaseEstimator,
+    learned: Windows,
+    heard: Windows,
+    folds: Sequence[tuple[Int, Int]],
+    protocol: Protocol,
+    part: tuple[int, int] = (0, 1),
+) -> Evaluation:
+    """Fit to some windows of each fold, in parallel as the protocol says, and test on others.
+
+    ``part`` is which of how many evaluations this is, for their common progress.
+    """
+    answers = Answers.empty(heard)
+    fits = joblib.Parallel(n_jobs=protocol.n_jobs, return_as="generator")(
+        joblib.delayed(_fit)(counter, learned, train) for train, _ in folds
+    )
+    done, n_parts = part[0] * len(folds), part[1]
+    for number, (fitted, (_, test)) in enumerate(zip(fits, folds, strict=True), start=1):
+        answers.enter(fitted, heard, test)
+        protocol.report_progress(done + number, n_parts * len(folds))
+    return summarise(heard, answers, protocol)
 
 
 def _fit(counter: BaseEstimator, data: Windows, train: Int) -> BaseEstimator:

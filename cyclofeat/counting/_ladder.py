@@ -7,12 +7,13 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import softmax
 from sklearn.base import BaseEstimator, clone
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._base import Counter
-from cyclofeat.counting._pooling import Float, softmax
+from cyclofeat.counting._pooling import Float
 
 
 class EntropyLadder(Counter):
@@ -113,7 +114,7 @@ class EntropyLadder(Counter):
         z = self._read(self._windows(X))
         # Without any spread within classes the nearest rung is practically certain.
         spread = max(self.spread_, 1e-9 * float(np.ptp(self.rungs_)), np.finfo(float).tiny ** 0.25)
-        return softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2)
+        return np.asarray(softmax(-0.5 * ((z[:, np.newaxis] - self.rungs_) / spread) ** 2, axis=-1))
 
     def _read(self, X: NDArray[Any]) -> Float:
         features = X if self.feature_ is None else np.asarray(self.feature_.transform(X))

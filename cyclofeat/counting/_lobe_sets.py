@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
-from cyclofeat.counting._pooling import Float, Int, softmax
+from cyclofeat.counting._pooling import Float, Int
 
 Bool = NDArray[np.bool_]
 
@@ -51,7 +51,7 @@ def inclusion(logits: Float, pattern: str) -> Float:
         result = np.zeros((len(logits), n_lobes + 1, n_lobes))
         result[:, 1:] = with_lobe.transpose(0, 2, 1) / symmetric(odds)[:, 1:, np.newaxis]
         return result
-    first = softmax(rows_of_neighbours(logits))
+    first = softmax(rows_of_neighbours(logits), axis=-1)
     result = np.zeros_like(first)
     for n in range(1, n_lobes + 1):
         result[:, n] = sum(np.roll(first[:, n], j, axis=1) for j in range(n))

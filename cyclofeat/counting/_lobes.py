@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit
+from scipy.special import expit, softmax
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
@@ -35,7 +35,8 @@ from cyclofeat.counting._lobe_network import (
     views_of_lobes,
 )
 from cyclofeat.counting._lobe_sets import Bool, best_sets, inclusion, log_counts, turned
-from cyclofeat.counting._pooling import pool_weights, pooled, safe_log, softmax
+from cyclofeat.counting._locator import known_lobes
+from cyclofeat.counting._pooling import pool_weights, pooled, safe_log
 from cyclofeat.counting.scores import shares
 from cyclofeat.counting.trees import CountingTrees
 from cyclofeat.signal import lobes
@@ -306,7 +307,7 @@ class LobeCounter(Counter):
         """Logarithms of the two opinions of the count, shape (2, n_windows, n_classes)."""
         if self.lobe_network_ is None:
             return np.stack([safe_log(by_map), np.zeros_like(by_map)])
-        by_lobes = softmax(log_counts(logits, self.pattern)[:, self.classes_.astype(int)])
+        by_lobes = softmax(log_counts(logits, self.pattern)[:, self.classes_.astype(int)], axis=-1)
         return np.stack([safe_log(by_map), safe_log(by_lobes)])
 
     def _known_lobes(
@@ -314,15 +315,7 @@ class LobeCounter(Counter):
     ) -> Bool | None:
         if worn is None:
             return None
-        if passage is None:
-            raise ValueError(
-                "passage must be given together with worn: it says when the lobes pass, got None"
-            )
-        known = np.asarray(worn, dtype=bool)
-        if known.shape != (len(y), self.n_lobes):
-            raise ValueError(
-                f"worn must have shape (n_windows, n_lobes) = {(len(y), self.n_lobes)}, got {known.shape}"
-            )
+        known, _ = known_lobes(worn, passage, len(y), self.n_lobes)
         if counts is None or not np.array_equal(known.sum(axis=1), y):
             raise ValueError("y must hold the number of lobes that worn marks in each window, it does not")
         return known

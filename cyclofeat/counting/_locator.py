@@ -7,9 +7,9 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._assembly_folds import of_windows
 from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting.trees import CountingTrees
@@ -38,8 +38,21 @@ def passage_of_lobe_zero(start_angle: ArrayLike, n_lobes: int = 15) -> NDArray[n
     return np.asarray(-cam_in_wheel / (2 * np.pi) % 1.0)
 
 
+def known_lobes(
+    worn: ArrayLike, passage: ArrayLike | None, n_windows: int, n_lobes: int
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return the table of worn lobes and when lobe 0 passes, checked."""
+    if passage is None:
+        raise ValueError("passage must be given together with worn: it says when the lobes pass, got None")
+    known = np.asarray(worn, dtype=bool)
+    if known.shape != (n_windows, n_lobes):
+        expected = (n_windows, n_lobes)
+        raise ValueError(f"worn must have shape (n_windows, n_lobes) = {expected}, got {known.shape}")
+    return known, np.asarray(of_windows("passage", passage, n_windows), dtype=float)
+
+
 @dataclass(eq=False, repr=False)
-class LobeLocator(DocumentedEstimator):
+class LobeLocator(BaseEstimator):
     """Probability that each lobe of a disc is worn.
 
     The whitened torque is folded at the lobe frequency (:mod:`cyclofeat.signal.lobes`), from the passage of
@@ -91,10 +104,7 @@ class LobeLocator(DocumentedEstimator):
             Where shapes do not match, or lobes are all worn or all sound.
         """
         windows: NDArray[Any] = validate_data(self, X, dtype=[np.float64, np.float32])
-        target = np.asarray(worn, dtype=bool)
-        expected = (len(windows), self.n_lobes)
-        if target.shape != expected:
-            raise ValueError(f"worn must have shape (n_windows, n_lobes) = {expected}, got {target.shape}")
+        target, _ = known_lobes(worn, passage, len(windows), self.n_lobes)
         if target.all() or not target.any():
             raise ValueError("worn must hold both worn and sound lobes, got one kind only")
         self.lobe_map_ = held_lobe_map(

@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
@@ -483,9 +484,13 @@ class LobeModel(RecordingPredictions):
 
         Raises
         ------
+        TypeError
+            Where something else than a recording is given.
         ValueError
             Where the recording does not suit the model or is shorter than one output turn.
         """
+        if not isinstance(recording, Recording):
+            raise TypeError(f"recording must be a Recording object, got {type(recording).__name__}")
         model = self.suited_to(recording)
         return model._counts([model._prepared(recording)])[0]
 
@@ -932,8 +937,7 @@ def _turned(prepared: PreparedWindows, speed_hz: Float) -> Float:
     windows = prepared.windows
     if np.isfinite(windows.start_angle).all():
         return np.asarray((windows.start_angle - prepared.first_angle) / (2 * np.pi))
-    between = np.diff(windows.start_s) * (speed_hz[1:] + speed_hz[:-1]) / 2
-    return np.concatenate([[0.0], np.cumsum(between)])
+    return np.asarray(cumulative_trapezoid(speed_hz, windows.start_s, initial=0))
 
 
 def _any_apart(worn: NDArray[np.bool_]) -> bool:

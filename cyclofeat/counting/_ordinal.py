@@ -73,23 +73,9 @@ class OrdinalCounter(Counter):
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit weights and thresholds.
+        """Fit weights and thresholds to features.
 
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_features)
-            Features.
-        y : array-like, shape (n_windows,)
-            Classes; their order is that of ``numpy.unique``.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        ValueError
-            If there is one class only.
+        Arguments and errors are those of :meth:`EntropyLadder.fit`.
         """
         features, _, rank = self._labelled(X, y)
         n_features = features.shape[1]

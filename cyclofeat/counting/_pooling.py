@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -19,15 +19,9 @@ def safe_log(proba: Float) -> Float:
     return np.asarray(np.log(np.maximum(proba, _LEAST_PROBABILITY)))
 
 
-def softmax(scores: Float) -> Float:
-    """Return probabilities from their logarithms, which may have an unknown constant per row."""
-    powers = np.exp(scores - scores.max(axis=-1, keepdims=True))
-    return np.asarray(powers / powers.sum(axis=-1, keepdims=True))
-
-
 def pooled(logs: Float, weights: Float) -> Float:
     """Pool the log probabilities (m, n, c) of m opinions: the product of their powers, (n, c)."""
-    return softmax(np.tensordot(weights, logs, axes=1))
+    return np.asarray(softmax(np.tensordot(weights, logs, axes=1), axis=-1))
 
 
 def pool_weights(logs: Float, rank: Int, importance: Float, n_assemblies: int) -> Float:

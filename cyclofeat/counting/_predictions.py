@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import ClassifierMixin
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics import accuracy_score
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._answers import LobeCount
 from cyclofeat.counting._assembly_folds import Float, Int
 from cyclofeat.counting._base import PoorOnArbitraryData
@@ -20,7 +19,7 @@ from cyclofeat.recordings import Recording
 REFUSED = -1
 
 
-class RecordingPredictions(PoorOnArbitraryData, ClassifierMixin, DocumentedEstimator):
+class RecordingPredictions(PoorOnArbitraryData, ClassifierMixin, BaseEstimator):
     """Base of classifiers of recordings, which have ``classes_`` and ``count_all``."""
 
     classes_: NDArray[Any]

@@ -162,9 +162,11 @@ def folds_of(protocol: Protocol, data: Windows) -> Folds:
         n_assemblies = np.unique(data.groups[data.y == label]).size
         if n_assemblies < least:
             fewer = f"n_splits={least}" if stratified else f"the 2 that {protocol.hold_out} needs"
+            assemblies = "1 assembly" if n_assemblies == 1 else f"{n_assemblies} assemblies"
+            lower = " or lower n_splits" if stratified and n_assemblies > 1 else ""
             raise ValueError(
-                f"class {label} has {n_assemblies} assemblies, fewer than {fewer}: with one "
-                "recording per class no split can estimate an accuracy; record more or lower n_splits"
+                f"class {label} has {assemblies}, fewer than {fewer}: each fold holds out another; "
+                f"record more{lower}"
             )
     if not stratified:
         held_out = (data.groups == name for name in np.unique(data.groups))

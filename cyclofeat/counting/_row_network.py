@@ -158,11 +158,6 @@ def train(
     return {name: np.asarray(values, dtype=np.float16) for name, values in weights.items()}
 
 
-def in_single_precision(weights: Weights) -> Weights:
-    """Return weights in the precision of :func:`log_odds`."""
-    return {name: values.astype(np.float32) for name, values in weights.items()}
-
-
 # Compiled once for all folds.
 @lru_cache(maxsize=4)
 def _steps(n_lines: int, n_lobes: int, n_steps: int) -> tuple[Callable[..., Any], Callable[..., Any]]:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.counting._assembly_folds import (
@@ -26,11 +26,11 @@ from cyclofeat.counting._combine import learn_dependence
 from cyclofeat.counting._lobe_map import held_lobe_map
 from cyclofeat.counting._lobe_network import begins_by_mesh
 from cyclofeat.counting._lobe_sets import Bool
-from cyclofeat.counting._pooling import pool_weights, pooled, softmax
+from cyclofeat.counting._locator import known_lobes
+from cyclofeat.counting._pooling import pool_weights, pooled
 from cyclofeat.counting._row_network import (
     PLACES,
     Weights,
-    in_single_precision,
     log_odds,
     train,
     turns_of_places,
@@ -160,33 +160,14 @@ class RowCounter(Counter):
         passage: ArrayLike | None = None,
         groups: ArrayLike | None = None,
     ) -> Self:
-        """Fit to windows with known counts and, better, known worn lobes.
-
-        Parameters
-        ----------
-        X : array-like, shape (n_windows, n_samples)
-            Windows of torque in Nm.
-        y : array-like, shape (n_windows,)
-            Number of worn lobes.
-        worn : array-like of bool, shape (n_windows, n_lobes), optional
-            Whether each lobe is worn. Together with ``passage``.
-        passage : array-like, shape (n_windows,), optional
-            When lobe 0 passes the cam's direction, see :func:`passage_of_lobe_zero`.
-        groups : array-like, shape (n_windows,), optional
-            Assembly of each window. Without groups every window counts as one assembly; if windows share an
-            assembly, the calibration is then learned on windows like those in training.
-
-        Returns
-        -------
-        self
+        """Fit as :meth:`LobeCounter.fit` does, to worn lobes that are neighbours.
 
         Raises
         ------
         ImportError
             If JAX or Optax is not installed.
         ValueError
-            If there is one class only, shapes do not match, ``worn`` is given without ``passage``, or holds
-            lobes that are no row of neighbours.
+            As of :meth:`LobeCounter.fit`, and if ``worn`` holds lobes that are no row of neighbours.
         """
         windows, labels, rank = self._labelled(X, y)
         member = assemblies_of(groups, len(windows))
@@ -235,7 +216,10 @@ class RowCounter(Counter):
     @cached_property
     def _answering(self) -> list[Weights]:
         """Networks in single precision, in which numpy is fast; files hold half precision only."""
-        return [in_single_precision(network) for network in self.networks_]
+        return [
+            {name: values.astype(np.float32) for name, values in network.items()}
+            for network in self.networks_
+        ]
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each count, shape (n_windows, n_classes), of windows as for ``fit``."""
@@ -251,7 +235,7 @@ class RowCounter(Counter):
         begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
         at_lobes = lobes.shift(found.lines, begins)
         # Of each class, where its row begins.
-        first = softmax(self._log_rows(self._answering, at_lobes, 1)[0].transpose(0, 2, 1))
+        first = softmax(self._log_rows(self._answering, at_lobes, 1)[0].transpose(0, 2, 1), axis=-1)
         proba = self.proba_of_lines(found) if proba is None else proba
         worn = np.zeros(first.shape[::2])
         for k in np.flatnonzero(~self._sound):
@@ -270,19 +254,11 @@ class RowCounter(Counter):
     ) -> tuple[Float, Int]:
         """Return where slots begin, as a share of the fold, and the first worn lobe of each window."""
         if worn is not None:
-            if passage is None:
-                raise ValueError(
-                    "passage must be given together with worn: it says when the lobes pass, got None"
-                )
-            known: Bool = np.asarray(worn, dtype=bool)
-            if known.shape != (len(y), self.n_lobes):
-                raise ValueError(
-                    f"worn must have shape (n_windows, n_lobes) = {(len(y), self.n_lobes)}, got {known.shape}"
-                )
+            known, begins = known_lobes(worn, passage, len(y), self.n_lobes)
             starts = known & ~np.roll(known, 1, axis=1)
             if (starts.sum(axis=1) > 1).any():
                 raise ValueError("worn must hold rows of neighbours, use LobeCounter for other lobes")
-            return np.asarray(of_windows("passage", passage, len(y)), dtype=float), starts.argmax(axis=1)
+            return begins, starts.argmax(axis=1)
         counts = y.astype(float) if y.dtype.kind in "iuf" else rank.astype(float)
         begins = begins_by_mesh(lines, self.n_lobes) if lines.shape[1] >= self.n_lobes else np.zeros(len(y))
         centre = lobes.energy_centre(lobes.fold(lobes.shift(lines, begins), self.n_lobes))

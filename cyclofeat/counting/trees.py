@@ -11,7 +11,6 @@ from scipy.sparse import issparse
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.counting._base import PoorOnArbitraryData
 
 __all__ = ["CountingTrees", "TreeTable"]
@@ -20,7 +19,7 @@ __all__ = ["CountingTrees", "TreeTable"]
 _MOST_PATHS = 50_000
 
 
-class CountingTrees(PoorOnArbitraryData, DocumentedEstimator, ExtraTreesClassifier):
+class CountingTrees(PoorOnArbitraryData, ExtraTreesClassifier):
     """Extremely randomised trees over features of windows; parameters as in scikit-learn.
 
     For few windows all trees are evaluated at once, level by level, because scikit-learn's overhead of some

@@ -14,9 +14,9 @@ from sklearn.utils.validation import check_consistent_length, column_or_1d
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY, band_qualifier
 from cyclofeat.signal import band_mask, octave_bands, welch_frequencies
-from cyclofeat.signal.coherence import coherence_of_transforms, coherence_transforms, without_rounding
+from cyclofeat.signal.coherence import coherence_of_transforms, without_rounding
 from cyclofeat.signal.density import checked_bands
-from cyclofeat.signal.welch import SegmentTransforms, power_over_segments
+from cyclofeat.signal.welch import PRESETS, SegmentTransforms, power_over_segments, welch_transforms
 from cyclofeat.signal.windows import Complex, Float
 
 _MOST_REFERENCES = 8
@@ -144,7 +144,7 @@ class CoherenceToReference(WindowTransformer):
         ]
 
     def _compute(self, X: NDArray[Any]) -> Float:
-        transforms = coherence_transforms(X.shape[1])
+        transforms = welch_transforms(X.shape[1], PRESETS["matlab_pwelch"])
         references = self._of_references(transforms)
         rows = []
         for x in X:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.utils.validation import check_is_fitted
+from sklearn.base import OneToOneFeatureMixin
 
 from cyclofeat._base.sklearn_private import Interval, check_feature_names_in
 from cyclofeat.features.base import WindowTransformer
@@ -17,7 +16,7 @@ from cyclofeat.signal.windows import Float
 
 
 @dataclass(eq=False, repr=False)
-class HighPass(WindowTransformer):
+class HighPass(OneToOneFeatureMixin, WindowTransformer):
     """High-pass filter: each window becomes a window of the same length, in Nm (paper A section 2).
 
     A Butterworth filter runs forwards and backwards over each window, without delay. It goes before any other
@@ -67,8 +66,3 @@ class HighPass(WindowTransformer):
 
     def _compute(self, X: NDArray[Any]) -> Float:
         return high_pass(X, self.sampling_rate, self.cutoff_hz, self.order)
-
-    def get_feature_names_out(self, input_features: ArrayLike | None = None) -> NDArray[np.object_]:
-        """Names of the samples: those given, those seen in ``fit``, or ``x0``, ``x1``, ..."""
-        check_is_fitted(self)
-        return np.asarray(check_feature_names_in(self, input_features), dtype=object)

@@ -11,12 +11,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn import get_config
-from sklearn.base import TransformerMixin
+from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import gen_batches
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import (
-    DocumentedEstimator,
     Interval,
     check_feature_names_in,
     fit_context,
@@ -42,7 +41,7 @@ def windows_per_chunk(n_samples: int) -> int:
 
 
 @dataclass(eq=False, repr=False)
-class WindowTransformer(TransformerMixin, DocumentedEstimator, ABC):
+class WindowTransformer(TransformerMixin, BaseEstimator, ABC):
     """Base of the transformers that turn each window into one row of features.
 
     A subclass states its parameters as fields of a dataclass (``eq=False, repr=False``) or stores them in

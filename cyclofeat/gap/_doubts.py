@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cyclofeat.signal.faults import runs
+
 _FEW_RECORDINGS = 4
 _CLIPPED = 1e-3  # share of samples at one extreme value from which a recording counts as clipped
 _FLAT = 5  # samples on end
@@ -30,16 +32,10 @@ def doubts_of(torques: Sequence[NDArray[Any]], *, has_counts: bool, has_tachomet
         )
     for extreme, word in ((np.max, "largest"), (np.min, "smallest")):
         at_end = [torque == extreme(torque) for torque in torques]
-        clipped = sum(np.mean(flags) > _CLIPPED and _longest_run(flags) >= _FLAT for flags in at_end)
+        clipped = sum(np.mean(flags) > _CLIPPED and runs(flags)[1].max() >= _FLAT for flags in at_end)
         if clipped:
             doubts.append(
                 f"{clipped} of {n} recordings seem clipped: they stay at their {word} value for samples on "
                 "end"
             )
     return doubts
-
-
-def _longest_run(inside: NDArray[np.bool_]) -> int:
-    """Length of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(np.int8), [0]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))

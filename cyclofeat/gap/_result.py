@@ -19,7 +19,6 @@ from cyclofeat.gap._where import Where
 from cyclofeat.gap.posterior import UNSEEN
 from cyclofeat.gap.proof import Proof
 from cyclofeat.gap.summaries import Cell
-from cyclofeat.gap.where import p_over_conditions, verdict_over_conditions
 from cyclofeat.simulators import Effect, Rig
 
 if TYPE_CHECKING:
@@ -252,13 +251,16 @@ class GapResult(EffectRows[FoundEffect]):
 
     @property
     def p(self) -> float:
-        """Smallest adjusted p of all conditions, adjusted for their number too."""
-        return p_over_conditions(self.where)
+        """Smallest adjusted p of all conditions, adjusted for their number too (Bonferroni)."""
+        return min(1.0, len(self.where) * min(one.p for one in self.where))
 
     @property
     def verdict(self) -> str:
-        """``"disagree"``, ``"equivalent"`` or ``"unresolved"``, over all conditions."""
-        return verdict_over_conditions(self.where)
+        """``"disagree"`` if one condition does, ``"equivalent"`` if all are, else ``"unresolved"``."""
+        verdicts = {one.verdict for one in self.where}
+        if "disagree" in verdicts:
+            return "disagree"
+        return "equivalent" if verdicts == {"equivalent"} else "unresolved"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values that JSON can hold, as ``cyclofeat gap --json`` prints them."""

@@ -169,12 +169,6 @@ class Comparison:
         rig = with_may_differ(self.rig, self.may_differ)
         return Population(rig, self.n_samples, self.sampling_rate, self.wheels, self.direction, self.quantity)
 
-    @property
-    def text(self) -> str:
-        """Text of everything that affects simulated recordings and their summaries."""
-        stated = dataclasses.astuple(self.conditions), self.defect_counts, self.tachometer, self.n_bank
-        return repr((self.rig.to_text(), self.population.text, stated, self.random_state))
-
     def corrected_rig(self, effects: Iterable[Effect] = (), variants: Sequence[Sequence[Effect]] = ()) -> Rig:
         """Return the model with effects added, after the ``may_differ`` effects of the same kinds.
 

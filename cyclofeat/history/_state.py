@@ -94,21 +94,9 @@ class GearboxState:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the state in plain types, for JSON; times as text in UTC."""
-        return {
-            "gearbox": self.gearbox,
-            "n_recordings": self.n_recordings,
-            "n_refused": self.n_refused,
-            "first": _iso(self.first),
-            "last": _iso(self.last),
-            "defect_count": self.defect_count,
-            "wear_um": self.wear_um,
-            "baseline": self.baseline,
-            "alarm": self.alarm,
-            "alarm_since": _iso(self.alarms[-1][0]) if self.alarm else None,
-            "recordings_per_month": self.recordings_per_month,
-            "rule": None if self.rule is None else dataclasses.asdict(self.rule),
-            "no_rule": self.no_rule,
-        }
+        stated = dataclasses.asdict(self) | {"first": _iso(self.first), "last": _iso(self.last)}
+        del stated["alarms"]
+        return stated | {"alarm_since": _iso(self.alarms[-1][0]) if self.alarm else None}
 
     def __str__(self) -> str:
         if self.rule is None:

@@ -138,6 +138,8 @@ class History:
 
     def __init__(self, path: str | os.PathLike[str], *, create: bool = True) -> None:
         self.path = Path(path)
+        if self.path.is_dir():
+            raise IsADirectoryError(f"{self.path} is a folder: a history is a file")
         if not create:
             if not self.path.exists():
                 raise FileNotFoundError(f"no such history: {self.path}")

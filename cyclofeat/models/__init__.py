@@ -18,11 +18,7 @@ name                     job
 """
 
 from cyclofeat.models._cache import user_cache as user_cache
-from cyclofeat.models._card import ALLOWED as ALLOWED
-from cyclofeat.models._card import CARD_SUFFIX as CARD_SUFFIX
-from cyclofeat.models._card import FORMAT as FORMAT
 from cyclofeat.models._card import card_path, feature_definitions, read_card
-from cyclofeat.models._content import PLAIN_TYPES as PLAIN_TYPES
 from cyclofeat.models._content import TRUSTED_TYPES as TRUSTED_TYPES
 from cyclofeat.models._content import ModelFileError, estimators_in
 from cyclofeat.models._default import default_model_path, load_default_model

@@ -206,9 +206,7 @@ def _check_tree(tree: Any, n_features: int) -> None:
 
 def the_skops() -> Any:
     try:
-        import skops
         import skops.io
-        import skops.io.exceptions
     except ImportError:
         raise ImportError(
             "skops is needed for .skops files: pip install skops (.joblib needs nothing more)"

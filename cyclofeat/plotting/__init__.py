@@ -21,7 +21,11 @@ matplotlib (``pip install matplotlib``). ``plot`` of recordings and results make
 call: ``recording.plot("spectrum")``.
 """
 
-from cyclofeat.plotting import _methods as _methods
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from cyclofeat._base.plots import Draw, register
 from cyclofeat.plotting._count import CountDisplay
 from cyclofeat.plotting._evaluation import EvaluationDisplay
 from cyclofeat.plotting._gap import GapDisplay
@@ -47,3 +51,42 @@ __all__ = [
     "TrainingDisplay",
     "TrainingMoments",
 ]
+
+
+def _of_recording(display: Any) -> Draw:
+    return lambda recording, ax, **options: display.from_recording(recording).plot(ax, **options)
+
+
+def _of_result(display: Any) -> Callable[..., Any]:
+    return lambda kind, result, ax, **options: display(result).plot(kind, ax, **options)
+
+
+def _of_gap(kind: Any, result: Any, ax: Any, **options: Any) -> Any:
+    display = GapDisplay if kind == "families" else GapOverlayDisplay
+    return display.from_result(result, kind, ax, **options)
+
+
+def _each(draw: Callable[..., Any], *kinds: str) -> dict[str, Draw]:
+    return {kind: partial(draw, kind) for kind in kinds}
+
+
+# The pictures behind the ``plot`` methods of recordings and results, by the name of the class.
+register(
+    "Recording",
+    {
+        "torque": _of_recording(TorqueDisplay),
+        "spectrum": _of_recording(SpectrumDisplay),
+        "orders": _of_recording(OrderDisplay),
+        "lobes": _of_recording(LobeMapDisplay),
+    },
+)
+register("LobeCount", _each(_of_result(CountDisplay), "counts", "lobes"))
+register("Evaluation", _each(_of_result(EvaluationDisplay), "confusion", "calibration"))
+register(
+    "GapResult",
+    {
+        **_each(_of_gap, "spectrum", "orders", "distribution"),
+        "differences": partial(_of_gap, "families"),
+        "closed": GapReductionDisplay.from_result,
+    },
+)

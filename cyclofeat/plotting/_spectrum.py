@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import periodogram
 
-from cyclofeat.plotting.drawing import Display, Float, axes_for, line_column
+from cyclofeat._base.checks import series
+from cyclofeat.plotting.drawing import Display, Float, axes_for
 from cyclofeat.recordings import Recording
 from cyclofeat.signal import get_preset, welch_psd
 from cyclofeat.signal.lobes import lobe_frequency
@@ -87,8 +88,8 @@ class SpectrumDisplay(Display):
             raise ValueError(f"input_speed_hz must be positive and finite, got {input_speed_hz!r}")
         if n_lobes < 2:
             raise ValueError(f"n_lobes must be at least 2, got {n_lobes!r}")
-        self.frequencies = line_column(frequencies, "frequencies", "Hz")
-        self.values = line_column(values, "values", unit if quantity == "amplitude" else f"{unit}^2/Hz")
+        self.frequencies = series("frequencies", frequencies, least=2)
+        self.values = series("values", values, least=2)
         if self.values.size != self.frequencies.size or self.values.min() < 0:
             raise ValueError(
                 f"values must hold one number, not negative, for each of the {self.frequencies.size} "

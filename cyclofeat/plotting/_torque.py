@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cyclofeat._base.checks import series
 from cyclofeat._base.quantities import in_words
-from cyclofeat.plotting.drawing import Display, axes_for, line_column, thinned
+from cyclofeat.plotting.drawing import Display, axes_for, thinned
 from cyclofeat.recordings import Recording
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ class TorqueDisplay(Display):
     def __init__(
         self, *, time: ArrayLike, torque: ArrayLike, quantity: str = "output torque", unit: str = "Nm"
     ) -> None:
-        self.time = line_column(time, "time", "s")
-        self.torque = line_column(torque, "torque", unit)
+        self.time = series("time", time, least=2)
+        self.torque = series("torque", torque, least=2)
         self.quantity = quantity
         self.unit = unit
         if self.time.size != self.torque.size:

@@ -24,7 +24,6 @@ __all__ = [
     "Display",
     "axes_for",
     "legend_above",
-    "line_column",
     "one_of_result",
     "plain_log_ticks",
     "require_matplotlib",
@@ -69,16 +68,6 @@ def legend_above(ax: Axes, ncols: int = 2, **options: Any) -> None:
     ax.legend(
         fontsize="small", frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=ncols, **options
     )
-
-
-def line_column(values: object, name: str, unit: str) -> Float:
-    """Return finite values as a 1-D float64 array; at least two."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or array.size < 2:
-        raise ValueError(f"{name} must be 1-D with at least 2 values ({unit}), got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite ({unit}), got {array[~np.isfinite(array)][0]}")
-    return array
 
 
 def one_of_result(name: str, parts: Sequence[T], condition: int) -> T:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from cyclofeat._base.arguments import ArgumentError
-from cyclofeat._base.checks import check_number, flag, is_whole, one_of, series, whole
+from cyclofeat._base.checks import flag, is_whole, number, one_of, positive, series, whole
 from cyclofeat.signal.windows import LARGEST, Float
 
 __all__ = ["defects", "flag", "label", "meta", "number", "one_of", "positive", "samples", "text", "whole"]
@@ -28,23 +26,6 @@ def samples(name: str, values: Any) -> Float:
         raise ValueError(f"{name} must lie within +-{LARGEST:g}, got {array[where]} at sample {where}")
     array.flags.writeable = False
     return array
-
-
-def number(name: str, value: Any, unit: str) -> float:
-    check_number(name, value, f"a number ({unit})")
-    if not math.isfinite(value):
-        raise ArgumentError(
-            "{argument} must be finite ({unit}), got {value!r}", argument=name, unit=unit, value=value
-        )
-    return float(value)
-
-
-def positive(name: str, value: Any, unit: str) -> float:
-    if number(name, value, unit) <= 0:
-        raise ArgumentError(
-            "{argument} must be positive ({unit}), got {value!r}", argument=name, unit=unit, value=value
-        )
-    return float(value)
 
 
 def text(name: str, value: Any) -> str:

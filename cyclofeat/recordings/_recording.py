@@ -108,7 +108,7 @@ class Recording:
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
             "torque": check.samples("torque", self.torque),
-            "sampling_rate": check.positive("sampling_rate", self.sampling_rate, "Hz"),
+            "sampling_rate": check.positive("sampling_rate", self.sampling_rate, "a number (Hz)"),
             "quantity": check.one_of("quantity", self.quantity, QUANTITIES),
             "angle_is_absolute": check.flag("angle_is_absolute", self.angle_is_absolute),
             "assembly": check.label("assembly", self.assembly),
@@ -120,11 +120,9 @@ class Recording:
         if self.angle_of not in ("input", "disc"):
             raise ValueError(f"angle_of must be 'input' or 'disc', got {self.angle_of!r}")
         if self.speed_rpm is not None:
-            checked["speed_rpm"] = check.positive(
-                "speed_rpm", self.speed_rpm, "turns per minute of the input"
-            )
+            checked["speed_rpm"] = check.positive("speed_rpm", self.speed_rpm, "a number (RPM)")
         if self.load_nm is not None:
-            checked["load_nm"] = check.number("load_nm", self.load_nm, "Nm")
+            checked["load_nm"] = check.number("load_nm", self.load_nm, "a number (Nm)")
         checked["worn_lobes"], checked["defect_count"] = check.defects(
             self.worn_lobes, self.defect_count, checked["n_lobes"]
         )

@@ -15,15 +15,6 @@ from cyclofeat.signal.lobes import anti_alias
 from cyclofeat.signal.orders import resample_by_angle, samples_at
 from cyclofeat.signal.windows import Float
 
-__all__ = [
-    "SAMPLES_PER_TURN",
-    "WINDOW_TURNS",
-    "ShaftCutter",
-    "ShaftWindow",
-    "at_lowest_rate",
-    "shaft_windows",
-]
-
 #: Samples per input turn of windows that hold all 44 lobe lines of a count.
 SAMPLES_PER_TURN = 128
 #: Share of an output turn that a window covers: a recording of whole turns at the nominal speed holds as many

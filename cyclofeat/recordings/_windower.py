@@ -69,17 +69,11 @@ class WindowSet:
 
     def part(self, rows: Int) -> WindowSet:
         """Return the windows with these numbers."""
-        return dataclasses.replace(
-            self,
-            X=self.X[rows],
-            y=None if self.y is None else self.y[rows],
-            groups=None if self.groups is None else self.groups[rows],
-            recording=self.recording[rows],
-            start_s=self.start_s[rows],
-            start_angle=self.start_angle[rows],
-            absolute=self.absolute[rows],
-            worn_lobes=tuple(self.worn_lobes[row] for row in rows.tolist()),
-        )
+        names = ("X", "y", "groups", "recording", "start_s", "start_angle", "absolute")
+        columns: dict[str, Any] = {name: getattr(self, name) for name in names}
+        columns = {name: column if column is None else column[rows] for name, column in columns.items()}
+        worn_lobes = tuple(self.worn_lobes[row] for row in rows.tolist())
+        return dataclasses.replace(self, worn_lobes=worn_lobes, **columns)
 
     def worn_table(self, n_lobes: int) -> NDArray[np.bool_] | None:
         """Table of worn lobes, shape (n_windows, n_lobes).
@@ -166,10 +160,10 @@ class Windower:
             check.whole("reduction", self.reduction, 2)
         for name in ("duration", "input_speed_hz"):
             if getattr(self, name) is not None:
-                check.positive(name, getattr(self, name), "s" if name == "duration" else "Hz")
-        if check.number("skip_s", self.skip_s, "s") < 0:
+                check.positive(name, getattr(self, name))
+        if check.number("skip_s", self.skip_s) < 0:
             raise ValueError(f"skip_s must not be negative (s), got {self.skip_s!r}")
-        if not 0 <= check.number("overlap", self.overlap, "share of a window") < 1:
+        if not 0 <= check.number("overlap", self.overlap) < 1:
             raise ValueError(f"overlap must lie in [0, 1), got {self.overlap!r}")
         if self.remainder not in ("drop", "error", "shift"):
             raise ValueError(f"remainder must be 'drop', 'error' or 'shift', got {self.remainder!r}")
@@ -218,14 +212,14 @@ class Windower:
         for index, recording in enumerate(records):
             if recording.assembly is None:
                 raise ValueError(
-                    f"{_name(index, recording)} has no assembly: windows of one assembly resemble each "
+                    f"{named(index, recording)} has no assembly: windows of one assembly resemble each "
                     "other, so folds that part them score a counter on machines that it has learned. Give "
                     "assembly=..., the same for all recordings of one assembly (or use .windows(recordings), "
                     "where nothing is to be evaluated)"
                 )
             if recording.defect_count is None:
                 raise ValueError(
-                    f"{_name(index, recording)} has no defect_count: give defect_count=... or worn_lobes=... "
+                    f"{named(index, recording)} has no defect_count: give defect_count=... or worn_lobes=... "
                     "(or use .windows(recordings).X, which needs no labels)"
                 )
         windows = self.windows(records)
@@ -253,11 +247,11 @@ class Windower:
         if self.angle_resample:
             per_turn = self._common_samples_per_turn(records)
             rate = float(per_turn)
-            parts = [self._cut_by_angle(_name(i, r), r, per_turn) for i, r in enumerate(records)]
+            parts = [self._cut_by_angle(named(i, r), r, per_turn) for i, r in enumerate(records)]
         else:
             rate = _common_rate(records, "angle_resample=True with samples_per_turn=...")
             length = self._window_length(records, rate)
-            parts = [self._cut_by_time(_name(i, r), r, length) for i, r in enumerate(records)]
+            parts = [self._cut_by_time(named(i, r), r, length) for i, r in enumerate(records)]
         return window_set(records, parts, rate)
 
     def _window_length(self, records: Sequence[Recording], rate: float) -> int:
@@ -284,7 +278,7 @@ class Windower:
         """Nominal input speed in turns per second: the argument, else what the recordings share."""
         shared, first = None, ""
         for index, recording in enumerate(records):
-            name, speed = _name(index, recording), recording.input_speed_hz
+            name, speed = named(index, recording), recording.input_speed_hz
             if shared is None:
                 shared, first = speed, name
             if self.input_speed_hz is not None:
@@ -457,7 +451,7 @@ def _as_list(recordings: Recording | Iterable[Recording]) -> list[Recording]:
     return records
 
 
-def _name(index: int, recording: Recording) -> str:
+def named(index: int, recording: Recording) -> str:
     """Return the name of a recording in messages."""
     meta = recording.meta or {}
     known = {"file": meta.get("file"), "run": recording.run, "assembly": recording.assembly}
@@ -470,8 +464,8 @@ def _common_rate(records: Sequence[Recording], remedy: str) -> float:
     for index, recording in enumerate(records):
         if not math.isclose(recording.sampling_rate, rate, rel_tol=_SAME):
             raise ValueError(
-                f"recordings must share one sampling_rate, got {rate:g} Hz in {_name(0, records[0])} and "
-                f"{recording.sampling_rate:g} Hz in {_name(index, recording)}: resample them, or use {remedy}"
+                f"recordings must share one sampling_rate, got {rate:g} Hz in {named(0, records[0])} and "
+                f"{recording.sampling_rate:g} Hz in {named(index, recording)}: resample them, or use {remedy}"
             )
     return rate
 

@@ -22,6 +22,7 @@ from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_
 from cyclofeat.report._gap import summarise_gap, write_gap_report
 from cyclofeat.report._history import summarise_history, write_history_report
 from cyclofeat.report._page import check_page_path
+from cyclofeat.report._page import environment as environment
 from cyclofeat.report._report import Report
 
 __all__ = [

@@ -44,9 +44,10 @@ _COLOURS = {
 _REFUSED = "#b3261e"
 
 
-def _theme(ink: str, faint: str, frame: str, legend: str, *cycle: str) -> Any:
+def _theme(scheme: str) -> Any:
     from cycler import cycler
 
+    ink, faint, frame, legend, *cycle = _COLOURS[scheme]
     transparent = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     inked = ("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.labelcolor", "ytick.labelcolor")
     lines = ("axes.edgecolor", "xtick.color", "ytick.color", "grid.color")
@@ -62,11 +63,6 @@ def _theme(ink: str, faint: str, frame: str, legend: str, *cycle: str) -> Any:
         "svg.fonttype": "path",
         "svg.hashsalt": "cyclofeat",
     }
-
-
-def _themes() -> dict[str, Any]:
-    """Settings by the scheme of the page."""
-    return {scheme: _theme(*colours) for scheme, colours in _COLOURS.items()}
 
 
 def picture(
@@ -102,7 +98,7 @@ def _svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
     from matplotlib.figure import Figure
 
     # A bare Figure needs no window system and is not listed as open.
-    with matplotlib.rc_context(_themes()[scheme]):
+    with matplotlib.rc_context(_theme(scheme)):
         figure = Figure(figsize=size, layout="constrained")
         draw(figure.subplots(), scheme)
         svg = io.StringIO()

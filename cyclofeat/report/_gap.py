@@ -94,25 +94,16 @@ def summarise_gap(
     settings: Mapping[str, Any] | None = None,
     title: str = "",
 ) -> dict[str, Any]:
-    """Values that the page of a gap shows, plain as JSON can hold them.
+    """Summarise a gap in plain values that JSON can hold.
 
-    Parameters
-    ----------
-    result : cyclofeat.gap.GapResult
-    sources, settings, title
-        As in :func:`write_gap_report`.
+    Parameters and errors are those of :func:`write_gap_report`; pictures are data URIs.
 
     Returns
     -------
     dict
         ``title``, ``version``, ``surrogate``, ``origin``, ``answer``, ``next``, ``remains``, ``overlays``,
         ``where``, ``proof``, ``warnings``, ``method`` and ``provenance``, and what the template needs
-        besides. Pictures are data URIs; absent parts are None or empty.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is not installed.
+        besides; absent parts are None or empty.
     """
     require_matplotlib()
     label, surrogate, text_of_origin = origin(sources)

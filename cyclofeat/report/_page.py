@@ -55,14 +55,16 @@ def write_page(
     return write_whole(target, lambda file: file.write(html.encode()))
 
 
-def environment() -> jinja2.Environment:
-    """Return the environment of this package's templates, which escapes every value."""
+def environment(*packages: str) -> jinja2.Environment:
+    """Return the environment of the templates of some packages and this one, which escapes every value."""
     try:
         import jinja2
     except ImportError as error:
         raise ImportError("reports need jinja2: pip install jinja2") from error
     return jinja2.Environment(
-        loader=jinja2.PackageLoader("cyclofeat.report"),
+        loader=jinja2.ChoiceLoader(
+            [*map(jinja2.PackageLoader, packages), jinja2.PackageLoader("cyclofeat.report")]
+        ),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

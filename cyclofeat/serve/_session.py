@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cyclofeat.serve._commands import Order, order
+from cyclofeat.serve._commands import order
 from cyclofeat.serve._jobs import Job, Jobs
 from cyclofeat.serve._store import Store
 
@@ -46,11 +46,7 @@ class Session:
 
     def start(self, asked: Mapping[str, Any]) -> Job:
         """Start the command that the page asks for."""
-
-        def make(folder: Path) -> Order:
-            return order(asked, self.store, self.model_options(), folder)
-
-        return self.jobs.start(make)
+        return self.jobs.start(lambda folder: order(asked, self.store, self.model_options(), folder))
 
     def facts(self) -> dict[str, dict[str, Any]]:
         """Return what was last found in each file, by its path within the folder of recordings."""

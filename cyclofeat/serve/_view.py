@@ -8,26 +8,17 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from cyclofeat import __version__
 from cyclofeat._base.words import number
 from cyclofeat.counting import score_text
 from cyclofeat.models import ModelFileError, read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name
+from cyclofeat.report import environment
 from cyclofeat.serve._jobs import Job
 from cyclofeat.serve._session import Session
 
 # The look is that of the reports.
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.ChoiceLoader(
-        [jinja2.PackageLoader("cyclofeat.serve"), jinja2.PackageLoader("cyclofeat.report")]
-    ),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+_TEMPLATES = environment("cyclofeat.serve")
 
 
 def page() -> str:

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat.signal.welch import (
     PRESETS,
-    SegmentTransforms,
     power_over_segments,
     welch_frequencies,
     welch_transforms,
@@ -18,18 +17,12 @@ from cyclofeat.signal.windows import Complex, Float, as_windows, chunks, ratio
 
 __all__ = [
     "coherence_of_transforms",
-    "coherence_transforms",
     "magnitude_squared_coherence",
     "without_rounding",
 ]
 
 # Share of the largest line's power below which a line of a Fourier transform is rounding.
 _ROUNDING = 1e-28
-
-
-def coherence_transforms(n_samples: int) -> SegmentTransforms:
-    """Transforms of the segments that ``mscohere`` takes by default: those of ``pwelch``."""
-    return welch_transforms(n_samples, PRESETS["matlab_pwelch"])
 
 
 def without_rounding(power: Float) -> Float:
@@ -111,7 +104,7 @@ def magnitude_squared_coherence(
         )
     n_samples = x.shape[-1]
     frequencies = welch_frequencies(n_samples, sampling_rate)
-    transforms = coherence_transforms(n_samples)
+    transforms = welch_transforms(n_samples, PRESETS["matlab_pwelch"])
     windows: NDArray[Any] = x.reshape(-1, n_samples)
     references: NDArray[Any] = reference.reshape(-1, n_samples)
     coherence = np.empty((len(windows), frequencies.size))

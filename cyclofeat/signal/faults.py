@@ -24,6 +24,7 @@ __all__ = [
     "local_speeds",
     "noise_change",
     "noise_level",
+    "runs",
     "smoothness",
     "step_size",
     "weakest_part",
@@ -61,7 +62,7 @@ def clipped(torque: Float) -> float:
         beside = extreme(torque, where=~at_end, initial=beyond)
         if count < _PILE * np.count_nonzero(torque == beside):
             continue
-        if _runs(at_end)[1].max() >= _SHORTEST_CLIP:
+        if runs(at_end)[1].max() >= _SHORTEST_CLIP:
             share += count / torque.size
     return share
 
@@ -75,7 +76,7 @@ def dropped(torque: Float) -> NDArray[np.bool_]:
 def _held(torque: Float) -> NDArray[np.bool_]:
     """Mark samples that repeat one value for long, or are 0 far from others."""
     same = torque[1:] == torque[:-1]
-    starts, lengths = _runs(same)
+    starts, lengths = runs(same)
     lengths += 1  # of two equal samples or more
     limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
     alone = torque == 0
@@ -111,14 +112,14 @@ def _bridged(torque: Float) -> NDArray[np.bool_]:
     bend = np.diff(bend)
     np.abs(bend, out=bend)
     straight = np.pad((bend <= most) & moves, 1)
-    starts, lengths = _runs(straight)
+    starts, lengths = runs(straight)
     # Each sample that is on no line is a run of its own.
     limit = _unusually_long(lengths, torque.size - int(lengths.sum()))
     return _marked(starts, lengths, lengths >= limit, torque.size)
 
 
-def _runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First samples and lengths of the runs of marked samples; few even where the record is long."""
+def runs(marked: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first samples and the lengths of the runs of marked samples; few even in a long record."""
     edges = np.flatnonzero(np.diff(marked, prepend=False, append=False))
     return edges[::2], edges[1::2] - edges[::2]
 

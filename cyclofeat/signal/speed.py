@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 
 from cyclofeat.signal.lobes import comb_prominence, highest_frequency, lobe_frequency, reduce_rate
@@ -325,7 +326,7 @@ def _passed(
     finer = [one for one in passes[1:] if one.turns <= turns]
     course, evidence = _course(torque, sampling_rate, nominal_hz, passes[0], lines)
     at = np.interp(np.arange(torque.size) / sampling_rate, *course) * nominal_hz
-    angle = _integrated(at, sampling_rate)
+    angle = 2 * np.pi * cumulative_trapezoid(at, dx=1 / sampling_rate, initial=0)
     for one in finer:
         angle, evidence = _finer(torque, sampling_rate, angle, one, lines)
     found = _found(torque, sampling_rate, angle, evidence, lines)
@@ -351,7 +352,7 @@ def _finer(
     smooth = PchipInterpolator(position + grid[0] / (2 * np.pi), factor, extrapolate=False)
     low, high = smooth.x[0], smooth.x[-1]
     factors = smooth(np.clip(angle / (2 * np.pi), low, high))
-    return np.concatenate([[0.0], np.cumsum(np.diff(angle) * (factors[1:] + factors[:-1]) / 2)]), evidence
+    return cumulative_trapezoid(factors, angle, initial=0), evidence
 
 
 def _found(
@@ -452,11 +453,6 @@ def _disc(lobe: Float, is_mesh: NDArray[np.bool_], shaft: Float) -> _Disc:
 def _reaching(ratios: Float) -> float:
     """Return the log probability ratio over noise of lines from the first to an unknown last one, or none."""
     return float(np.logaddexp.reduce(np.append(0.0, np.cumsum(ratios))) - np.log(ratios.size + 1))
-
-
-def _integrated(speed_hz: Float, sampling_rate: float) -> Float:
-    steps = np.pi * (speed_hz[1:] + speed_hz[:-1]) / sampling_rate
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _course(

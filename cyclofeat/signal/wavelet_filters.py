@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 import pywt
-from numpy.typing import NDArray
 
 __all__ = [
     "as_wavelet",
-    "double_shift_error",
     "level_band",
     "level_of",
     "morris",
@@ -168,13 +166,3 @@ def level_of(frequency_hz: float, sampling_rate: float) -> int:
     low, high = level_band(level, sampling_rate)
     # Rounding of the logarithm at a band's very edge.
     return level + 1 if frequency_hz < low else level - 1 if frequency_hz >= high else level
-
-
-def double_shift_error(taps: NDArray[np.float64]) -> float:
-    """Largest deviation from orthonormality under even shifts: 0 for an exact scaling filter."""
-    taps = np.asarray(taps, dtype=float)
-    products = [
-        float(np.dot(taps[2 * shift :], taps[: taps.size - 2 * shift])) for shift in range(taps.size // 2)
-    ]
-    products[0] -= 1.0
-    return float(np.max(np.abs(products)))

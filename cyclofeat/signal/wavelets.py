@@ -25,7 +25,6 @@ from scipy.signal.windows import hann
 from cyclofeat._base.checks import whole
 from cyclofeat.signal.wavelet_filters import (
     as_wavelet,
-    double_shift_error,
     level_band,
     level_of,
     morris,
@@ -36,7 +35,6 @@ from cyclofeat.signal.windows import Float, as_windows, chunks, ratio
 
 __all__ = [
     "as_wavelet",
-    "double_shift_error",
     "dwt",
     "envelope_lines",
     "level_band",

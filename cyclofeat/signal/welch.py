@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy.fft
-from numpy.lib.stride_tricks import as_strided
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
@@ -162,18 +162,12 @@ class SegmentTransforms:
         if self.remove_mean:
             # A constant less its mean leaves rounding; less its own first sample it leaves nothing.
             x = np.asarray(x, dtype=np.float64) - x[:, :1].astype(np.float64)
-            pieces = self._segments(x)
-            np.subtract(pieces, pieces.mean(axis=2, keepdims=True), out=tapered)
-            np.multiply(tapered, self.taper, out=tapered)
-        else:
-            # The taper is float64, and so are the products with samples of single precision.
-            np.multiply(self._segments(x), self.taper, out=tapered)
+        pieces = sliding_window_view(x, self.taper.size, axis=1)[:, :: self.step]
+        if self.remove_mean:
+            pieces = np.subtract(pieces, pieces.mean(axis=2, keepdims=True), out=tapered)
+        # The taper is float64, and so are the products with samples of single precision.
+        np.multiply(pieces, self.taper, out=tapered)
         return np.asarray(scipy.fft.rfft(padded, axis=-1))
-
-    def _segments(self, x: NDArray[Any]) -> NDArray[Any]:
-        row, sample = x.strides
-        shape = (len(x), self.n_segments, self.taper.size)
-        return as_strided(x, shape, (row, self.step * sample, sample), writeable=False)
 
 
 def welch_transforms(n_samples: int, definition: WelchPreset) -> SegmentTransforms:

@@ -4,12 +4,13 @@
 |---|---|
 | `_read` | one record from a file of any kind, and back to a file |
 | `_columns` | names, units and numbers that all kinds of files share |
+| `_quantities` | quantity of a channel, by its name and its unit |
 | `_times` | sampling rate from a column of times, with its jitter and gaps |
 | `_csv`, `_npz`, `_tdms`, `_matlab`, `_parquet`, `_wav`, `_xlsx` | one kind of file each |
 | `_text` | text in any encoding, packed or not |
 | `_labels` | labels as files hold them |
 | `_folder` | a folder with its manifest |
-| `_describe`, `_speed` | content of a record, and what would spoil a count |
+| `_describe` | content of a record, and what would spoil a count |
 """
 
 from cyclofeat.datasets.readers._columns import Source

@@ -135,6 +135,7 @@ class CsvSource(Source):
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
+        self._check_points(index)
         rows: Iterable[str] | str = self._rows()
         options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
         if self.decimal_comma:
@@ -147,6 +148,19 @@ class CsvSource(Source):
             return np.loadtxt(rows, comments=None, quotechar='"', ndmin=1, **options)
         except ValueError as error:
             raise self._not_numbers(index, error) from None
+
+    def _check_points(self, index: int) -> None:
+        """Raise where a row has numbers with a decimal comma and, in a column, one with a point."""
+        for number, row in enumerate(self._rows() if self.decimal_comma else ()):
+            if "." not in row or "," not in row:
+                continue
+            cells = self._cells(row)
+            if "." in cells[index] and any("," in one and self._number(one) is not None for one in cells):
+                raise ValueError(
+                    f"{self.file}: {self.where(number)}, column {self.names[index]!r} holds "
+                    f"{cells[index].strip()!r} beside numbers with a decimal comma: does the point separate "
+                    "thousands, or decimals? Write all numbers with a decimal comma and without points"
+                )
 
     def times(self, index: int) -> NDArray[Any]:
         try:

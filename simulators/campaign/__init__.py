@@ -13,7 +13,7 @@ module        responsibility
 """
 
 from cyclofeat.simulators.campaign._campaign import run_campaign
-from cyclofeat.simulators.campaign._design import Campaign, RunPlan
+from cyclofeat.simulators.campaign._design import Campaign
 from cyclofeat.simulators.campaign._load import CampaignData, Shards, load_campaign
 from cyclofeat.simulators.campaign._run import made_with
 from cyclofeat.simulators.campaign._workers import WorkerLost
@@ -21,7 +21,6 @@ from cyclofeat.simulators.campaign._workers import WorkerLost
 __all__ = [
     "Campaign",
     "CampaignData",
-    "RunPlan",
     "Shards",
     "WorkerLost",
     "load_campaign",

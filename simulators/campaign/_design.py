@@ -27,7 +27,7 @@ from cyclofeat.simulators.simulation import Solver
 
 Float = NDArray[np.float64]
 
-FORMAT, _FROM_0 = "cyclofeat campaign 3", "cyclofeat campaign 2"  # the older one counted wheels from 0
+FORMAT = "cyclofeat campaign 3"
 _NOTE = (
     "SI units, as in the rig. rig: R0, R1, R2, or an object as in a rig's own file; its parameters that are "
     "ranges or distributions are explored. Missing keys have their default."
@@ -222,7 +222,7 @@ class Campaign:
         return min(self.shard_length, self.n_runs - shard * self.shard_length)
 
     def plans(self, first: int = 0, n_runs: int | None = None) -> Iterator[RunPlan]:
-        """Yield the plans of ``n_runs`` runs (default: all) from index ``first`` on, as :class:`RunPlan`."""
+        """Yield the plans of ``n_runs`` runs (default: all) from index ``first`` on."""
         end = self.n_runs if n_runs is None else min(first + n_runs, self.n_runs)
         n_classes = len(self.defect_counts)
         repeat, last = first // n_classes, -(-end // n_classes)
@@ -330,14 +330,10 @@ class Campaign:
         """Return the design that a JSON file holds, as :meth:`from_json`."""
         if not isinstance(content, dict):
             raise TypeError(f"the file must hold a JSON object {{...}}, got {checks.short(content)}")
-        given = dict(content)
-        if "made_with" in given:  # the folder of a campaign: before there were batches, it named no kernel
-            given.setdefault("kernel", "exact")
-        form = given.get("format", FORMAT)
-        if form not in (FORMAT, _FROM_0):
+        form = content.get("format", FORMAT)
+        if form != FORMAT:
             raise ValueError(f"format must be {FORMAT!r}, got {checks.short(form)}")
-        if form == FORMAT:
-            given = settings_of_file(given)
+        given = settings_of_file(content)
         reject_unknown(given, [*(item.name for item in dataclasses.fields(cls)), *_REMARKS])
         for name in _REMARKS:
             given.pop(name, None)

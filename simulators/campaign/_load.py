@@ -68,11 +68,6 @@ class Shards:
     def __len__(self) -> int:
         return self.shape[0]
 
-    @property
-    def nbytes(self) -> int:
-        """Size of all of it in memory."""
-        return self.shape[0] * self.shape[1] * self.dtype.itemsize
-
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         for shard in range(len(self.paths)):
             yield from self._shard(shard)

@@ -14,9 +14,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
 
 from cyclofeat._base.checks import is_number
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.simulators.effects._numbers import (
     EffectParameter,
     is_distribution,
@@ -82,7 +82,7 @@ _PLACE_OF_HOOK = {
 }
 
 
-class Effect(DocumentedEstimator):
+class Effect(BaseEstimator):
     """Abstract base of the effects: a deviation of a real rig from the plain simulation.
 
     A subclass states its parameters and overrides at least one hook: :meth:`change_gearbox`,

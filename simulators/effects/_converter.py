@@ -11,7 +11,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.stats import loguniform, norm
 
-from cyclofeat._base.checks import one_of, whole
+from cyclofeat._base.checks import one_of
 from cyclofeat.simulators._jit import njit
 from cyclofeat.simulators._lines import between
 from cyclofeat.simulators.effects._base import Effect, Float, Place, TorqueContext
@@ -114,10 +114,6 @@ class Quantisation(Effect):
         Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
         clips. Set by hand: neither fitted nor drawn from a prior.
 
-    Examples
-    --------
-    >>> Quantisation.from_bits(12, full_scale_nm=51.2).lsb_nm
-    0.025
     """
 
     place = Place.ADC_CODES
@@ -126,15 +122,6 @@ class Quantisation(Effect):
         "full_scale_nm": EffectParameter("Nm", 1e-6, math.inf, math.inf, log=True),
     }
     separated_by = "the comb of the histogram"
-
-    @classmethod
-    def from_bits(cls, bits: int, full_scale_nm: float) -> Quantisation:
-        """The converter of ``bits`` bits over the range from -full_scale_nm to full_scale_nm (Nm)."""
-        bits = whole("bits", bits, 1, 32)
-        checked = cls(0.0, full_scale_nm).check()
-        if checked.has_spread or math.isinf(full_scale_nm):
-            raise ValueError(f"full_scale_nm must be one finite number of Nm, got {full_scale_nm!r}")
-        return cls(full_scale_nm / 2 ** (bits - 1), full_scale_nm)
 
     def check_settings(self) -> None:
         if self.has_spread or self.lsb_nm <= self.full_scale_nm:

@@ -680,9 +680,10 @@ def test_bad_recordings(capsys, folder, make, message):
         ),
         (
             ["simulate", "--worn-lobes", "three", "--out", "x.npz"],
-            "--worn-lobes must list lobes counted from 1, like 1,5, got 'three'",
+            "--worn-lobes must list different lobes counted from 1, like 1,5, got 'three'",
         ),
         (["simulate", "--worn-lobes", "0,3", "--out", "x.npz"], "counted from 1, like 1,5, got '0,3'"),
+        (["simulate", "--worn-lobes", "1,1", "--out", "x.npz"], "different lobes counted from 1, like 1,5"),
         (["simulate", "--worn-count", "16", "--out", "x.npz"], "lobe 15"),
         (["simulate", "--worn-count", "1", "--depth", "2", "--out", "x.npz"], "depth must lie between 0"),
         (["simulate", "--worn-count", "1", "--wear-um", "300", "--out", "x.npz"], "between 0 and 200 um"),
@@ -808,6 +809,19 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
     code, _, err = run(capsys, "inspect", tmp_path)
     assert code == 2
     assert "recordings.csv: line 5: no such file: x.csv" in err
+
+
+def test_an_error_states_the_path_even_if_its_text_holds_the_name_of_the_folder(
+    capsys, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for name in ("m", "other"):  # "m" is also a letter of the message
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "recordings.csv").write_text("file,sped\nx.csv,1\n", encoding="utf-8")
+    for command in (["inspect", "m"], ["evaluate", "m", "other"]):
+        assert run(capsys, *command)[2].startswith(
+            "cyclofeat: error: m: recordings.csv: line 1: unknown column 'sped'"
+        )
 
 
 @pytest.mark.parametrize(

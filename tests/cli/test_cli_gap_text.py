@@ -9,6 +9,8 @@ import pytest
 from gap_answers import REMAINDER, answered, compared, proof_of
 
 from cyclofeat.cli._gap_printing import gap_lines
+from cyclofeat.gap import FoundEffect
+from cyclofeat.simulators import Gain
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +25,9 @@ def test_all_is_told_in_order(result):
         "  amplitude_nm = 1.99 (1.91 to 2.06) Nm",
         "missing: pin_errors (96%): Position errors of the pins",
         "  rms = 1.2e-05 (2e-06 to 5e-05) m",
-        "probably missing: gain (61%), or offset: Gain of the torque meter",
+        "probably missing: gain (61%), or offset (36%): Gain of the torque meter",
         "  factor = 1.05 (1.01 to 1.09)",
-        "open: offset (36%), clearance (30%)",
+        "open: clearance (30%)",
         "open, but too small to be seen; would be seen with: run_out (12%, runout above 2.5e-05 m)",
         "left unexplained: nothing (p = 0.31)",
         "measure next: a record at 44 Nm, to tell apart gain, offset",
@@ -47,6 +49,19 @@ def test_what_is_left_and_what_is_not_known(result):
         "something is missing that no effect considered explains: sizes are not confirmed by simulation",
         "measure next: a record at 44 Nm, to tell apart gain, offset",
         "held out: too little disagreement to state how far it shrank",
+    ]
+
+
+def test_look_alikes_that_are_probable_only_together_are_told_once(result):
+    three = {"gain": 0.21, "offset": 0.21, "load_scale": 0.11}
+    effects = [
+        FoundEffect(name, p, "unresolved", (), tuple(other for other in three if other != name))
+        for name, p in three.items()
+    ]
+    lines = gap_lines(dataclasses.replace(result, effects=tuple(effects), named=(Gain(1.05),)))
+    assert lines[1:3] == [
+        "probably missing: gain (21%), or offset (21%), load_scale (11%): Gain of the torque meter",
+        "left unexplained: nothing (p = 0.31)",
     ]
 
 

@@ -127,7 +127,7 @@ G4 = np.arange(8)
     ("changes", "message"),
     [
         ({"groups": None}, "groups must name the assembly.*got None.*Windower"),
-        ({"groups": np.zeros(8)}, "class 0 has 1 assemblies, fewer than n_splits=2"),
+        ({"groups": np.zeros(8)}, "class 0 has 1 assembly, fewer than n_splits=2"),
         ({"groups": G4[:5]}, "inconsistent numbers of samples"),
         ({"y": Y4.astype(str)}, "y must hold defect counts.*'0'"),
         ({"y": Y4[:, np.newaxis]}, r"y must hold one value per window, got shape \(8, 1\)"),

@@ -98,6 +98,20 @@ def test_folds_fitted_in_processes_give_the_same_scores():
         evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=THREE)
 
 
+@pytest.mark.parametrize("method", [learning_curve, noise_sweep])
+def test_curves_and_sweeps_are_fitted_in_processes_too(method):
+    X = COUNTS[:, np.newaxis] + np.random.default_rng(1).normal(0, 0.6, (COUNTS.size, 3))
+    which = {"n_assemblies": (2, 4)} if method is learning_curve else {"noise_nm": (0.0, (0.5, 1.0))}
+    told = []
+    alone = method(GaussianNB(), X, COUNTS, GROUPS, protocol=THREE, **which)
+    protocol = Protocol(n_splits=3, n_jobs=2, progress=lambda *done: told.append(done))
+    together = method(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=protocol, **which)
+    assert {key: one.to_dict() for key, one in together.items()} == {
+        key: one.to_dict() for key, one in alone.items()
+    }
+    assert told == [(done, 6) for done in range(1, 7)]
+
+
 # Protocols
 
 

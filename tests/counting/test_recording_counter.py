@@ -66,6 +66,8 @@ def test_bad_recordings_are_named(some):
         model.predict([some[0], some[0].part(0.0, 0.5)])
     with pytest.raises(TypeError, match="recordings must be Recording objects, got list at 0"):
         model.predict([[1.0, 2.0]])
+    with pytest.raises(TypeError, match="recording must be a Recording object, got str"):
+        model.count("rig.csv")
     with pytest.raises(TypeError, match="got one: use count"):
         model.predict(some[0])
     with pytest.raises(ValueError, match="recording 1 states no defect_count"):

@@ -113,7 +113,7 @@ def trained(lines, length, begins):
 def answered(network, lines):
     """Log odds of rows at each place, and probabilities of no row and of either length."""
     turns = _row_network.turns_of_places(5, 12, 4)
-    single = _row_network.in_single_precision(network)
+    single = {name: values.astype(np.float32) for name, values in network.items()}
     rows, sound = _row_network.log_odds(np, single, lines.astype(np.complex64), turns)
     return rows, softmax(np.concatenate([sound[:, np.newaxis], logsumexp(rows, axis=1)], axis=1), axis=1)
 

@@ -20,13 +20,6 @@ def test_every_table_has_one_row_per_disc(tables):
         assert tables[name]["defect_count"].tolist() == list(range(8))
 
 
-def test_the_tables_are_the_same_as_data_frames(tables):
-    frames = load_published_tables(as_frame=True)
-    for name in ("signal_statistics", "spectral_centroid", "spectral_entropy"):
-        np.testing.assert_array_equal(frames[name].to_records(index=False), tables[name])
-        assert frames[name].columns.tolist() == list(tables[name].dtype.names)
-
-
 def test_statistics_agree_with_each_other(tables):
     found = tables.signal_statistics
     assert found.dtype.names == ("defect_count", "min_nm", "max_nm", "mean_nm", "std_nm", "range_nm")

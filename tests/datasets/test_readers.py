@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import json
 import pickle
-import tracemalloc
 import zipfile
 
 import numpy as np
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from memory import peak_bytes
 from small_model import recording as burst_recording
 from small_model import shaft_model
 
@@ -378,6 +378,11 @@ BAD_CSV = {
     "text without names": ("1.5\n2.5\nthree\n", {}, ["line 3", "column '0'", "'three'"]),
     "words below names": ("time;torque\na;b\n0;1\n1;2\n", {}, ["line 2", "column 'torque'", "'b'"]),
     "thousands": ("torque;a\n1,234.5;1\n2;1\n", {}, ["line 2", "'1,234.5', which is not a number"]),
+    "a point beside decimal commas": (
+        "angle;torque [Nmm]\n0,1;2\n0,2;24.768\n",
+        {},
+        ["line 3", "column 'torque [Nmm]' holds '24.768'", "thousands, or decimals?"],
+    ),
     "an underscore": ("torque\n1_000\n2\n", {}, ["column 'torque'"]),
     "a short row": ("a,torque\n1,2\n1\n1,2\n", {}, ["line 3", "2 columns", "got 1 column"]),
     "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", {}, ["line 3", "2 columns", "got 3 columns"]),
@@ -677,15 +682,12 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_read(
     monkeypatch.setattr(_columns, "LARGEST_UNPACKED", 6 * 10**7)  # in place of 2 GB: the test stays cheap
     path = tmp_path / "rig.npz"
     zip_zeros(path, name, dtype, n_bytes)
-    tracemalloc.start()
-    for read in (read_recording, load_arrays):
-        with pytest.raises(
-            ValueError, match=rf"rig.npz takes {size} GB.* {size} GB of it array '{name}'; at most 0.06 GB"
-        ):
-            read(path)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 2**20
+    message = rf"rig.npz takes {size} GB.* {size} GB of it array '{name}'; at most 0.06 GB"
+    with peak_bytes() as peak:
+        for read in (read_recording, load_arrays):
+            with pytest.raises(ValueError, match=message):
+                read(path)
+    assert peak[0] < 2**20
     monkeypatch.undo()
     assert load_arrays(path)[name].nbytes == n_bytes
 
@@ -798,29 +800,21 @@ def test_a_text_file_is_read_in_pieces(suffix, tmp_path):
     path.write_bytes(gzip.compress(text.encode(), 1) if suffix == ".csv.gz" else text.encode())
     n_bytes = len(text)
     del text
-    tracemalloc.start()
-    try:
+    with peak_bytes() as peak:
         recording = read_recording(path, sampling_rate=1000)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
     np.testing.assert_array_equal(recording.torque, np.arange(rows) % 97 + 0.25)
     blocks = 2**22  # of text, whatever its length
     assert n_bytes > 18e6
-    assert peak <= 3 * recording.torque.nbytes + blocks
+    assert peak[0] <= 3 * recording.torque.nbytes + blocks
 
 
 def test_the_times_of_a_long_record_take_little_memory(tmp_path):
     times = np.arange(500_000) / 25_600 + 3
     np.savez(tmp_path / "long.npz", torque=22 + np.sin(times), time=times)
-    tracemalloc.start()
-    try:
+    with peak_bytes() as peak:
         recording = read_recording(tmp_path / "long.npz")
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
     assert recording.sampling_rate == 25_600
-    assert peak <= 2.5 * recording.torque.nbytes
+    assert peak[0] <= 2.5 * recording.torque.nbytes
 
 
 # The shaft's angle by a tachometer

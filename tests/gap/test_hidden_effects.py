@@ -496,12 +496,9 @@ def test_figures_by_hand() -> None:
     assert "| 1 | 2 |" in _table.markdown(every)
 
 
-def test_wilson_and_calibration_by_hand() -> None:
+def test_wilson_by_hand() -> None:
     low, high = wilson(8, 10)
     assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)
-    assert _table.calibration_error([0.95, 0.95, 0.55, 0.55], [True, True, True, False]) == pytest.approx(
-        0.05
-    )
 
 
 def test_results_are_read_from_files(tmp_path: Path) -> None:

@@ -190,7 +190,7 @@ def test_what_is_no_history_is_left_alone(tmp_path):
         History(tmp_path / "absent.sqlite", create=False)
     with pytest.raises(FileNotFoundError, match="folder .* does not exist"):
         History(tmp_path / "absent" / "a.sqlite")
-    with pytest.raises(OSError, match="unable to open"):
+    with pytest.raises(OSError, match="is a folder: a history is a file"):
         History(tmp_path)
 
 

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import importlib
 import re
-from email.message import Message
 from pathlib import Path
 
 import pytest
-from sklearn.base import BaseEstimator
-
-from cyclofeat._base import sklearn_private
-from cyclofeat._base.versions import documentation_site
-from cyclofeat.features import LobeMap
 
 PAGE = (Path(__file__).parents[2] / "docs" / "api.rst").read_text(encoding="utf-8")
 PACKAGES = (
@@ -132,41 +126,3 @@ def test_no_name_is_listed_twice():
 
 def test_every_entry_has_a_docstring():
     assert not [name for name, value in LISTED.items() if not (value.__doc__ or "").strip()]
-
-
-BASES = {"cyclofeat.features.base.WindowTransformer", "cyclofeat.simulators.Effect"}  # abstract
-ESTIMATORS = {
-    name: kind
-    for name, kind in LISTED.items()
-    if isinstance(kind, type) and issubclass(kind, BaseEstimator) and name not in BASES
-}
-
-
-@pytest.mark.parametrize("name", ESTIMATORS)
-def test_an_estimator_links_to_its_page(name, monkeypatch):
-    monkeypatch.setattr(sklearn_private, "documentation_site", lambda: "https://docs.example.org/stable")
-    kind = ESTIMATORS[name]
-    # Autosummary names a page by the entry of the table.
-    assert kind._get_doc_link(kind.__new__(kind)) == f"https://docs.example.org/stable/generated/{name}.html"
-
-
-def test_without_a_stated_site_and_for_estimators_of_users_there_is_no_link(monkeypatch):
-    mine = type("Mine", (LobeMap,), {"__module__": "mine"})(25_600)
-    monkeypatch.setattr(sklearn_private, "documentation_site", lambda: "")
-    assert LobeMap(25_600)._get_doc_link() == ""
-    assert 'doc_link"' not in LobeMap(25_600)._repr_html_()
-    monkeypatch.setattr(sklearn_private, "documentation_site", lambda: "https://docs.example.org")
-    assert (
-        "https://docs.example.org/generated/cyclofeat.features.LobeMap.html" in LobeMap(25_600)._repr_html_()
-    )
-    assert mine._get_doc_link() == ""
-
-
-def test_the_site_is_that_of_the_metadata(monkeypatch):
-    stated = Message()
-    stated["Project-URL"] = "Source, https://code.example.org"
-    stated["Project-URL"] = "Documentation, https://docs.example.org/stable/"
-    monkeypatch.setattr("importlib.metadata.metadata", lambda _: stated)
-    assert documentation_site.__wrapped__() == "https://docs.example.org/stable"
-    del stated["Project-URL"]
-    assert documentation_site.__wrapped__() == ""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 import pickle
-import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory import peak_bytes
 from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 
@@ -772,14 +772,10 @@ def test_a_long_recording_is_cut_with_the_memory_of_three():
     torque = np.sin(16 * angle) + np.random.default_rng(0).normal(0, 0.1, angle.size)
     recording = Recording(torque, 25_600, angle=angle)
     shaft_windows([recording], [angle], 15)  # its imports
-    tracemalloc.start()
-    try:
+    with peak_bytes() as peak:
         windows = shaft_windows([recording], [angle], 15)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
     assert len(windows) == 6
-    assert peak < 3 * torque.nbytes
+    assert peak[0] < 3 * torque.nbytes
 
 
 @pytest.mark.parametrize("rpm", [100, 730, 1490])

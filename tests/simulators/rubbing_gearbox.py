@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cyclofeat.simulators import reference as bodies
 from cyclofeat.simulators.reference import ReferenceGearbox
-from cyclofeat.simulators.reference import _bodies as bodies
 
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]

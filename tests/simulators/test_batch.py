@@ -274,7 +274,8 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
 def test_failures_have_the_exact_kernels_reason() -> None:
     stiff = STEEL.replace(stiffness_scale=1.0, ramp_time=0.0)
     worn = LobeDefects.worn(1)
-    found = simulate_many([STEEL, stiff], worn, duration=0.02, kernel="batch", on_failure="return")
+    arguments = [{"gearbox": gearbox, "defects": worn, "duration": 0.02} for gearbox in (STEEL, stiff)]
+    found = dict(simulate_each(arguments, "batch"))
     with pytest.raises(SimulationDiverged) as error:
         simulate(stiff, worn, duration=0.02)
     assert isinstance(found[0], SimulationRun)

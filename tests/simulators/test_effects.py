@@ -659,15 +659,10 @@ def test_quantisation_leaves_a_comb_in_the_histogram():
 
 
 def test_quantisation_clips_at_its_range():
-    bits = Quantisation.from_bits(4, full_scale_nm=8.0)
-    assert (bits.lsb_nm, bits.full_scale_nm) == (1.0, 8.0)
     ramp = np.linspace(-12, 12, 2401)
-    assert np.unique(torque_of(bits, ramp)).tolist() == list(range(-8, 8))
+    assert np.unique(torque_of(Quantisation(1.0, 8.0), ramp)).tolist() == list(range(-8, 8))
     np.testing.assert_array_equal(torque_of(Quantisation(0.0, 3.0), ramp), np.clip(ramp, -3, 3))
     assert torque_of(Quantisation(0.1, 0.3), ramp).max() == pytest.approx(0.2)
-    for arguments in ((0, 8.0), (4.0, 8.0), (4, math.inf), (4, -1.0), (4, (1.0, 2.0))):
-        with pytest.raises((TypeError, ValueError), match="must"):
-            Quantisation.from_bits(*arguments)
 
 
 def test_cam_run_out_shows_once_per_input_turn():

@@ -100,7 +100,7 @@ def test_defects_cannot_change() -> None:
         ),
         (
             lambda: LobeDefects.removed((3, 15)).check_against(15),
-            "defects name lobe 15, but the wheel has lobes 0 to 14",
+            r"defects name lobe 15 \(from 0\), but the wheel has 15 lobes",
         ),
     ],
 )

@@ -209,7 +209,7 @@ def test_runs_are_the_same_bit_for_bit() -> None:
         ({"integrator": ["euler"]}, r"integrator must be 'midpoint' .* got \['euler'\]"),
         ({"start": "anywhere"}, "start must be 'rest' or 'relaxed', got 'anywhere'"),
         ({"load_fluctuation": float("inf")}, "load_fluctuation must be finite"),
-        ({"defects": LobeDefects.worn((15,))}, "defects name lobe 15, but the wheel has lobes 0 to 14"),
+        ({"defects": LobeDefects.worn((15,))}, r"name lobe 15 \(from 0\), but the wheel has 15 lobes"),
     ],
 )
 def test_errors_name_what_is_wrong_and_what_is_right(options: dict, message: str) -> None:

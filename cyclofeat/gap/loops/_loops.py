@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import differential_evolution
-from sklearn.base import RegressorMixin, clone
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
@@ -21,7 +21,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.arguments import different_names
 from cyclofeat._base.frames import frame
-from cyclofeat._base.sklearn_private import DocumentedEstimator, Interval, fit_context
+from cyclofeat._base.sklearn_private import Interval, fit_context
 from cyclofeat.gap.loops._parts import (
     LARGEST_TORQUE,
     branches,
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float64]
 
+_MOST_EFFECTS = 3  # of a subset
 _STAGES = 8  # friction elements that share the Coulomb friction
 
 # Bounds of the parameters of each effect, which are fitted on a logarithmic scale.
@@ -71,7 +72,7 @@ class Subset:
     errors: tuple[float, ...]
 
 
-class _LoopEstimator(RegressorMixin, DocumentedEstimator):
+class _LoopEstimator(RegressorMixin, BaseEstimator):
     """Base of the estimators: checks of loops, and the score."""
 
     n_points: int
@@ -97,6 +98,7 @@ class _LoopEstimator(RegressorMixin, DocumentedEstimator):
         raise NotImplementedError
 
 
+@dataclass(eq=False, repr=False)
 class LoopModel(_LoopEstimator):
     r"""Torque-deflection loops of a held drive: contacts, play, friction and compliance in series.
 
@@ -156,19 +158,11 @@ class LoopModel(_LoopEstimator):
         "random_state": [Interval(Integral, 0, None, closed="left")],
     }
 
-    def __init__(
-        self,
-        effects: Sequence[str] = ("clearance", "friction", "torsional_compliance"),
-        gearbox: CycloidalGearbox | None = None,
-        n_points: int = 120,
-        max_iter: int = 40,
-        random_state: int = 0,
-    ) -> None:
-        self.effects = effects
-        self.gearbox = gearbox
-        self.n_points = n_points
-        self.max_iter = max_iter
-        self.random_state = random_state
+    effects: Sequence[str] = ("clearance", "friction", "torsional_compliance")
+    gearbox: CycloidalGearbox | None = None
+    n_points: int = 120
+    max_iter: int = 40
+    random_state: int = 0
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
@@ -291,13 +285,12 @@ def find_loop_gap(
     *,
     model: LoopModel | None = None,
     library: Sequence[str] | None = None,
-    max_effects: int = 3,
     alpha: float = 0.05,
 ) -> LoopGap:
     """Find the effects that a drive's model needs to predict loops it was not fitted on.
 
-    Of all subsets of ``library`` of up to ``max_effects`` effects, the smallest one that predicts loops held
-    out no worse than the best is named.
+    Of all subsets of ``library`` of up to three effects, the smallest one that predicts loops held out no
+    worse than the best is named.
 
     Parameters
     ----------
@@ -307,7 +300,6 @@ def find_loop_gap(
         Gearbox and settings of the fits; its effects are replaced.
     library : sequence of str, optional
         Names of ``LOOP_EFFECTS``. Default: all four.
-    max_effects : int, default=3
     alpha : float, default=0.05
         One-sided sign-flip p over the transfers up to which a larger subset counts as better.
 
@@ -336,7 +328,7 @@ def find_loop_gap(
     plain = LoopModel() if model is None else model
     models: dict[tuple[str, ...], list[LoopModel]] = {}
     errors: dict[tuple[str, ...], Float] = {}
-    for size in range(min(max_effects, len(names)) + 1):
+    for size in range(min(_MOST_EFFECTS, len(names)) + 1):
         for effects in itertools.combinations(names, size):
             models[effects] = [
                 clone(plain).set_params(effects=effects).fit(fitted) for fitted, _ in transfers
@@ -384,6 +376,7 @@ def _less(named: tuple[str, ...], name: str) -> tuple[str, ...]:
     return tuple(other for other in named if other != name)
 
 
+@dataclass(eq=False, repr=False)
 class LoopSmoother(_LoopEstimator):
     """Black box for comparison: a Gaussian process of deflection over torque and its direction.
 
@@ -394,17 +387,13 @@ class LoopSmoother(_LoopEstimator):
     ----------
     n_points : int, default=120
         Points of each loop that it sees, evenly spaced along the torque.
-    random_state : int, default=0
     """
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         "n_points": [Interval(Integral, 20, None, closed="left")],
-        "random_state": [Interval(Integral, 0, None, closed="left")],
     }
 
-    def __init__(self, n_points: int = 120, random_state: int = 0) -> None:
-        self.n_points = n_points
-        self.random_state = random_state
+    n_points: int = 120
 
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, loops: Sequence[Any], y: Any = None) -> Self:
@@ -419,7 +408,7 @@ class LoopSmoother(_LoopEstimator):
             + ConstantKernel(1.0) * RBF([0.3, 1.0, 1.0], (0.01, 100.0))
             + WhiteKernel(1e-2, (1e-6, 1.0))
         )
-        self.process_ = GaussianProcessRegressor(kernel, random_state=self.random_state)
+        self.process_ = GaussianProcessRegressor(kernel)
         with warnings.catch_warnings():
             # A length scale at its bound belongs to a direction or a largest torque that does not vary.
             warnings.simplefilter("ignore", ConvergenceWarning)

@@ -6,7 +6,6 @@ often it is right on rigs that it has not seen.
 """
 
 from cyclofeat.gap.posterior._answers import ABSENT, PRESENT, TIES, UNSEEN, answer_of, named_effects
-from cyclofeat.gap.posterior._calibration import QUANTILES
 from cyclofeat.gap.posterior._mean_torque import gain_and_offset
 from cyclofeat.gap.posterior._posterior import EffectPosterior, load_posterior
 from cyclofeat.gap.posterior._score import PosteriorScore, calibration_error, score_posterior
@@ -15,7 +14,6 @@ from cyclofeat.gap.posterior._strengths import detection_limit, ends, main_param
 __all__ = [
     "ABSENT",
     "PRESENT",
-    "QUANTILES",
     "TIES",
     "UNSEEN",
     "EffectPosterior",

@@ -6,7 +6,8 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import norm
+from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.checks import positive, whole
 from cyclofeat._base.files import write_whole
-from cyclofeat._base.sklearn_private import DocumentedEstimator
 from cyclofeat.gap.posterior import _network
 from cyclofeat.gap.posterior._answers import NAMED, with_look_alikes
 from cyclofeat.gap.posterior._calibration import (
@@ -58,7 +59,8 @@ _ARRAYS = (
 _STATED = ("names_", "size_names_", "cells_", "logarithmic_", "world_", "n_rigs_", "spread_power_")
 
 
-class EffectPosterior(DocumentedEstimator):
+@dataclass(eq=False, repr=False)
+class EffectPosterior(BaseEstimator):
     """Probability of each effect and distribution of its size, given the recordings of a rig.
 
     The summaries of recordings become deviations from those of a rig without missing effects at the same
@@ -109,17 +111,10 @@ class EffectPosterior(DocumentedEstimator):
     like those. Whether a rig is one of that world is not asked.
     """
 
-    def __init__(
-        self,
-        n_networks: int = 2,
-        epochs: int = 40,
-        learning_rate: float | None = None,
-        random_state: int = 0,
-    ) -> None:
-        self.n_networks = n_networks
-        self.epochs = epochs
-        self.learning_rate = learning_rate
-        self.random_state = random_state
+    n_networks: int = 2
+    epochs: int = 40
+    learning_rate: float | None = None
+    random_state: int = 0
 
     def fit(
         self,
@@ -223,7 +218,7 @@ class EffectPosterior(DocumentedEstimator):
 
     def _begun(self, start: EffectPosterior, random: np.random.Generator) -> list[Weights]:
         """Return the networks of another posterior, with the outputs of this one; take over its scales."""
-        start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), _quantity(self.world_))
+        start.check_goes_on(self.cells_, self.reference_.counts_.tolist(), self.world_["quantity"])
         if len(start.networks_) < self.n_networks:
             raise ValueError(f"start must have {self.n_networks} networks, got {len(start.networks_)}")
         places = {name: k for k, name in enumerate(start.names_)}
@@ -261,10 +256,8 @@ class EffectPosterior(DocumentedEstimator):
     def check_goes_on(self, cells: Sequence[str], counts: Sequence[int], quantity: str) -> None:
         """Raise ValueError unless it can go on learning from rigs with these properties."""
         check_is_fitted(self, "networks_")
-        if _quantity(self.world_) != quantity:
-            raise ValueError(
-                f"start must have learned from {quantity}, like the rigs, got one of {_quantity(self.world_)}"
-            )
+        if (own := self.world_["quantity"]) != quantity:
+            raise ValueError(f"start must have learned from {quantity}, like the rigs, got one of {own}")
         if tuple(cells) != tuple(self.cells_):
             raise ValueError(
                 f"start must have the {len(cells)} summaries of the rigs, got one with {len(self.cells_)}, "
@@ -473,11 +466,6 @@ def load_posterior(path: str | os.PathLike[str] = DEFAULT) -> EffectPosterior:
             networks.setdefault(place, {})[key] = values.astype(np.float32)
     posterior.networks_ = [networks[name] for name in sorted(networks)]
     return posterior
-
-
-def _quantity(world: Mapping[str, Any]) -> str:
-    """Return the quantity of a world's settings; those of older files state none."""
-    return str(world.get("quantity", World.quantity))
 
 
 def _part(inputs: Inputs, first: int) -> dict[str, Any]:

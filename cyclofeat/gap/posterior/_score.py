@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat._base.checks import whole
 from cyclofeat.gap.posterior._answers import NAMED, TIES
 from cyclofeat.gap.posterior._posterior import EffectPosterior
 from cyclofeat.gap.world import Rigs
@@ -41,6 +40,8 @@ class PosteriorScore:
         By effect; NaN where it is absent, or never named.
     n_of_number : dict from int to int
         Rigs by number of effects.
+    probabilities : ndarray, shape (n_rigs, n_effects)
+        Of each effect in each rig; NaN where it is not learned.
     """
 
     n_rigs: int
@@ -53,6 +54,7 @@ class PosteriorScore:
     effect_recall: dict[str, float] = field(repr=False)
     effect_precision: dict[str, float] = field(repr=False)
     n_of_number: dict[int, int] = field(repr=False)
+    probabilities: Float = field(repr=False, compare=False)
 
     def between(self, least: int, most: int, *, ties: bool = False) -> float:
         """Return the share of sets right among rigs with ``least`` to ``most`` effects, NaN without any."""
@@ -65,10 +67,8 @@ def score_posterior(
     posterior: EffectPosterior,
     rigs: Rigs,
     *,
-    n_recordings: int | None = None,
     counts: bool = True,
     tachometer: bool = False,
-    ties: Sequence[Collection[str]] = TIES,
 ) -> PosteriorScore:
     """Score a posterior on simulated rigs.
 
@@ -77,25 +77,20 @@ def score_posterior(
     posterior : EffectPosterior
     rigs : Rigs
         Of machines that the posterior was not fitted to.
-    n_recordings : int, optional
-        Recordings shown of each rig, the first ones. Default: all.
     counts, tachometer : bool
         Whether they are known.
-    ties : sequence of collections of str
-        Groups of effects that count as one where ties are allowed.
 
     Returns
     -------
     PosteriorScore
     """
-    shown = slice(None) if n_recordings is None else slice(whole("n_recordings", n_recordings, 1))
-    sessions = [rigs.session(k, shown, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
+    sessions = [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
     probabilities = posterior.predict_proba(sessions)
     learned = np.isfinite(probabilities)
     present, named = rigs.present, learned & (probabilities > NAMED)
     number = present.sum(axis=1)
     exact = np.all(named == present, axis=1)
-    tied = np.all(_joined(named, rigs.names, ties) == _joined(present, rigs.names, ties), axis=1)
+    tied = np.all(_joined(named, rigs.names) == _joined(present, rigs.names), axis=1)
     right = named & present
     numbers = np.unique(number).tolist()
     return PosteriorScore(
@@ -109,6 +104,7 @@ def score_posterior(
         effect_recall=_shares(rigs.names, right, present),
         effect_precision=_shares(rigs.names, right, named),
         n_of_number={k: int(np.sum(number == k)) for k in numbers},
+        probabilities=probabilities,
     )
 
 
@@ -119,9 +115,9 @@ def calibration_error(probabilities: Float, present: Flags) -> float:
     return float(np.abs(excess).sum() / probabilities.size)
 
 
-def _joined(flags: Flags, names: Sequence[str], ties: Sequence[Collection[str]]) -> Flags:
+def _joined(flags: Flags, names: Sequence[str]) -> Flags:
     """Return one column for each group of ties, and one for each effect without a group."""
-    of_group = {name: f"group {k}" for k, group in enumerate(ties) for name in group}
+    of_group = {name: f"group {k}" for k, group in enumerate(TIES) for name in group}
     labels = np.array([of_group.get(name, name) for name in names])
     return np.column_stack([flags[:, labels == label].any(axis=1) for label in np.unique(labels)])
 

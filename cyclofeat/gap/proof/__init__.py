@@ -4,17 +4,13 @@
 alternatives.
 """
 
-from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
+from cyclofeat.gap.proof._alternatives import Simulated
 from cyclofeat.gap.proof._distance import Part, Sample, describe
 from cyclofeat.gap.proof._distance import Scale as Scale
 from cyclofeat.gap.proof._prove import prove
-from cyclofeat.gap.proof._scores import AFTER, BEFORE, DistanceRow, Proof, ProofRow, score_alternatives
+from cyclofeat.gap.proof._scores import DistanceRow, Proof, ProofRow, score_alternatives
 
 __all__ = [
-    "AFTER",
-    "BASELINES",
-    "BEFORE",
-    "Alternative",
     "DistanceRow",
     "Part",
     "Proof",

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +32,6 @@ _RETUNED_FROM = ((0.0, 0.0), (np.log(2), 0.0), (0.0, np.log(2)))  # logarithms o
 _RETUNED_WITHIN = ((-4.0, 4.0), (-4.0, 4.0))
 _FEWEST_PER_COUNT = 4
 _POWER_FLOOR = 1e-18  # Nm^2/Hz
-
-
-class Alternative(Protocol):
-    """Source of torque records for wanted counts, in place of the corrected model."""
-
-    def fit(self, comparison: Comparison, measured: Measured) -> Self:
-        """Fit to the measured recordings."""
-
-    def records(self, comparison: Comparison, counts: Counts) -> Bank:
-        """Return records that take the wanted counts in turn."""
 
 
 class Simulated:
@@ -226,7 +216,7 @@ class GaussianProcessGap(_Filtered):
         return np.asarray(mean + offset + ripple)
 
 
-BASELINES: dict[str, Callable[[int], Alternative]] = {
+BASELINES: dict[str, Callable[[int], Simulated]] = {
     "nothing": Simulated,
     "retuned": Retuned,
     "equaliser": Equaliser,

@@ -10,7 +10,7 @@ import numpy as np
 from cyclofeat.gap._measured import Condition
 from cyclofeat.gap._settings import GapSettings, Windows, checked
 from cyclofeat.gap.comparison import Comparison
-from cyclofeat.gap.proof._alternatives import BASELINES, Alternative, Simulated
+from cyclofeat.gap.proof._alternatives import BASELINES, Simulated
 from cyclofeat.gap.proof._distance import Sample, describe
 from cyclofeat.gap.proof._scores import AFTER, BEFORE, Proof, score_alternatives
 from cyclofeat.gap.summaries import per_recording
@@ -99,7 +99,7 @@ def prove(
         raise ValueError(f"y must be given for both measured and held_out or for neither, got it for {known}")
     comparison, fit = checked(comparison, measured)
     n = settings.n_report
-    alternatives: dict[str, Alternative] = {AFTER: Simulated(n, corrected)}
+    alternatives: dict[str, Simulated] = {AFTER: Simulated(n, corrected)}
     for name in (BEFORE, *(name for name in settings.baselines if name != BEFORE)):
         alternatives[name] = BASELINES[name](n).fit(comparison, fit)
     alternatives |= {name: Simulated(n, simulator) for name, simulator in (others or {}).items()}

@@ -82,15 +82,12 @@ class Bank:
         Mean input speed of each in Hz.
     assemblies : ndarray of int, shape (n,)
         Assembly of each.
-    n_failed : int
-        Recordings whose simulation failed; they are left out.
     """
 
     X: NDArray[np.float32] = field(repr=False)
     counts: NDArray[np.int64] = field(repr=False)
     speeds: Float = field(repr=False)
     assemblies: NDArray[np.int64] = field(repr=False)
-    n_failed: int = 0
 
 
 @dataclass(frozen=True)
@@ -127,10 +124,6 @@ class Population:
         """Text of everything that affects a recording, besides its count and its random numbers."""
         others = {name: value for name, value in vars(self).items() if name != "rig"}
         return json.dumps([self.rig.to_text(), others])
-
-    def with_added(self, *effects: Effect) -> Population:
-        """Return a copy with effects added to those of the rig."""
-        return dataclasses.replace(self, rig=self.rig.with_added(*effects))
 
     def plan_run(
         self,
@@ -245,5 +238,4 @@ def simulate_bank(
         counts=wanted[done],
         speeds=np.array([made[i].speed for i in done]),
         assemblies=assemblies[done],
-        n_failed=n - len(done),
     )

@@ -21,7 +21,6 @@ from cyclofeat.gap.summaries._summarise import (
     smallest_spreads,
     summarise,
 )
-from cyclofeat.gap.summaries._whitening import uncorrelating
 from cyclofeat.gap.summaries._windows import (
     Measured,
     class_means,
@@ -29,6 +28,7 @@ from cyclofeat.gap.summaries._windows import (
     mixed,
     per_recording,
     read_measured,
+    uncorrelating,
 )
 
 __all__ = [

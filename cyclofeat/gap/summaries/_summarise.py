@@ -353,7 +353,7 @@ def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) 
     for per_turn in (1.0, (n_lobes + 1) / n_lobes):
         found = []
         for x, speed in zip(ripple, speeds, strict=True):
-            average, slot, n = synchronous_average(x, speed * per_turn / sampling_rate)
+            average, slot, n = synchronous_average(x, speed * per_turn / sampling_rate, _BINS)
             # Mean square less squared mean: what the average leaves in each bin.
             left = np.bincount(slot, x**2, _BINS) - n * average**2
             spread = left / np.maximum(n, 1)
@@ -376,7 +376,7 @@ def _averages(ripple: Float, sampling_rate: float, speeds: Float, n_lobes: int) 
 
 
 def synchronous_average(
-    x: Float, turns_per_sample: float, n_bins: int = _BINS
+    x: Float, turns_per_sample: float, n_bins: int
 ) -> tuple[Float, NDArray[np.intp], NDArray[np.intp]]:
     """Mean of a signal in each bin of the turn (0 in an empty one), bin of each sample, samples in each."""
     slots = (np.arange(x.size) * (turns_per_sample * n_bins)).astype(np.intp) % n_bins

@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.covariance import LedoitWolf
 from sklearn.utils.validation import check_array
 
 from cyclofeat.gap.summaries._summarise import Cell, Conditions, summarise
 from cyclofeat.signal.orders import mean_speed
 
 Float = NDArray[np.float64]
+
+# Added to every eigenvalue: an assumed share of uncorrelated variance, so that no combination is too certain.
+_RIDGE = 0.05
 
 
 @dataclass(frozen=True)
@@ -44,13 +48,6 @@ class Measured:
         """Number of recordings."""
         return int(self.of_window.max()) + 1
 
-    def check_several(self) -> None:
-        """Raise ValueError where there is one recording only."""
-        if self.n_recordings < 2:
-            raise ValueError(
-                "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
-            )
-
     @property
     def values(self) -> Float:
         """Summaries of each recording, the mean over its windows: shape (n_recordings, n_cells)."""
@@ -74,9 +71,9 @@ class Measured:
 def read_measured(
     conditions: Conditions,
     X: ArrayLike,
-    y: ArrayLike | None = None,
-    groups: ArrayLike | None = None,
-    angle: ArrayLike | None = None,
+    y: ArrayLike | None,
+    groups: ArrayLike | None,
+    angle: ArrayLike | None,
 ) -> Measured:
     """Check measured recordings and cut them to whole output turns.
 
@@ -86,7 +83,8 @@ def read_measured(
     """
     windows = check_array(X, dtype=[np.float64, np.float32], input_name="X")
     of_window, counts = recordings_of(len(windows), y, groups)
-    check_counts(counts, conditions.n_lobes)
+    if counts is not None and counts.max() > conditions.n_lobes:
+        raise ValueError(f"y must hold counts from 0 to the {conditions.n_lobes} lobes, got {counts.max()}")
     n_samples = conditions.whole_turns(windows.shape[1])
     speeds = None
     if angle is not None:
@@ -147,12 +145,6 @@ def per_recording(values: Float, of_window: NDArray[np.intp]) -> Float:
     return np.array([values[of_window == k].mean(axis=0) for k in range(n)])
 
 
-def check_counts(counts: NDArray[np.int64] | None, n_lobes: int) -> None:
-    """Raise ValueError where a count exceeds the lobes of a wheel."""
-    if counts is not None and counts.max() > n_lobes:
-        raise ValueError(f"y must hold counts from 0 to the {n_lobes} lobes, got {counts.max()}")
-
-
 def checked_speeds(angle: ArrayLike, shape: tuple[int, ...], n_samples: int, sampling_rate: float) -> Float:
     """Mean input speed in Hz over the first ``n_samples`` of each window, from its checked angle in rad."""
     angles = np.asarray(angle, dtype=float)
@@ -174,3 +166,13 @@ def class_means(values: Float, counts: NDArray[Any]) -> dict[int, Float]:
 def less_class_means(values: Float, counts: NDArray[Any], means: dict[int, Float]) -> Float:
     """Rows less the mean of their count."""
     return np.asarray(values - np.array([means[int(count)] for count in counts]))
+
+
+def uncorrelating(deviations: Float) -> Float:
+    """Matrix W (n_cells, n_cells) for which ``deviations @ W`` has about the identity as covariance.
+
+    The covariance is shrunk (Ledoit and Wolf 2004); deviations have about unit variance and zero mean.
+    """
+    covariance = LedoitWolf(store_precision=False, assume_centered=True).fit(deviations).covariance_
+    power, directions = np.linalg.eigh(covariance)
+    return np.asarray(directions / np.sqrt(np.maximum(power, 0.0) + _RIDGE))

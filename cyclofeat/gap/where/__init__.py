@@ -5,7 +5,7 @@ recording. It then tests each cell by permuting the labels of recordings, with p
 families of cells. :func:`locate_all` does so at each condition of a session.
 """
 
-from cyclofeat.gap.where._conditions import locate_all, p_over_conditions, verdict_over_conditions
+from cyclofeat.gap.where._conditions import locate_all
 from cyclofeat.gap.where._locate import EQUIVALENT_DB, EQUIVALENT_SPREADS, LocatedGap, Row, locate
 from cyclofeat.gap.where._permutation import SPREADS as SPREADS
 from cyclofeat.gap.where._permutation import TOGETHER as TOGETHER
@@ -25,6 +25,4 @@ __all__ = [
     "holm",
     "locate",
     "locate_all",
-    "p_over_conditions",
-    "verdict_over_conditions",
 ]

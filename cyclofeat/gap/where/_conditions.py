@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -12,42 +10,6 @@ from cyclofeat.gap._measured import Condition, MeasuredRig
 from cyclofeat.gap._settings import GapSettings
 from cyclofeat.gap.where._locate import LocatedGap, locate
 from cyclofeat.gap.world import World
-
-
-class Compared(Protocol):
-    """Comparison of the recordings of one condition."""
-
-    @property
-    def verdict(self) -> str:
-        """``"disagree"``, ``"equivalent"`` or ``"unresolved"``."""
-
-    @property
-    def p(self) -> float:
-        """Smallest adjusted p."""
-
-
-def p_over_conditions(parts: Sequence[Compared]) -> float:
-    """Return the smallest p of several conditions, adjusted for their number (Bonferroni).
-
-    Examples
-    --------
-    >>> from types import SimpleNamespace as Part
-    >>> p_over_conditions([Part(verdict="disagree", p=0.004), Part(verdict="unresolved", p=0.7)])
-    0.008
-    """
-    return min(1.0, len(parts) * min(part.p for part in parts))
-
-
-def verdict_over_conditions(parts: Sequence[Compared]) -> str:
-    """Return the one verdict of several conditions.
-
-    ``"disagree"`` if one disagrees, ``"equivalent"`` if all are, else ``"unresolved"``. The parts are those
-    of :func:`locate_all`, whose verdicts hold at once.
-    """
-    verdicts = {part.verdict for part in parts}
-    if "disagree" in verdicts:
-        return "disagree"
-    return "equivalent" if verdicts == {"equivalent"} else "unresolved"
 
 
 def locate_all(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from cyclofeat._base.checks import whole
 from cyclofeat.gap.comparison import Comparison
@@ -174,7 +174,6 @@ def locate(
     *,
     alpha: float = 0.05,
     n_permutations: int = 999,
-    shared_variance: ArrayLike | None = None,
     bank: Bank | None = None,
 ) -> LocatedGap:
     """Find where measured recordings differ from simulated ones.
@@ -201,8 +200,6 @@ def locate(
     n_permutations : int, default=999
         Number of relabellings. A p is at least 11 / (n_permutations + 1), as 11 families are adjusted for:
         fewer than 219 can never "disagree" at 0.05, and are refused.
-    shared_variance : array-like, shape (n_cells,), optional
-        That of another result with the same conditions, which is then not learned again.
     bank : Bank, optional
         Recordings to compare with, of every count of the measured ones and as long as they. Default:
         simulated ones.
@@ -240,7 +237,10 @@ def locate(
             f"n_permutations must be at least {fewest} for alpha={alpha:g}: with fewer nothing can disagree, "
             f"got {n_permutations}"
         )
-    measured.check_several()
+    if measured.n_recordings < 2:
+        raise ValueError(
+            "groups must hold at least 2 recordings: one recording has no spread to compare with, got 1"
+        )
     bank = comparison.bank_like(measured) if bank is None else bank
     blank = LocatedGap(
         comparison, measured, bank, comparison.summaries(bank), alpha, n_permutations,
@@ -248,7 +248,7 @@ def locate(
     )  # fmt: skip
     of_measured, of_simulated = blank.centred_sets()
     trend = SpeedAndLoad(of_simulated, measured.cells, smallest_spreads(measured.cells))
-    shared = _shared_variance(blank, trend, shared_variance)
+    shared = _shared_variance(blank, trend)
     compared = trend.without(of_measured), trend.without(of_simulated)
     table, family_p = _tested(dataclasses.replace(blank, shared_variance=shared), compared)
     return dataclasses.replace(
@@ -256,18 +256,11 @@ def locate(
     )
 
 
-def _shared_variance(located: LocatedGap, trend: SpeedAndLoad, given: ArrayLike | None) -> Float:
+def _shared_variance(located: LocatedGap, trend: SpeedAndLoad) -> Float:
     """Share of each cell's variance that recordings of one assembly have in common."""
-    comparison, n_cells = located.comparison, len(located.cells)
+    comparison = located.comparison
     if not comparison.one_assembly:
-        return np.zeros(n_cells)
-    if given is not None:
-        shares = np.asarray(given, dtype=float)
-        if shares.shape != (n_cells,):
-            raise ValueError(
-                f"shared_variance must hold a share per cell: shape ({n_cells},), got {shares.shape}"
-            )
-        return shares
+        return np.zeros(len(located.cells))
     counts = sorted(set(located.bank.counts.tolist()))
     bank = comparison.bank(_ASSEMBLIES * _PER_ASSEMBLY, counts, n_assemblies=_ASSEMBLIES)
     values = located.centred(comparison.summaries(bank), bank.counts)

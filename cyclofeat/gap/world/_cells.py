@@ -22,6 +22,7 @@ from cyclofeat.gap.summaries import (
     signed_log,
     summarise,
 )
+from cyclofeat.signal.faults import runs
 
 Float = NDArray[np.float64]
 
@@ -34,11 +35,6 @@ _SLOW_EDGES_HZ = (0.0, 0.75, 1.5, 3.0, 6.0, 12.0, 24.0)
 _DECAYS_S = (0.3, 0.6, 1.2, 2.5)
 _DECAY_HZ = 12.0
 _SLIP_BOXES_S = (0.028, 0.014, 0.007)
-
-
-def conditions_of(sampling_rate: float, speed_rpm: float, n_lobes: int) -> Conditions:
-    """Return the conditions of a recording at a speed in RPM."""
-    return Conditions(sampling_rate, speed_rpm / 60, n_lobes)
 
 
 def turn_samples(conditions: Conditions) -> int:
@@ -223,7 +219,7 @@ def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
         np.log10(distinct),
         np.log10(np.clip(smallest, 1e-9, 1e3)),
         np.log10(((highest - lowest)[:, 0] + RESOLUTION_NM) / distinct),
-        np.log1p(np.array([_longest_run(row) for row in equal])),
+        np.log1p(np.array([runs(row)[1].max(initial=0) for row in equal])),
         np.log10(np.mean(highest == X, axis=1)),
         np.log10(np.mean(lowest == X, axis=1)),
         np.mean(X == 0, axis=1),
@@ -231,9 +227,3 @@ def _codes(X: NDArray[np.float32]) -> tuple[Float, list[Cell]]:
     names = ("number of values", "smallest step", "range over the number of values", "longest run of a value",
              "share of the largest value", "share of the smallest value", "share of zeros")  # fmt: skip
     return np.column_stack(columns), [Cell("codes", name, "1") for name in names]
-
-
-def _longest_run(flags: NDArray[np.bool_]) -> int:
-    """Length of the longest row of true values."""
-    falls = np.flatnonzero(~np.r_[False, flags, False])
-    return int(np.diff(falls).max()) - 1

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat.gap.simulations import KERNEL, NO_SUCH_RIG, SOLVER, SPARE, Population, record
-from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
+from cyclofeat.gap.summaries import Conditions
+from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._prior import DrawnSession, draw_session, with_floor
 from cyclofeat.simulators import Effect, MachineRun, PlannedRun, SimulationFailed
 from cyclofeat.simulators.many import attempt_planned
@@ -107,7 +108,7 @@ def _plans(world: World, machine: DrawnMachine) -> list[PlannedRun | ValueError]
     for i, seed in enumerate(machine.seeds):
         speed, load = float(session.speeds_rpm[i]), float(session.loads_nm[i])
         at = rig.replace(gearbox=rig.gearbox.replace(input_speed=speed * np.pi / 30, load_torque=load))
-        n_samples = turn_samples(conditions_of(world.sampling_rate, speed, world.n_lobes))
+        n_samples = turn_samples(Conditions(world.sampling_rate, speed / 60, world.n_lobes))
         population = Population(at, n_samples, world.sampling_rate, world.wheels, quantity=world.quantity)
         try:
             assembly = first_of[int(session.assemblies[i])]
@@ -127,7 +128,7 @@ def _summarised(
     values = np.full((*shape, len(world.cells)), np.nan, dtype=np.float32)
     speeds = np.full(shape, np.nan)
     for speed in np.unique(session.speeds_rpm):
-        conditions = conditions_of(world.sampling_rate, float(speed), world.n_lobes)
+        conditions = Conditions(world.sampling_rate, float(speed) / 60, world.n_lobes)
         places, torques = [], []
         for i in np.flatnonzero(session.speeds_rpm == speed):
             for j, chain in enumerate(chains):

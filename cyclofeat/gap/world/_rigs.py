@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cyclofeat._base.checks import positive
-from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
+from cyclofeat.gap.summaries import Conditions
+from cyclofeat.gap.world._cells import recording_cells, turn_samples
 
 Float = NDArray[np.float64]
 Index = Sequence[int] | NDArray[np.intp] | slice
@@ -91,7 +92,7 @@ class Session:
             )
         rows: list[Float] = []
         for k, (torque, (speed, _, direction)) in enumerate(zip(recordings, at, strict=True)):
-            turn = conditions_of(sampling_rate, speed, n_lobes)
+            turn = Conditions(sampling_rate, speed / 60, n_lobes)
             x = np.asarray(torque, dtype=np.float32)[: turn_samples(turn)]
             if x.ndim != 1 or x.size < turn_samples(turn) or not np.all(np.isfinite(x)):
                 raise ValueError(

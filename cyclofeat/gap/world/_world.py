@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from cyclofeat._base.checks import one_of, pair, positive, whole
 from cyclofeat._base.quantities import TORQUES
 from cyclofeat.gap.simulations import MAY_DIFFER
-from cyclofeat.gap.summaries import Cell
-from cyclofeat.gap.world._cells import conditions_of, recording_cells, turn_samples
+from cyclofeat.gap.summaries import Cell, Conditions
+from cyclofeat.gap.world._cells import recording_cells, turn_samples
 from cyclofeat.gap.world._prior import EffectPrior, missing_effects
 from cyclofeat.simulators import Effect, Rig
 
@@ -131,7 +131,7 @@ class World:
     @functools.cached_property
     def described_cells(self) -> tuple[Cell, ...]:
         """Summaries of a recording, the same at all speeds; bands are those at the lowest."""
-        conditions = conditions_of(self.sampling_rate, self.speeds_rpm[0], self.n_lobes)
+        conditions = Conditions(self.sampling_rate, self.speeds_rpm[0] / 60, self.n_lobes)
         _, cells = recording_cells(np.zeros((1, turn_samples(conditions)), dtype=np.float32), conditions)
         return tuple(cells)
 

@@ -35,6 +35,8 @@ from cyclofeat.simulators import Effect
 if TYPE_CHECKING:
     import pandas as pd
 
+__all__ = ["CheckedEffect", "GapCheck", "check_recordings"]
+
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Tell = Callable[[int, int], object]
@@ -229,7 +231,10 @@ def check_recordings(
     rigs = simulate_prior(
         world, template, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=after(0)
     )
-    p = posterior.predict_proba(_sessions(rigs, template))
+    score = score_posterior(
+        posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
+    )
+    p = score.probabilities
     wrong = np.sum((p > _NAMED) & ~rigs.present, axis=0)
     counted = sorted(zip(wrong.tolist(), world.names, strict=True), key=lambda one: -one[0])
     return GapCheck(
@@ -237,9 +242,7 @@ def check_recordings(
         effects=tuple(
             _checked(k, p, rigs, world) for k in np.flatnonzero(np.isfinite(p).all(axis=0)).tolist()
         ),
-        score=score_posterior(
-            posterior, rigs, counts=template.counts is not None, tachometer=template.speeds_rpm is not None
-        ),
+        score=score,
         wrong={name: n for n, name in counted if n},
         next_measurements=_next(posterior, template, n_next, random_state + 1, n_jobs, after(n_rigs)),
         seconds=time.monotonic() - began,
@@ -261,7 +264,9 @@ def _next(
         world, further.session, n_rigs, random_state=random_state, n_jobs=n_jobs, progress=progress
     )
     complete = rigs.of(np.flatnonzero(np.isfinite(rigs.values[:, :, 0]).all(axis=1)))
-    return further.rank(posterior, _sessions(complete, template), complete.present, n_errors=_SURE)
+    counts, tachometer = template.counts is not None, template.speeds_rpm is not None
+    sessions = [complete.session(k, counts=counts, tachometer=tachometer) for k in range(len(complete))]
+    return further.rank(posterior, sessions, complete.present, n_errors=_SURE)
 
 
 def _template(recordings: tuple[Any, ...], world: World) -> Session:
@@ -277,12 +282,6 @@ def _template(recordings: tuple[Any, ...], world: World) -> Session:
         np.array([dataclasses.astuple(one) for one in recordings], dtype=float),
         counts=np.resize(np.array(world.defect_counts), n),
     )
-
-
-def _sessions(rigs: Rigs, template: Session) -> list[Session]:
-    """Return the sessions of rigs, with as much known as of another."""
-    counts, tachometer = template.counts is not None, template.speeds_rpm is not None
-    return [rigs.session(k, counts=counts, tachometer=tachometer) for k in range(len(rigs))]
 
 
 def _checked(column: int, p: Float, rigs: Rigs, world: World) -> CheckedEffect:

@@ -1,11 +1,15 @@
-"""Bodies, joints, contacts and motion of the reference formulation.
+"""The papers' own formulation of the gearbox: 28 planar bodies held together by Lagrange multipliers.
 
-"Paper B" is the analysis of lobe defects with coherence and Morris wavelets (equations 2-16 in section 3).
+Two shafts, two wheels, 8 internal and 16 external sleeves have 84 coordinates and 57 constraints (equations
+2-16 in section 3 of paper B, the analysis of lobe defects with coherence and Morris wavelets).
+:class:`ReferenceGearbox` solves this system in plain NumPy, a thousand times slower than
+:func:`~cyclofeat.simulators.simulate`, whose reduced model gives the same accelerations, forces and torques
+to rounding.
+
 Bodies have coordinates x, y and angle, in the order input shaft, output shaft, wheel 0, wheel 1, 8 internal
 sleeves, ``n_pins`` external sleeves. Each has one revolute joint, whose two constraints come in the same
-order; the driver of the input shaft is the last: 84 coordinates and 57 constraints for 16 pins. Angles count
-counter-clockwise. The output turns against the input and a positive load torque resists it. Plane vectors are
-complex numbers x + iy.
+order; the driver of the input shaft is the last. Angles count counter-clockwise. The output turns against the
+input and a positive load torque resists it. Plane vectors are complex numbers x + iy.
 """
 
 from __future__ import annotations
@@ -18,6 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["ReferenceGearbox", "Solution", "Trajectory", "ramped_driver", "ramped_load"]
 
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]
@@ -59,7 +65,6 @@ class Trajectory(NamedTuple):
     input_torque: Real  #: (n,)
     driver_torque: Real  #: (n,)
     output_torque: Real  #: (n,)
-    cam_reactions: Real  #: (n, 2, 2)
     external_force: Real  #: (n, 2, n_pins)
     internal_force: Real  #: (n, 2, 8)
 
