@@ -17,6 +17,7 @@ from cyclofeat._base import svg
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.card import card
 from cyclofeat._base.checks import whole
+from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import number
 from cyclofeat.counting._answers import LobeCount
@@ -58,6 +59,8 @@ _BATCH_SAMPLES = 2**20
 _MOST_NAMED = 1000
 # Share by which a speed may lie outside those of training.
 _SPEED_MARGIN = 0.05
+# Factor by which a mean torque may lie outside the loads of training without a note.
+_FAR = 3.0
 # Share of the torques of each count that rows learn a second time, as if they had no tachometer.
 _BY_LINES_TOO = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
@@ -552,10 +555,26 @@ class LobeModel(RecordingPredictions):
             notes.append(
                 f"no speed stated: taken as {60 * self.input_speed_hz:g} RPM, as the model was trained"
             )
+        if far := self._far_from_loads(recording):
+            notes.append(far)
         stops = _stops(windows, recording, turning)
         faults = window_faults(recording, windows, stops, self.n_lobes)
         doubt = self._doubted(recording, windows, turning)
         return PreparedWindows(windows, stops, faults, doubt, tuple(notes), float(windows.start_angle[0]))
+
+    def _far_from_loads(self, recording: Recording) -> str:
+        """Return a note on a mean torque that no load of the training had; a count does not depend on it."""
+        loads = self.card.get("loads_nm")
+        if not loads or recording.quantity not in TORQUES:
+            return ""
+        low, high = (load / factor_to_output(recording.quantity, self.n_lobes) for load in loads)
+        mean = abs(float(recording.torque.mean()))
+        if low / _FAR <= mean <= high * _FAR:
+            return ""
+        return (
+            f"the mean torque, {mean:.4g} Nm, is far from the {low:.3g} to {high:.3g} Nm of the training: "
+            "are unit and scale right?"
+        )
 
     def _counts(self, batch: Sequence[PreparedWindows]) -> list[LobeCount]:
         """Count recordings, their windows together."""

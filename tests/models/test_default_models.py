@@ -66,6 +66,16 @@ def test_other_assemblies_are_counted_at_speeds_and_loads_far_apart(quantity):
 
 
 @pytest.mark.slow
+def test_a_torque_far_from_the_loads_of_the_training_is_told_and_counted_all_the_same():
+    model, one = load_default_model("input_torque"), rig_recordings("input_torque", 7, output_turns=1.1)[2]
+    right, wrong = model.count(one), model.count(one.replace(torque=1000 * one.torque))
+    assert right.defect_count == wrong.defect_count
+    assert not [text for text in right.warnings if "mean torque" in text]
+    (told,) = [text for text in wrong.warnings if "mean torque" in text]
+    assert told.endswith("is far from the 0.2 to 2.67 Nm of the training: are unit and scale right?")
+
+
+@pytest.mark.slow
 def test_count_needs_no_model_and_says_which_it_took(tmp_path, capsys):
     one = rig_recordings("motor_current", 7, output_turns=1.1)[2]
     write_recording(tmp_path / "disc.npz", one)
