@@ -56,6 +56,10 @@ class TorqueDeflection:
         """Width of the last loop in rad, between its two crossings of zero torque: the play."""
         torque, deflection = self._closed()
         at = np.flatnonzero((torque[1:] >= 0) != (torque[:-1] >= 0))
+        if at.size != 2:
+            raise ValueError(
+                f"the loop must cross zero torque twice, it does {at.size} times: raise n_points"
+            )
         share = torque[at] / (torque[at] - torque[at + 1])
         return float(np.ptp(deflection[at] + share * (deflection[at + 1] - deflection[at])))
 

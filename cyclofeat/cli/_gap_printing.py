@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from cyclofeat.plotting.gap_words import (
@@ -27,8 +27,9 @@ def gap_lines(result: GapResult) -> list[str]:
     told = set(named)
     for found in result.effects:
         if found.effect in named or found.answer == "present":
-            lines += _effect(result, found)
-            told |= {*found.ties}
+            look_alikes = [name for name in found.ties if name not in named]
+            lines += _effect(found, [result.effect(name) for name in look_alikes])
+            told |= {*look_alikes}
     rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
     open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
     if open_ones:
@@ -49,11 +50,9 @@ def gap_lines(result: GapResult) -> list[str]:
     return lines + [f"note: {warning}" for warning in result.warnings]
 
 
-def _effect(result: GapResult, found: FoundEffect) -> Iterator[str]:
+def _effect(found: FoundEffect, look_alikes: Sequence[FoundEffect]) -> Iterator[str]:
     word = "missing" if found.answer == "present" else "probably missing"
-    first, *others = (
-        f"{one.effect} ({one.probability:.0%})" for one in (found, *map(result.effect, found.ties))
-    )
+    first, *others = (f"{one.effect} ({one.probability:.0%})" for one in (found, *look_alikes))
     ties = f", or {', '.join(others)}" if others else ""
     yield f"{word}: {first}{ties}: {effect_name(found.effect)}"
     yield from (f"  {size}" for size in found.sizes)

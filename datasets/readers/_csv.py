@@ -135,9 +135,9 @@ class CsvSource(Source):
         return {"decimal_comma": True} if self.decimal_comma else {}
 
     def raw(self, index: int) -> NDArray[Any]:
-        self._check_points(index)
         rows: Iterable[str] | str = self._rows()
         options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
+        self._check_points(index)
         if self.decimal_comma:
             rows = (row.replace(",", ".") for row in rows)
         elif isinstance(self.lines, TextLines) and not self.lines.packed:
@@ -150,16 +150,21 @@ class CsvSource(Source):
             raise self._not_numbers(index, error) from None
 
     def _check_points(self, index: int) -> None:
-        """Raise where a row has numbers with a decimal comma and, in a column, one with a point."""
+        """Raise where a column holds a number with a point, and the file one with a decimal comma."""
+
+        def is_number_with(mark: str, cell: str) -> bool:
+            return mark in cell and self._number(cell) is not None
+
+        pointed, has_comma = "", False
         for number, row in enumerate(self._rows() if self.decimal_comma else ()):
-            if "." not in row or "," not in row:
-                continue
-            cells = self._cells(row)
-            if "." in cells[index] and any("," in one and self._number(one) is not None for one in cells):
+            if not pointed and "." in row and is_number_with(".", cell := self._cells(row)[index]):
+                pointed = f"{self.where(number)}, column {self.names[index]!r} holds {cell.strip()!r}"
+            if not has_comma and "," in row:
+                has_comma = any(is_number_with(",", cell) for cell in self._cells(row))
+            if pointed and has_comma:
                 raise ValueError(
-                    f"{self.file}: {self.where(number)}, column {self.names[index]!r} holds "
-                    f"{cells[index].strip()!r} beside numbers with a decimal comma: does the point separate "
-                    "thousands, or decimals? Write all numbers with a decimal comma and without points"
+                    f"{self.file}: {pointed}, but other numbers have a decimal comma: does the point "
+                    "separate thousands, or decimals? Write all numbers with a decimal comma and without points"
                 )
 
     def times(self, index: int) -> NDArray[Any]:

@@ -113,7 +113,6 @@ class Quantisation(Effect):
     full_scale_nm : float or (low, high), default infinity
         Range from -full_scale_nm to just below full_scale_nm, in Nm; infinity (``null`` in files) never
         clips. Set by hand: neither fitted nor drawn from a prior.
-
     """
 
     place = Place.ADC_CODES

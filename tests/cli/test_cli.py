@@ -811,7 +811,7 @@ def test_a_manifest_describes_a_folder_to_every_command(capsys, folder, tmp_path
     assert "recordings.csv: line 5: no such file: x.csv" in err
 
 
-def test_an_error_states_the_path_even_if_its_text_holds_the_name_of_the_folder(
+def test_an_error_states_the_path_even_if_its_words_hold_the_letters_of_the_folder(
     capsys, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

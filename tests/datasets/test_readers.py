@@ -383,6 +383,17 @@ BAD_CSV = {
         {},
         ["line 3", "column 'torque [Nmm]' holds '24.768'", "thousands, or decimals?"],
     ),
+    "a point below decimal commas": (
+        "angle;torque\n0;24,5\n1;1.024\n2;24,7\n",
+        {},
+        ["line 3", "column 'torque' holds '1.024'", "thousands, or decimals?"],
+    ),
+    "a date beside decimal commas": (
+        "torque;angle\n01.02.2026;1,5\n01.02.2026;1,6\n",
+        {},
+        ["line 2", "'01.02.2026', which is not a number"],
+    ),
+    "a short row with decimal commas": ("angle;torque\n0,1;2\n0,2.5\n0,3;4\n", {}, ["line 3", "2 columns"]),
     "an underscore": ("torque\n1_000\n2\n", {}, ["column 'torque'"]),
     "a short row": ("a,torque\n1,2\n1\n1,2\n", {}, ["line 3", "2 columns", "got 1 column"]),
     "a long row": ("a,torque\n1,2\n1,2,3\n1,2\n", {}, ["line 3", "2 columns", "got 3 columns"]),
