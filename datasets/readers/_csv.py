@@ -164,7 +164,7 @@ class CsvSource(Source):
             if pointed and has_comma:
                 raise ValueError(
                     f"{self.file}: {pointed}, but other numbers have a decimal comma: does the point "
-                    "separate thousands, or decimals? Write all numbers with a decimal comma and without points"
+                    "separate thousands, or decimals? Write all numbers with a decimal comma, without points"
                 )
 
     def times(self, index: int) -> NDArray[Any]:
