@@ -29,7 +29,7 @@ def gap_lines(result: GapResult) -> list[str]:
         if found.effect in named or found.answer == "present":
             look_alikes = [name for name in found.ties if name not in named]
             lines += _effect(found, [result.effect(name) for name in look_alikes])
-            told |= {*look_alikes}
+            told.update(look_alikes)
     rest = [found for found in result.effects if found.answer == "unresolved" and found.effect not in told]
     open_ones = [f"{found.effect} ({found.probability:.0%})" for found in rest if not found.small]
     if open_ones:

@@ -21,8 +21,7 @@ from cyclofeat.gap.comparison import Comparison
 from cyclofeat.gap.simulations import Bank
 from cyclofeat.gap.summaries import Conditions
 from cyclofeat.gap.world import FLOOR, Session, World, turn_samples
-from cyclofeat.recordings import Recording, Windower, common_n_lobes, common_quantity
-from cyclofeat.recordings._windower import named
+from cyclofeat.recordings import Recording, Windower, common_n_lobes, common_quantity, named
 from cyclofeat.signal.orders import mean_speed
 from cyclofeat.simulators import Rig
 

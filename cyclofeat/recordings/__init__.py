@@ -28,6 +28,7 @@ from cyclofeat.recordings._shaft import (
     shaft_windows,
 )
 from cyclofeat.recordings._windower import Windower, WindowSet, window_set
+from cyclofeat.recordings._windower import named as named
 
 __all__ = [
     "QUANTITIES",

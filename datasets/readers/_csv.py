@@ -137,8 +137,8 @@ class CsvSource(Source):
     def raw(self, index: int) -> NDArray[Any]:
         rows: Iterable[str] | str = self._rows()
         options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
-        self._check_points(index)
         if self.decimal_comma:
+            self._check_points(index)
             rows = (row.replace(",", ".") for row in rows)
         elif isinstance(self.lines, TextLines) and not self.lines.packed:
             # Read by NumPy itself, in half the time.
@@ -156,7 +156,7 @@ class CsvSource(Source):
             return mark in cell and self._number(cell) is not None
 
         pointed, has_comma = "", False
-        for number, row in enumerate(self._rows() if self.decimal_comma else ()):
+        for number, row in enumerate(self._rows()):
             if not pointed and "." in row and is_number_with(".", cell := self._cells(row)[index]):
                 pointed = f"{self.where(number)}, column {self.names[index]!r} holds {cell.strip()!r}"
             if not has_comma and "," in row:
