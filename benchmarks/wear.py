@@ -161,7 +161,7 @@ def rows(n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], li
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--judged", type=int, default=40, help="assemblies per count and depth (default 40)")
+    parser.add_argument("--judged", type=int, default=100, help="assemblies per count and depth (default 100)")
     parser.add_argument("--twins", type=int, default=8, help="assemblies of the oracle (default 8)")
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()

@@ -37,11 +37,16 @@ def first_weights(
 
 
 def dropout(share: float, keys: Iterator[Any]) -> Callable[[Any], Any]:
-    """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key."""
+    """Return dropout of this share of a layer's units (Srivastava et al. 2014); each call takes one key.
+
+    Of a sample (first axis) the same units are dropped at all places (axes between the first and the last).
+    """
     jax, _, _ = libraries()
 
     def thinned(layer: Any) -> Any:
-        return layer * jax.random.bernoulli(next(keys), 1 - share, layer.shape) / (1 - share)
+        n_samples, *places, n_units = layer.shape
+        kept = jax.random.bernoulli(next(keys), 1 - share, (n_samples, *(1 for _ in places), n_units))
+        return layer * kept / (1 - share)
 
     return thinned
 

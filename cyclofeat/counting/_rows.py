@@ -235,7 +235,8 @@ class RowCounter(Counter):
         begins = np.asarray(of_windows("passage", passage, len(found.lines)), dtype=float)
         at_lobes = lobes.shift(found.lines, begins)
         # Of each class, where its row begins.
-        first = softmax(self._log_rows(self._answering, at_lobes, 1)[0].transpose(0, 2, 1), axis=-1)
+        rows = np.mean([self._log_rows(network, at_lobes, 1)[0] for network in self._answering], axis=0)
+        first = softmax(rows.transpose(0, 2, 1), axis=-1)
         proba = self.proba_of_lines(found) if proba is None else proba
         worn = np.zeros(first.shape[::2])
         for k in np.flatnonzero(~self._sound):
@@ -264,26 +265,30 @@ class RowCounter(Counter):
         centre = lobes.energy_centre(lobes.fold(lobes.shift(lines, begins), self.n_lobes))
         return begins, np.round(centre * self.n_lobes - counts / 2).astype(np.int64) % self.n_lobes
 
-    def _log_rows(self, networks: Sequence[Weights], lines: Complex, n_places: int) -> tuple[Float, Float]:
+    def _log_rows(self, network: Weights, lines: Complex, n_places: int) -> tuple[Float, Float]:
         """Return the log odds of each class with a row at each place, and of a sound disc.
 
         Shapes are (n_windows, n_lobes * n_places, n_classes), where the class of a sound disc has zeros, and
-        (n_windows,). Means over the networks.
+        (n_windows,).
         """
         turns = turns_of_places(self.n_lobes, lines.shape[1], n_places)
-        single = lines.astype(np.complex64)
-        answers = [log_odds(np, network, single, turns) for network in networks]
-        rows, sound = (np.mean(part, axis=0) for part in zip(*answers, strict=True))
+        rows, sound = log_odds(np, network, lines.astype(np.complex64), turns)
         logs = np.zeros((*rows.shape[:2], self.classes_.size))
         logs[..., ~self._sound] = rows
         return logs, sound
 
     def _log_counts(self, networks: Sequence[Weights], lines: Complex) -> Float:
-        """Return the log odds of each class against no row, (n_windows, n_classes)."""
+        """Return the log odds of each class against no row, (n_windows, n_classes), means over the networks.
+
+        The mean is taken after the sum over the places. The sum of one network holds the peaks of its own
+        noise, on which probabilities are calibrated; means at each place have lower peaks.
+        """
         logs = np.zeros((len(lines), self.classes_.size))
         for k in range(0, len(logs), _BLOCK):
-            rows, sound = self._log_rows(networks, lines[k : k + _BLOCK], PLACES)
-            logs[k : k + _BLOCK] = logsumexp(rows, axis=1) - sound[:, np.newaxis]
+            answers = [self._log_rows(network, lines[k : k + _BLOCK], PLACES) for network in networks]
+            logs[k : k + _BLOCK] = np.mean(
+                [logsumexp(rows, axis=1) - sound[:, np.newaxis] for rows, sound in answers], axis=0
+            )
         logs[:, self._sound] = 0.0
         return logs
 
