@@ -161,7 +161,7 @@ def rows(n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], li
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--judged", type=int, default=100, help="assemblies per count and depth (default 100)")
+    parser.add_argument("--judged", type=int, default=100, help="assemblies of each count and depth (100)")
     parser.add_argument("--twins", type=int, default=8, help="assemblies of the oracle (default 8)")
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
@@ -178,8 +178,10 @@ white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT["
 {PER_COUNT["R2"]} (R2, `counter="rows"`, {COUNTERS["R2"]["epochs"]} epochs) assemblies of each count
 from 0 to 7, with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with
 {COUNTS[0]} and {COUNTS[1]} neighbouring worn
-lobes. "Count right" is of all, refused ones too (95 % interval by Wilson; chance is 0.125). Depths and
-intervals are those of recordings that were neither refused nor counted as healthy.
+lobes. A model takes sound discs to be as frequent as it needs to count 5 % of those in its training as
+worn, or fewer, by counters that have not seen them. "Count right" is of all, refused ones too (95 %
+interval by Wilson; chance is 0.125). Depths and intervals are those of recordings that were neither
+refused nor counted as healthy.
 
 The bounds are those of a matched filter on the lobe lines that knows the torque of this very assembly for
 every count and depth, so that noise is all that is unknown: the probability of telling {COUNTS[0]} worn

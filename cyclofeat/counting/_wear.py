@@ -27,6 +27,8 @@ from cyclofeat.signal.lobes import LobeComb, LobeLines, line_contrast, lobe_freq
 MOST_WINDOWS = 5
 # Share of worn assemblies that are not counted as healthy at the least visible depth.
 _SEEN = 0.9
+# Share of healthy assemblies that may be counted as worn.
+_FALSE_ALARMS = 0.05
 # Lobe lines reach up to this share of the highest frequency that the windows hold.
 _SHARE_OF_BAND = 0.93
 # Torque below this amplitude in Nm is nothing.
@@ -102,6 +104,10 @@ class RadialWear:
         too few.
     false_alarms : float or None
         Share of healthy runs that these count as worn; None also where none is healthy.
+    sound_odds : float
+        How many times as frequent a sound disc is taken to be as a disc of each other count: at least once,
+        and as often as it takes for 5 % of the healthy runs to be counted as worn by counters that have not
+        seen their assembly. Faint wear is like none: with equal odds a third of them may be.
     """
 
     counter: GroupCalibratedCounter | RowCounter
@@ -113,6 +119,7 @@ class RadialWear:
     accuracy: float | None
     false_alarms: float | None
     samples_per_turn: int = SAMPLES_PER_TURN
+    sound_odds: float = 1.0
 
     @classmethod
     def train(
@@ -173,11 +180,13 @@ class RadialWear:
             counter.fit(features, count, groups=member)
         proba = counter.oob_decision_function_
         log_depth = np.log(depths_um[recording])
-        limit, accuracy, false_alarms = None, None, None
+        limit, accuracy, false_alarms, odds = None, None, None, 1.0
         # Depths are stated, and so learned and judged, where wear is seen.
         worn = seen = count > 0
         if counter.calibrated_:
-            answer = counter.classes_[proba.argmax(axis=1)]
+            if not worn.all():
+                odds = _sound_odds(proba[~worn])
+            answer = counter.classes_[_with_odds(proba, odds).argmax(axis=1)]
             accuracy = float(np.mean(answer == count))
             seen = worn & (answer > 0)
             if not worn.all():
@@ -192,7 +201,9 @@ class RadialWear:
             )
         depth = ConformalRegressor(n_trees, random_state=random_state)
         depth.fit(np.hstack([proba, features])[seen], log_depth[seen], groups=member[seen])
-        return cls(counter, depth, n_windows, n_lobes, (low, high), limit, accuracy, false_alarms, per_turn)
+        return cls(
+            counter, depth, n_windows, n_lobes, (low, high), limit, accuracy, false_alarms, per_turn, odds
+        )
 
     def made_for(self) -> str:
         """Return in words which depths the model was trained for and which it sees."""
@@ -215,6 +226,7 @@ class RadialWear:
             "median_relative_error": None if np.isnan(error) else float(np.expm1(error)),
             "accuracy": self.accuracy,
             "false_alarms": self.false_alarms,
+            "sound_odds": self.sound_odds,
         }
 
     def answers(self, X: Float, faults: Sequence[str]) -> Float | None:
@@ -234,7 +246,7 @@ class RadialWear:
         proba = answers[:, : self.counter.classes_.size]
         learned = self.counter.dependence_
         same = np.zeros(len(proba), dtype=np.int64)
-        return np.asarray(combine_proba(proba, same, 1.0 if learned is None else learned)[0])
+        return _with_odds(combine_proba(proba, same, 1.0 if learned is None else learned), self.sound_odds)[0]
 
     def depth_of(self, answers: Float, count: int) -> WearDepth:
         """Return the depth of a recording's wear, from what its runs tell and its count."""
@@ -330,6 +342,18 @@ def lobe_lines_nm(runs: Float, n_lobes: int, samples_per_turn: int = SAMPLES_PER
 
 def _n_lines(n_lobes: int, samples_per_turn: int) -> int:
     return int(_SHARE_OF_BAND * samples_per_turn / 2 / lobe_frequency(1.0, n_lobes))
+
+
+def _sound_odds(proba: Float) -> float:
+    """Return the odds of a sound disc, of the first class, at which 5 % of these are counted as worn."""
+    needed = proba[:, 1:].max(axis=1) / np.maximum(proba[:, 0], np.finfo(float).tiny)
+    return max(float(np.quantile(needed, 1 - _FALSE_ALARMS, method="lower")), 1.0)
+
+
+def _with_odds(proba: Float, sound_odds: float) -> Float:
+    """Return probabilities of counts where a sound disc, the first, is this many times as frequent."""
+    weighed = proba * np.where(np.arange(proba.shape[1]) == 0, sound_odds, 1.0)
+    return np.asarray(weighed / weighed.sum(axis=1, keepdims=True))
 
 
 def _visible_from(log_depth: Float, seen: NDArray[np.bool_]) -> float | None:

@@ -18,6 +18,7 @@ def test_dropout_takes_the_same_units_at_all_places_of_a_sample_and_keeps_the_me
         np.testing.assert_allclose(np.unique(kept), [0, 4 / 3], rtol=1e-6)
         # Other units in other samples.
         share_of_samples = (kept > 0).mean(axis=0)
-        assert share_of_samples.min() > 0 and share_of_samples.max() < 1
+        assert share_of_samples.min() > 0
+        assert share_of_samples.max() < 1
         # Standard deviation of the mean of 20,000 units: 4/3 sqrt(0.25 * 0.75 / 20000) = 0.004.
         assert abs(kept.mean() - 1) < 0.016

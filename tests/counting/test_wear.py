@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,6 +118,24 @@ def test_where_no_wear_is_seen_the_answer_says_what_may_be_there(model, unseen):
     assert healthy.high_um == model.wear.limit_um
     assert 5 < model.wear.limit_um < 100
     assert str(healthy) == f"below what can be seen (up to {model.wear.limit_um:.3g} um may be there)"
+
+
+def test_a_sound_disc_is_as_frequent_as_keeps_false_alarms_rare(model):
+    """One healthy run more than 5 % at most; with equal odds each needs as much evidence as the others."""
+    wear = model.wear
+    n_healthy = sum(not one.defect_count for one in recordings_with_wear(24))
+    assert wear.false_alarms <= 0.05 + 1 / n_healthy
+    assert wear.sound_odds >= 1
+    assert model.card["wear"]["sound_odds"] == wear.sound_odds
+
+
+@pytest.mark.parametrize("n_runs", [1, 4])
+def test_odds_of_a_sound_disc_count_once_however_many_runs_there_are(model, n_runs):
+    answers = np.full((n_runs, model.classes_.size), 0.6 / (model.classes_.size - 1))
+    answers[:, 0] = 0.4
+    equal, seven = (replace(model.wear, sound_odds=odds).probability(answers) for odds in (1.0, 7.0))
+    assert_allclose(seven[0] / seven[1:], 7 * equal[0] / equal[1:])
+    assert seven.sum() == pytest.approx(1)
 
 
 def test_one_window_is_counted_without_a_depth(model):
