@@ -1,9 +1,10 @@
 """Depth and count of early radial wear.
 
-    python -m benchmarks.wear     # writes benchmarks/wear.md
+    python -m benchmarks.wear              # rig R1, writes benchmarks/wear.md
+    python -m benchmarks.wear --rig R2     # writes benchmarks/wear_r2.md; 90 minutes of one core, 16 GB
 
 Simulated assemblies with radial wear on both wheels, five output turns at 500 RPM and 22 Nm, with a
-tachometer. One model for each rig and noise, trained on depths that are log-uniform, counts other assemblies.
+tachometer. One model for each noise, trained on depths that are log-uniform, counts other assemblies.
 """
 
 from __future__ import annotations
@@ -130,58 +131,57 @@ def row(
     ]  # fmt: skip
 
 
-def rows(n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], list[str]]:
+def rows(rig: str, n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], list[str]]:
     """Return the rows of the table, and what each model says of itself."""
     made, said = [], []
-    for rig, per_count in PER_COUNT.items():
-        training = simulated(rig, per_count, range(8), RANGE_UM, 0, n_jobs)
-        judged = {depth: simulated(rig, n_judged, COUNTS, depth, 1, n_jobs) for depth in DEPTHS_UM}
-        healthy = simulated(rig, 2 * n_judged, [0], DEPTHS_UM[0], 3, n_jobs)
-        oracle = Oracle(rig, n_oracle, n_jobs)
-        for noise in NOISES_NM[rig]:
-            model = LobeModel.train(
-                noisy(training, noise, 4), n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM,
-                **COUNTERS[rig],
-            )  # fmt: skip
-            assert model.wear is not None
-            answers = model.count_all(noisy(healthy, noise, 5))
-            sound = np.mean([one.defect_count == 0 for one in answers])
-            said.append(
-                f"{rig}, {noise:g} Nm: {model.wear.made_for()}; {sound:.3f} of {len(healthy)} healthy "
-                "assemblies counted as healthy"
-            )
-            print(said[-1], flush=True)
-            for k, depth in enumerate(DEPTHS_UM):
-                answers = model.count_all(noisy(judged[depth], noise, 6 + k))
-                head = [rig, f"{noise:g}", f"{depth:g}"]
-                made.append(row(head, judged[depth], answers, oracle.bound(depth, noise)))
-                print(line(made[-1]), end="", flush=True)
+    training = simulated(rig, PER_COUNT[rig], range(8), RANGE_UM, 0, n_jobs)
+    judged = {depth: simulated(rig, n_judged, COUNTS, depth, 1, n_jobs) for depth in DEPTHS_UM}
+    healthy = simulated(rig, 2 * n_judged, [0], DEPTHS_UM[0], 3, n_jobs)
+    oracle = Oracle(rig, n_oracle, n_jobs)
+    for noise in NOISES_NM[rig]:
+        model = LobeModel.train(
+            noisy(training, noise, 4), n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig]
+        )
+        assert model.wear is not None
+        answers = model.count_all(noisy(healthy, noise, 5))
+        sound = np.mean([one.defect_count == 0 for one in answers])
+        said.append(
+            f"{rig}, {noise:g} Nm: {model.wear.made_for()}; {sound:.3f} of {len(healthy)} healthy "
+            "assemblies counted as healthy"
+        )
+        print(said[-1], flush=True)
+        for k, depth in enumerate(DEPTHS_UM):
+            answers = model.count_all(noisy(judged[depth], noise, 6 + k))
+            head = [rig, f"{noise:g}", f"{depth:g}"]
+            made.append(row(head, judged[depth], answers, oracle.bound(depth, noise)))
+            print(line(made[-1]), end="", flush=True)
     return made, said
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rig", choices=list(PER_COUNT), default="R1", help="rig (default R1)")
     parser.add_argument("--judged", type=int, default=100, help="assemblies of each count and depth (100)")
     parser.add_argument("--twins", type=int, default=8, help="assemblies of the oracle (default 8)")
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
-    made, said = rows(arguments.judged, arguments.twins, arguments.jobs)
+    rig = arguments.rig
+    options = ", ".join(f"{name}={value!r}" for name, value in COUNTERS[rig].items())
+    made, said = rows(rig, arguments.judged, arguments.twins, arguments.jobs)
     head = [
         "rig", "noise (Nm)", "depth (um)", "count right", "seen", "refused", "median error of the depth",
         "90 % intervals that hold it", "their width (factor)", "bound: count", "bound: depth", "n",
     ]  # fmt: skip
     text = f"""# Depth and count of early radial wear
 
-Made by `python -m benchmarks.wear` in {time.process_time() / 60:.0f} minutes of one core. Simulated
-assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a tachometer;
-white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT["R1"]} (R1, trees) and
-{PER_COUNT["R2"]} (R2, `counter="rows"`, {COUNTERS["R2"]["epochs"]} epochs) assemblies of each count
-from 0 to 7, with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with
-{COUNTS[0]} and {COUNTS[1]} neighbouring worn
-lobes. A model takes sound discs to be as frequent as it needs to count 5 % of those in its training as
-worn, or fewer, by counters that have not seen them. "Count right" is of all, refused ones too (95 %
-interval by Wilson; chance is 0.125). Depths and intervals are those of recordings that were neither
-refused nor counted as healthy.
+Made by `python -m benchmarks.wear --rig {rig}` in {time.process_time() / 60:.0f} minutes of one core.
+Simulated assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a
+tachometer; white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT[rig]} assemblies
+of each count from 0 to 7 (`{options}`), with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um;
+judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn lobes. A model takes sound discs to be
+as frequent as it needs to count 5 % of those in its training as worn, or fewer, by counters that have not
+seen them. "Count right" is of all, refused ones too (95 % interval by Wilson; chance is 0.125). Depths and
+intervals are those of recordings that were neither refused nor counted as healthy.
 
 The bounds are those of a matched filter on the lobe lines that knows the torque of this very assembly for
 every count and depth, so that noise is all that is unknown: the probability of telling {COUNTS[0]} worn
@@ -194,7 +194,8 @@ intervals hold the depth.
 """
     models = "\n".join(f"- {one}" for one in said)
     ending = f"\nDepths that the models were trained for and see:\n\n{models}\n"
-    Path(__file__).with_suffix(".md").write_text(text + table(head, made) + ending, encoding="utf-8")
+    path = Path(__file__).with_name("wear.md" if rig == "R1" else f"wear_{rig.lower()}.md")
+    path.write_text(text + table(head, made) + ending, encoding="utf-8")
 
 
 if __name__ == "__main__":
