@@ -246,7 +246,8 @@ class RadialWear:
         proba = answers[:, : self.counter.classes_.size]
         learned = self.counter.dependence_
         same = np.zeros(len(proba), dtype=np.int64)
-        return _with_odds(combine_proba(proba, same, 1.0 if learned is None else learned), self.sound_odds)[0]
+        combined = combine_proba(proba, same, 1.0 if learned is None else learned)
+        return np.asarray(_with_odds(combined, self.sound_odds)[0])
 
     def depth_of(self, answers: Float, count: int) -> WearDepth:
         """Return the depth of a recording's wear, from what its runs tell and its count."""
