@@ -106,8 +106,8 @@ class RadialWear:
         Share of healthy runs that these count as worn; None also where none is healthy.
     sound_odds : float
         How many times as frequent a sound disc is taken to be as a disc of each other count: at least once,
-        and as often as it takes for 5 % of the healthy runs to be counted as worn by counters that have not
-        seen their assembly. Faint wear is like none: with equal odds a third of them may be.
+        and as often as it takes for about 5 % of the healthy runs to be counted as worn by counters that have
+        not seen their assembly. Faint wear is like none: with equal odds a third of them may be.
     """
 
     counter: GroupCalibratedCounter | RowCounter
