@@ -16,11 +16,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
 from benchmarks._markdown import line, share, table
+from benchmarks._versions import made_with
 from cyclofeat.counting import LobeCount, LobeModel, lobe_lines_nm, runs_of
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording, at_lowest_rate, shaft_windows
@@ -38,12 +40,14 @@ N_TREES = 150
 STEP = 1.1
 # Assemblies of each count in training.
 PER_COUNT = {"R1": 48, "R2": 2000}
+MEMORY = joblib.Memory(Path("build/wear") / made_with(), verbose=0)
 # Trees need few assemblies; the network learns more from many, and in more epochs.
 COUNTERS: dict[str, dict[str, Any]] = {
     "R1": {"counter": "trees"}, "R2": {"counter": "rows", "epochs": 80}
 }  # fmt: skip
 
 
+@MEMORY.cache(ignore=["n_jobs"])
 def simulated(
     rig: str, n: int, counts: Sequence[int], wear_um: float | tuple[float, float], seed: int, n_jobs: int
 ) -> list[Recording]:
@@ -134,13 +138,13 @@ def row(
 def rows(rig: str, n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list[str]], list[str]]:
     """Return the rows of the table, and what each model says of itself."""
     made, said = [], []
-    training = simulated(rig, PER_COUNT[rig], range(8), RANGE_UM, 0, n_jobs)
     judged = {depth: simulated(rig, n_judged, COUNTS, depth, 1, n_jobs) for depth in DEPTHS_UM}
     healthy = simulated(rig, 2 * n_judged, [0], DEPTHS_UM[0], 3, n_jobs)
     oracle = Oracle(rig, n_oracle, n_jobs)
     for noise in NOISES_NM[rig]:
+        training = noisy(simulated(rig, PER_COUNT[rig], range(8), RANGE_UM, 0, n_jobs), noise, 4)
         model = LobeModel.train(
-            noisy(training, noise, 4), n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig]
+            training, n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig]
         )
         assert model.wear is not None
         answers = model.count_all(noisy(healthy, noise, 5))

@@ -249,11 +249,9 @@ class ConformalCounter(Counter):
         return aligned_proba(self.counter_, X, self.classes_)
 
     def _distance(self, X: NDArray[Any]) -> Float:
-        """Distance in units of the largest distance inside."""
         if self.domain_ is None:
             return np.full(len(X), np.nan)
-        largest = max(self.domain_.threshold_, np.finfo(float).tiny)
-        return np.asarray(self.domain_.distance(features_seen(self.counter_, X)) / largest)
+        return self.domain_.distance(features_seen(self.counter_, X))
 
 
 def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool) -> float:

@@ -25,9 +25,9 @@ from cyclofeat.counting._assembly_folds import (
 class TrainingDomain(OutlierMixin, BaseEstimator):
     """Domain of the training windows in the space of their features.
 
-    The distance of a window is the Mahalanobis distance to the nearest class, with the covariance about the
-    class means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365). A window is outside if it lies
-    farther away than all but a chosen share of the training assemblies, each measured while held out.
+    A window's distance to a class is the Mahalanobis distance to its mean, with the covariance about all class
+    means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365), in units of the largest distance to
+    this class inside the domain. A window is outside if it is farther than 1 from every class.
 
     Parameters
     ----------
@@ -40,18 +40,21 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
 
     Attributes
     ----------
-    threshold_ : float
-        Largest distance inside.
+    thresholds_ : ndarray, shape (n_classes,)
+        Largest Mahalanobis distance to each class inside the domain.
     false_refusal_ : float
         Share that n assemblies can guarantee: ``false_refusal``, or 1/(n + 1) with few of them.
     offset_ : float
-        ``-threshold_``, as scikit-learn's outlier detectors have it.
+        -1, as scikit-learn's outlier detectors have it.
 
     Notes
     -----
-    The threshold is the k-th smallest of the n assemblies' largest held-out distances, k = ceil((1 -
-    false_refusal)(n + 1)). A new assembly that is exchangeable with them and has as many windows exceeds it
-    with a probability of at most ``false_refusal_``. A window inside the domain can still be counted wrong.
+    Each class has its own spread, the root mean square distance of its training windows, each measured while
+    its assembly is held out: features of sound discs scatter more than those of worn ones. Thresholds are t
+    times the spreads, where t is the k-th smallest of the n assemblies' largest held-out distances in
+    spreads of the nearest class, k = ceil((1 - false_refusal)(n + 1)). A new assembly that is exchangeable
+    with them and has as many windows lies outside with a probability of about ``false_refusal_``, and of at
+    most that if the spreads are known. A window inside the domain can still be counted wrong.
 
     Examples
     --------
@@ -108,18 +111,22 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         # If a class has a single assembly, the folds ignore the classes.
         folds = grouped_folds(rank, member, self.n_splits, seed)
         folds = folds or grouped_folds(np.zeros_like(rank), member, self.n_splits, seed)
-        farthest = np.zeros(n_assemblies)
+        held_out: Float = np.full((n_windows, int(rank.max()) + 1), np.inf)
         for train, test in folds:
-            self._place(features[train], rank[train])
-            np.maximum.at(farthest, member[test], self._class_distances(features[test]).min(axis=1))
+            present = self._place(features[train], rank[train])
+            held_out[np.ix_(test, present)] = self._mahalanobis(features[test])
+        spreads = _spreads(held_out, rank)
+        farthest = np.zeros(n_assemblies)
+        np.maximum.at(farthest, member, (held_out / spreads).min(axis=1))
         k = min(int(np.ceil((1 - self.false_refusal) * (n_assemblies + 1) - 1e-9)), n_assemblies)
         self._place(features, rank)
-        self.threshold_ = float(np.sort(farthest)[k - 1])
+        self.thresholds_ = np.maximum(np.sort(farthest)[k - 1] * spreads, np.finfo(float).tiny)
         self.false_refusal_ = max(float(self.false_refusal), 1 - n_assemblies / (n_assemblies + 1))
-        self.offset_ = -self.threshold_
+        self.offset_ = -1.0
         return self
 
-    def _place(self, X: Float, rank: Int) -> None:
+    def _place(self, X: Float, rank: Int) -> Int:
+        """Learn means and covariance; return the ranks that are present."""
         self.location_ = X.mean(axis=0)
         spread = X.std(axis=0)
         # A constant feature is not scaled: its changes then count in its own unit.
@@ -131,8 +138,9 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         self.precision_ = np.eye(X.shape[1])
         if np.any(residual):
             self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
+        return np.asarray(present)
 
-    def _class_distances(self, X: Float) -> Float:
+    def _mahalanobis(self, X: Float) -> Float:
         offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
         squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
         return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
@@ -140,7 +148,7 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     def class_distances(self, X: ArrayLike) -> Float:
         """Distance to each class of training, (n_windows, n_classes), of features (n_windows, n_features)."""
         check_is_fitted(self)
-        return self._class_distances(validate_data(self, X, reset=False, dtype=np.float64))
+        return self._mahalanobis(validate_data(self, X, reset=False, dtype=np.float64)) / self.thresholds_
 
     def distance(self, X: ArrayLike) -> Float:
         """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
@@ -151,9 +159,19 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
         return -self.distance(X)
 
     def decision_function(self, X: ArrayLike) -> Float:
-        """Return ``threshold_ - distance(X)``, shape (n_windows,): negative outside."""
+        """Return ``1 - distance(X)``, shape (n_windows,): negative outside."""
         return self.score_samples(X) - self.offset_
 
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """Return 1 for windows inside and -1 for those outside, shape (n_windows,)."""
         return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+def _spreads(distances: Float, rank: Int) -> Float:
+    """Return the root mean square distance of each class's windows to it."""
+    own = distances[np.arange(rank.size), rank]
+    # A class of a single assembly is absent where that is held out.
+    squares = np.where(np.isfinite(own), own, distances.min(axis=1)) ** 2
+    spreads = np.sqrt(np.bincount(rank, squares) / np.bincount(rank))
+    # Without a spread of its own, as of equal windows, a class has that of all.
+    return np.where(spreads > 0, spreads, np.sqrt(squares.mean()) or 1.0)

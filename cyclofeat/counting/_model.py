@@ -747,11 +747,10 @@ class LobeModel(RecordingPredictions):
         )
 
     def _distances(self, X: Float, features: Float | None) -> Float:
-        """Return the distance of each window in units of the largest inside; NaN without a domain."""
+        """Return the distance of each window to the domain's nearest class; NaN without a domain."""
         if self.domain is None or features is None:
             return np.full(len(X), np.nan)
-        largest = max(self.domain.threshold_, np.finfo(float).tiny)
-        return np.asarray(self.domain.distance(features) / largest)
+        return self.domain.distance(features)
 
     def _lobe_proba(
         self, batch: Sequence[PreparedWindows], lines: LobeLines, rows: Sequence[slice], of_counts: Float

@@ -17,7 +17,7 @@ from cyclofeat.features.base import WindowTransformer
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.models._content import ModelFileError, estimators_in
 
-FORMAT = 2
+FORMAT = 3
 CARD_SUFFIX = ".card.json"
 # What may differ between writing and loading: as many leading numbers as are compared. scikit-learn promises
 # nothing from one release to the next, the others keep their arrays from one bug fix to the next.
@@ -81,10 +81,9 @@ def read_card(path: str | os.PathLike[str]) -> dict[str, Any]:
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         what = "is empty" if file.stat().st_size == 0 else f"cannot be read as JSON ({error})"
         raise ModelFileError(f"card {file} {what}: copy both files again") from None
-    if isinstance(card, dict) and isinstance(card.get("format"), int) and card["format"] > FORMAT:
-        raise ModelFileError(
-            f"card {file} is of format {card['format']}, but {FORMAT} can be read; update cyclofeat"
-        )
+    if isinstance(card, dict) and isinstance(card.get("format"), int) and card["format"] != FORMAT:
+        what = "update cyclofeat" if card["format"] > FORMAT else "train the model again"
+        raise ModelFileError(f"card {file} is of format {card['format']}, but {FORMAT} can be read; {what}")
     wrong = [key for key, right in _CARD.items() if not (isinstance(card, dict) and right(card.get(key)))]
     if wrong:
         raise ModelFileError(f"card {file} is no card of a model: {', '.join(wrong)} missing or wrong")

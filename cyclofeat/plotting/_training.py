@@ -151,7 +151,7 @@ class TrainingDisplay(Display):
                 domain.means_ * domain.scale_ + domain.location_,
                 np.sqrt(np.diag(np.linalg.inv(domain.precision_))) * domain.scale_,
             ),
-            distances=domain.class_distances(features) / max(domain.threshold_, np.finfo(float).tiny),
+            distances=domain.class_distances(features),
             slot_lobes=_slot_lobes(model, windows),
             absolute=bool(windows.absolute[0]),
         )

@@ -33,8 +33,12 @@ def assemblies(n=400, windows=3, seed=0, shared=0.5, own=0.15):
 
 def split_of(counter, y):
     """The windows that train and those that calibrate, as the counter divides them."""
-    seed = int(np.random.RandomState(counter.random_state).randint(2**31 - 1))
-    return grouped_folds(y, np.arange(len(y)), max(round(1 / counter.calibration_size), 2), seed)[0]
+    return folds_of(y, max(round(1 / counter.calibration_size), 2), counter.random_state)[0]
+
+
+def folds_of(y, n_splits, random_state):
+    seed = int(np.random.RandomState(random_state).randint(2**31 - 1))
+    return grouped_folds(y, np.arange(len(y)), n_splits, seed)
 
 
 # Oracles
@@ -165,15 +169,51 @@ def test_a_class_with_too_few_assemblies_is_in_every_set():
 # Refusals
 
 
-def test_distance_and_threshold_of_the_domain_by_hand():
+def test_distances_and_thresholds_of_the_domain_by_hand():
     X, y = points(80)
+
+    def by_hand(X, y, of):
+        location, scale = X.mean(axis=0), X.std(axis=0)
+        scaled = (X - location) / scale
+        means = np.stack([scaled[y == c].mean(axis=0) for c in range(4)])
+        precision = LedoitWolf(assume_centered=True).fit(scaled - means[y]).precision_
+        return np.array(
+            [[mahalanobis(row, mean, precision) for mean in means] for row in (of - location) / scale]
+        )
+
     domain = TrainingDomain(false_refusal=0.1).fit(X, y)
-    scaled = (X - X.mean(axis=0)) / X.std(axis=0)
-    means = np.stack([scaled[y == c].mean(axis=0) for c in range(4)])
-    precision = LedoitWolf(assume_centered=True).fit(scaled - means[y]).precision_
-    by_hand = [min(mahalanobis(row, mean, precision) for mean in means) for row in scaled]
-    assert_allclose(domain.distance(X), by_hand)
-    assert_allclose(domain.decision_function(X), domain.threshold_ - np.array(by_hand))
+    held_out = np.empty((80, 4))
+    for train, test in folds_of(y, 5, 0):
+        held_out[test] = by_hand(X[train], y[train], X[test])
+    spreads = np.array([np.sqrt(np.mean(held_out[y == c, c] ** 2)) for c in range(4)])
+    largest = np.sort((held_out / spreads).min(axis=1))[int(np.ceil(0.9 * 81)) - 1]
+    assert_allclose(domain.thresholds_, largest * spreads)
+    assert_allclose(domain.class_distances(X), by_hand(X, y, X) / domain.thresholds_)
+    assert_allclose(domain.distance(X), domain.class_distances(X).min(axis=1))
+    assert_allclose(domain.decision_function(X), 1 - domain.distance(X))
+
+
+def test_a_class_that_scatters_more_is_refused_no_more_often():
+    random = np.random.default_rng(8)
+    scatter = np.array([3.0, 1.0, 1.0, 1.0])
+
+    def drawn(n):
+        y = np.arange(n) % 4
+        return 40.0 * y[:, np.newaxis] + scatter[y, np.newaxis] * random.normal(size=(n, 5)), y
+
+    domain = TrainingDomain(false_refusal=0.1).fit(*drawn(800))
+    X, y = drawn(4000)
+    outside = [np.mean(domain.predict(X[y == c]) == -1) for c in range(4)]
+    assert max(outside) <= 0.15
+    assert min(outside) >= 0.06
+
+
+def test_a_class_of_one_assembly_or_of_equal_windows_has_a_finite_threshold():
+    X, y, groups = assemblies(n=40)
+    one = np.where(np.arange(len(y)) < (groups == 0).sum(), 9, y)  # the first assembly alone
+    equal = np.where((y == 0)[:, np.newaxis], 1.0, X)
+    for domain in (TrainingDomain().fit(X, one, groups), TrainingDomain().fit(equal, y, groups)):
+        assert np.all((domain.thresholds_ > 0) & np.isfinite(domain.thresholds_))
 
 
 @pytest.mark.slow

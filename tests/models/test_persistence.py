@@ -261,11 +261,12 @@ def test_a_cut_file_whose_card_agrees_is_a_clear_error(stored, kept):
     [
         (None, "has no card: m.* must lie beside it"),
         ("", "is empty"),
-        ('{"format": 2, "sha', "cannot be read as JSON"),
+        ('{"format": 3, "sha', "cannot be read as JSON"),
         ("[]", "is no card of a model: format, sha256"),
-        ('{"format": 2}', "sha256, bytes, versions, .* missing or wrong"),
-        ('{"format": 2, "classes": [], "scores": 0.9}', "classes, scores, features missing or wrong"),
-        ('{"format": 3}', "of format 3, but 2 can be read; update cyclofeat"),
+        ('{"format": 3}', "sha256, bytes, versions, .* missing or wrong"),
+        ('{"format": 3, "classes": [], "scores": 0.9}', "classes, scores, features missing or wrong"),
+        ('{"format": 4}', "of format 4, but 3 can be read; update cyclofeat"),
+        ('{"format": 2}', "of format 2, but 3 can be read; train the model again"),
     ],
 )
 def test_without_a_whole_card_nothing_is_loaded(stored, suffix, text, message):

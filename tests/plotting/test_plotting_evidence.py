@@ -80,7 +80,7 @@ def test_the_nearest_distance_is_the_domain_s_own(model):
     display = TrainingDisplay.from_estimator(model, one)
     features = model.counter[:-1].transform(Windower().windows([one]).X)
     assert_allclose(display.features, features)
-    assert_allclose(display.distances.min(axis=1) * model.domain.threshold_, model.domain.distance(features))
+    assert_allclose(display.distances.min(axis=1), model.domain.distance(features))
     assert display.classes[display.distances.mean(axis=0).argmin()] == 3
 
 
