@@ -1,7 +1,7 @@
 """Depth and count of early radial wear.
 
     python -m benchmarks.wear              # rig R1, writes benchmarks/wear.md
-    python -m benchmarks.wear --rig R2     # writes benchmarks/wear_r2.md; 90 minutes of one core, 16 GB
+    python -m benchmarks.wear --rig R2     # writes benchmarks/wear_r2.md; some 100 minutes of one core
 
 Simulated assemblies with radial wear on both wheels, five output turns at 500 RPM and 22 Nm, with a
 tachometer. One model for each noise, trained on depths that are log-uniform, counts other assemblies.
@@ -178,8 +178,8 @@ def main() -> None:
     ]  # fmt: skip
     text = f"""# Depth and count of early radial wear
 
-Made by `python -m benchmarks.wear --rig {rig}` in {time.process_time() / 60:.0f} minutes of one core.
-Simulated assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a
+Made by `python -m benchmarks.wear --rig {rig}` in {time.process_time() / 60:.0f} minutes of one core,
+without what was simulated before (`build/wear`). Simulated assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a
 tachometer; white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT[rig]} assemblies
 of each count from 0 to 7 (`{options}`), with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um;
 judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn lobes. A model takes sound discs to be

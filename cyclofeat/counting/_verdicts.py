@@ -41,7 +41,10 @@ _SLIP = 0.055
 # Advance of the angle in an eighth of a turn, as a multiple of the median and of the eighth before. Jitter of
 # the angle from turn to turn in degrees; a motor under control reaches 5.
 _ANGLE_STEPS, _MOST_JITTER = (0.5, 1.5), 8.0
-_JUMPS = "the torque jumps"
+_JUMPS, _SPEED_CHANGES = "the torque jumps", "the speed changes"
+# Share of the windows that must have the count where any is left out; and where a jump, which may part two
+# discs, leaves none on one side of it.
+_MAJORITY, _NEARLY_ALL = 0.5, 0.9
 # Windows agree where their probabilities overlap by this (Bhattacharyya's coefficient).
 _AGREEMENT = 0.4
 
@@ -178,7 +181,7 @@ def _speed_changes(X: Float, sampling_rate: float, input_speed_hz: float, n_lobe
         of_shaft = np.abs(row * (n_lobes + 1) / n_lobes - row[known].max(initial=0.0)) < _SAME_SPEED
         steady = row[known & ~of_shaft]
         change = float(np.ptp(steady)) if steady.size > 1 else 0.0
-        reasons.append(f"the speed changes by {change:.1%} within the window" if change > _UNSTEADY else "")
+        reasons.append(f"{_SPEED_CHANGES} by {change:.1%} within the window" if change > _UNSTEADY else "")
     return reasons
 
 
@@ -190,13 +193,15 @@ def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
     proba : ndarray, shape (n_windows, n_classes)
         Probabilities of each count, in the order of time.
     faults_of_windows : sequence of str
-        Only windows without a fault, or with a jump, which may part two discs, are compared.
+        Only windows without a fault are compared, and those with a jump, which may part two discs, or with a
+        changing speed, which is often unsteady elsewhere too.
     """
-    compared = [not fault or fault.startswith(_JUMPS) for fault in faults_of_windows]
+    compared = [not fault or fault.startswith((_JUMPS, _SPEED_CHANGES)) for fault in faults_of_windows]
     root = np.sqrt(proba[compared])
     if not len(root) or (root @ root.T).min() >= _AGREEMENT:
         return ""
-    if sum(before @ after < _AGREEMENT for before, after in pairwise(root)) == 1:
+    changes = sum(before @ after < _AGREEMENT for before, after in pairwise(root))
+    if changes == 1 and not any(fault.startswith(_SPEED_CHANGES) for fault in faults_of_windows):
         return "its windows have another count from some time on: two discs in one recording?"
     return "its windows disagree about the count"
 
@@ -205,7 +210,9 @@ def outvoted(proba: Float, reasons: Sequence[str], column: int) -> str:
     """Return why a count from a part of the windows is not to be trusted; empty where it is.
 
     What spoils one window is often in the others too, too weak to be seen: where any is left out, more than
-    half of all windows must have the count, so that those left out cannot outvote it.
+    half of all windows must have the count, so that those left out cannot outvote it. After a jump the torque
+    may be that of another disc: if no window before it is used, or none after it, nine tenths must have the
+    count.
 
     Parameters
     ----------
@@ -217,7 +224,9 @@ def outvoted(proba: Float, reasons: Sequence[str], column: int) -> str:
     """
     used = np.array([not one for one in reasons])
     n_votes = int(np.sum(proba[used].argmax(axis=1) == column))
-    if used.all() or 2 * n_votes > used.size:
+    jumps = [at for at, one in enumerate(reasons) if one.startswith(_JUMPS)]
+    one_sided = any(not used[:at].any() or not used[at:].any() for at in jumps)
+    if used.all() or n_votes > (_NEARLY_ALL if one_sided else _MAJORITY) * used.size:
         return ""
     left_out = f"{int(np.sum(~used))} left out: {most_frequent(reasons)}"
     return f"only {n_votes} of its {used.size} windows have its count, {left_out}"

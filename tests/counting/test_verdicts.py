@@ -204,6 +204,10 @@ SURE = {count: np.eye(4)[count] * 0.9 + 0.025 for count in range(4)}
         # A jump may part two discs; a window whose samples are lost says nothing.
         ([0, 3], ["", "the torque jumps, first 1 s after the window's start"], "two discs in one recording?"),
         ([0, 3], ["", "20% of the samples are lost"], ""),
+        # A run-up that is too slow to be seen in the first windows, but is in the last.
+        ([0, 0, 3], ["", "", "the speed changes by 3% within the window"], "disagree about the count"),
+        ([3, 0, 0], ["the speed changes by 30% within the window", "", ""], "disagree about the count"),
+        ([0, 0, 0], ["", "", "the speed changes by 3% within the window"], ""),
     ],
 )
 def test_windows_that_disagree(counts, reasons, said):
@@ -226,6 +230,17 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
     """The count is 1; windows left out do not vote, but are of the number that a majority is of."""
     reasons = ["spikes" if window in left_out else "" for window in range(len(counts))]
     assert outvoted(np.eye(3)[counts], reasons, 1) == said
+
+
+@pytest.mark.parametrize(
+    ("jumps", "n", "is_left_out"),
+    [([2], 3, True), ([0], 3, True), ([1], 3, False), ([0, 1], 21, False), ([11], 12, False), ([8, 9], 10, True)],
+)
+def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_left_out):
+    reasons = ["the torque jumps, first 1 s after the window's start" if k in jumps else "" for k in range(n)]
+    reason = outvoted(np.eye(3)[[1] * n], reasons, 1)
+    assert bool(reason) == is_left_out
+    assert not reason or "left out: the torque jumps" in reason
 
 
 def test_the_most_frequent_reason_leaves_numbers_aside():
