@@ -59,8 +59,8 @@ def main() -> None:
 Made by `python -m benchmarks.disc_sizes --assemblies {arguments.assemblies}`. Simulated
 output torque at 500 RPM and 22 Nm with 0.2 Nm of noise, counts of 0 to 7, chance 0.125; the rigs' gearboxes
 with other numbers of lobes on their discs. One model for each row (`RowCounter`), trained on three quarters
-of the assemblies, which counts one window of one output turn of each of the others. "Right" is the share of all
-recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
+of the assemblies, which counts one window of one output turn of each of the others. "Right" is the share of
+all recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
 
 """
     Path(__file__).with_suffix(".md").write_text(text + table(head, made), encoding="utf-8")

@@ -143,9 +143,7 @@ def rows(rig: str, n_judged: int, n_oracle: int, n_jobs: int) -> tuple[list[list
     oracle = Oracle(rig, n_oracle, n_jobs)
     for noise in NOISES_NM[rig]:
         training = noisy(simulated(rig, PER_COUNT[rig], range(8), RANGE_UM, 0, n_jobs), noise, 4)
-        model = LobeModel.train(
-            training, n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig]
-        )
+        model = LobeModel.train(training, n_splits=0, n_trees=N_TREES, wear_um=RANGE_UM, **COUNTERS[rig])
         assert model.wear is not None
         answers = model.count_all(noisy(healthy, noise, 5))
         sound = np.mean([one.defect_count == 0 for one in answers])
@@ -179,13 +177,14 @@ def main() -> None:
     text = f"""# Depth and count of early radial wear
 
 Made by `python -m benchmarks.wear --rig {rig}` in {time.process_time() / 60:.0f} minutes of one core,
-without what was simulated before (`build/wear`). Simulated assemblies at 500 RPM and 22 Nm with radial wear on both wheels, {TURNS} output turns with a
-tachometer; white noise as of a torque meter at 25.6 kHz. Models are trained on {PER_COUNT[rig]} assemblies
-of each count from 0 to 7 (`{options}`), with depths log-uniform from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um;
-judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn lobes. A model takes sound discs to be
-as frequent as it needs to count about 5 % of those in its training as worn, by counters that have not
-seen them. "Count right" is of all, refused ones too (95 % interval by Wilson; chance is 0.125). Depths and
-intervals are those of recordings that were neither refused nor counted as healthy.
+without what was simulated before (`build/wear`). Simulated assemblies at 500 RPM and 22 Nm with radial wear
+on both wheels, {TURNS} output turns with a tachometer; white noise as of a torque meter at 25.6 kHz. Models
+are trained on {PER_COUNT[rig]} assemblies of each count from 0 to 7 (`{options}`), with depths log-uniform
+from {RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn lobes.
+A model takes sound discs to be as frequent as it needs to count about 5 % of those in its training as worn,
+by counters that have not seen them. "Count right" is of all, refused ones too (95 % interval by Wilson;
+chance is 0.125). Depths and intervals are those of recordings that were neither refused nor counted as
+healthy.
 
 The bounds are those of a matched filter on the lobe lines that knows the torque of this very assembly for
 every count and depth, so that noise is all that is unknown: the probability of telling {COUNTS[0]} worn

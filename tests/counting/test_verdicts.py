@@ -234,7 +234,14 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
 
 @pytest.mark.parametrize(
     ("jumps", "n", "is_left_out"),
-    [([2], 3, True), ([0], 3, True), ([1], 3, False), ([0, 1], 21, False), ([11], 12, False), ([8, 9], 10, True)],
+    [
+        ([2], 3, True),
+        ([0], 3, True),
+        ([1], 3, False),
+        ([0, 1], 21, False),
+        ([11], 12, False),
+        ([8, 9], 10, True),
+    ],
 )
 def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_left_out):
     reasons = ["the torque jumps, first 1 s after the window's start" if k in jumps else "" for k in range(n)]
