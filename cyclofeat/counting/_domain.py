@@ -26,8 +26,8 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     """Domain of the training windows in the space of their features.
 
     A window's distance to a class is the Mahalanobis distance to its mean, with the covariance about all
-    class means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365), in units of the largest distance to
-    this class inside the domain. A window is outside if it is farther than 1 from every class.
+    class means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365), in units of the largest
+    distance to this class inside the domain. A window is outside if it is farther than 1 from every class.
 
     Parameters
     ----------
