@@ -251,7 +251,7 @@ class ConformalCounter(Counter):
     def _distance(self, X: NDArray[Any]) -> Float:
         if self.domain_ is None:
             return np.full(len(X), np.nan)
-        return self.domain_.distance(features_seen(self.counter_, X))
+        return np.asarray(self.domain_.distance(features_seen(self.counter_, X)))
 
 
 def conformal_threshold(scores: Float, member: Int, coverage: float, worst: bool) -> float:

@@ -148,7 +148,8 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     def class_distances(self, X: ArrayLike) -> Float:
         """Distance to each class of training, (n_windows, n_classes), of features (n_windows, n_features)."""
         check_is_fitted(self)
-        return self._mahalanobis(validate_data(self, X, reset=False, dtype=np.float64)) / self.thresholds_
+        features: Float = validate_data(self, X, reset=False, dtype=np.float64)
+        return np.asarray(self._mahalanobis(features) / self.thresholds_)
 
     def distance(self, X: ArrayLike) -> Float:
         """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
