@@ -12,9 +12,8 @@ import argparse
 from pathlib import Path
 
 from benchmarks._markdown import line, table
-from benchmarks.operating_points import Data, counted
+from benchmarks.operating_points import Data, counted, trained
 from benchmarks.sampling_rates import right
-from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.simulators import Noise, Solver
 
@@ -35,8 +34,7 @@ def simulated(n: int, rig: str, n_lobes: int, n_jobs: int) -> Data:
 
 
 def row(rig: str, n_lobes: int, data: Data) -> list[str]:
-    model = LobeModel.train(data.training, n_splits=0, counter="rows")
-    answers = counted(model, data.judged)
+    answers = counted(trained(data.training), data.judged)
     pairs = list(zip(data.judged, answers, strict=True))
     located = sum(a is not None and a.lobes == r.worn_lobes for r, a in pairs) / len(pairs)
     return [rig, str(n_lobes), right(data.judged, answers), f"{located:.3f}", str(len(pairs))]
@@ -44,7 +42,7 @@ def row(rig: str, n_lobes: int, data: Data) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--assemblies", type=int, default=128, help="per count (default 128)")
+    parser.add_argument("--assemblies", type=int, default=32, help="per count (default 32)")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     head = ["rig", "lobes", f"right (goal {GOAL:g}), refused", "exactly the right lobes", "n"]
@@ -58,9 +56,9 @@ def main() -> None:
 
 Made by `python -m benchmarks.disc_sizes --assemblies {arguments.assemblies}`. Simulated
 output torque at 500 RPM and 22 Nm with 0.2 Nm of noise, counts of 0 to 7, chance 0.125; the rigs' gearboxes
-with other numbers of lobes on their discs. One model for each row (`RowCounter`), trained on three quarters
-of the assemblies, which counts one window of one output turn of each of the others. "Right" is the share of
-all recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
+with other numbers of lobes on their discs. One model for each row, trained on three quarters of the
+assemblies, which counts one window of one output turn of each of the others. "Right" is the share of all
+recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused.
 
 """
     Path(__file__).with_suffix(".md").write_text(text + table(head, made), encoding="utf-8")

@@ -1,7 +1,7 @@
 """Depth and count of early radial wear.
 
     python -m benchmarks.wear              # rig R1, writes benchmarks/wear.md
-    python -m benchmarks.wear --rig R2     # writes benchmarks/wear_r2.md; some 100 minutes of one core
+    python -m benchmarks.wear --rig R2     # writes benchmarks/wear_r2.md; some hours of one core, 14 GB
 
 Simulated assemblies with radial wear on both wheels, five output turns at 500 RPM and 22 Nm, with a
 tachometer. One model for each noise, trained on depths that are log-uniform, counts other assemblies.
