@@ -1,18 +1,43 @@
-"""Versions of the code and settings that made the stored results of a benchmark."""
+"""Results of a benchmark that are stored, and the versions of the code and settings that made them."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
-from typing import Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import joblib
 
 from cyclofeat.gap.simulations import versions
 
 # Read at import, because the files may change on disk while a process works.
 _CODE = versions("signal", "gap")
+_RECORDINGS = versions("recordings", "../datasets")
+Made = TypeVar("Made")
 
 
 def made_with(**design: Any) -> str:
     """Return a short hash of the code and of the settings that affect a result."""
     stated = [_CODE, {name: repr(value) for name, value in design.items()}]
     return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:10]
+
+
+def kept_in(folder: Path) -> Callable[[Callable[..., Made]], Callable[..., Made]]:
+    """Decorate a simulation: what this version of the code has made before is read from the folder.
+
+    Its argument ``n_jobs`` does not matter to the result.
+    """
+
+    def decorate(simulate: Callable[..., Made]) -> Callable[..., Made]:
+        @functools.wraps(simulate)
+        def read_or_made(*arguments: object, **named: object) -> Made:
+            memory = joblib.Memory(folder / made_with(recordings=_RECORDINGS), verbose=0)
+            result: Made = memory.cache(simulate, ignore=["n_jobs"])(*arguments, **named)
+            return result
+
+        return read_or_made
+
+    return decorate

@@ -16,13 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
 from benchmarks._markdown import line, share, table
-from benchmarks._versions import made_with
+from benchmarks._versions import kept_in
 from cyclofeat.counting import LobeCount, LobeModel, lobe_lines_nm, runs_of
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording, at_lowest_rate, shaft_windows
@@ -40,14 +39,13 @@ N_TREES = 150
 STEP = 1.1
 # Assemblies of each count in training.
 PER_COUNT = {"R1": 48, "R2": 2000}
-MEMORY = joblib.Memory(Path("build/wear") / made_with(), verbose=0)
 # Trees need few assemblies; the network learns more from many, and in more epochs.
 COUNTERS: dict[str, dict[str, Any]] = {
     "R1": {"counter": "trees"}, "R2": {"counter": "rows", "epochs": 80}
 }  # fmt: skip
 
 
-@MEMORY.cache(ignore=["n_jobs"])
+@kept_in(Path("build/wear"))
 def simulated(
     rig: str, n: int, counts: Sequence[int], wear_um: float | tuple[float, float], seed: int, n_jobs: int
 ) -> list[Recording]:

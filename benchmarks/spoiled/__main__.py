@@ -99,7 +99,6 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="model file (default: the packaged ones)")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
     if arguments.model:
         mine = load_model(arguments.model)
         counters = {mine.card["quantity"]: mine}

@@ -11,6 +11,7 @@ from pathlib import Path
 import joblib
 import numpy as np
 
+from benchmarks._versions import kept_in
 from benchmarks.spoiled._kind import KINDS, Base, Kind, noisy
 from cyclofeat.counting import LobeModel
 from cyclofeat.datasets import make_rig_recordings, rig_preset
@@ -38,15 +39,13 @@ _ASSEMBLIES, _COUNTS = 5, 8
 
 
 def bases(folder: Path, quantity: str, n_jobs: int) -> list[Base]:
-    """Return base recordings of rig R2, from the folder or simulated.
+    """Return base recordings of rig R2, kept in the folder.
 
     By speed, then by :data:`_ASSEMBLIES`, then by 0 to 7 worn lobes.
     """
-    path = folder / f"{quantity}.joblib"
-    if not path.exists():
-        joblib.dump([_simulated(speed, quantity, n_jobs) for speed in SPEEDS_RPM], path)
     made = []
-    for silent, other_quantity in joblib.load(path):
+    for speed in SPEEDS_RPM:
+        silent, other_quantity = kept_in(folder)(_simulated)(speed, quantity, n_jobs)
         random = np.random.default_rng(_SEED)
         heard = [noisy(one, random) for one in silent]
         # The machine with the next count but two is the other one.

@@ -194,7 +194,7 @@ def disagreement(proba: Float, faults_of_windows: Sequence[str]) -> str:
         Probabilities of each count, in the order of time.
     faults_of_windows : sequence of str
         Only windows without a fault are compared, and those with a jump, which may part two discs, or with a
-        changing speed, which is often unsteady elsewhere too.
+        changing speed, which may change unseen in the others.
     """
     compared = [not fault or fault.startswith((_JUMPS, _SPEED_CHANGES)) for fault in faults_of_windows]
     root = np.sqrt(proba[compared])

@@ -233,7 +233,7 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
 
 
 @pytest.mark.parametrize(
-    ("jumps", "n", "is_left_out"),
+    ("jumps", "n", "is_refused"),
     [
         ([2], 3, True),
         ([0], 3, True),
@@ -243,10 +243,10 @@ def test_windows_left_out_must_not_outvote_the_count(counts, left_out, said):
         ([8, 9], 10, True),
     ],
 )
-def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_left_out):
+def test_a_jump_with_nothing_counted_on_one_side_asks_for_nearly_all_windows(jumps, n, is_refused):
     reasons = ["the torque jumps, first 1 s after the window's start" if k in jumps else "" for k in range(n)]
     reason = outvoted(np.eye(3)[[1] * n], reasons, 1)
-    assert bool(reason) == is_left_out
+    assert bool(reason) == is_refused
     assert not reason or "left out: the torque jumps" in reason
 
 
