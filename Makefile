@@ -137,7 +137,7 @@ $(TABLES): bench-%: $(INSTALLED)
 default-models: $(INSTALLED)  ## train the packaged models (some hours, 20 GB of memory); writes cyclofeat/models/default
 	mkdir -p build/models
 	for one in output_torque:37:3000 output_torque:128:1000 output_torque:256:10000:80 \
-		input_torque:37:1800:80 input_torque:128:1800:80 motor_current:37:900 motor_current:128:900:80; do \
+		input_torque:37:1800:80 input_torque:128:1800:80 motor_current:37:900 motor_current:128:2000:80; do \
 		set -- $$(echo $$one | tr : ' '); out=build/models/$$1.skops; \
 		if [ $$2 -gt 37 ]; then mv $$out build/models/coarser.skops; fi; \
 		OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/cyclofeat train --quantity $$1 --counter rows \
