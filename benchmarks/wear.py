@@ -176,10 +176,11 @@ def main() -> None:
 Made by `python -m benchmarks.wear --rig {rig}`. Simulated assemblies at 500 RPM and 22 Nm with radial wear on
 both wheels, {TURNS} output turns with a tachometer; white noise as of a torque meter at 25.6 kHz. Models are
 trained on {PER_COUNT[rig]} assemblies of each count from 0 to 7 (`{options}`), with depths log-uniform from
-{RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring worn lobes. A model
-takes sound discs to be as frequent as it needs to count about 5 % of those in its training as worn, by
-counters that have not seen them. "Count right" is of all, refused ones too (95 % interval by Wilson; chance
-is 0.125). Depths and intervals are those of recordings that were neither refused nor counted as healthy.
+{RANGE_UM[0]:g} to {RANGE_UM[1]:g} um; judged are others with {COUNTS[0]} and {COUNTS[1]} neighbouring
+worn lobes. A model takes sound discs to be as frequent as it needs to count about 5 % of those in its
+training as worn, by counters that have not seen them. "Count right" is of all, refused ones too (95 %
+interval by Wilson; chance is 0.125). Depths and intervals are those of recordings that were neither refused
+nor counted as healthy.
 
 The bounds are those of a matched filter on the lobe lines that knows the torque of this very assembly for
 every count and depth, so that noise is all that is unknown: the probability of telling {COUNTS[0]} worn

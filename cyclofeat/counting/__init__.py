@@ -57,7 +57,6 @@ from cyclofeat.counting._lobe_sets import log_counts as log_counts
 from cyclofeat.counting._lobes import LobeCounter
 from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting._model import LobeModel
-from cyclofeat.counting._model import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting._ordinal import OrdinalCounter
 from cyclofeat.counting._pipelines import KINDS as KINDS
 from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
@@ -72,6 +71,7 @@ from cyclofeat.counting._recording_counter import RecordingCounter
 from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting._speed import other_speed as other_speed
 from cyclofeat.counting._stream import LobeStream
+from cyclofeat.counting._training import samples_per_turn_at as samples_per_turn_at
 from cyclofeat.counting._wear import RadialWear, WearDepth
 from cyclofeat.counting._wear import lobe_lines_nm as lobe_lines_nm
 from cyclofeat.counting._wear import runs_of as runs_of

@@ -11,7 +11,7 @@ from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.training import first_weights
 from cyclofeat.counting import LobeModel, RowCounter, _row_network, passage_of_lobe_zero
-from cyclofeat.counting._model import _some_of_each_count
+from cyclofeat.counting._training import some_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings import shaft_windows
@@ -205,9 +205,9 @@ def test_more_samples_per_turn_than_trees_use_are_refused():
 def test_what_is_learned_without_its_tachometer_is_a_share_of_each_count():
     """Also where counts come in turn, and their number is a multiple of what the share leaves out."""
     recordings = [SimpleNamespace(defect_count=number % 3) for number in range(36)]
-    some = _some_of_each_count(recordings, 1 / 3, 0)
+    some = some_of_each_count(recordings, 1 / 3, 0)
     assert np.bincount([recordings[k].defect_count for k in some]).tolist() == [4, 4, 4]
-    assert some == sorted({*some}) == _some_of_each_count(recordings, 1 / 3, 0)
+    assert some == sorted({*some}) == some_of_each_count(recordings, 1 / 3, 0)
 
 
 def test_epochs_are_refused_where_they_have_no_effect():
