@@ -59,7 +59,7 @@ def main() -> None:
         for n_lobes in LOBES:
             made.append(row(rig, n_lobes, arguments.jobs))
             print(line(made[-1]), end="", flush=True)
-    text = f"""# Other numbers of lobes
+    text = """# Other numbers of lobes
 
 Made by `python -m benchmarks.disc_sizes`. Simulated output torque at 500 RPM and 22 Nm with 0.2 Nm of noise,
 counts of 0 to 7, chance 0.125; the rigs' gearboxes with other numbers of lobes on their discs. One model for
