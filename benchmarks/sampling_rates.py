@@ -1,4 +1,4 @@
-"""Counts at low sampling rates, by models that were trained at them, and the time that a count takes.
+"""Counts at low sampling rates, by models that were trained at them.
 
     python -m benchmarks.sampling_rates     # writes benchmarks/sampling_rates.md
 
@@ -15,17 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._markdown import line, share, table
-from benchmarks.operating_points import (
-    REPEATS,
-    TIMED,
-    Answers,
-    Data,
-    blind,
-    count_ms,
-    counted,
-    logged,
-    trained,
-)
+from benchmarks.operating_points import Answers, Data, blind, counted, logged, trained
 from cyclofeat.datasets import make_rig_recordings, rig_preset
 from cyclofeat.recordings import Recording
 from cyclofeat.simulators import Noise, Solver
@@ -63,7 +53,6 @@ def right(recordings: Sequence[Recording], answers: Answers) -> str:
 
 def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
     """Yield the rows of the table, the highest rate of each quantity and speed first."""
-    random = np.random.default_rng(5)
     for quantity, (words, noise) in QUANTITIES.items():
         for speed in SPEEDS_RPM:
             recordings = simulated(n, quantity, speed, n_jobs)
@@ -72,15 +61,12 @@ def rows(n: int, n_jobs: int) -> Iterator[list[str]]:
                 data = Data(noisy([logged(one, rate) for one in recordings], noise))
                 rich = rich or data.judged
                 model = trained(data.training)
-                timed = data.judged[:TIMED]
                 yield [
                     words, f"{speed:,.0f}", f"{rate / 1000:g}", str(model.samples_per_turn),
                     str(model.counter[0].n_lines),  # type: ignore[index]
                     right(data.judged, counted(model, data.judged)),
                     right(data.judged, counted(model, data.judged, blind)),
                     right(rich, counted(model, rich)),
-                    f"{count_ms(model, timed):.1f}",
-                    f"{count_ms(model, [blind(one, random) for one in timed]):.1f}",
                 ]  # fmt: skip
 
 
@@ -91,7 +77,7 @@ def main() -> None:
     arguments = parser.parse_args()
     head = [
         "quantity", "RPM", "kHz", "samples per turn", "lobe lines", "right, refused: tachometer",
-        "no tachometer", f"recordings at {RATES_HZ[0] / 1000:g} kHz", "ms, tachometer", "ms, none",
+        "no tachometer", f"recordings at {RATES_HZ[0] / 1000:g} kHz",
     ]  # fmt: skip
     made: list[list[str]] = []
     for cells in rows(arguments.assemblies, arguments.jobs):
@@ -107,9 +93,6 @@ quarters of the assemblies at that rate; one window of one output turn of each o
 recordings whose count is right, refused ones too (95 % interval by Wilson), then the share refused: with a
 tachometer; without one, at a stated speed up to 2 % beside the true one; and by the same model with the
 recordings of the highest rate.
-
-The times are the processor's for one `LobeModel.count`, from the recording in memory to refusal and count:
-of {TIMED} recordings the median, of each the least of {REPEATS}. Other work ran on the same cores.
 
 """
     Path(__file__).with_suffix(".md").write_text(text + table(head, made), encoding="utf-8")

@@ -91,7 +91,7 @@ RESULTS = {
     "counting": "Counts of one window, beside other methods",
     "operating_points": "Counts at any speed and load",
     "speed_search": "Speeds found in the torque alone",
-    "sampling_rates": "Counts at low sampling rates, and the time of one",
+    "sampling_rates": "Counts at low sampling rates",
     "disc_sizes": "Counts on discs with other numbers of lobes",
     "wear": "Depth and count of early radial wear, rig R1",
     "wear_r2": "Depth and count of early radial wear, rig R2",
