@@ -57,7 +57,7 @@ def load_default_model(
     --------
     >>> model = load_default_model("motor_current")
     >>> model.made_for()
-    'of motor current at 99.23 to 1505 RPM and 3 to 40 Nm, with at least 37 samples per input turn'
+    'of motor current at 99.23 to 1511 RPM and 3 to 40 Nm, with at least 37 samples per input turn'
     >>> model.samples_per_turn, model.coarser.samples_per_turn
     (128, 37)
     """
