@@ -32,7 +32,6 @@ from cyclofeat.counting._protocols import Protocol
 from cyclofeat.counting._rows import RowCounter
 from cyclofeat.counting._speed import other_speed
 from cyclofeat.counting._training import (
-    BY_LINES_TOO,
     SPEED_MARGIN,
     fitted_counter,
     samples_per_turn_of,
@@ -63,6 +62,8 @@ _BATCH_SAMPLES = 2**20
 _MOST_NAMED = 1000
 # Factor by which a mean torque may lie outside the loads of training without a note.
 _FAR = 3.0
+# Share of the torques of each count that rows learn a second time, as if they had no tachometer.
+_BY_LINES_TOO = 1 / 3
 # Number of places between two lobes at which a recording without an absolute angle may begin.
 _BEGINNINGS = 4
 
@@ -214,7 +215,7 @@ class LobeModel(RecordingPredictions):
         if quantity == "motor_current":
             again = range(len(recordings))
         elif rows and stated is None:
-            again = some_of_each_count(recordings, BY_LINES_TOO, random_state)
+            again = some_of_each_count(recordings, _BY_LINES_TOO, random_state)
         windows = seen = windows_to_learn(recordings, turnings, again, n_lobes, per_turn)
         if again and stated is not None:  # depths are learned from the windows of the tachometer alone
             seen = windows_to_learn(recordings, turnings, (), n_lobes, per_turn)

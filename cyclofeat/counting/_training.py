@@ -30,8 +30,6 @@ from cyclofeat.signal.windows import Float
 
 # Share by which a speed may lie outside those of training.
 SPEED_MARGIN = 0.05
-# Share of the torques of each count that rows learn a second time, as if they had no tachometer.
-BY_LINES_TOO = 1 / 3
 
 
 def samples_per_turn_at(
