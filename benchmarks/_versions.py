@@ -1,4 +1,4 @@
-"""Results of a benchmark that are stored, and the versions of the code and settings that made them."""
+"""Stored results of a benchmark, and what made them: versions of code, settings and processor."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import joblib
+import llvmlite.binding as llvm
 
 from cyclofeat.gap.simulations import versions
 
@@ -41,3 +42,16 @@ def kept_in(folder: Path) -> Callable[[Callable[..., Made]], Callable[..., Made]
         return read_or_made
 
     return decorate
+
+
+def vector_width() -> str:
+    """The widest vector instructions that the compiler may use here."""
+    features = llvm.get_host_cpu_features()
+    for name, text in (
+        ("avx512f", "512 bit (AVX-512)"),
+        ("avx2", "256 bit (AVX2)"),
+        ("avx", "256 bit (AVX)"),
+    ):
+        if features.get(name):
+            return text
+    return "128 bit or none"

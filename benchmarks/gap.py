@@ -22,13 +22,23 @@ from typing import Any
 import joblib
 
 from benchmarks._markdown import table
-from benchmarks._versions import made_with
+from benchmarks._versions import made_with, vector_width
 from benchmarks.hidden_effects import set_names
 from benchmarks.hidden_effects._answers import Answer, answers
 from benchmarks.hidden_effects._ask import names_of, session_of, sessions_of, shown, whole_answer
 from benchmarks.hidden_effects._folders import generate
 from benchmarks.hidden_effects._sets import FIT
-from benchmarks.hidden_effects._table import at_most, beside_goals, markdown, number, share_right
+from benchmarks.hidden_effects._table import (
+    at_most,
+    beside_goals,
+    counted,
+    details,
+    figures_of_names,
+    figures_of_sizes,
+    figures_of_workflow,
+    number,
+    share_right,
+)
 from cyclofeat._base.files import write_whole
 from cyclofeat.gap import GapSettings
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior
@@ -70,8 +80,10 @@ def main() -> None:
     chosen = whole_names([*sessions], given.whole)
     if chosen:
         found = whole(chosen, posterior, given)
-        parts += ["", f"## The whole workflow, on {len(found)} sets", "", markdown(found)]
-    parts += ["", "## What it costs", "", costs([*sessions], posterior, given)]
+        parts += ["", f"## The whole workflow, on {len(found)} sets", "", counted(found), WHOLE]
+        parts += [beside_goals([*figures_of_sizes(found), *figures_of_workflow(found)])]
+    on = f"On {given.jobs} processor cores with vectors of {vector_width()}."
+    parts += ["", "## What it costs", "", on, "", costs([*sessions], posterior, given)]
     text = "\n".join(parts)
     given.page.write_text(text.rstrip() + "\n", encoding="utf-8")
     print(text)
@@ -91,7 +103,12 @@ def by_posterior(posterior: EffectPosterior, sessions: Mapping[str, Session]) ->
         "precision",
         "recall of visible effects",
     )
-    return [markdown(every[0]), "### Less known", "", table(head, rows)]
+    return [
+        counted(every[0]), beside_goals(figures_of_names(every[0])),
+        "### Less known", "", table(head, rows),
+        "### Sizes before confirmation", "", beside_goals(figures_of_sizes(every[0], confirmed=False)),
+        details(every[0]),
+    ]  # fmt: skip
 
 
 def whole_names(names: Sequence[str], n: int) -> list[str]:
@@ -170,6 +187,12 @@ HEAD = """# Hidden effects: names, sizes and proof
 Made by `python -m benchmarks.gap`. All recordings are simulated, by the generator of
 [the hidden effects](hidden_effects/README.md), which shares no code with the simulator. "Visible" are effects
 that an oracle detects at 3 sigma which knows all others and their sizes; "ties" are the groups of `ties.csv`.
+"""
+
+WHOLE = """Sizes are those after confirmation by simulation. The oracle knows all effects and their sizes.
+Recordings held out are of "counts or conditions not fitted" if no fitted recording has their count, or their
+speed and load. An equaliser and a Gaussian process say nothing about another speed or load, so they are
+compared at other counts only.
 """
 
 

@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 
 import joblib
-import llvmlite.binding as llvm
 import numpy as np
 from _markdown import table
 from _timing import Work, in_turn, on_free_cores, ratio
+from _versions import vector_width
 from batches import DURATION_S, INTEGRATORS, Machines, accuracy_table
 from threadpoolctl import threadpool_limits
 
@@ -50,19 +50,6 @@ Where a goal is missed:
   figures are against today's, which is 1.2 to 1.3 times as fast.
 - Two cores of a virtual machine may be two threads of one core, which share its arithmetic units.
 """
-
-
-def vector_width() -> str:
-    """The widest vector instructions that the compiler may use here."""
-    features = llvm.get_host_cpu_features()
-    for name, text in (
-        ("avx512f", "512 bit (AVX-512)"),
-        ("avx2", "256 bit (AVX2)"),
-        ("avx", "256 bit (AVX)"),
-    ):
-        if features.get(name):
-            return text
-    return "128 bit or none"
 
 
 def real_time() -> list[Row]:

@@ -488,7 +488,7 @@ def test_figures_by_hand() -> None:
     assert found["1 effect: 90 % intervals that cover"].value == 0
     confident, unflagged = (
         found["inside: wrong name with 0.9 or more"],
-        found["outside: the same, not flagged"],
+        found["outside, not flagged: wrong name with 0.9 or more"],
     )
     hidden = {effect for effect, _ in _sets.definitions()[outside].hidden}
     assert (confident.value, confident.n, confident.met) == (1 / 3, 3, False)
