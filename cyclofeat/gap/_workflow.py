@@ -116,7 +116,7 @@ def find_gap(
         next_measurements=possible.next_measurements(posterior),
         overlays=_overlays(located, corrected, settings) if settings.pictures else (),
         proof=proof,
-        warnings=(*rig.warnings, *rig.doubts),
+        warnings=(*rig.warnings, *rig.doubts, *_not_fitted(confirmed)),
         seconds=time.monotonic() - began,
     )
 
@@ -163,6 +163,14 @@ def _effects(
             )
         )  # fmt: skip
     return tuple(sorted(found, key=lambda one: -one.probability))
+
+
+def _not_fitted(confirmed: Confirmed) -> tuple[str, ...]:
+    if confirmed.fitted or not confirmed.accepted:
+        return ()
+    return (
+        "sizes are those of the posterior: with fitted ones, simulated recordings are less like the measured",
+    )
 
 
 def _remainder(world: World, confirmed: Confirmed) -> Remainder:

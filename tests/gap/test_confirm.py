@@ -20,6 +20,7 @@ from cyclofeat.gap.confirm import (
     size_posterior,
     unexplained,
 )
+from cyclofeat.gap.confirm._confirm import farther
 from cyclofeat.gap.posterior import EffectPosterior, load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR, Session, World, prepare_world
 from cyclofeat.recordings import Recording
@@ -93,6 +94,14 @@ def test_what_open_effects_would_leave_as_well_is_told_from_what_they_would_not(
 
     assert left(5).p < 0.001
     assert left(5).p_open > 0.05
+
+
+def test_sizes_are_compared_by_sessions_simulated_with_them():
+    random = np.random.default_rng(0)
+    observed, near = random.normal(size=30), random.normal(size=(24, 30))
+    assert farther(observed, near + 4.0, near)
+    assert not farther(observed, near, near + 4.0)
+    assert not farther(observed, near + 0.1, near)
 
 
 class Stated:

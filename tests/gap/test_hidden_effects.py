@@ -31,7 +31,8 @@ from benchmarks.hidden_effects import (
 )
 from benchmarks.hidden_effects.__main__ import main
 from benchmarks.hidden_effects._machine import Machine, run
-from cyclofeat.gap.posterior import load_posterior
+from cyclofeat.gap.confirm import confirm
+from cyclofeat.gap.posterior import load_posterior, named_effects
 from cyclofeat.gap.world import FLOOR, Session, World
 from cyclofeat.simulators import (
     CycloidalGearbox,
@@ -589,3 +590,16 @@ def test_the_packaged_posterior_names_strong_effects_of_another_simulator(tmp_pa
         _folders.generate([name], tmp_path, 1)
         presence = posterior.presence(_ask.session_of(name, tmp_path))
         assert [other for other, p in presence.items() if p >= 0.95] == [effect]
+
+
+@pytest.mark.slow
+def test_where_the_linear_fit_fails_the_sizes_of_the_posterior_stand(tmp_path: Path) -> None:
+    """A limit just above the mean torque: fitted, it would clip the whole recording."""
+    name = "set_cf66100a"
+    _folders.generate([name], tmp_path, 1)
+    session, posterior = _ask.session_of(name, tmp_path), load_posterior()
+    confirmed = confirm(posterior, session, named_effects(posterior.presence(session)))
+    stated = dict(zip(confirmed.names, confirmed.middle, strict=True))
+    assert not confirmed.fitted
+    assert stated["clipping.limit_nm"] == pytest.approx(18.07, rel=0.04)
+    assert stated["clipping.limit_nm"] == pytest.approx(posterior.sizes(session)["clipping.limit_nm"][2])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from cyclofeat.gap.confirm._remainder import Unexplained, unexplained
+from cyclofeat.gap.confirm._remainder import SMALLEST, Unexplained, unexplained
 from cyclofeat.gap.confirm._sessions import (
     MOST_RECORDINGS,
     at_most,
@@ -30,6 +30,8 @@ _ROUNDS, _WIDER = 2, 1.5
 _PRIOR_DRAWS = 400
 _REJECTED = 0.02  # p of what is left, below which something else is missing
 _NOT_OPEN = 0.05  # p of it with open effects besides, below which these do not explain it
+# Sessions at the very sizes, and the factor by which the posterior's sizes must lie nearer to be kept.
+_TRIED, _CLEARLY = 24, 2.0
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,9 @@ class Confirmed:
         Mean of each summary less that of the simulated sessions, in its unit.
     open : bool
         Whether they leave more than chance does, but no more than effects that are open would.
+    fitted : bool
+        Whether the sizes are the fitted ones. If not although accepted, sessions with the fitted sizes lie
+        farther from the measured one than those with the posterior's sizes, which are kept.
     """
 
     effects: tuple[Effect, ...]
@@ -67,6 +72,7 @@ class Confirmed:
     accepted: bool
     difference: Float = field(repr=False)
     open: bool = False
+    fitted: bool = True
 
 
 def confirm(
@@ -84,6 +90,10 @@ def confirm(
 
     Twice: with sizes from the posterior, then around those that fit. How much recordings differ anyway is
     fitted as well, so that a rig that is better made than the world states is not taken for another one.
+
+    The fit is linear. Where an effect sets in suddenly, like a limit near the mean torque, it may be far off.
+    So sessions are simulated with the very sizes of the fit and of the posterior, and the posterior's sizes
+    are kept if theirs lie clearly nearer to the measured one.
 
     Parameters
     ----------
@@ -134,7 +144,17 @@ def confirm(
         others = summaries, fit(summaries, posterior.standardised_sizes(possible)[:, columns])
     remainder = unexplained(features, sizes, fitted, _feature(observed[0]), believed.mean, others)
     accepted = remainder.p >= _REJECTED
-    final = believed.without_last() if accepted else before
+
+    def tried(sizes: Gaussian) -> Float:
+        made = simulate_sessions(
+            world, shown, lambda _: sized(effects, sizes.mean), _TRIED, tolerance=lambda _: tolerance,
+            random_state=random_state + n_rounds, n_jobs=n_jobs,
+        )  # fmt: skip
+        return _features(posterior, made.sessions)
+
+    after, tolerance = believed.without_last(), float(np.clip(believed.mean[-1], *TOLERANCES))
+    kept = accepted and not (names and farther(_feature(observed[0]), tried(after), tried(before)))
+    final = after if kept else before
     reach = stats.norm.ppf(0.95) * final.spread
     ends = (final.mean - reach, final.mean, final.mean + reach)
     low, middle, high = (_in_units(effects, end) for end in ends)
@@ -142,7 +162,7 @@ def confirm(
     difference = shown.values.mean(axis=0) - simulated_mean
     return Confirmed(
         sized(effects, final.mean), names, final, low, middle, high, remainder, accepted, difference,
-        not accepted and remainder.p_open >= _NOT_OPEN,
+        not accepted and remainder.p_open >= _NOT_OPEN, kept,
     )  # fmt: skip
 
 
@@ -153,6 +173,23 @@ def _drawn(effects: Sequence[Effect], sizes: Gaussian, random: np.random.Generat
 
 def _drawn_tolerance(sizes: Gaussian, random: np.random.Generator) -> float:
     return float(np.clip(random.normal(sizes.mean[-1], sizes.spread[-1]), *TOLERANCES))
+
+
+def farther(observed: Float, simulated: Float, other: Float) -> bool:
+    """Whether simulated summaries lie clearly farther from observed ones than others do.
+
+    By the mean square of the distances from their means, in spreads of one session about them.
+
+    Parameters
+    ----------
+    observed : ndarray, shape (n_summaries,)
+    simulated, other : ndarray, shape (n_sessions, n_summaries)
+    """
+    spread = np.hypot(np.sqrt((simulated.var(axis=0) + other.var(axis=0)) / 2), SMALLEST)
+    far, near = (
+        float(np.mean(((observed - some.mean(axis=0)) / spread) ** 2)) for some in (simulated, other)
+    )
+    return far > _CLEARLY * near
 
 
 def _prior(effects: Sequence[Effect]) -> Gaussian:

@@ -13,7 +13,7 @@ from sklearn.model_selection import KFold
 Float = NDArray[np.float64]
 
 _FOLDS = 5
-_SMALLEST = 0.05  # differences far below the spread of a recording, which is about 1, have no consequence
+SMALLEST = 0.05  # differences far below the spread of a recording, which is about 1, have no consequence
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def unexplained(
 
     left, of_observed = residuals(simulated, fitted), residuals(observed[None], size[None])
     of_others = np.empty((0, left.shape[1])) if others is None else residuals(*others)
-    centre, spread = left.mean(axis=0), np.hypot(left.std(axis=0, ddof=1), _SMALLEST)
+    centre, spread = left.mean(axis=0), np.hypot(left.std(axis=0, ddof=1), SMALLEST)
     z, far = (of_observed - centre) / spread, np.vstack([of_observed, of_others])
     left, far = left / spread, (far - centre) / spread
     distances, of_folds = np.empty(len(left)), []
