@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--sets", type=Path, default=Path("build/hidden_effects"), help="folder of the sets")
     parser.add_argument("--out", type=Path, default=Path("build/gap"), help="folder of the results")
     parser.add_argument("--posterior", type=Path, help="file (default: the packaged one)")
-    parser.add_argument("--whole", type=int, default=120, help="sets for the whole workflow (120; 0: none)")
+    parser.add_argument("--whole", type=int, default=48, help="sets for the whole workflow (48; 0: none)")
     parser.add_argument("--no-sets", action="store_true", help="take the sets that are there, make none")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--page", type=Path, default=PAGE)
