@@ -10,7 +10,7 @@ from sklearn.pipeline import Pipeline
 from cyclofeat import Recording, Windower
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat.counting import LobeLocator, LobeModel, TrainingDomain, passage_of_lobe_zero
-from cyclofeat.counting.trees import CountingTrees
+from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import LobeMap
 
 RATE = 2000.0

@@ -18,7 +18,7 @@ from sklearn.preprocessing import StandardScaler
 from benchmarks.counting._data import held_out
 from cyclofeat import features
 from cyclofeat.counting import EntropyLadder
-from cyclofeat.counting.trees import CountingTrees
+from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features.base import WindowTransformer
 from cyclofeat.recordings import WindowSet
 

@@ -36,46 +36,46 @@ The default model of ``cyclofeat train`` is a ``LobeModel``: a ``LobeMap`` with 
 ``TrainingDomain`` and the speed check refuse.
 """
 
-from cyclofeat.counting._answers import LobeCount, WindowCount, counts_frame
-from cyclofeat.counting._assembly_folds import grouped_folds as grouped_folds
-from cyclofeat.counting._calibration import GroupCalibratedCounter
-from cyclofeat.counting._combine import RecordingCounts, predict_recordings
+from cyclofeat.counting.calibration._pooling import pool_weights as pool_weights
+from cyclofeat.counting.calibration.combine import RecordingCounts, predict_recordings
 
 # Parts of counters, for benchmarks and for counters of users.
-from cyclofeat.counting._combine import combine_proba as combine_proba
-from cyclofeat.counting._combine import learn_dependence as learn_dependence
-from cyclofeat.counting._conformal import ConformalCounter, CountSet, features_seen
-from cyclofeat.counting._conformal import conformal_threshold as conformal_threshold
-from cyclofeat.counting._conformal_regressor import ConformalRegressor
-from cyclofeat.counting._domain import TrainingDomain
-from cyclofeat.counting._evaluation import evaluate, learning_curve, noise_sweep, train_and_test
-from cyclofeat.counting._evaluation_summary import Evaluation, score_text
-from cyclofeat.counting._ladder import EntropyLadder
-from cyclofeat.counting._lobe_sets import best_sets as best_sets
-from cyclofeat.counting._lobe_sets import inclusion as inclusion
-from cyclofeat.counting._lobe_sets import log_counts as log_counts
-from cyclofeat.counting._lobes import LobeCounter
-from cyclofeat.counting._locator import LobeLocator, passage_of_lobe_zero
-from cyclofeat.counting._model import LobeModel
-from cyclofeat.counting._ordinal import OrdinalCounter
-from cyclofeat.counting._pipelines import KINDS as KINDS
-from cyclofeat.counting._pipelines import make_entropy_counter, make_lobe_counter
-from cyclofeat.counting._plan import RecordingPlan, plan_recording
-from cyclofeat.counting._plan import Trial as Trial
-from cyclofeat.counting._plan import detection_table as detection_table
-from cyclofeat.counting._plan_wear import WearPlan, plan_wear
-from cyclofeat.counting._pooling import pool_weights as pool_weights
-from cyclofeat.counting._predictions import REFUSED
-from cyclofeat.counting._protocols import Protocol
-from cyclofeat.counting._recording_counter import RecordingCounter
-from cyclofeat.counting._rows import RowCounter
-from cyclofeat.counting._speed import other_speed as other_speed
-from cyclofeat.counting._stream import LobeStream
-from cyclofeat.counting._training import samples_per_turn_at as samples_per_turn_at
-from cyclofeat.counting._wear import RadialWear, WearDepth
-from cyclofeat.counting._wear import lobe_lines_nm as lobe_lines_nm
-from cyclofeat.counting._wear import runs_of as runs_of
-from cyclofeat.counting._wear import wear_features as wear_features
+from cyclofeat.counting.calibration.combine import combine_proba as combine_proba
+from cyclofeat.counting.calibration.combine import learn_dependence as learn_dependence
+from cyclofeat.counting.calibration.conformal_counter import ConformalCounter, CountSet, features_seen
+from cyclofeat.counting.calibration.conformal_counter import conformal_threshold as conformal_threshold
+from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
+from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
+from cyclofeat.counting.calibration.training_domain import TrainingDomain
+from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
+from cyclofeat.counting.estimators.lobe_counter import LobeCounter
+from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
+from cyclofeat.counting.estimators.lobe_sets import best_sets as best_sets
+from cyclofeat.counting.estimators.lobe_sets import inclusion as inclusion
+from cyclofeat.counting.estimators.lobe_sets import log_counts as log_counts
+from cyclofeat.counting.estimators.ordinal_counter import OrdinalCounter
+from cyclofeat.counting.estimators.pipelines import KINDS as KINDS
+from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_lobe_counter
+from cyclofeat.counting.estimators.row_counter import RowCounter
+from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
+from cyclofeat.counting.evaluation.evaluate import evaluate, learning_curve, noise_sweep, train_and_test
+from cyclofeat.counting.evaluation.protocol import Protocol
+from cyclofeat.counting.evaluation.summary import Evaluation, score_text
+from cyclofeat.counting.model._predictions import REFUSED
+from cyclofeat.counting.model._speed import other_speed as other_speed
+from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
+from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount, counts_frame
+from cyclofeat.counting.model.lobe_model import LobeModel
+from cyclofeat.counting.model.lobe_stream import LobeStream
+from cyclofeat.counting.model.radial_wear import RadialWear, WearDepth
+from cyclofeat.counting.model.radial_wear import lobe_lines_nm as lobe_lines_nm
+from cyclofeat.counting.model.radial_wear import runs_of as runs_of
+from cyclofeat.counting.model.radial_wear import wear_features as wear_features
+from cyclofeat.counting.model.recording_counter import RecordingCounter
+from cyclofeat.counting.planning.plan_recording import RecordingPlan, plan_recording
+from cyclofeat.counting.planning.plan_recording import Trial as Trial
+from cyclofeat.counting.planning.plan_recording import detection_table as detection_table
+from cyclofeat.counting.planning.plan_wear import WearPlan, plan_wear
 
 __all__ = [
     "REFUSED",

@@ -17,7 +17,7 @@ from sklearn.base import BaseEstimator
 
 from cyclofeat import counting, features
 from cyclofeat.counting import LobeModel
-from cyclofeat.counting.trees import CountingTrees, TreeTable
+from cyclofeat.counting.estimators.trees import CountingTrees, TreeTable
 
 
 def _type_names(*types: type) -> tuple[str, ...]:

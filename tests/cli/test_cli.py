@@ -780,7 +780,7 @@ def test_count_names_each_speed_that_the_torque_allows_and_the_option(capsys, fo
     unknown = recording.replace(angle=None, angle_is_absolute=False, speed_rpm=None)
     write_recording(tmp_path / "unknown.npz", unknown)
     found = [SimpleNamespace(speed_hz=rpm / 60) for rpm in (250, 500)]
-    monkeypatch.setattr("cyclofeat.counting._turning.search_speed", lambda *_: found)
+    monkeypatch.setattr("cyclofeat.counting.model.turning.search_speed", lambda *_: found)
     model = ["--model", folder / "model.joblib", "--trust"]
     code, _, err = run(capsys, "count", tmp_path / "unknown.npz", *model)
     assert code == 2

@@ -8,7 +8,7 @@ from sklearn.experimental import enable_halving_search_cv  # noqa: F401 - makes 
 from sklearn.model_selection import GroupKFold, HalvingGridSearchCV
 
 from cyclofeat.counting import KINDS, GroupCalibratedCounter, LobeCounter, make_lobe_counter
-from cyclofeat.counting.trees import CountingTrees
+from cyclofeat.counting.estimators.trees import CountingTrees
 
 SAMPLING_RATE = 25_600
 

@@ -22,7 +22,7 @@ from cyclofeat.counting import (
     make_lobe_counter,
     passage_of_lobe_zero,
 )
-from cyclofeat.counting._turning import turning_of
+from cyclofeat.counting.model.turning import turning_of
 from cyclofeat.recordings import Recording, Windower
 
 SPEED = 500 / 60

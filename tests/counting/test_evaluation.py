@@ -20,7 +20,7 @@ from cyclofeat.counting import (
     noise_sweep,
     train_and_test,
 )
-from cyclofeat.counting.scores import (
+from cyclofeat.counting.evaluation.scores import (
     at_the_ends,
     calibration_sums,
     expected_calibration_error,

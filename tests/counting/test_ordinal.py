@@ -8,7 +8,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.linear_model import LogisticRegression
 
 from cyclofeat.counting import OrdinalCounter
-from cyclofeat.counting._ordinal import _loss
+from cyclofeat.counting.estimators.ordinal_counter import _loss
 
 
 def drawn(n=300, seed=0):

@@ -10,8 +10,9 @@ import pytest
 from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.training import first_weights
-from cyclofeat.counting import LobeModel, RowCounter, _row_network, passage_of_lobe_zero
-from cyclofeat.counting._training import some_of_each_count
+from cyclofeat.counting import LobeModel, RowCounter, passage_of_lobe_zero
+from cyclofeat.counting.estimators import _row_network
+from cyclofeat.counting.model._training import some_of_each_count
 from cyclofeat.datasets import make_rig_recordings
 from cyclofeat.models import load_model, save_model
 from cyclofeat.recordings import shaft_windows

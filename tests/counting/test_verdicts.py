@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from cyclofeat import Recording, Windower
-from cyclofeat.counting._verdicts import disagreement, most_frequent, outvoted, window_faults
+from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
 from cyclofeat.recordings import shaft_windows
 from cyclofeat.signal.orders import samples_at
 

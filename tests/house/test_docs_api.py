@@ -12,8 +12,8 @@ PAGE = (Path(__file__).parents[2] / "docs" / "api.rst").read_text(encoding="utf-
 PACKAGES = (
     "cyclofeat",
     "cyclofeat.counting",
-    "cyclofeat.counting.scores",
-    "cyclofeat.counting.trees",
+    "cyclofeat.counting.evaluation.scores",
+    "cyclofeat.counting.estimators.trees",
     "cyclofeat.datasets",
     "cyclofeat.datasets.readers",
     "cyclofeat.features",

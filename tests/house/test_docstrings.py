@@ -28,7 +28,7 @@ MAPPED = {
 
 # Their examples simulate or fit for a second and more, or compile a kernel that no other example needs.
 LONG = {
-    "cyclofeat.counting._lobes",
+    "cyclofeat.counting.estimators.lobe_counter",
     "cyclofeat.gap.loops._loops",
     "cyclofeat.gap.proof._prove",
     "cyclofeat.gap.published._gap",

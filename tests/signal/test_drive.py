@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
-from cyclofeat.counting._turning import turning_of
+from cyclofeat.counting.model.turning import turning_of
 from cyclofeat.recordings import Recording
 from cyclofeat.signal.drive import controlled_lag, follow_motor
 from cyclofeat.signal.speed import follow_speed

@@ -1,0 +1,1 @@
+"""Calibration of counters on held-out assemblies, and the domain of their training."""

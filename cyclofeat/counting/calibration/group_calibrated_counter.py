@@ -1,0 +1,168 @@
+"""Calibration of a counter's probabilities on assemblies not seen in training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, clone
+from sklearn.isotonic import IsotonicRegression
+
+from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
+from cyclofeat.counting.calibration._pooling import pool_weights, pooled, safe_log
+from cyclofeat.counting.calibration.combine import learn_dependence
+from cyclofeat.counting.estimators._counter import Counter
+from cyclofeat.counting.evaluation.assembly_folds import (
+    Float,
+    Int,
+    aligned_proba,
+    assemblies_of,
+    drawn_seed,
+    fit_grouped,
+    grouped_folds,
+    held_out_proba,
+)
+from cyclofeat.counting.evaluation.scores import shares
+
+
+@dataclass(eq=False, repr=False)
+class GroupCalibratedCounter(Counter):
+    """Counter whose probabilities are calibrated on held-out assemblies.
+
+    The counter is fitted once per fold without the fold's assemblies, the correction is learned from its
+    probabilities for them, and the counter is then fitted to all.
+
+    Parameters
+    ----------
+    counter : classifier
+        With ``predict_proba``; cloned, not changed.
+    method : {"temperature", "isotonic"}, default="temperature"
+        ``"temperature"``: all probabilities to one power, then normalised: one number, never changes the
+        predicted count. ``"isotonic"``: one rising step function per class, then normalised; needs some
+        hundred assemblies, and may change the count.
+    n_splits : int, default=5
+        Folds by assembly; less where a class has fewer assemblies.
+    random_state : int or None, default=0
+        Seed of the folds.
+
+    Attributes
+    ----------
+    classes_ : ndarray, shape (n_classes,)
+    counter_ : classifier
+        Fitted to all windows.
+    temperature_ : float
+        The reciprocal of the power, 1 for ``"isotonic"``.
+    steps_ : list of IsotonicRegression
+        One per class for ``"isotonic"``, else empty.
+    calibrated_ : bool
+        Whether there were enough assemblies to hold some out.
+    dependence_ : float or None
+        How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
+        :func:`predict_recordings`. None where no assembly has several windows.
+    oob_decision_function_ : ndarray, shape (n_windows, n_classes)
+        Probabilities of each window in training by a counter that did not see its assembly, calibrated like
+        those of ``predict_proba``. NaN without folds. Copies and files do not hold it.
+
+    Notes
+    -----
+    Probabilities below 0.001 count as 0.001, because a zero of a forest only means that no tree has seen the
+    class there. Every assembly has the same weight. By Laplace's rule of succession one of n + 2 assemblies
+    is assumed to be wrong. If a class has a single assembly, probabilities are not changed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.ensemble import RandomForestClassifier
+    >>> random = np.random.default_rng(0)
+    >>> assembly = np.repeat(np.arange(60), 2)
+    >>> counts = assembly % 3
+    >>> X = counts[:, np.newaxis] + random.normal(scale=0.3, size=(120, 1))
+    >>> forest = RandomForestClassifier(30, random_state=0)
+    >>> counter = GroupCalibratedCounter(forest).fit(X, counts, groups=assembly)
+    >>> counter.predict_proba([[0.0], [0.5], [2.0]]).round(1)
+    array([[1. , 0. , 0. ],
+           [0.9, 0.1, 0. ],
+           [0. , 0. , 1. ]])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "counter": [BaseEstimator],
+        "method": [StrOptions({"temperature", "isotonic"})],
+        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    counter: Any
+    method: str = "temperature"
+    n_splits: int = 5
+    random_state: int | None = 0
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X: ArrayLike, y: ArrayLike, groups: ArrayLike | None = None) -> Self:
+        """Fit the counter and correct its probabilities.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_samples)
+            Windows of torque in Nm, or features.
+        y : array-like, shape (n_windows,)
+            Number of worn lobes.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window counts as one assembly; if windows share an
+            assembly, the calibration is then learned on windows like those in training.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there is one class only, or shapes do not match.
+        """
+        windows, labels, rank = self._labelled(X, y)
+        member = assemblies_of(groups, len(windows))
+        seed = drawn_seed(self.random_state)
+        folds = grouped_folds(rank, member, self.n_splits, seed)
+        self.counter_ = fit_grouped(clone(self.counter), windows, labels, member)
+        self.temperature_ = 1.0
+        self.steps_: list[IsotonicRegression] = []
+        self.dependence_: float | None = None
+        self.calibrated_ = bool(folds)
+        held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
+        if folds:
+            self._learn(held_out, rank, member)
+            held_out = self._corrected(held_out)
+        self.oob_decision_function_: Float = held_out
+        return self
+
+    def _learn(self, proba: Float, rank: Int, member: Int) -> None:
+        weights = shares(np.unique(member, return_inverse=True)[1])
+        if self.method == "temperature":
+            power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]
+            # Exponent 0: the counter is uninformative, and all classes are equally probable.
+            self.temperature_ = float(1 / max(power, 1e-6))
+        else:
+            self.steps_ = [
+                IsotonicRegression(y_min=0.0, y_max=1.0, out_of_bounds="clip").fit(
+                    proba[:, k], rank == k, sample_weight=weights
+                )
+                for k in range(self.classes_.size)
+            ]
+        self.dependence_ = learn_dependence(self._corrected(proba), rank, member)
+
+    def _corrected(self, proba: Float) -> Float:
+        if not self.steps_:
+            return pooled(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
+        stepped = np.column_stack([step.predict(proba[:, k]) for k, step in enumerate(self.steps_)])
+        # If all classes have probability 0, use those of the counter.
+        total = stepped.sum(axis=1, keepdims=True)
+        return np.where(total > 0, stepped / np.where(total > 0, total, 1.0), proba)
+
+    def predict_proba(self, X: ArrayLike) -> Float:
+        """Calibrated probability of each class, shape (n_windows, n_classes), of windows as for ``fit``."""
+        windows = self._windows(X)
+        return self._corrected(aligned_proba(self.counter_, windows, self.classes_))

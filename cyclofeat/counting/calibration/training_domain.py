@@ -1,0 +1,178 @@
+"""Domain of training windows, outside which a counter refuses."""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, OutlierMixin
+from sklearn.covariance import LedoitWolf
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat.counting.evaluation.assembly_folds import (
+    Float,
+    Int,
+    assemblies_of,
+    drawn_seed,
+    grouped_folds,
+    of_windows,
+)
+
+
+class TrainingDomain(OutlierMixin, BaseEstimator):
+    """Domain of the training windows in the space of their features.
+
+    A window's distance to a class is the Mahalanobis distance to its mean, with the covariance about all
+    class means, shrunk (Ledoit and Wolf, J. Multivariate Anal. 88 (2004) 365), in units of the largest
+    distance to this class inside the domain. A window is outside if it is farther than 1 from every class.
+
+    Parameters
+    ----------
+    false_refusal : float, default=0.03
+        Share of assemblies like those in training of which at least one window is called outside.
+    n_splits : int, default=5
+        Folds by assembly in which distances of held-out assemblies are taken.
+    random_state : int or None, default=0
+        Seed of the folds.
+
+    Attributes
+    ----------
+    thresholds_ : ndarray, shape (n_classes,)
+        Largest Mahalanobis distance to each class inside the domain.
+    false_refusal_ : float
+        Share that n assemblies can guarantee: ``false_refusal``, or 1/(n + 1) with few of them.
+    offset_ : float
+        -1, as scikit-learn's outlier detectors have it.
+
+    Notes
+    -----
+    Each class has its own spread, the root mean square distance of its training windows, each measured while
+    its assembly is held out: features of sound discs scatter more than those of worn ones. Thresholds are t
+    times the spreads, where t is the k-th smallest of the n assemblies' largest held-out distances in
+    spreads of the nearest class, k = ceil((1 - false_refusal)(n + 1)). A new assembly that is exchangeable
+    with them and has as many windows lies outside with a probability of about ``false_refusal_``, and of at
+    most that if the spreads are known. A window inside the domain can still be counted wrong.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.random.default_rng(0).normal(size=(100, 2))
+    >>> domain = TrainingDomain().fit(X)
+    >>> domain.predict([[0.0, 0.5], [6.0, 0.0]])
+    array([ 1, -1])
+    """
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "false_refusal": [Interval(Real, 0, 1, closed="neither")],
+        "n_splits": [Interval(Integral, 2, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(self, false_refusal: float = 0.03, n_splits: int = 5, random_state: int | None = 0) -> None:
+        self.false_refusal = false_refusal
+        self.n_splits = n_splits
+        self.random_state = random_state
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> Self:
+        """Learn the domain of training windows.
+
+        Parameters
+        ----------
+        X : array-like, shape (n_windows, n_features)
+            Features, best those that the counter sees.
+        y : array-like, shape (n_windows,), optional
+            Classes. Without them all windows are one cloud.
+        groups : array-like, shape (n_windows,), optional
+            Assembly of each window. Without groups every window counts as one assembly.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two assemblies.
+        """
+        features: Float = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        n_windows = len(features)
+        member = assemblies_of(groups, n_windows)
+        n_assemblies = int(member.max()) + 1
+        if n_assemblies < 2:
+            raise ValueError("groups must name at least 2 assemblies, got 1: nothing can be held out")
+        rank: Int = np.zeros(n_windows, dtype=np.int64)
+        if y is not None:
+            rank = np.asarray(np.unique(of_windows("y", y, n_windows), return_inverse=True)[1])
+        seed = drawn_seed(self.random_state)
+        # If a class has a single assembly, the folds ignore the classes.
+        folds = grouped_folds(rank, member, self.n_splits, seed)
+        folds = folds or grouped_folds(np.zeros_like(rank), member, self.n_splits, seed)
+        held_out: Float = np.full((n_windows, int(rank.max()) + 1), np.inf)
+        for train, test in folds:
+            present = self._place(features[train], rank[train])
+            held_out[np.ix_(test, present)] = self._mahalanobis(features[test])
+        spreads = _spreads(held_out, rank)
+        farthest = np.zeros(n_assemblies)
+        np.maximum.at(farthest, member, (held_out / spreads).min(axis=1))
+        k = min(int(np.ceil((1 - self.false_refusal) * (n_assemblies + 1) - 1e-9)), n_assemblies)
+        self._place(features, rank)
+        self.thresholds_ = np.maximum(np.sort(farthest)[k - 1] * spreads, np.finfo(float).tiny)
+        self.false_refusal_ = max(float(self.false_refusal), 1 - n_assemblies / (n_assemblies + 1))
+        self.offset_ = -1.0
+        return self
+
+    def _place(self, X: Float, rank: Int) -> Int:
+        """Learn means and covariance; return the ranks that are present."""
+        self.location_ = X.mean(axis=0)
+        spread = X.std(axis=0)
+        # A constant feature is not scaled: its changes then count in its own unit.
+        self.scale_ = np.where(spread > 1e-12 * np.maximum(np.abs(self.location_), 1e-300), spread, 1.0)
+        scaled = (X - self.location_) / self.scale_
+        present, which = np.unique(rank, return_inverse=True)
+        self.means_ = np.stack([scaled[which == c].mean(axis=0) for c in range(present.size)])
+        residual = scaled - self.means_[which]
+        self.precision_ = np.eye(X.shape[1])
+        if np.any(residual):
+            self.precision_ = np.asarray(LedoitWolf(assume_centered=True).fit(residual).precision_)
+        return np.asarray(present)
+
+    def _mahalanobis(self, X: Float) -> Float:
+        offset = ((X - self.location_) / self.scale_)[:, np.newaxis] - self.means_
+        squared = np.einsum("nci,ij,ncj->nc", offset, self.precision_, offset, optimize=True)
+        return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
+
+    def class_distances(self, X: ArrayLike) -> Float:
+        """Distance to each class of training, (n_windows, n_classes), of features (n_windows, n_features)."""
+        check_is_fitted(self)
+        features: Float = validate_data(self, X, reset=False, dtype=np.float64)
+        return np.asarray(self._mahalanobis(features) / self.thresholds_)
+
+    def distance(self, X: ArrayLike) -> Float:
+        """Distance to the nearest class, shape (n_windows,), of features of shape (n_windows, n_features)."""
+        return np.asarray(self.class_distances(X).min(axis=1))
+
+    def score_samples(self, X: ArrayLike) -> Float:
+        """Return ``-distance(X)``, shape (n_windows,): lower for windows less like those of training."""
+        return -self.distance(X)
+
+    def decision_function(self, X: ArrayLike) -> Float:
+        """Return ``1 - distance(X)``, shape (n_windows,): negative outside."""
+        return self.score_samples(X) - self.offset_
+
+    def predict(self, X: ArrayLike) -> NDArray[np.int64]:
+        """Return 1 for windows inside and -1 for those outside, shape (n_windows,)."""
+        return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+def _spreads(distances: Float, rank: Int) -> Float:
+    """Return the root mean square distance of each class's windows to it."""
+    own = distances[np.arange(rank.size), rank]
+    # A class of a single assembly is absent where that is held out.
+    squares = np.where(np.isfinite(own), own, distances.min(axis=1)) ** 2
+    spreads = np.sqrt(np.bincount(rank, squares) / np.bincount(rank))
+    # Without a spread of its own, as of equal windows, a class has that of all.
+    return np.where(spreads > 0, spreads, np.sqrt(squares.mean()) or 1.0)

@@ -1,0 +1,1 @@
+"""Counters of windows: what is worn, from one window of torque."""

@@ -1,0 +1,116 @@
+"""Ready pipelines: windows of torque in, number of worn lobes out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sklearn.base import BaseEstimator
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
+
+from cyclofeat.counting.estimators._lobe_map import held_lobe_map
+from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
+from cyclofeat.counting.estimators.lobe_counter import LobeCounter
+from cyclofeat.counting.estimators.ordinal_counter import OrdinalCounter
+from cyclofeat.counting.estimators.row_counter import RowCounter
+from cyclofeat.counting.estimators.trees import CountingTrees
+from cyclofeat.features import SpectralEntropy, TorqueFeatures
+from cyclofeat.signal.lobes import SPEED_TOLERANCE
+
+KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes", "rows")
+
+
+def make_lobe_counter(
+    sampling_rate: float,
+    *,
+    kind: str = "lobe_map",
+    input_speed_hz: float = 500 / 60,
+    n_lobes: int = 15,
+    n_trees: int = 300,
+    random_state: int | None = 0,
+    speed_tolerance: float = SPEED_TOLERANCE,
+) -> Any:
+    """Make a counter of worn lobes of a chosen kind, ready to fit to windows.
+
+    ==============  ====================================================================================
+    kind            what it is made of
+    ==============  ====================================================================================
+    ``"lobe_map"``  :class:`~cyclofeat.features.LobeMap`, then extremely randomised trees
+    ``"features"``  :class:`~cyclofeat.features.TorqueFeatures` (all of them), then the same trees
+    ``"ladder"``    :class:`~cyclofeat.features.SpectralEntropy`, then :class:`EntropyLadder`: the papers'
+    ``"ordinal"``   :class:`~cyclofeat.features.LobeMap`, scaled, then :class:`OrdinalCounter`
+    ``"lobes"``     :class:`LobeCounter`: count and positions
+    ``"rows"``      :class:`RowCounter`: count and positions of lobes that are neighbours
+    ==============  ====================================================================================
+
+    Parameters
+    ----------
+    sampling_rate : float
+        Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
+    kind : {"lobe_map", "features", "ladder", "ordinal", "lobes", "rows"}
+    input_speed_hz : float
+        Nominal input speed in turns per second.
+    n_lobes : int
+        Number of lobes of a disc.
+    n_trees : int
+        Number of trees, for the kinds that have any.
+    random_state : int or None
+        Seed of the trees and folds.
+    speed_tolerance : float
+        Largest relative deviation from the nominal speed that the kinds with a lobe map search; 0 for windows
+        over the angle of the shaft.
+
+    Returns
+    -------
+    sklearn.pipeline.Pipeline, LobeCounter or RowCounter
+        Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
+        ``"trees"``; ``"entropy"`` and ``"ladder"``; ``"lobe_map"``, ``"scaler"`` and ``"ordinal"``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind.
+
+    Examples
+    --------
+    >>> counter = make_lobe_counter(sampling_rate=25_600)
+    >>> [name for name, _ in counter.steps]
+    ['lobe_map', 'trees']
+
+    Probabilities that are right as often as they say (``"lobes"`` is calibrated already):
+
+    >>> from cyclofeat.counting import GroupCalibratedCounter
+    >>> ordinal = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600, kind="ordinal"))
+    >>> ordinal.set_params(counter__ordinal__alpha=10.0).counter[-1]
+    OrdinalCounter(alpha=10.0)
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
+    disc: dict[str, Any] = {"input_speed_hz": input_speed_hz, "n_lobes": n_lobes}
+    if kind == "lobes":
+        return LobeCounter(
+            sampling_rate, **disc, n_trees=n_trees, random_state=random_state, speed_tolerance=speed_tolerance
+        )
+    if kind == "rows":
+        return RowCounter(sampling_rate, **disc, random_state=random_state, speed_tolerance=speed_tolerance)
+    trees = ("trees", CountingTrees(n_estimators=n_trees, random_state=random_state))
+    lobe_map = ("lobe_map", held_lobe_map(sampling_rate, input_speed_hz, n_lobes, speed_tolerance))
+    steps: dict[str, list[tuple[str, BaseEstimator]]] = {
+        "lobe_map": [lobe_map, trees],
+        "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],
+        "ladder": [("entropy", SpectralEntropy(sampling_rate)), ("ladder", EntropyLadder())],
+        "ordinal": [lobe_map, ("scaler", StandardScaler()), ("ordinal", OrdinalCounter())],
+    }
+    return Pipeline(steps[kind])
+
+
+def make_entropy_counter(
+    sampling_rate: float, *, n_trees: int = 300, random_state: int | None = 0
+) -> Pipeline:
+    """Make a counter on the papers' best feature: Shannon spectral entropy, then the same trees.
+
+    Parameters are those of :func:`make_lobe_counter`; the steps are ``"entropy"`` and ``"trees"``.
+    ``make_lobe_counter(kind="ladder")`` reads the entropy as the papers do, as a ladder.
+    """
+    trees = CountingTrees(n_estimators=n_trees, random_state=random_state)
+    return Pipeline([("entropy", SpectralEntropy(sampling_rate)), ("trees", trees)])

@@ -1,0 +1,1 @@
+"""Evaluation with whole assemblies held out."""

@@ -1,0 +1,1 @@
+"""Models of whole recordings: windows, a counter, refusals."""

@@ -1,0 +1,221 @@
+"""Answers of a model: the count of a recording and of each of its windows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from cyclofeat._base import plots, svg
+from cyclofeat._base.card import card
+from cyclofeat._base.frames import frame
+from cyclofeat._base.words import from_1, lobes_text, number
+from cyclofeat.counting.model.radial_wear import WearDepth
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class WindowCount:
+    """Answer of a model for one window of a recording.
+
+    Attributes
+    ----------
+    start_s, stop_s : float
+        The window in s from the recording's first sample.
+    defect_count : int
+        Most probable number of worn lobes in this window alone.
+    probability : float
+        Its probability.
+    distance : float
+        Distance from the training windows, in units of the largest inside; NaN where the model has no domain.
+    reason : str
+        Why the window is refused, else empty.
+    """
+
+    start_s: float
+    stop_s: float
+    defect_count: int
+    probability: float
+    distance: float
+    reason: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer in plain types, for JSON; ``distance`` is None where there is none."""
+        return asdict(self) | {"distance": None if np.isnan(self.distance) else self.distance}
+
+
+@dataclass(frozen=True)
+class LobeCount:
+    """Answer of a model for one recording.
+
+    Attributes
+    ----------
+    defect_count : int
+        Most probable number of worn lobes.
+    probability : dict
+        Probability of each count.
+    lobes : tuple of int
+        The ``defect_count`` lobes most probably worn, counted from 0; empty where the model has no locator,
+        and of blocks of a stream.
+    lobe_probability : tuple of float
+        Probability of each lobe of being worn; empty where ``lobes`` are not known.
+    absolute : bool
+        Whether lobes are numbered as on the disc. Otherwise lobe 0 is the one under load at the recording's
+        first sample.
+    n_windows : int
+        Windows that were combined.
+    warnings : tuple of str
+        What the reader should know.
+    refused : bool
+        Whether most of the windows have a faulty signal, lie outside what the model was trained on, or have
+        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, those
+        left out could outvote the others, or the speed is doubted: the count is then not reliable.
+    reason : str
+        Why refused, else empty.
+    distance : float
+        Median over windows of the distance from the training windows, in units of the largest distance
+        inside; NaN where the model has no domain.
+    windows : tuple of WindowCount
+        The answer of each window.
+    wear_um : WearDepth or None
+        Depth of the wear, where the model learned it (:meth:`LobeModel.train`), the recording holds as many
+        output turns as that takes, and it is not refused.
+    """
+
+    defect_count: int
+    probability: dict[int, float]
+    lobes: tuple[int, ...]
+    lobe_probability: tuple[float, ...] = field(repr=False)
+    absolute: bool
+    n_windows: int
+    warnings: tuple[str, ...] = ()
+    refused: bool = False
+    reason: str = ""
+    distance: float = float("nan")
+    windows: tuple[WindowCount, ...] = ()
+    wear_um: WearDepth | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the answer of the whole recording in plain types, for JSON. Lobes count from 1.
+
+        A refused recording has no ``defect_count``; ``refused_defect_count`` is what it would be. The depth
+        of the wear is there where the model states it (:meth:`WearDepth.to_dict`).
+        """
+        depth = {} if self.wear_um is None else self.wear_um.to_dict()
+        return {
+            "defect_count": None if self.refused else self.defect_count,
+            "refused_defect_count": self.defect_count if self.refused else None,
+            "probability": {str(count): value for count, value in self.probability.items()},
+            "worn_lobes_from_1": from_1(self.lobes),
+            "lobe_probability": list(self.lobe_probability),
+            "lobes_absolute": self.absolute,
+            "n_windows": self.n_windows,
+            "refused": self.refused,
+            "reason": self.reason,
+            # JSON has no NaN
+            "distance": None if np.isnan(self.distance) else self.distance,
+            **depth,
+            "warnings": list(self.warnings),
+        }
+
+    def plot(
+        self, kind: Literal["counts", "lobes"] = "counts", ax: Axes | None = None, **options: Any
+    ) -> Any:
+        """Draw the probabilities.
+
+        Parameters
+        ----------
+        kind : {"counts", "lobes"}, default="counts"
+            Probability of each number of worn lobes, or of each lobe of being worn.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; default, new ones.
+        **options
+            Passed on to ``Axes.bar``.
+
+        Returns
+        -------
+        cyclofeat.plotting.CountDisplay
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        ValueError
+            If there is no such kind, or the model located no lobes.
+        """
+        return plots.draw(self, kind, ax, **options)
+
+    def _repr_html_(self) -> str:
+        answer = number(self.defect_count, "worn lobe") if self.defect_count else "No worn lobe"
+        numbered = "as on the disc, from 1" if self.absolute else "from 1, the lobe under load at the start"
+        distance = None if np.isnan(self.distance) else f"{self.distance:.2f} (1: edge of the training)"
+        rows = {
+            "probability": f"{self.probability[self.defect_count]:.3f}",
+            "lobes": f"{lobes_text(self.lobes)} (numbered {numbered})" if self.lobes else None,
+            "depth of wear": None if self.wear_um is None else str(self.wear_um),
+            "combined": number(self.n_windows, "window"),
+            "distance": distance,
+            "refused": self.reason,
+        }
+        drawn = [
+            svg.columns(
+                self.probability.values(), [*self.probability], "Probability of each number of worn lobes",
+                marked={self.defect_count},
+            ),
+            svg.disc(self.lobe_probability, self.lobes, "Probability of each lobe of being worn")
+            if self.lobe_probability
+            else "",
+        ]  # fmt: skip
+        return card(
+            f"Refused, not reliable: {answer}" if self.refused else answer, rows,
+            pictures=drawn, notes=self.warnings, code='count.plot("lobes")' if self.lobes else "count.plot()",
+        )  # fmt: skip
+
+
+def counts_frame(counts: Mapping[str, LobeCount] | Sequence[LobeCount]) -> pd.DataFrame:
+    """Return the answers for many recordings as a data frame.
+
+    Parameters
+    ----------
+    counts : mapping from str to LobeCount, or sequence of LobeCount
+        Answers, by the names of their recordings.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per recording, its name as the index: ``defect_count`` and ``refused_defect_count`` (one of
+        them missing, see :meth:`LobeCount.to_dict`), ``probability`` (of that count),
+        ``lobes`` (counted from 0), ``lobes_absolute``, ``n_windows``, ``refused``, ``reason``, ``distance``,
+        ``warnings``, ``probability_<count>`` of each count, and the depth of the wear
+        (:meth:`WearDepth.to_dict`) where a model states it.
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+
+    Examples
+    --------
+    >>> answer = LobeCount(1, {0: 0.1, 1: 0.9}, (3,), (), False, 2)
+    >>> counts_frame({"a.csv": answer})[["defect_count", "probability", "lobes"]]
+               defect_count  probability lobes
+    recording
+    a.csv                 1          0.9  (3,)
+    """
+    names = [*counts] if isinstance(counts, Mapping) else range(len(counts))
+    given = counts.values() if isinstance(counts, Mapping) else counts
+    rows = []
+    for one in given:
+        of_counts = {f"probability_{count}": p for count, p in one.probability.items()}
+        row = one.to_dict() | {"probability": one.probability[one.defect_count], "lobes": one.lobes}
+        rows.append({name: row[name] for name in row if name != "lobe_probability"} | of_counts)
+    made = frame(rows)
+    if rows:
+        made = made.astype({"defect_count": "Int64", "refused_defect_count": "Int64"})
+    made.index = frame({"recording": names}).set_index("recording").index
+    return made

@@ -1,0 +1,278 @@
+"""Counts of samples that arrive in pieces."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cyclofeat._base import checks
+from cyclofeat._base.words import number
+from cyclofeat.counting.model._verdicts import window_faults
+from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
+from cyclofeat.counting.model.lobe_count import LobeCount, WindowCount
+from cyclofeat.counting.model.lobe_model import LobeModel
+from cyclofeat.recordings import Recording, ShaftCutter, ShaftWindow, window_set
+from cyclofeat.signal.windows import Float
+
+
+class LobeStream:
+    """Counter of worn lobes of samples that arrive in pieces of any size.
+
+    With the angle of the input shaft, windows of one output turn are counted as soon as half an input turn
+    behind them has arrived (more with a model of fewer than 128 samples per turn). They are those of
+    :meth:`LobeModel.count` on the whole record: equal up to rounding while the speed is steady, else up to
+    errors of interpolation of 0.1 %. Without an angle, the speed can be followed in a whole record only; the
+    stream is then cut into blocks of ``block_turns`` output turns, and each is counted as a recording of its
+    own. In either case the answers are the same, bit for bit, for any sizes of the pieces.
+
+    The stream keeps the samples of at most one window and one input turn (one block without an angle) and the
+    last piece, the last windows that a depth of wear needs, and some hundred bytes per window until
+    :meth:`result`: call it from time to time.
+
+    A model that learned the depth of wear states it of blocks only if they hold as many turns as that takes;
+    with shorter ones it also counts less accurately.
+
+    Parameters
+    ----------
+    model : LobeModel
+    sampling_rate : float
+        In Hz.
+    speed_rpm : float, optional
+        Nominal speed of the input shaft in turns per minute; required without an angle, unless the model has
+        an ``input_speed_hz``. Of a model with a coarser one, that which the rate suits at this speed counts;
+        without a speed, the finest.
+    angle_is_absolute : bool, default=False
+        As of :class:`~cyclofeat.Recording`.
+    block_turns : int, optional
+        Output turns of a block, for a rig without a tachometer.
+
+    Raises
+    ------
+    ValueError
+        If the model does not suit the rate or speed, takes windows over time and ``block_turns`` is missing,
+        or a speed is needed and missing.
+
+    Examples
+    --------
+    >>> stream = LobeStream(model, 25_600)  # doctest: +SKIP
+    >>> for torque, angle in meter:  # doctest: +SKIP
+    ...     for window in stream.push(torque, angle):
+    ...         print(window.stop_s, window.defect_count, window.reason)
+    >>> stream.result().defect_count  # doctest: +SKIP
+    3
+    """
+
+    def __init__(
+        self,
+        model: LobeModel,
+        sampling_rate: float,
+        *,
+        speed_rpm: float | None = None,
+        angle_is_absolute: bool = False,
+        block_turns: int | None = None,
+    ) -> None:
+        checks.check_type("model", model, LobeModel)
+        self.model = model
+        self.sampling_rate = checks.positive("sampling_rate", sampling_rate, "a number (Hz)")
+        self.speed_rpm = speed_rpm
+        self.angle_is_absolute = checks.flag("angle_is_absolute", angle_is_absolute)
+        self.block_turns = None if block_turns is None else checks.whole("block_turns", block_turns, 1)
+        nothing = self._recording(np.zeros(8))
+        model.check(nothing)  # quantity, rate and stated speed
+        if speed_rpm is not None:
+            self.model = model.suited_to(nothing)
+        self._block = 0
+        if self.block_turns is None:
+            if model.input_speed_hz is not None:
+                raise ValueError(
+                    "block_turns must be given: the model takes windows over time, which are counted in "
+                    "blocks of output turns"
+                )
+        else:
+            if self.angle_is_absolute:
+                raise ValueError("angle_is_absolute must be False with block_turns: blocks have no angle")
+            speed_hz = model.input_speed_hz if speed_rpm is None else speed_rpm / 60
+            if speed_hz is None:
+                raise ValueError("speed_rpm must be given (nominal speed of the input) with block_turns")
+            self._block = round(self.block_turns * model.n_lobes / speed_hz * self.sampling_rate)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._cutter = ShaftCutter(self.sampling_rate, self.model.n_lobes, self.model.samples_per_turn)
+        self._pieces: list[Float] = []
+        self._n_samples = 0
+        self._n_kept = 0  # of a block
+        self._angles: tuple[float, float] | None = None  # first and last
+        self._first_angle = np.nan
+        self._answers: list[AnsweredWindows] = []
+        self._counted: list[WindowCount] = []  # and not returned yet
+        self._run: list[Float] = []  # of windows without a fault
+
+    @property
+    def n_samples(self) -> int:
+        """Samples since the stream began or the last :meth:`result`."""
+        return self._n_samples
+
+    def push(self, samples: ArrayLike, angle: ArrayLike | None = None) -> list[WindowCount]:
+        """Take the next samples and count the windows that they complete.
+
+        Parameters
+        ----------
+        samples : array-like, shape (n,)
+            In the unit of the model's recordings.
+        angle : array-like, shape (n,), optional
+            Angle of the input shaft in rad at these samples, strictly increasing over all pieces.
+
+        Returns
+        -------
+        list of WindowCount
+            In order, often none; after an error the next call returns those counted before it. ``reason`` is
+            why a window is left out; a doubt about the whole record shows in :meth:`result` only. Times are
+            in s from the first sample.
+
+        Raises
+        ------
+        ValueError
+            If samples are not finite, the angle is missing, superfluous, of another length, does not increase
+            or leaps an output turn (the piece is then not taken); if a window or block is constant or its
+            rate too low (it is left out, and the stream goes on with the next piece).
+        TypeError
+            If samples or angles are no real numbers.
+        """
+        torque = checks.series("samples", samples, least=0)
+        if self.block_turns is not None:
+            if angle is not None:
+                raise ValueError("angle has no effect with block_turns: leave one of them out")
+            self._n_samples += torque.size
+            self._count_blocks(torque)
+            return self._returned()
+        if angle is None:
+            raise ValueError(
+                "angle must be given (input shaft, rad); for a rig without a tachometer open the stream with "
+                "block_turns and speed_rpm"
+            )
+        angles = checks.series("angle", angle, least=0)
+        if angles.size != torque.size:
+            raise ValueError(f"angle must have the length of samples, {torque.size}, got {angles.size}")
+        if not torque.size:
+            return self._returned()
+        before = [] if self._angles is None else [self._angles[1]]
+        steps = np.diff(np.concatenate([before, angles]))
+        if not np.all(steps > 0):
+            raise ValueError(
+                "angle must increase strictly, in rad, also from piece to piece (an angle that starts again "
+                "at each turn: numpy.unwrap)"
+            )
+        if steps.max(initial=0.0) > 2 * np.pi * self.model.n_lobes:
+            raise ValueError(
+                f"angle must be in rad and advance by less than an output turn ({self.model.n_lobes} of the "
+                f"input) from one sample to the next, got {steps.max():.4g} rad: where that many samples are "
+                "lost, call result() or open a new stream"
+            )
+        self._angles = (float(angles[0]) if self._angles is None else self._angles[0], float(angles[-1]))
+        self._n_samples += torque.size
+        for window in self._cutter.push(torque, angles):
+            self._answer(window)
+        return self._returned()
+
+    def result(self) -> LobeCount:
+        """Count all windows since the stream began, as one recording, and begin anew.
+
+        Returns
+        -------
+        LobeCount
+            Of blocks, without positions of lobes: they are not followed from block to block.
+
+        Raises
+        ------
+        ValueError
+            If no window is complete; the stream then goes on.
+        """
+        doubt, notes = "", []
+        if self.block_turns is None:
+            for window in self._cutter.finish():
+                self._answer(window)
+        else:  # behind one that raised an error
+            self._count_blocks(np.empty(0))
+        if not self._answers:
+            needed = number(self.block_turns or 1, "output turn")
+            raise ValueError(
+                f"the stream holds no complete window: {self._n_samples / self.sampling_rate:.4g} s have "
+                f"arrived, the first takes {needed}"
+            )
+        if self._angles is not None:
+            turns = (self._angles[1] - self._angles[0]) / (2 * np.pi)
+            doubt = self.model._untrained_speed(turns / (self._n_samples - 1) * self.sampling_rate)
+        else:
+            assert self.block_turns is not None
+            blocks = number(self.block_turns, "output turn")
+            notes.append(f"no tachometer: counted in blocks of {blocks}, without positions of lobes")
+        answered = AnsweredWindows.joined(self._answers)
+        count = self.model._count_of(answered, doubt, notes, absolute=self.angle_is_absolute)
+        self._begin()
+        return count
+
+    def _returned(self) -> list[WindowCount]:
+        counted, self._counted = self._counted, []
+        return counted
+
+    def _answer(self, window: ShaftWindow) -> None:
+        """Count one window: alone, so that its answer does not depend on the pieces."""
+        recording = self._recording(window.torque, window.angle)
+        windows = window_set([recording], [window.cut], float(self.model.samples_per_turn))
+        stop = window.cut[2] + 2 * np.pi * windows.X.shape[1] / windows.sampling_rate
+        stop_s = np.interp(stop, window.angle, np.arange(window.angle.size)) / self.sampling_rate
+        faults = window_faults(recording, windows, stop_s, self.model.n_lobes)
+        if not self._answers:
+            self._first_angle = float(window.cut[2][0])
+        prepared = PreparedWindows(windows, stop_s, faults, "", (), self._first_angle)
+        (answered,) = self.model._answered([prepared])
+        answered = dataclasses.replace(answered, wear=self._wear_answers(windows.X[0], faults[0]))
+        self._keep(answered.shifted(window.first_sample / self.sampling_rate))
+
+    def _wear_answers(self, window: Float, fault: str) -> Float | None:
+        """Return what the run tells that a window completes; None where it completes none."""
+        wear = self.model.wear
+        if wear is None:
+            return None
+        self._run = [] if fault else [*self._run, window]
+        if len(self._run) < wear.n_windows:
+            return None
+        run, self._run = np.array(self._run), []
+        return wear.answers(run, [""] * len(run))
+
+    def _count_blocks(self, torque: Float) -> None:
+        """Count the blocks that the samples complete."""
+        first = self._n_samples - torque.size - self._n_kept
+        self._pieces.append(torque)
+        self._n_kept += torque.size
+        if self._n_kept < self._block:
+            return
+        joined = np.concatenate(self._pieces)
+        begin = 0
+        try:
+            while joined.size - begin >= self._block:
+                block = joined[begin : begin + self._block]
+                begin += self._block
+                prepared = self.model._prepared(self._recording(block))
+                (answered,) = self.model._answered([prepared])
+                faults = tuple(fault or prepared.doubt for fault in answered.faults)
+                answered = dataclasses.replace(answered, faults=faults, lobe_proba=None)
+                self._keep(answered.shifted((first + begin - self._block) / self.sampling_rate))
+        finally:
+            self._pieces = [joined[begin:].copy()]
+            self._n_kept = self._pieces[0].size
+
+    def _keep(self, answered: AnsweredWindows) -> None:
+        self._answers.append(answered)
+        classes: NDArray[np.int64] = self.model.classes_
+        self._counted += answered.counts(classes, answered.reasons())
+
+    def _recording(self, torque: Float, angle: Float | None = None) -> Recording:
+        return Recording(
+            torque, self.sampling_rate, angle=angle, speed_rpm=self.speed_rpm, n_lobes=self.model.n_lobes,
+            quantity=str(self.model.card.get("quantity", "output_torque")),
+            angle_is_absolute=self.angle_is_absolute and angle is not None,
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Planning of measurements: how long to record, how much wear shows."""
