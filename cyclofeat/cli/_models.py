@@ -66,7 +66,7 @@ def read_model(arguments: argparse.Namespace) -> LobeModel:
 
 def count_with_warnings(model: LobeModel, recording: Recording) -> LobeCount:
     """Count a recording; warnings about the record itself follow those of the count."""
-    from cyclofeat.datasets import record_warnings
+    from cyclofeat.datasets.readers import record_warnings
 
     count = model.count(recording)
     of_record = record_warnings(recording, reduction=model.n_lobes)

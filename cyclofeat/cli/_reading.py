@@ -202,7 +202,7 @@ def each_recording(
 def _of_file(
     entry: Entry | UnreadableFolder, options: dict[str, Any], work: Callable[[Path, Recording], T]
 ) -> FileResult[T]:
-    from cyclofeat.datasets import one_line
+    from cyclofeat.datasets.readers import one_line
 
     title = ""
     try:

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> Recording:
 
 
 def printed(arguments: argparse.Namespace, recording: Recording) -> Printed:
-    from cyclofeat.datasets import one_line
+    from cyclofeat.datasets.readers import one_line
 
     file = arguments.out
     return Printed(f"{file}: {one_line(recording)}", {"file": file, "defect_count": recording.defect_count})

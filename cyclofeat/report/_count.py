@@ -225,7 +225,8 @@ def _row(item: CountedRecording) -> dict[str, Any]:
 
 
 def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
-    from cyclofeat.datasets import describe, record_warnings
+    from cyclofeat.datasets import describe
+    from cyclofeat.datasets.readers import record_warnings
 
     count, recording = item.count, item.recording
     shares = sorted(count.probability.items())

@@ -15,14 +15,27 @@ from numpy.typing import NDArray
 from cyclofeat._base import checks
 from cyclofeat._base.arguments import ArgumentError
 from cyclofeat._base.quantities import in_words
-from cyclofeat.datasets.readers._quantities import (
-    CURRENT_UNITS,
-    RELATIVE_UNITS,
-    TORQUE_UNITS,
-    UNITS_OF,
-    is_usual,
-    named_quantity,
-)
+
+TORQUE_UNITS = {"Nm": 1.0, "kNm": 1e3, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3}
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3}
+# Of the rated current: kept as they are, since a count does not depend on the scale.
+RELATIVE_UNITS = {"%": 1.0, "p.u.": 1.0}
+UNITS_OF = {"output_torque": TORQUE_UNITS, "input_torque": TORQUE_UNITS, "motor_current": CURRENT_UNITS}
+
+_TORQUE, _CURRENT = "torque|(?:dreh)?moment", "current|strom"
+_OUT, _IN = "out(?:put)?|abtriebs?|ausgangs?", "in(?:put)?|motor|drive|antriebs?|eingangs?"
+# Names by which a channel is taken for a quantity; a torque that names no side is the output's.
+_USUAL = {
+    "output_torque": f"(?:{_OUT})? ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_OUT})",
+    "input_torque": f"(?:{_IN}) ?(?:{_TORQUE})|(?:{_TORQUE}) (?:{_IN})",
+    "motor_current": f"(?:motor)? ?(?:{_CURRENT})|(?:{_CURRENT}) motor|i ?q|i motor|motor i",
+}
+# Words that state the quantity in any other name.
+_WORDS = {
+    "motor_current": rf"{_CURRENT}|\bi ?q\b",
+    "input_torque": rf"\b(?:{_IN})\b|motor|antrieb|eingang",
+    "output_torque": rf"\b(?:{_OUT})\b|abtrieb|ausgang",
+}
 
 Float = NDArray[np.float64]
 Channel = str | int
@@ -98,11 +111,11 @@ class Source:
 
     # What each kind of file defines.
 
-    def raw(self, index: int) -> NDArray[Any]:
+    def raw_values(self, index: int) -> NDArray[Any]:
         """Values of one channel as the file holds them, shape (n,): numbers, or dates."""
         raise NotImplementedError
 
-    def usable(self, index: int) -> bool:
+    def is_usable(self, index: int) -> bool:
         """Return True if a channel may hold a record; used if no name identifies the torque."""
         return True
 
@@ -110,20 +123,20 @@ class Source:
         """Sampling rate in Hz that the file states for a channel, and where it does."""
         return None
 
-    def meta(self, torque: int) -> dict[str, Any]:
+    def channel_meta(self, torque: int) -> dict[str, Any]:
         """Return other statements of the file about a channel."""
         return {}
 
     def check_torque(self, torque: int, scale: float | None) -> None:
         """Raise ``ValueError`` where the torque's channel holds raw counts and no scale is given."""
 
-    def where(self, sample: int) -> str:
+    def sample_place(self, sample: int) -> str:
         """Return the place of a sample in the file, for messages."""
         return f"sample {sample}"
 
-    def column(self, index: int) -> Float:
+    def column_values(self, index: int) -> Float:
         """Numbers of one channel, checked: real, finite, at least two."""
-        values = self.raw(index)
+        values = self.raw_values(index)
         called = f"{self.file}: {self.noun} {self.names[index]!r}"
         if values.dtype.kind not in "iuf" or values.ndim != 1:
             raise ValueError(
@@ -135,33 +148,33 @@ class Source:
         numbers = np.asarray(values, dtype=np.float64)
         if not np.all(np.isfinite(numbers)):
             where = int(np.argmax(~np.isfinite(numbers)))
-            raise ValueError(f"{called} must be finite, got {numbers[where]} at {self.where(where)}")
+            raise ValueError(f"{called} must be finite, got {numbers[where]} at {self.sample_place(where)}")
         return numbers
 
-    def times(self, index: int) -> NDArray[Any]:
+    def time_values(self, index: int) -> NDArray[Any]:
         """Numbers or dates of a column of times."""
-        values = self.raw(index)
-        return values if values.dtype.kind in "mM" else self.column(index)
+        values = self.raw_values(index)
+        return values if values.dtype.kind in "mM" else self.column_values(index)
 
-    def listed(self) -> str:
+    def channel_names(self) -> str:
         """Return the names of all channels, for messages."""
         text = ", ".join(map(repr if self.named else str, self.names[:40])) or "none"
         text += f" and {len(self.names) - 40} more" if len(self.names) > 40 else ""
         return text if self.named else f"{text} (no names in the file)"
 
-    def find(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
+    def find_channel(self, argument: str, wanted: Any, usual: set[str]) -> int | None:
         """Index of the wanted channel, else of the one with a usual name, else None."""
         if wanted is None:
-            return self._only(argument, [i for i, base in enumerate(self.bases) if base in usual])
+            return self._only_match(argument, [i for i, base in enumerate(self.bases) if base in usual])
         if not isinstance(wanted, str) and not (self.by_index and checks.is_whole(wanted)):
             index = " or index from 0" if self.by_index else ""
             raise TypeError(
                 f"{argument} must be {self.a_noun()}'s name{index}, got {wanted!r}; {self.plural} are "
-                f"{self.listed()}"
+                f"{self.channel_names()}"
             )
         if not isinstance(wanted, str):
             if not 0 <= wanted < len(self.names):
-                raise self._unknown(argument, wanted)
+                raise self._unknown_channel(argument, wanted)
             return int(wanted)
         matches: list[int] = []
         for names, name in ((self.names, wanted), (self.plain, wanted), (self.bases, wanted.strip().lower())):
@@ -169,16 +182,18 @@ class Source:
         if not matches and self.by_index and wanted.isdecimal() and int(wanted) < len(self.names):
             matches = [int(wanted)]
         if not matches:
-            raise self._unknown(argument, wanted)
+            raise self._unknown_channel(argument, wanted)
         if len(matches) > 1:
             listed = ", ".join(repr(self.names[i]) for i in matches)
-            raise self._wrong(
+            raise self._argument_error(
                 "{argument: = {wanted!r}} fits several {plural}: {which}",
                 argument, wanted=wanted, which=f"{matches}; give one index" if self.by_index else listed,
             )  # fmt: skip
         return matches[0]
 
-    def torque(self, wanted: Channel | None, others: set[int | None], quantity: str | None = None) -> int:
+    def find_torque(
+        self, wanted: Channel | None, others: set[int | None], quantity: str | None = None
+    ) -> int:
         """Index of the channel that holds the quantity, by default the output torque.
 
         Its name decides, then its unit, then that it is the only one. A channel that names another quantity
@@ -188,18 +203,18 @@ class Source:
             raise ValueError(f"{self.file} holds no {self.noun}")
         sought = quantity or "output_torque"
         if wanted is not None:
-            index = self.find("channel", wanted, set())
+            index = self.find_channel("channel", wanted, set())
             assert index is not None
-            return index if quantity else self._checked(index, sought)
+            return index if quantity else self._check_quantity(index, sought)
         free = [i for i in range(len(self.names)) if i not in others]
         suitable = [i for i in free if named_quantity(self.bases[i]) in (None, sought)]
-        index = self._only("channel", [i for i in free if is_usual(self.bases[i], sought)])
+        index = self._only_match("channel", [i for i in free if is_usual(self.bases[i], sought)])
         if index is None:
-            by_unit = [i for i in suitable if self.units[i] in UNITS_OF[sought] and self.usable(i)]
-            index = self._only("channel", by_unit)
+            by_unit = [i for i in suitable if self.units[i] in UNITS_OF[sought] and self.is_usable(i)]
+            index = self._only_match("channel", by_unit)
         if index is not None:
             return index
-        usable = [i for i in free if self.usable(i)]
+        usable = [i for i in free if self.is_usable(i)]
         telling = [
             i
             for i in usable
@@ -208,36 +223,36 @@ class Source:
         ]
         for only in (usable, telling):
             if len(only) == 1:
-                return self._checked(only[0], sought)
-        raise self._wrong(
+                return self._check_quantity(only[0], sought)
+        raise self._argument_error(
             "{argument} must be given, to say which {noun} is the {sought}: {listed}",
             "channel", sought=in_words(quantity) if quantity else "torque",
         )  # fmt: skip
 
-    def _only(self, argument: str, matches: list[int]) -> int | None:
+    def _only_match(self, argument: str, matches: list[int]) -> int | None:
         """Return the only match, or None without one; raise ``ValueError`` for several."""
         if len(matches) > 1:
             fitting = ", ".join(repr(self.names[i]) for i in matches)
-            raise self._wrong(
+            raise self._argument_error(
                 "{argument} must be given, since several {plural} fit: {names}", argument, names=fitting
             )
         return matches[0] if matches else None
 
-    def _checked(self, index: int, sought: str) -> int:
+    def _check_quantity(self, index: int, sought: str) -> int:
         """Return the channel; raise ``ValueError`` if its name or unit is of another quantity."""
         told = named_quantity(self.bases[index])
         if told is None and self.units[index] in CURRENT_UNITS:
             told = "motor_current"
         if told in (None, sought):
             return index
-        raise self._wrong(
+        raise self._argument_error(
             "{noun} {name!r} holds {told_words} by its name or unit, not {sought_words}: give "
             "{quantity:={told!r}}, or {channel:=} and {quantity:={sought!r}} if the name is wrong",
             "quantity", name=self.names[index], told=told, told_words=in_words(told),
             sought=sought, sought_words=in_words(sought),
         )  # fmt: skip
 
-    def factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
+    def unit_factor(self, index: int, scale: float | None, quantity: str) -> tuple[float, str | None]:
         """Nm or A per unit of a channel, and which of them; None where Nm, or A of a current, is assumed.
 
         A share of the rated current stays as it is. A scale of a current in A or mA is its torque constant,
@@ -262,7 +277,7 @@ class Source:
         stated = self.units[index]
         name = self.names[index]
         if stated in ANGLE_UNITS and angle_unit is not None and stated != angle_unit:
-            raise self._wrong(
+            raise self._argument_error(
                 "{argument: = {angle_unit!r}} contradicts the {noun} {name!r}, which is in {stated}",
                 "angle_unit", angle_unit=angle_unit, name=name, stated=stated,
             )  # fmt: skip
@@ -277,14 +292,14 @@ class Source:
     def a_noun(self) -> str:
         return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
 
-    def _unknown(self, argument: str, wanted: Any) -> ArgumentError:
-        return self._wrong(
+    def _unknown_channel(self, argument: str, wanted: Any) -> ArgumentError:
+        return self._argument_error(
             "{argument: = {wanted!r}} does not exist; {plural} are {listed}", argument, wanted=wanted
         )
 
-    def _wrong(self, template: str, argument: str, **details: object) -> ArgumentError:
+    def _argument_error(self, template: str, argument: str, **details: object) -> ArgumentError:
         """Error about an argument that does not suit this file."""
-        words = {"file": self.file, "noun": self.noun, "plural": self.plural, "listed": self.listed()}
+        words = {"file": self.file, "noun": self.noun, "plural": self.plural, "listed": self.channel_names()}
         return ArgumentError("{file}: " + template, argument=argument, **words, **details)
 
 
@@ -348,7 +363,7 @@ def largest_unpacked(path: Path) -> int:
 
 
 @contextmanager
-def reading(path: Path, kind: str) -> Iterator[None]:
+def explain_damage(path: Path, kind: str) -> Iterator[None]:
     """Raise ``ValueError`` that calls the file damaged for whatever a library raises while it reads."""
     try:
         yield
@@ -373,3 +388,31 @@ def whole_rate(step_s: float) -> float:
 def missing_library(suffix: str, library: str) -> ImportError:
     """Return the error for a library that is not installed."""
     return ImportError(f"reading {suffix} files needs {library}: pip install {library}")
+
+
+def is_usual(name: str, quantity: str) -> bool:
+    """Return True for a usual name of a quantity, in lower case and without its unit.
+
+    Examples
+    --------
+    >>> is_usual("drehmoment abtrieb", "output_torque"), is_usual("torque", "input_torque")
+    (True, False)
+    """
+    return re.fullmatch(_USUAL[quantity], _with_spaces(name)) is not None
+
+
+def named_quantity(name: str) -> str | None:
+    """Return the quantity that words in a channel's name state, or None.
+
+    Examples
+    --------
+    >>> named_quantity("motor phase current"), named_quantity("torque in"), named_quantity("torque")
+    ('motor_current', 'input_torque', None)
+    """
+    return next(
+        (quantity for quantity, words in _WORDS.items() if re.search(words, _with_spaces(name))), None
+    )
+
+
+def _with_spaces(name: str) -> str:
+    return re.sub(r"[\s_.\-]+", " ", name).strip()

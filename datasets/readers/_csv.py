@@ -56,7 +56,7 @@ class CsvSource(Source):
         if not start:
             raise ValueError(f"{self.file} holds no row of data")
         self.labels = labels_from_comments(self.file, comments)
-        spaced = _spaced(start) if delimiter is None else start[-1] if delimiter == " " else ""
+        spaced = _first_spaced_row(start) if delimiter is None else start[-1] if delimiter == " " else ""
         if spaced:
             self.lines = _WithTabs(self.lines, len(comments), len(spaced.split()))
             start = list(islice(self.lines, len(comments), len(comments) + len(start)))
@@ -72,70 +72,66 @@ class CsvSource(Source):
                 f"{self.file}: line {len(comments) + 1} has {n_columns} columns, at most {_MOST_COLUMNS} can "
                 "be read; one row per sample and one column per channel are right"
             )
-        first = self._cells(start[0])
-        self.named = all(self._number(cell) is None for cell in first)
+        first = self._split_cells(start[0])
+        self.named = all(self._parse_number(cell) is None for cell in first)
         units: list[str | None] | None = None
         if self.named:
-            units = self._unit_row(start[1], len(first)) if len(start) > 1 else None
+            # The row below the names may hold units.
+            cells = self._split_cells(start[1]) if len(start) > 1 else []
+            if len(cells) == len(first) and all(self._parse_number(cell) is None for cell in cells):
+                stated = [clean_unit(cell) for cell in cells]
+                units = stated if any(unit in UNITS for unit in stated) else None
             if len(start) <= 1 + (units is not None):
                 raise ValueError(f"{self.file} holds column names, but no row of data")
         n_before = len(comments) + self.named + (units is not None)
         self.first_line = n_before + 1  # as editors count
         names = [cell.strip() if self.named else str(index) for index, cell in enumerate(first)]
         super().__init__(path, names, units)
-        self._checked_rows(islice(self._rows(), 1))  # of the others once they are read
+        self._checked_rows(islice(self._sample_rows(), 1))  # of the others once they are read
 
-    def _rows(self) -> Iterator[str]:
+    def _sample_rows(self) -> Iterator[str]:
         """Yield the rows of samples, read anew."""
         return islice(self.lines, self.first_line - 1, None)
 
-    def _cells(self, line: str) -> list[str]:
+    def _split_cells(self, line: str) -> list[str]:
         return cells_of(line, self.delimiter, self.file)
 
-    def _number(self, cell: str) -> float | None:
+    def _parse_number(self, cell: str) -> float | None:
         try:
             return float(cell.replace(",", ".") if self.decimal_comma else cell)
         except ValueError:
             return None
 
-    def _unit_row(self, line: str, width: int) -> list[str | None] | None:
-        """Return the units in the row below the names; None if the row holds no units."""
-        cells = self._cells(line)
-        if len(cells) != width or any(self._number(cell) is not None for cell in cells):
-            return None
-        units = [clean_unit(cell) for cell in cells]
-        return units if any(unit in UNITS for unit in units) else None
-
     @cached_property
     def n_rows(self) -> int:
         """Number of rows of samples."""
-        return self._checked_rows(self._rows())
+        return self._checked_rows(self._sample_rows())
 
     def _checked_rows(self, rows: Iterable[str]) -> int:
         """Return the number of rows, which must have as many columns as the file's first one."""
         width = len(self.names)
         index = -1
         for index, row in enumerate(rows):
-            cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._cells(row))
+            cells = row.count(self.delimiter) + 1 if '"' not in row else len(self._split_cells(row))
             if cells != width or not row.strip():
                 came = "1 column" if cells == 1 else f"{cells} columns"
                 doubled = self.delimiter == "," and cells == 2 * width
                 raise ArgumentError(
                     "{file}: {where} must have {width} columns as the first row has, got {came}"
                     + ("; are these decimal commas? give {delimiter:=';'}" if doubled else ""),
-                    file=self.file, where=self.where(index), width=width,
+                    file=self.file, where=self.sample_place(index), width=width,
                     came=came if row.strip() else "an empty line",
                 )  # fmt: skip
         return index + 1
 
-    def where(self, sample: int) -> str:
+    def sample_place(self, sample: int) -> str:
         return f"line {self.first_line + sample}"
 
-    def meta(self, torque: int) -> dict[str, Any]:
+    def channel_meta(self, torque: int) -> dict[str, Any]:
         return {"decimal_comma": True} if self.decimal_comma else {}
 
-    def raw(self, index: int) -> NDArray[Any]:
-        rows: Iterable[str] | str = self._rows()
+    def raw_values(self, index: int) -> NDArray[Any]:
+        rows: Iterable[str] | str = self._sample_rows()
         options: dict[str, Any] = {"delimiter": self.delimiter, "usecols": index, "max_rows": self.n_rows}
         if self.decimal_comma:
             self._check_points(index)
@@ -153,27 +149,27 @@ class CsvSource(Source):
         """Raise where a column holds a number with a point, and the file one with a decimal comma."""
 
         def is_number_with(mark: str, cell: str) -> bool:
-            return mark in cell and self._number(cell) is not None
+            return mark in cell and self._parse_number(cell) is not None
 
         pointed, has_comma = "", False
-        for number, row in enumerate(self._rows()):
-            if not pointed and "." in row and is_number_with(".", cell := self._cells(row)[index]):
-                pointed = f"{self.where(number)}, column {self.names[index]!r} holds {cell.strip()!r}"
+        for number, row in enumerate(self._sample_rows()):
+            if not pointed and "." in row and is_number_with(".", cell := self._split_cells(row)[index]):
+                pointed = f"{self.sample_place(number)}, column {self.names[index]!r} holds {cell.strip()!r}"
             if not has_comma and "," in row:
-                has_comma = any(is_number_with(",", cell) for cell in self._cells(row))
+                has_comma = any(is_number_with(",", cell) for cell in self._split_cells(row))
             if pointed and has_comma:
                 raise ValueError(
                     f"{self.file}: {pointed}, but other numbers have a decimal comma: does the point "
                     "separate thousands, or decimals? Write all numbers with a decimal comma, without points"
                 )
 
-    def times(self, index: int) -> NDArray[Any]:
+    def time_values(self, index: int) -> NDArray[Any]:
         try:
-            return self.column(index)
+            return self.column_values(index)
         except ValueError:
             if self.begins_with_number(index):
                 raise
-            cells = [self._cells(row)[index].strip() for row in self._rows()]
+            cells = [self._split_cells(row)[index].strip() for row in self._sample_rows()]
             if any(re.match(r"\d{4}-\d\d-\d\d", cell) is None for cell in cells):
                 raise
             bare = [re.sub(r"(?<=.{10})(Z|[+-]\d\d:?\d\d)$", "", cell).replace(",", ".") for cell in cells]
@@ -183,32 +179,32 @@ class CsvSource(Source):
 
     def begins_with_number(self, index: int) -> bool:
         """Return True if the first cell of a column below its name is a number."""
-        return self._number(self._cells(next(self._rows()))[index]) is not None
+        return self._parse_number(self._split_cells(next(self._sample_rows()))[index]) is not None
 
     def _not_numbers(self, index: int, error: ValueError) -> ValueError:
         """Return the error that names the first cell of a column that is no number."""
         column = f"column {self.names[index]!r}"
-        for row, line in enumerate(self._rows()):
-            cell = self._cells(line)[index]
-            if self._number(cell) is None:
+        for row, line in enumerate(self._sample_rows()):
+            cell = self._split_cells(line)[index]
+            if self._parse_number(cell) is None:
                 shown = cell if len(cell) <= 60 else f"{cell[:60]}..."
                 came = (
                     f"{shown!r}, which is not a number" if cell.strip() else "nothing; it must hold a number"
                 )
-                return ValueError(f"{self.file}: {self.where(row)}, {column} holds {came}")
+                return ValueError(f"{self.file}: {self.sample_place(row)}, {column} holds {came}")
         return ValueError(f"{self.file}: {column} cannot be read as numbers ({error})")
 
 
-def _spaced(rows: list[str]) -> str:
+def _first_spaced_row(rows: list[str]) -> str:
     """Return the first row of several numbers between spaces; nothing where other marks separate columns."""
 
-    def numbers(line: str) -> bool:
+    def holds_numbers(line: str) -> bool:
         cells = line.split()
         return len(cells) > 1 and all(re.fullmatch(_NUMBER, cell) for cell in cells)
 
-    if not numbers(rows[0]) and any(mark in rows[0] for mark in "\t;,"):
+    if not holds_numbers(rows[0]) and any(mark in rows[0] for mark in "\t;,"):
         return ""
-    return next(filter(numbers, rows), "")
+    return next(filter(holds_numbers, rows), "")
 
 
 class _WithTabs:
@@ -219,9 +215,9 @@ class _WithTabs:
 
     def __iter__(self) -> Iterator[str]:
         for index, line in enumerate(self.lines, -self.n_comments):
-            yield line if index < 0 else "\t".join(self._cells(line, is_head=index < 2))
+            yield line if index < 0 else "\t".join(self._split_cells(line, is_head=index < 2))
 
-    def _cells(self, line: str, *, is_head: bool) -> list[str]:
+    def _split_cells(self, line: str, *, is_head: bool) -> list[str]:
         cells = line.split()
         if not is_head or len(cells) == self.width:
             return cells

@@ -72,8 +72,8 @@ def describe(recording: Recording, *, reduction: int | None = None) -> dict[str,
     (0.14, 1)
     """
     reduction = _checked_reduction(recording, reduction)
-    facts = _facts(recording, *_speed(recording, reduction), reduction)
-    facts["warnings"] = _warnings(recording, facts, reduction)
+    facts = _recording_facts(recording, *_measure_speed(recording, reduction), reduction)
+    facts["warnings"] = _count_warnings(recording, facts, reduction)
     return facts
 
 
@@ -101,7 +101,7 @@ def record_warnings(recording: Recording, *, reduction: int | None = None) -> li
     """
     reduction = _checked_reduction(recording, reduction)
     speed = recording.mean_input_speed(reduction)
-    return _of_record(recording, _facts(recording, speed, "angle", reduction))
+    return _record_warnings(recording, _recording_facts(recording, speed, "angle", reduction))
 
 
 def _checked_reduction(recording: Recording, reduction: int | None) -> int:
@@ -111,7 +111,7 @@ def _checked_reduction(recording: Recording, reduction: int | None) -> int:
     return reduction
 
 
-def _facts(
+def _recording_facts(
     recording: Recording, speed: float | None, speed_from: str | None, reduction: int
 ) -> dict[str, Any]:
     """Return what :func:`describe` does, without warnings; ``speed`` is the measured one."""
@@ -163,7 +163,7 @@ def _run_up(recording: Recording) -> float | None:
     return math.ceil(10 * (n_parts + 1) * size / recording.sampling_rate) / 10 if n_parts else None
 
 
-def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
+def _measure_speed(recording: Recording, reduction: int) -> tuple[float | None, str | None]:
     """Return the input speed in turns per second, and its source."""
     by_angle = recording.mean_input_speed(reduction)
     nominal = recording.input_speed_hz
@@ -183,7 +183,7 @@ def _speed(recording: Recording, reduction: int) -> tuple[float | None, str | No
     return None, None
 
 
-def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> list[str]:
+def _count_warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> list[str]:
     """Warnings of what would spoil a count, the gravest first."""
     notes = []
     if facts["whole_output_turns"] == 0:
@@ -202,14 +202,14 @@ def _warnings(recording: Recording, facts: dict[str, Any], reduction: int) -> li
                 f"{recording.sampling_rate:g} Hz are too few for all lobe lines of a count, which need "
                 f"{needed:.0f} Hz: from fewer lines it is less accurate, and needs a model trained on them"
             )
-    of_record = _of_record(recording, facts)
+    of_record = _record_warnings(recording, facts)
     if facts["constant"]:
         return of_record
     relative = [] if recording.angle is not None else ["no angle: positions of lobes will be relative"]
     return notes + of_record + relative
 
 
-def _of_record(recording: Recording, facts: dict[str, Any]) -> list[str]:
+def _record_warnings(recording: Recording, facts: dict[str, Any]) -> list[str]:
     """Warnings of the record itself, whatever is counted in it, the gravest first."""
     if facts["constant"]:
         return [

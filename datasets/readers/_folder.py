@@ -134,7 +134,7 @@ def read_folder(path: str | os.PathLike[str], **arguments: Any) -> list[Recordin
                 raise
             wrong.append(f"line {entry.line}: {error}")
     if wrong:
-        raise ValueError(_all_of(wrong))
+        raise ValueError(_join_errors(wrong))
     return recordings
 
 
@@ -163,7 +163,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
             *others, last = SOURCES
             raise ValueError(f"folder {folder} holds no {', '.join(others)} or {last} recordings")
         return [Entry(file) for file in files]
-    entries = _manifest(folder)
+    entries = _read_manifest(folder)
     left_out = {file.name for file in files} - {entry.path.name for entry in entries}
     if left_out:
         shown = ", ".join(sorted(left_out)[:5]) + (", ..." if len(left_out) > 5 else "")
@@ -171,7 +171,7 @@ def folder_entries(path: str | os.PathLike[str]) -> list[Entry]:
     return entries
 
 
-def _manifest(folder: Path) -> list[Entry]:
+def _read_manifest(folder: Path) -> list[Entry]:
     lines = list(TextLines(folder / MANIFEST))
     first = next((number for number, line in enumerate(lines) if line.strip()), None)
     if first is None:
@@ -198,7 +198,7 @@ def _manifest(folder: Path) -> list[Entry]:
             wrong.append(f"line {number}: {len(names)} columns are right, got {len(cells)}")
             continue
         try:
-            entry = _entry(folder, dict(zip(names, cells, strict=True)), number, delimiter)
+            entry = _parse_row(folder, dict(zip(names, cells, strict=True)), number, delimiter)
         except ValueError as error:
             wrong.append(f"line {number}: {error}")
             continue
@@ -208,13 +208,13 @@ def _manifest(folder: Path) -> list[Entry]:
         lines_of.setdefault(key, number)
         entries.append(entry)
     if wrong:
-        raise ValueError(_all_of(wrong))
+        raise ValueError(_join_errors(wrong))
     if not entries:
         raise ValueError(f"{MANIFEST} names no recording")
     return entries
 
 
-def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:
+def _parse_row(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entry:
     name = row.pop("file")
     if not name:
         raise ValueError("file is missing")
@@ -224,17 +224,17 @@ def _entry(folder: Path, row: dict[str, str], line: int, delimiter: str) -> Entr
     arguments: dict[str, Any] = {}
     for column, cell in row.items():
         if cell:
-            arguments[_LABELS.get(column, column)] = _value(column, cell, delimiter)
+            arguments[_LABELS.get(column, column)] = _parse_cell(column, cell, delimiter)
     count, worn = arguments.get("defect_count"), arguments.get("worn_lobes")
     if count is not None and worn is not None and count != len(worn):
         raise ValueError(f"defect_count must be the number of {WORN}, got {count} and {row[WORN]!r}")
     return Entry(path, arguments, line)
 
 
-def _value(column: str, cell: str, delimiter: str) -> Any:
+def _parse_cell(column: str, cell: str, delimiter: str) -> Any:
     """Convert a cell to the type of its column, and check it."""
     try:
-        value = _converted(column, cell, delimiter)
+        value = _convert_cell(column, cell, delimiter)
     except (ValueError, KeyError):
         fits = False
     else:
@@ -244,7 +244,7 @@ def _value(column: str, cell: str, delimiter: str) -> Any:
     return value
 
 
-def _converted(column: str, cell: str, delimiter: str) -> Any:
+def _convert_cell(column: str, cell: str, delimiter: str) -> Any:
     if column in _FITS and "_" in cell:
         raise ValueError("Python takes 1_000 for a number, other programs do not")
     if column == WORN:
@@ -260,6 +260,6 @@ def _converted(column: str, cell: str, delimiter: str) -> Any:
     return cell
 
 
-def _all_of(wrong: list[str]) -> str:
+def _join_errors(wrong: list[str]) -> str:
     more = f"; and {len(wrong) - _MOST_ERRORS} more" if len(wrong) > _MOST_ERRORS else ""
     return f"{MANIFEST}: " + "; ".join(wrong[:_MOST_ERRORS]) + more

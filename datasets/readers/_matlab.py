@@ -18,8 +18,8 @@ from cyclofeat.datasets.readers._columns import (
     Source,
     check_claim,
     check_rate,
+    explain_damage,
     missing_library,
-    reading,
     whole_rate,
 )
 
@@ -59,21 +59,22 @@ class MatSource(Source):
         self.is_hdf5 = start.startswith(_HDF5) or start[512:520] == _HDF5
         self.path, self.file = path, path.name
         if self.is_hdf5:
-            self._walk_hdf5()
+            with self._open_hdf5() as file:
+                self._visit_group("", file, 0)
         else:
             self._walk_mat(start)
         names = [*self.vectors, *self.unreadable]
         super().__init__(
             path,
             names,
-            [self._unit(name) for name in names],
+            [self._stated_unit(name) for name in names],
             [name.rpartition(".")[2].partition("(")[0] for name in names],
         )
 
-    def usable(self, index: int) -> bool:
+    def is_usable(self, index: int) -> bool:
         return self.names[index] in self.vectors
 
-    def raw(self, index: int) -> NDArray[Any]:
+    def raw_values(self, index: int) -> NDArray[Any]:
         name = self.names[index]
         if name in self.unreadable:
             raise ValueError(f"{self.file}: variable {name!r} {self.unreadable[name]}")
@@ -96,7 +97,7 @@ class MatSource(Source):
                 return None
             parent = parent.rpartition(".")[0]
 
-    def _unit(self, name: str) -> str | None:
+    def _stated_unit(self, name: str) -> str | None:
         """Unit by ``Properties.VariableUnits`` of a timetable, or by a text called ``<name>_unit``."""
         parent, _, last = name.rpartition(".")
         place = f"{parent}.Properties".lstrip(".")
@@ -106,7 +107,7 @@ class MatSource(Source):
             return units[names.index(last)]
         return self.texts.get(f"{name}_unit")
 
-    def _add(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
+    def _add_variable(self, name: str, shape: tuple[int, ...], read: Callable[[Any], NDArray[Any]]) -> None:
         """Add a numeric variable of a MATLAB shape; ``read`` takes an index of the MATLAB array."""
         if len(self.vectors) > _MOST_VARIABLES:
             raise ValueError(f"{self.file} holds more than {_MOST_VARIABLES} variables")
@@ -131,15 +132,15 @@ class MatSource(Source):
     def _walk_mat(self, start: bytes) -> None:
         from scipy.io import loadmat
 
-        with reading(self.path, "MATLAB"):
+        with explain_damage(self.path, "MATLAB"):
             if start[:6] == b"MATLAB":
                 _check_elements(self.path, start)
             variables = loadmat(self.path)
         for name, value in variables.items():
             if not name.startswith("__"):
-                self._visit(name, value, 0)
+                self._visit_variable(name, value, 0)
 
-    def _visit(self, name: str, value: Any, depth: int) -> None:
+    def _visit_variable(self, name: str, value: Any, depth: int) -> None:
         if depth > _DEEPEST:
             self.unreadable[name] = f"lies deeper than {_DEEPEST} structs"
         elif not isinstance(value, np.ndarray):
@@ -149,7 +150,7 @@ class MatSource(Source):
         elif value.dtype.names is not None:
             for field in value.dtype.names:
                 if value.size == 1:
-                    self._visit(f"{name}.{field}", value[field].flat[0], depth + 1)
+                    self._visit_variable(f"{name}.{field}", value[field].flat[0], depth + 1)
                 else:
                     self._add_elements(f"{name}.{field}", value[field].ravel(order="F"))
         elif value.dtype.kind in "US":
@@ -166,7 +167,7 @@ class MatSource(Source):
         elif value.size == 0:
             self.unreadable[name] = "is empty"
         else:
-            self._add(name, value.shape, lambda at: np.asarray(value[at]))
+            self._add_variable(name, value.shape, lambda at: np.asarray(value[at]))
 
     def _add_elements(self, name: str, elements: NDArray[Any]) -> None:
         """Add a field of a struct array: one number in each element."""
@@ -181,17 +182,13 @@ class MatSource(Source):
 
     # v7.3
 
-    def _walk_hdf5(self) -> None:
-        with self._hdf5() as file:
-            self._visit_group("", file, 0)
-
     @contextmanager
-    def _hdf5(self) -> Iterator[Any]:
+    def _open_hdf5(self) -> Iterator[Any]:
         try:
             import h5py
         except ImportError:
             raise missing_library("MATLAB v7.3 (.mat)", "h5py") from None
-        with reading(self.path, "MATLAB v7.3"), h5py.File(self.path, "r") as file:
+        with explain_damage(self.path, "MATLAB v7.3"), h5py.File(self.path, "r") as file:
             yield file
 
     def _visit_group(self, name: str, group: Any, depth: int) -> None:
@@ -228,17 +225,17 @@ class MatSource(Source):
             self.unreadable[name] = "is empty"
         elif kind == "char":
             if data.size < 1000:
-                self.texts[name] = _text(data[()])
+                self.texts[name] = _decode_text(data[()])
         elif h5py.check_ref_dtype(data.dtype) is not None:
             self._visit_references(name, kind, data)
         elif data.dtype.kind in "iufb":
             # The axes are reversed: a column vector of n is stored as (1, n).
-            self._add(name, tuple(data.shape[::-1]), partial(self._read_hdf5, data.name))
+            self._add_variable(name, tuple(data.shape[::-1]), partial(self._read_hdf5, data.name))
         else:
             self.unreadable[name] = f"must hold real numbers, got {data.dtype}"
 
     def _read_hdf5(self, name: str, at: Any) -> NDArray[Any]:
-        with self._hdf5() as file:
+        with self._open_hdf5() as file:
             data = file[name]
             return np.asarray(data[()] if at is ... else data[at[::-1]])
 
@@ -250,20 +247,20 @@ class MatSource(Source):
         cells = [data.file[reference] for reference in data[()].ravel()] if data.size <= 1000 else []
         if cells and all(cell.attrs.get("MATLAB_class") == b"char" for cell in cells):
             self.lists[name] = [
-                "" if cell.attrs.get("MATLAB_empty", 0) else _text(cell[()]) for cell in cells
+                "" if cell.attrs.get("MATLAB_empty", 0) else _decode_text(cell[()]) for cell in cells
             ]
         else:
             self.unreadable[name] = _CELLS
 
     def _struct_elements(self, name: str, place: str) -> NDArray[Any]:
-        with self._hdf5() as file:
+        with self._open_hdf5() as file:
             elements = [file[reference] for reference in file[place][()].ravel()]
             if any(element.size != 1 or element.dtype.kind not in "iufb" for element in elements):
                 raise ValueError(f"{self.file}: variable {name!r} {_NO_NUMBERS}")
             return np.array([float(element[()].ravel()[0]) for element in elements])
 
 
-def _text(codes: NDArray[Any]) -> str:
+def _decode_text(codes: NDArray[Any]) -> str:
     """MATLAB's text: UTF-16 codes."""
     return np.asarray(codes, dtype="<u2").ravel(order="F").tobytes().decode("utf-16-le", "replace")
 
@@ -296,7 +293,7 @@ def _check_elements(path: Path, start: bytes) -> None:
                 )
             content = file.read(n_bytes)
             if kind == _COMPRESSED:
-                content = _inflate(path, order, content)
+                content = _inflate_element(path, order, content)
             elif kind == _MATRIX:
                 content = tag + content
             if kind in (_COMPRESSED, _MATRIX):
@@ -306,7 +303,7 @@ def _check_elements(path: Path, start: bytes) -> None:
                 position += -position % 8
 
 
-def _inflate(path: Path, order: str, content: bytes) -> bytes:
+def _inflate_element(path: Path, order: str, content: bytes) -> bytes:
     inflate = zlib.decompressobj()
     head = inflate.decompress(content, 8)
     if len(head) < 8:
@@ -324,7 +321,7 @@ def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> No
     if depth > 2 * _DEEPEST:
         raise ValueError(f"{path.name} nests its variables too deeply")
     kind = 0
-    for number, (element, part) in enumerate(_elements(path, order, content)):
+    for number, (element, part) in enumerate(_iterate_elements(path, order, content)):
         if number == 0:
             kind = part[0 if order == "<" else 3] if len(part) >= 4 else 0
             if kind > _LAST_CLASS:
@@ -341,7 +338,7 @@ def _check_matrix(path: Path, order: str, content: memoryview, depth: int) -> No
             _check_matrix(path, order, part, depth + 1)
 
 
-def _elements(path: Path, order: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
+def _iterate_elements(path: Path, order: str, content: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Yield type and content of each element."""
     position = 0
     while position + 8 <= len(content):

@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.quantities import QUANTITY_UNITS
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, largest_unpacked, reading
+from cyclofeat.datasets.readers._columns import (
+    Source,
+    check_claim,
+    check_rate,
+    explain_damage,
+    largest_unpacked,
+)
 from cyclofeat.datasets.readers._labels import FORMAT_KEY, LABELS, VERSION, WORN, labels_of_file, samples_name
 from cyclofeat.recordings import Recording
 
@@ -32,14 +38,14 @@ class NpzSource(Source):
     angle_unit = "rad"
 
     def __init__(self, path: Path) -> None:
-        with _archive(path) as archive:
+        with _open_archive(path) as archive:
             _check_sizes(path, archive)
             members = [name.removesuffix(".npy") for name in archive.namelist()]
             reserved = {*LABELS, WORN, FORMAT_KEY, "sampling_rate", "angle_unit"}
             super().__init__(path, [name for name in members if name not in reserved])
-            small = {name: _array(path, archive, name) for name in members if name in reserved}
+            small = {name: _read_array(path, archive, name) for name in members if name in reserved}
         self.rate = small.get("sampling_rate")
-        stated_labels = {key: _plain(path, key, small[key]) for key in (*LABELS, WORN) if key in small}
+        stated_labels = {key: _label_value(path, key, small[key]) for key in (*LABELS, WORN) if key in small}
         version = small[FORMAT_KEY].tolist() if FORMAT_KEY in small else None
         labels = labels_of_file(path.name, stated_labels, version)
         if version is not None:
@@ -62,13 +68,13 @@ class NpzSource(Source):
             elif name in QUANTITY_UNITS and self.units[index] is None:
                 self.units[index] = labels.get("meta", {}).get("unit", QUANTITY_UNITS[name])
 
-    def raw(self, index: int) -> NDArray[Any]:
-        with _archive(self.path) as archive:
-            return _array(self.path, archive, self.names[index])
+    def raw_values(self, index: int) -> NDArray[Any]:
+        with _open_archive(self.path) as archive:
+            return _read_array(self.path, archive, self.names[index])
 
-    def usable(self, index: int) -> bool:
-        with _archive(self.path) as archive:
-            shape, dtype = _header(self.path, archive, self.names[index])
+    def is_usable(self, index: int) -> bool:
+        with _open_archive(self.path) as archive:
+            shape, dtype = _read_header(self.path, archive, self.names[index])
         return len(shape) == 1 and dtype.kind in "iuf"
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
@@ -85,15 +91,15 @@ class NpzSource(Source):
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of an NPZ file. Pickled ones are refused: they are code."""
-    with _archive(path) as archive:
+    with _open_archive(path) as archive:
         _check_sizes(path, archive)
-        return {name.removesuffix(".npy"): _array(path, archive, name) for name in archive.namelist()}
+        return {name.removesuffix(".npy"): _read_array(path, archive, name) for name in archive.namelist()}
 
 
 @contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
+def _open_archive(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open the archive."""
-    with reading(path, "NPZ"), path.open("rb") as file:
+    with explain_damage(path, "NPZ"), path.open("rb") as file:
         if file.read(6) == b"\x93NUMPY":
             raise ValueError(f"{path.name} is a single array, not an NPZ archive; save it with numpy.savez")
         file.seek(0)
@@ -106,7 +112,7 @@ def _check_sizes(path: Path, archive: zipfile.ZipFile) -> None:
     unpacked = {info.filename: info.file_size for info in archive.infolist()}
     _check_sum(path, unpacked)  # before any header: that may be as long
     for name in unpacked:
-        shape, dtype = _header(path, archive, name)
+        shape, dtype = _read_header(path, archive, name)
         check_claim(path, dtype.itemsize * math.prod(shape))
         unpacked[name] = np.dtype(np.float64).itemsize * math.prod(shape)  # as channels are read
     _check_sum(path, unpacked)
@@ -123,9 +129,9 @@ def _check_sum(path: Path, unpacked: dict[str, int]) -> None:
         )
 
 
-def _header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _read_header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and dtype of an array, without its data."""
-    with archive.open(_member(archive, name)) as file:
+    with archive.open(_member_name(archive, name)) as file:
         version = np.lib.format.read_magic(file)
         if version == (1, 0):
             shape, _, dtype = np.lib.format.read_array_header_1_0(file)
@@ -142,11 +148,11 @@ def _header(path: Path, archive: zipfile.ZipFile, name: str) -> tuple[tuple[int,
     return shape, dtype
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """One array; an error if the file cannot hold what its header claims."""
-    member = _member(archive, name)
+    member = _member_name(archive, name)
     info = archive.getinfo(member)
-    shape, dtype = _header(path, archive, member)
+    shape, dtype = _read_header(path, archive, member)
     n_bytes = dtype.itemsize * math.prod(shape)
     check_claim(path, max(n_bytes, info.file_size))
     if n_bytes > info.file_size:
@@ -157,11 +163,11 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
         return np.asarray(array)
 
 
-def _member(archive: zipfile.ZipFile, name: str) -> str:
+def _member_name(archive: zipfile.ZipFile, name: str) -> str:
     return name if name in archive.namelist() else f"{name}.npy"
 
 
-def _plain(path: Path, key: str, array: NDArray[Any]) -> Any:
+def _label_value(path: Path, key: str, array: NDArray[Any]) -> Any:
     """Return a label as a Python object."""
     value = array.tolist()
     if key != "meta":

@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Source, check_claim, check_rate, missing_library, reading
+from cyclofeat.datasets.readers._columns import (
+    Source,
+    check_claim,
+    check_rate,
+    explain_damage,
+    missing_library,
+)
 
 
 class ParquetSource(Source):
@@ -19,7 +25,7 @@ class ParquetSource(Source):
     noun, plural = "column", "columns"
 
     def __init__(self, path: Path) -> None:
-        with _opened(path) as file:
+        with _open_parquet(path) as file:
             schema = file.schema_arrow
             metadata = schema.metadata or {}
             self.types = [field.type for field in schema]
@@ -38,33 +44,33 @@ class ParquetSource(Source):
                 ) from None
             check_rate(self.rate, f"{path.name}: metadata 'sampling_rate'")
 
-    def usable(self, index: int) -> bool:
+    def is_usable(self, index: int) -> bool:
         name = str(self.types[index])
         return name.startswith(("int", "uint", "float", "double", "halffloat", "decimal"))
 
     def stated_rate(self, torque: int) -> tuple[float, str] | None:
         return None if self.rate is None else (self.rate, "metadata 'sampling_rate'")
 
-    def where(self, sample: int) -> str:
+    def sample_place(self, sample: int) -> str:
         return f"row {sample + 1}"
 
-    def raw(self, index: int) -> NDArray[Any]:
+    def raw_values(self, index: int) -> NDArray[Any]:
         name, kind = self.names[index], str(self.types[index])
         called = f"{self.file}: column {name!r}"
         is_time = kind.startswith(("timestamp", "duration"))
-        if not (self.usable(index) or is_time):
+        if not (self.is_usable(index) or is_time):
             raise ValueError(f"{called} must hold real numbers, got {kind}")
         if self.names.count(name) > 1:
             raise ValueError(f"{called} is there {self.names.count(name)} times; names must be distinct")
         check_claim(self.path, 8 * self.n_rows)
         parts: list[NDArray[Any]] = []
-        with _opened(self.path) as file:
+        with _open_parquet(self.path) as file:
             for batch in file.iter_batches(batch_size=2**20, columns=[name]):
                 column = batch.column(0)
                 if column.null_count:
                     row = sum(part.size for part in parts) + int(column.is_null().to_numpy(False).argmax())
                     raise ValueError(
-                        f"{called} holds nothing in {self.where(int(row))}; it must hold a number"
+                        f"{called} holds nothing in {self.sample_place(int(row))}; it must hold a number"
                     )
                 values = column.to_numpy(zero_copy_only=False)
                 parts.append(values if is_time else values.astype(np.float64))
@@ -72,11 +78,11 @@ class ParquetSource(Source):
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_parquet(path: Path) -> Iterator[Any]:
     """Open the file with pyarrow."""
     try:
         from pyarrow.parquet import ParquetFile
     except ImportError:
         raise missing_library(".parquet", "pyarrow") from None
-    with reading(path, "Parquet"), ParquetFile(path, memory_map=True) as file:
+    with explain_damage(path, "Parquet"), ParquetFile(path, memory_map=True) as file:
         yield file

@@ -61,48 +61,7 @@ _FASTEST_INPUT_HZ = 100.0
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Options for reading a record whose file does not state everything.
-
-    Parameters
-    ----------
-    channel : str or int, optional
-        Channel (name, or index from 0 where the file has an order) that holds the quantity. Default: the one
-        called "torque", "output_torque", "Drehmoment" and the like ("torque_in", "Motordrehmoment",
-        "motor_current", "Motorstrom" for other quantities), else the one in the quantity's unit, else the
-        only one besides time and angle.
-    quantity : {"output_torque", "input_torque", "motor_current"}, optional
-        Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
-        states another quantity is then an error.
-    sampling_rate : float, optional
-        Samples per second, in Hz. Needed where the file does not state it; an error where the file
-        contradicts it.
-    time_channel : str or int, optional
-        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: the one
-        called "time", "t", "timestamp", "Zeit" and the like. In s unless its name says ms, us or ns; dates
-        (ISO 8601) are read too.
-    angle_channel : str, int or False, optional
-        Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
-        like; False leaves it out.
-    angle_unit : {"rad", "deg", "rev"}, optional
-        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad. An
-        angle that starts again at each turn, or rises in an encoder's steps, is made continuous. Where the
-        input's angle falls, as of a machine in reverse, its sign is changed, and it is not absolute.
-    pulses_per_turn : int, optional
-        The angle's channel holds so many pulses in each turn of the shaft (1: an index). Its default is then
-        the one called "pulses", "tacho", "index" and the like.
-    scale : float, optional
-        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
-        current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
-        per unit. A motor current in % or p.u. (of the rated one) needs none.
-    delimiter : {",", ";", "\\t", " "}, optional
-        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
-        of spaces where there are none and the first samples are several numbers.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a value is of the wrong type or out of its range.
-    """
+    """Options of :func:`read_recording`, checked; it documents them."""
 
     channel: Channel | None = None
     quantity: str | None = None
@@ -180,11 +139,45 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
         Needs openpyxl (extra ``io``).
 
         ``.wav``: channels, counted from 0; whole numbers are shares of full scale and need ``scale``.
-    **options
-        Parameters of :class:`ReadingOptions`: ``channel``, ``quantity``, ``sampling_rate``, ``time_channel``,
-        ``angle_channel``, ``angle_unit``, ``pulses_per_turn``, ``scale``, ``delimiter``. And labels:
-        parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
+    channel : str or int, optional
+        Channel (name, or index from 0 where the file has an order) that holds the quantity. Default: the one
+        called "torque", "output_torque", "Drehmoment" and the like ("torque_in", "Motordrehmoment",
+        "motor_current", "Motorstrom" for other quantities), else the one in the quantity's unit, else the
+        only one besides time and angle.
+    quantity : {"output_torque", "input_torque", "motor_current"}, optional
+        Quantity to read. Default: what the file's labels state, else the output torque; a channel whose name
+        states another quantity is then an error.
+    sampling_rate : float, optional
+        Samples per second, in Hz. Needed where the file does not state it; an error where the file
+        contradicts it.
+    time_channel : str or int, optional
+        Channel of the time, from which the rate follows; its jitter and gaps are checked. Default: the one
+        called "time", "t", "timestamp", "Zeit" and the like. In s unless its name says ms, us or ns; dates
+        (ISO 8601) are read too.
+    angle_channel : str, int or False, optional
+        Channel of the angle. Default: the one called "angle", "input_angle", "disc_angle", "Winkel" and the
+        like; False leaves it out.
+    angle_unit : {"rad", "deg", "rev"}, optional
+        Unit of the angle; needed where the file does not state it. Only NPZ files are taken to be in rad. An
+        angle that starts again at each turn, or rises in an encoder's steps, is made continuous. Where the
+        input's angle falls, as of a machine in reverse, its sign is changed, and it is not absolute.
+    pulses_per_turn : int, optional
+        The angle's channel holds so many pulses in each turn of the shaft (1: an index). Its default is then
+        the one called "pulses", "tacho", "index" and the like.
+    scale : float, optional
+        Nm per unit of the channel, for files in another unit than Nm, kNm, mNm, Ncm or Nmm. Of a motor
+        current in A or mA, its torque constant, after which the samples are in Nm; of one in another unit, A
+        per unit. A motor current in % or p.u. (of the rated one) needs none.
+    delimiter : {",", ";", "\\t", " "}, optional
+        Separator of a CSV's columns. Default: the first of tab, semicolon, comma in the first row; any number
+        of spaces where there are none and the first samples are several numbers.
+    **labels
+        Parameters of :class:`~cyclofeat.recordings.Recording`, e.g. ``assembly="A1"``; they take precedence
         over labels in the file, and ``meta`` is merged.
+
+    Returns
+    -------
+    Recording
 
     Raises
     ------
@@ -215,8 +208,8 @@ def read_recording(path: str | os.PathLike[str], **options: Any) -> Recording:
             f"unknown option or label {min(unknown)!r}; known are {', '.join(sorted({*_OPTIONS, *LABELS}))}"
         )
     reading = ReadingOptions(**{name: options[name] for name in options.keys() & _OPTIONS})
-    source = _open(path, reading.delimiter)
-    parameters = _assemble(source, reading)
+    source = _open_source(path, reading.delimiter)
+    parameters = _recording_parameters(source, reading)
     if "angle" not in parameters:  # then the file's labels of the angle are void
         parameters = {key: value for key, value in parameters.items() if not key.startswith("angle")}
     meta = parameters.pop("meta", {}) | dict(labels.pop("meta", None) or {})
@@ -273,7 +266,7 @@ def list_channels(path: str | os.PathLike[str], *, delimiter: str | None = None)
     ...     list_channels(path)
     {'time [s]': 's', 'left [Nm]': 'Nm', 'right [Nm]': 'Nm'}
     """
-    source = _open(file_path(path), delimiter)
+    source = _open_source(file_path(path), delimiter)
     return dict(zip(source.names, source.units, strict=True))
 
 
@@ -330,7 +323,7 @@ def file_path(path: Any) -> Path:
     return Path(path)
 
 
-def _open(path: Path, delimiter: str | None) -> Source:
+def _open_source(path: Path, delimiter: str | None) -> Source:
     """Channels of a file; an error if it is not of the kind that its name says."""
     if path.is_dir():
         raise ValueError(f"{path} is a directory; give a file in it, or use read_folder")
@@ -338,7 +331,9 @@ def _open(path: Path, delimiter: str | None) -> Source:
         raise FileNotFoundError(f"no such file: {path}")
     if not path.is_file():
         raise ValueError(f"{path} is no ordinary file")
-    suffix = _kind(path)
+    # The ending that says how the file is read; the name's own if none does.
+    suffix = next((end for end in (*SOURCES, *_TEXT_FILES) if path.name.lower().endswith(end)), path.suffix)
+    suffix = _TEXT_FILES.get(suffix, suffix)
     if suffix not in SOURCES:
         *others, last = SOURCES
         raise ValueError(
@@ -365,23 +360,19 @@ def _open(path: Path, delimiter: str | None) -> Source:
     return SOURCES[suffix](path)
 
 
-def _kind(path: Path) -> str:
-    """Return the ending of ``SOURCES`` that says how a file is read; the name's own where none does."""
-    ending = next((end for end in (*SOURCES, *_TEXT_FILES) if path.name.lower().endswith(end)), path.suffix)
-    return _TEXT_FILES.get(ending, ending)
-
-
-def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
+def _recording_parameters(source: Source, reading: ReadingOptions) -> dict[str, Any]:
     """Parameters of the file's recording."""
-    time = source.find("time_channel", reading.time_channel, TIME_NAMES)
+    time = source.find_channel("time_channel", reading.time_channel, TIME_NAMES)
     angle = None
     if reading.angle_channel is not False:
         by_pulses = reading.pulses_per_turn is not None
-        angle = source.find("angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES)
+        angle = source.find_channel(
+            "angle_channel", reading.angle_channel, PULSE_NAMES if by_pulses else ANGLE_NAMES
+        )
         if by_pulses and angle is None:
             raise ArgumentError(
                 "{file}: {angle_channel:=} must be given, to say which {noun} holds the pulses: {listed}",
-                file=source.file, noun=source.noun, listed=source.listed(),
+                file=source.file, noun=source.noun, listed=source.channel_names(),
             )  # fmt: skip
     labels = source.other_labels if source.labels is None else source.labels
     stated = labels.get("quantity")
@@ -392,9 +383,9 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
         )  # fmt: skip
     sought = reading.quantity or stated
     quantity = sought or QUANTITIES[0]
-    torque = source.torque(reading.channel, {time, angle}, sought)
+    torque = source.find_torque(reading.channel, {time, angle}, sought)
     source.check_torque(torque, reading.scale)
-    factor, unit = source.factor(torque, reading.scale, quantity)
+    factor, unit = source.unit_factor(torque, reading.scale, quantity)
     # The rate first: it is known without reading a long record.
     if source.labels is None:
         rate, rate_meta = rate_of(
@@ -404,10 +395,10 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
         rate, rate_meta = source.labels["sampling_rate"], {}
         where = "its header" if isinstance(source, CsvSource) else "its array 'sampling_rate'"
         check_same_rate(source.file, reading.sampling_rate, rate, where, tolerance=1e-6)
-    parameters: dict[str, Any] = {"torque": source.column(torque) * factor, "quantity": quantity}
+    parameters: dict[str, Any] = {"torque": source.column_values(torque) * factor, "quantity": quantity}
     angle_meta: dict[str, Any] = {}
     if angle is not None:
-        parameters["angle"], angle_meta = _angle(source, angle, reading)
+        parameters["angle"], angle_meta = _read_angle(source, angle, reading)
         parameters["angle_of"] = "disc" if source.bases[angle] in DISC_ANGLE_NAMES else "input"
     scaled = {"unit": unit} if unit not in (None, QUANTITY_UNITS[quantity]) else {}
     if source.labels is not None:
@@ -415,15 +406,15 @@ def _assemble(source: Source, reading: ReadingOptions) -> dict[str, Any]:
         meta = labels.get("meta", {}) | scaled | angle_meta
         return parameters | labels | ({"meta": meta} if meta else {})
     meta = {"file": source.file, "channel": source.names[torque], "unit_assumed": unit is None} | scaled
-    meta |= angle_meta | rate_meta | source.meta(torque)
+    meta |= angle_meta | rate_meta | source.channel_meta(torque)
     meta |= {"scale": factor} if factor != 1 else {}
     meta |= labels.get("meta", {})
     return parameters | {"sampling_rate": rate} | labels | {"meta": meta}
 
 
-def _angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
+def _read_angle(source: Source, index: int, reading: ReadingOptions) -> tuple[Float, dict[str, Any]]:
     """Return the angle in rad by a channel, and what was done for it."""
-    values = source.column(index)
+    values = source.column_values(index)
     try:
         if reading.pulses_per_turn is not None:
             return angle_from_pulses(values, reading.pulses_per_turn), {"angle_from": "follows from pulses"}

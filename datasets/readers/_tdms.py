@@ -16,8 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.datasets.readers._columns import Source, missing_library, reading, whole_rate
-from cyclofeat.datasets.readers._quantities import CURRENT_UNITS, TORQUE_UNITS
+from cyclofeat.datasets.readers._columns import (
+    CURRENT_UNITS,
+    TORQUE_UNITS,
+    Source,
+    explain_damage,
+    missing_library,
+    whole_rate,
+)
 
 _LEAD_IN = 28
 _BIG_ENDIAN, _INTERLEAVED, _DAQMX = 1 << 6, 1 << 5, 1 << 7
@@ -41,11 +47,11 @@ class TdmsSource(Source):
 
     def __init__(self, path: Path) -> None:
         self.interleaved = _check_segments(path)
-        with _opened(path) as file:
+        with _open_tdms(path) as file:
             channels = [channel for group in file.groups() for channel in group.channels()]
             self.keys = [(channel.group_name, channel.name) for channel in channels]
             self.lengths = [len(channel) for channel in channels]
-            self.kinds = [_dtype(channel) for channel in channels]
+            self.kinds = [_scaled_dtype(channel) for channel in channels]
             self.properties = [dict(channel.properties) for channel in channels]
             self.scopes = [
                 (dict(channel.properties), dict(file[channel.group_name].properties), dict(file.properties))
@@ -60,7 +66,7 @@ class TdmsSource(Source):
             path, [f"{group}/{name}" for group, name in self.keys], units, [name for _, name in self.keys]
         )
 
-    def usable(self, index: int) -> bool:
+    def is_usable(self, index: int) -> bool:
         kind = self.kinds[index]
         return self.lengths[index] > 0 and kind is not None and kind.kind in "iuf"
 
@@ -70,7 +76,7 @@ class TdmsSource(Source):
             return None
         return whole_rate(float(step)), "property 'wf_increment'"
 
-    def meta(self, torque: int) -> dict[str, Any]:
+    def channel_meta(self, torque: int) -> dict[str, Any]:
         start = self.properties[torque].get("wf_start_time")
         return {} if start is None else {"start_time": str(start)}
 
@@ -104,7 +110,7 @@ class TdmsSource(Source):
                 )
             return  # the innermost scope with scales is the one that applies
 
-    def raw(self, index: int) -> NDArray[Any]:
+    def raw_values(self, index: int) -> NDArray[Any]:
         self._check_scales(index)
         group, name = self.keys[index]
         n_values, dtype = self.lengths[index], self.kinds[index]
@@ -114,13 +120,13 @@ class TdmsSource(Source):
         size = self.path.stat().st_size
         if n_values > size:  # no sample takes less than a byte
             raise ValueError(f"{self.file} is damaged: it claims {n_values} samples in {size} bytes")
-        with _opened(self.path) as file:
+        with _open_tdms(self.path) as file:
             channel = file[group][name]
             values: NDArray[Any] = np.empty(
                 n_values, dtype if dtype is not None and dtype.kind == "M" else np.float64
             )
             done = 0
-            for part in self._parts(channel, n_values, size):
+            for part in self._read_parts(channel, n_values, size):
                 if done + len(part) > n_values:
                     break
                 values[done : done + len(part)] = part
@@ -129,7 +135,7 @@ class TdmsSource(Source):
             raise ValueError(f"{called} is not whole: {done} of {n_values} samples are there")
         return values
 
-    def _parts(self, channel: Any, n_values: int, size: int) -> Iterator[Any]:
+    def _read_parts(self, channel: Any, n_values: int, size: int) -> Iterator[Any]:
         if not self.interleaved:
             for chunk in channel.data_chunks():
                 yield chunk[:]
@@ -179,13 +185,13 @@ class _Notes(logging.Filter):
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_tdms(path: Path) -> Iterator[Any]:
     """Open the file with npTDMS."""
     try:
         from nptdms import TdmsFile
     except ImportError:
         raise missing_library(".tdms", "npTDMS") from None
-    with _Bounded(path) as stream, reading(path, "TDMS"):
+    with _Bounded(path) as stream, explain_damage(path, "TDMS"):
         with _Notes() as notes, TdmsFile.open(stream) as file:
             yield file
         if notes.lost:
@@ -238,7 +244,7 @@ def _n_scales(properties: Mapping[str, Any]) -> int:
     return max((int(match[1]) + 1 for match in matches if match), default=0)
 
 
-def _dtype(channel: Any) -> np.dtype[Any] | None:
+def _scaled_dtype(channel: Any) -> np.dtype[Any] | None:
     """Type of the scaled values; None where there is none, or its scale cannot be computed."""
     try:
         kind: np.dtype[Any] = np.dtype(channel.dtype)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, cast
 
-from cyclofeat.datasets.readers._columns import largest_unpacked, reading
+from cyclofeat.datasets.readers._columns import explain_damage, largest_unpacked
 
 _LONGEST_LINE = 2**20  # a longer one is no row of samples, and splitting it would take long
 _BLOCK = 2**20
@@ -40,14 +40,18 @@ class TextLines:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.packed = path.suffix.lower() == ".gz"
-        with self._opened() as file:
+        with self._open_bytes() as file:
             start = file.read(_LONGEST_LINE + 1)
-        _check_first_line(path, start)
+        if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
+            raise ValueError(
+                f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
+                "characters; one row per sample is right"
+            )
         marked = next((encoding for mark, encoding in _MARKS if start.startswith(mark)), None)
         self._check_content(may_hold_zeros=marked is not None)
         for encoding in _UNMARKED if marked is None else (marked,):
             self.encoding = encoding
-            wrong = self._undecodable()
+            wrong = self._first_undecodable()
             if wrong is None:
                 return
         known = marked or "UTF-8, Latin-1, or UTF-16 with a byte-order mark"
@@ -55,7 +59,7 @@ class TextLines:
 
     def __iter__(self) -> Iterator[str]:
         empty = 0
-        with self._opened() as file, io.TextIOWrapper(file, self.encoding) as lines:
+        with self._open_bytes() as file, io.TextIOWrapper(file, self.encoding) as lines:
             for line in lines:
                 if line.isspace():
                     empty += 1
@@ -66,18 +70,18 @@ class TextLines:
                 yield line.removesuffix("\n")
 
     @contextmanager
-    def _opened(self) -> Iterator[IO[bytes]]:
+    def _open_bytes(self) -> Iterator[IO[bytes]]:
         if not self.packed:
             with self.path.open("rb") as file:
                 yield file
             return
-        with reading(self.path, "gzip"), gzip.open(self.path) as packed:
+        with explain_damage(self.path, "gzip"), gzip.open(self.path) as packed:
             yield cast("IO[bytes]", packed)
 
     def _check_content(self, *, may_hold_zeros: bool) -> None:
         limit = largest_unpacked(self.path) if self.packed else None
         size = 0
-        with self._opened() as file:
+        with self._open_bytes() as file:
             while block := file.read(_BLOCK):
                 size += len(block)
                 if limit is not None and size > limit:
@@ -90,11 +94,11 @@ class TextLines:
                         f"{self.path.name} holds binary data, or UTF-16 without a byte-order mark; {_REMEDY}"
                     )
 
-    def _undecodable(self) -> int | None:
+    def _first_undecodable(self) -> int | None:
         """Return the first byte that is not in the encoding; None if all are."""
         decoder = codecs.getincrementaldecoder(self.encoding)()
         before = 0
-        with self._opened() as file:
+        with self._open_bytes() as file:
             while True:
                 block = file.read(_BLOCK)
                 pending = len(decoder.getstate()[0])
@@ -105,14 +109,6 @@ class TextLines:
                 if not block:
                     return None
                 before += len(block)
-
-
-def _check_first_line(path: Path, start: bytes) -> None:
-    if len(start) > _LONGEST_LINE and b"\n" not in start and b"\r" not in start:
-        raise ValueError(
-            f"{path.name} is no CSV file of samples: its first line is longer than {_LONGEST_LINE} "
-            "characters; one row per sample is right"
-        )
 
 
 def cells_of(line: str, delimiter: str, file: str) -> list[str]:

@@ -34,17 +34,17 @@ def rate_of(
             raise ArgumentError(
                 "{file}: no sampling rate: give {sampling_rate:=} (Hz), or {time_channel:=} for {a_noun} of "
                 "times; {plural} are {listed}",
-                file=source.file, a_noun=source.a_noun(), plural=source.plural, listed=source.listed(),
+                file=source.file, a_noun=source.a_noun(), plural=source.plural, listed=source.channel_names(),
             )  # fmt: skip
         return float(given), {"rate_from": "argument"}
     name = f"time {source.noun} {source.names[time]!r}"
     try:
-        values = source.times(time)
+        values = source.time_values(time)
     except ValueError:
         if given is None or asked:
             raise
         return float(given), {"rate_from": "argument"}  # a clock in text: not needed where the rate is given
-    seconds, note = _seconds(source, time, values)
+    seconds, note = _elapsed_seconds(source, time, values)
     del values  # each is as long as the record
     if given is not None:
         span = float(seconds[-1] - seconds[0])
@@ -58,7 +58,7 @@ def rate_of(
     return rate, meta
 
 
-def _seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, str]:
+def _elapsed_seconds(source: Source, time: int, values: NDArray[Any]) -> tuple[Float, str]:
     """Times in s from the first, and a note on a unit that the column does not state."""
     if values.dtype.kind in "mM":
         if values.size < 2 or np.any(np.isnat(values)):
@@ -92,7 +92,7 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
         where = int(np.argmax(falls)) + 1
         raise ValueError(
             f"{called} must rise, it falls by {seconds[where - 1] - seconds[where]:.3g} s at "
-            f"{source.where(where)}"
+            f"{source.sample_place(where)}"
         )
     rate = count / float(seconds[-1] - seconds[0])
     off = np.arange(seconds.size, dtype=np.float64)  # in place: each array is as long as the record
@@ -104,7 +104,7 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
     if off[worst] > _MOST_JITTER:
         raise ArgumentError(
             "{called} is not evenly spaced: {problem}; if the samples are even, give {sampling_rate:=}",
-            called=called, problem=_unevenness(np.diff(seconds), off, worst, rate, source),
+            called=called, problem=_describe_unevenness(np.diff(seconds), off, worst, rate, source),
         )  # fmt: skip
     # Rounded times give 25600.0003 Hz: a whole number of Hz within the column's scatter is taken.
     slack = rate * (2 * float(off[worst]) / count + 1e-9)
@@ -113,7 +113,7 @@ def even_rate(called: str, seconds: Float, source: Source) -> tuple[float, float
     return rate, float(off[worst])
 
 
-def _unevenness(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
+def _describe_unevenness(steps: Float, off: Float, worst: int, rate: float, source: Source) -> str:
     """Describe gaps or jitter, with the place."""
     usual = float(np.median(steps))
     gaps: NDArray[np.int64] = np.flatnonzero(steps > 1.5 * usual) if usual > 0 else np.empty(0, np.int64)
@@ -122,9 +122,9 @@ def _unevenness(steps: Float, off: Float, worst: int, rate: float, source: Sourc
         missing = max(1, round(steps[longest] / usual) - 1)
         return (
             f"{gaps.size} gap{'s' if gaps.size > 1 else ''} at a usual {1 / usual:.6g} Hz, the longest of "
-            f"{missing} sample{'s' if missing > 1 else ''} before {source.where(longest + 1)}"
+            f"{missing} sample{'s' if missing > 1 else ''} before {source.sample_place(longest + 1)}"
         )
     return (
-        f"at {source.where(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz (samples missing, "
-        "a clock that jitters, or times rounded too coarsely)"
+        f"at {source.sample_place(worst)} it is {off[worst]:.2g} samples away from {rate:.6g} Hz (samples "
+        "missing, a clock that jitters, or times rounded too coarsely)"
     )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.datasets.readers._columns import Source, reading
+from cyclofeat.datasets.readers._columns import Source, explain_damage
 
 
 class WavSource(Source):
@@ -24,8 +24,7 @@ class WavSource(Source):
     named = False
 
     def __init__(self, path: Path) -> None:
-        _check_whole(path)
-        rate, self.samples = _read(path)
+        rate, self.samples = _read_samples(path)
         n_channels = 1 if self.samples.ndim == 1 else self.samples.shape[1]
         super().__init__(path, [str(index) for index in range(n_channels)])
         self.rate = float(rate)
@@ -41,7 +40,7 @@ class WavSource(Source):
                 file=self.file, dtype=self.samples.dtype,
             )  # fmt: skip
 
-    def raw(self, index: int) -> NDArray[Any]:
+    def raw_values(self, index: int) -> NDArray[Any]:
         samples = self.samples if self.samples.ndim == 1 else self.samples[:, index]
         if samples.dtype.kind == "f":
             return samples
@@ -50,7 +49,9 @@ class WavSource(Source):
         return samples / -float(np.iinfo(samples.dtype).min)
 
 
-def _check_whole(path: Path) -> None:
+def _read_samples(path: Path) -> tuple[float, NDArray[Any]]:
+    from scipy.io import wavfile
+
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(12)
@@ -59,12 +60,7 @@ def _check_whole(path: Path) -> None:
     (claimed,) = struct.unpack(">I" if head[:4] == b"RIFX" else "<I", head[4:8])
     if head[:4] != b"RF64" and claimed + 8 > size:
         raise ValueError(f"{path.name} is not whole: its header says {claimed + 8} bytes, {size} are there")
-
-
-def _read(path: Path) -> tuple[float, NDArray[Any]]:
-    from scipy.io import wavfile
-
-    with reading(path, "WAV"), warnings.catch_warnings():
+    with explain_damage(path, "WAV"), warnings.catch_warnings():
         warnings.simplefilter("error", wavfile.WavFileWarning)
         # Chunks of other programs do not matter.
         warnings.filterwarnings("ignore", "Chunk .non-data. not understood", wavfile.WavFileWarning)

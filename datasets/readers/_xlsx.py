@@ -14,7 +14,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from cyclofeat.datasets.readers._columns import Float, Source, largest_unpacked, missing_library, reading
+from cyclofeat.datasets.readers._columns import (
+    Float,
+    Source,
+    explain_damage,
+    largest_unpacked,
+    missing_library,
+)
 from cyclofeat.datasets.readers._csv import CsvSource
 
 
@@ -28,7 +34,7 @@ class XlsxSource(Source):
     noun, plural = "column", "columns"
 
     def __init__(self, path: Path) -> None:
-        sheets = list(_sheets(path))
+        sheets = list(_iterate_sheets(path))
         if not sheets:
             raise ValueError(f"{path.name} holds no sheet with data")
         several = len(sheets) > 1
@@ -40,21 +46,21 @@ class XlsxSource(Source):
         self.named = several or tables[0].named
         self.labels = None if several else tables[0].labels
 
-    def usable(self, index: int) -> bool:
+    def is_usable(self, index: int) -> bool:
         table, column = self.columns[index]
         return table.begins_with_number(column)
 
-    def column(self, index: int) -> Float:
+    def column_values(self, index: int) -> Float:
         table, column = self.columns[index]
-        return table.column(column)
+        return table.column_values(column)
 
-    def times(self, index: int) -> NDArray[Any]:
+    def time_values(self, index: int) -> NDArray[Any]:
         table, column = self.columns[index]
-        return table.times(column)
+        return table.time_values(column)
 
-    def where(self, sample: int) -> str:
+    def sample_place(self, sample: int) -> str:
         table, _ = self.columns[0]
-        return super().where(sample) if table.title else table.where(sample)
+        return super().sample_place(sample) if table.title else table.sample_place(sample)
 
 
 class _Sheet(CsvSource):
@@ -64,7 +70,7 @@ class _Sheet(CsvSource):
         self.title = title
         super().__init__(path, "\t", lines)
 
-    def where(self, sample: int) -> str:
+    def sample_place(self, sample: int) -> str:
         row = f"row {self.first_line + sample}"
         return f"{row} of sheet {self.title!r}" if self.title else row
 
@@ -76,25 +82,25 @@ class _Sheet(CsvSource):
         return sum(1 for _ in rows)
 
 
-def _sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
+def _iterate_sheets(path: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield the title of each sheet of several rows, and these as lines with tabs."""
     try:
         from openpyxl import load_workbook
     except ImportError:
         raise missing_library(".xlsx", "openpyxl") from None
-    with reading(path, "an Excel workbook"), warnings.catch_warnings():
+    with explain_damage(path, "an Excel workbook"), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of styles and extensions that are not kept
         _check_size(path)
         book = load_workbook(path, read_only=True, data_only=True)
         try:
             for sheet in book.worksheets:
                 sheet.reset_dimensions()  # some programs state wrong ones
-                rows = [_trimmed(row) for row in sheet.iter_rows(values_only=True)]
+                rows = [_row_texts(row) for row in sheet.iter_rows(values_only=True)]
                 while rows and not rows[-1]:
                     rows.pop()
                 width = max(map(len, rows), default=0)
                 if len(rows) > 1:  # names or notes, and something below them
-                    yield str(sheet.title), [_line(row, width) for row in rows]
+                    yield str(sheet.title), [_tabbed_line(row, width) for row in rows]
         finally:
             book.close()
 
@@ -111,15 +117,15 @@ def _check_size(path: Path) -> None:
         )
 
 
-def _trimmed(row: Iterable[Any]) -> list[str]:
+def _row_texts(row: Iterable[Any]) -> list[str]:
     """Return the cells of a row as text, without empty ones at its end."""
-    cells = [_text(cell) for cell in row]
+    cells = [_cell_text(cell) for cell in row]
     while cells and not cells[-1].strip():
         cells.pop()
     return cells
 
 
-def _text(cell: Any) -> str:
+def _cell_text(cell: Any) -> str:
     if cell is None:
         return ""
     if isinstance(cell, (datetime.datetime, datetime.date)):
@@ -127,7 +133,7 @@ def _text(cell: Any) -> str:
     return re.sub(r"\s", " ", str(cell))  # a line end or a tab would be a border of cells
 
 
-def _line(cells: list[str], width: int) -> str:
+def _tabbed_line(cells: list[str], width: int) -> str:
     if cells and cells[0].startswith("#"):  # a label, which may hold commas that became borders of cells
         return ",".join(cells)
     line = io.StringIO()

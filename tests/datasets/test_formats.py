@@ -18,7 +18,8 @@ from memory import peak_bytes
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 from scipy.io import savemat, wavfile
 
-from cyclofeat.datasets import describe_recording, read_recording, write_recording
+from cyclofeat.datasets import read_recording, write_recording
+from cyclofeat.datasets.readers import describe_recording
 from cyclofeat.recordings import Recording
 
 RATE = 25_600.0

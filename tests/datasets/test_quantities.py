@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cyclofeat.cli import main
-from cyclofeat.datasets import describe, one_line, read_folder, read_recording, write_recording
+from cyclofeat.datasets import describe, read_folder, read_recording, write_recording
+from cyclofeat.datasets.readers import one_line
 from cyclofeat.recordings import QUANTITIES, Recording
 
 OUT, IN, CURRENT = QUANTITIES

@@ -18,13 +18,12 @@ from small_model import shaft_model
 
 from cyclofeat.datasets import (
     describe,
-    describe_recording,
-    one_line,
     read_folder,
     read_recording,
     write_recording,
 )
-from cyclofeat.datasets.readers import _columns, load_arrays
+from cyclofeat.datasets.readers import _columns, describe_recording, one_line
+from cyclofeat.datasets.readers._npz import load_arrays
 from cyclofeat.recordings import Recording
 
 STEADY = settings(derandomize=True, deadline=None, max_examples=20)

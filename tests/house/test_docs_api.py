@@ -15,7 +15,6 @@ PACKAGES = (
     "cyclofeat.counting.evaluation.scores",
     "cyclofeat.counting.estimators.trees",
     "cyclofeat.datasets",
-    "cyclofeat.datasets.readers",
     "cyclofeat.features",
     "cyclofeat.features.base",
     "cyclofeat.features.registry",
