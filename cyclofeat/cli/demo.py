@@ -80,7 +80,9 @@ def demonstrate(
         ]
         settings = {"model file": model_file}
         write_count_report(model, counted, pages[0], settings=settings, most_sections=_SECTIONS)
-    scores = cross_validated(training, Protocol(n_jobs=n_jobs), page=pages[1], files=f"none: {origin}")
+    scores = cross_validated(
+        training, Protocol(random_state=0, n_jobs=n_jobs), page=pages[1], files=f"none: {origin}"
+    )
     return Demonstration(model_file, pages, counted, scores, time.monotonic() - began)
 
 

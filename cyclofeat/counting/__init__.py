@@ -58,9 +58,8 @@ from cyclofeat.counting.estimators.pipelines import KINDS as KINDS
 from cyclofeat.counting.estimators.pipelines import make_entropy_counter, make_lobe_counter
 from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.evaluation.assembly_folds import grouped_folds as grouped_folds
-from cyclofeat.counting.evaluation.evaluate import evaluate, learning_curve, noise_sweep, train_and_test
-from cyclofeat.counting.evaluation.protocol import Protocol
-from cyclofeat.counting.evaluation.summary import Evaluation, score_text
+from cyclofeat.counting.evaluation.evaluate import Protocol, evaluate
+from cyclofeat.counting.evaluation.evaluation import Evaluation, score_text
 from cyclofeat.counting.model._predictions import REFUSED
 from cyclofeat.counting.model._speed import other_speed as other_speed
 from cyclofeat.counting.model._training import samples_per_turn_at as samples_per_turn_at
@@ -104,14 +103,11 @@ __all__ = [
     "counts_frame",
     "evaluate",
     "features_seen",
-    "learning_curve",
     "make_entropy_counter",
     "make_lobe_counter",
-    "noise_sweep",
     "passage_of_lobe_zero",
     "plan_recording",
     "plan_wear",
     "predict_recordings",
     "score_text",
-    "train_and_test",
 ]

@@ -115,10 +115,9 @@ def summarise_evaluation(
         "methods": [_method(name, result) for name, result in results.items()],
         "guess": float(np.max(np.unique(labels, return_counts=True)[1]) / labels.size),
         "with_lobes": any(result.exact_lobes is not None for result in results.values()),
-        "with_sets": any(result.coverage is not None for result in results.values()),
         "classes": _classes(first),
         "confusion": confusion_picture(display),
-        "calibration": None if first.probabilities is None else calibration_picture(display),
+        "calibration": None if first.certainty is None else calibration_picture(display),
         "wrong": wrong[:_MOST_WRONG],
         "n_more_wrong": max(len(wrong) - _MOST_WRONG, 0),
         "protocol": first.protocol,
@@ -154,7 +153,6 @@ def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[st
             "Calibration error", first.calibration_error, first.calibration_error_interval,
             "mean distance of probability and share of right answers",
         ),
-        ("Coverage", first.coverage, first.coverage_interval, "of sets that hold the true count"),
     ]  # fmt: skip
     return [
         {"label": label, "value": f"{value:.3f}", "range": _range(limits), "text": text}
@@ -175,9 +173,6 @@ def _method(name: str, result: Evaluation) -> dict[str, Any]:
         "calibration": _text(result.calibration_error),
         "lobes": _text(result.exact_lobes),
         "lobes_range": _range(result.exact_lobes_interval),
-        "coverage": _text(result.coverage),
-        "set_size": _text(result.set_size, 2),
-        "refused": _text(result.refused),
     }
 
 

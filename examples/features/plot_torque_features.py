@@ -37,7 +37,7 @@ results = {}
 for name, features in families.items():
     trees = ExtraTreesClassifier(n_estimators=100, random_state=0)
     counter = make_pipeline(TorqueFeatures(SAMPLING_RATE, features=features), trees)
-    results[name] = evaluate(counter, X, y, assemblies, protocol=Protocol(n_splits=3))
+    results[name] = evaluate(counter, X, y, assemblies, protocol=Protocol(n_splits=3, random_state=0))
     print(f"{name:14} {results[name]}")
 
 # %%

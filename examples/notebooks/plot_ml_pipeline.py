@@ -53,7 +53,7 @@ spectrum = make_pipeline(WelchPSD(rate, band=(5, 150), decibels=True), trees)
 random = np.random.default_rng(0).permutation(y[::2])  # one label for both windows of an assembly
 nonsense = np.repeat(random, 2)
 shuffled = cross_val_score(spectrum, X, nonsense, cv=StratifiedKFold(3, shuffle=True, random_state=0))
-protocol = Protocol(n_splits=3)
+protocol = Protocol(n_splits=3, random_state=0)
 grouped = evaluate(spectrum, X, nonsense, groups, protocol=protocol)
 print(
     f"random labels, chance 0.25: shuffled folds {shuffled.mean():.2f}, grouped folds {grouped.accuracy:.2f}"

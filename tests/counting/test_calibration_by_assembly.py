@@ -75,7 +75,7 @@ def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
     X, y, groups = assemblies(n=240, windows=2, n_classes=8, shared=0.1, n_features=12)
     trees = ExtraTreesClassifier(20, random_state=0)
-    protocol = Protocol(n_bootstrap=50)
+    protocol = Protocol(random_state=0)
     plain = evaluate(trees, X, y, groups, protocol=protocol)
     ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, protocol=protocol)
     assert plain.calibration_error > 0.1

@@ -71,7 +71,9 @@ def test_probabilities_and_ordered_classes(windows):
 def test_the_lobe_map_counts_where_the_entropy_cannot(windows):
     """Finding 3 of the toolkit's facts, on few assemblies: far above, against near, chance (0.25)."""
     results = {
-        name: evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=4))
+        name: evaluate(
+            counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=4, random_state=0)
+        )
         for name, counter in (
             ("map", make_lobe_counter(25_600, n_trees=60)),
             ("entropy", make_entropy_counter(25_600, n_trees=60)),
@@ -86,7 +88,7 @@ def test_evaluation_agrees_with_counting_by_hand():
     labels = np.repeat([0, 1, 1, 2], 6)
     assemblies = np.repeat(np.arange(12), 2)
     X = np.random.default_rng(0).normal(size=(24, 5))
-    result = evaluate(DummyClassifier(), X, labels, assemblies, protocol=Protocol(n_splits=3))
+    result = evaluate(DummyClassifier(), X, labels, assemblies, protocol=Protocol(n_splits=3, random_state=0))
     assert result.accuracy == 0.5
     assert result.mean_absolute_error == 0.5
     assert_array_equal(result.predictions, 1)
@@ -112,7 +114,7 @@ def test_windows_of_one_assembly_never_stand_on_both_sides():
 @pytest.mark.slow
 def test_equal_seeds_give_equal_results(windows):
     first, second = (
-        evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=2))
+        evaluate(counter, windows.X, windows.y, windows.groups, protocol=Protocol(n_splits=2, random_state=0))
         for counter in (make_lobe_counter(25_600, n_trees=20), make_lobe_counter(25_600, n_trees=20))
     )
     assert first.to_dict() == second.to_dict()

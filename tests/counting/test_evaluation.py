@@ -7,23 +7,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import binom
+from sklearn import config_context
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.dummy import DummyClassifier
 from sklearn.metrics import f1_score
+from sklearn.model_selection import GridSearchCV, StratifiedGroupKFold
 from sklearn.naive_bayes import GaussianNB
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
-from cyclofeat.counting import (
-    ConformalCounter,
-    Protocol,
-    evaluate,
-    learning_curve,
-    noise_sweep,
-    train_and_test,
-)
+from cyclofeat.counting import GroupCalibratedCounter, Protocol, evaluate
+from cyclofeat.counting.evaluation.assembly_folds import fit_clone
 from cyclofeat.counting.evaluation.scores import (
-    at_the_ends,
     calibration_sums,
     expected_calibration_error,
+    limits_at_ends,
     macro_f1,
     rule_of_three,
 )
@@ -33,11 +31,13 @@ class Recorder(ClassifierMixin, BaseEstimator):
     """Predicts what the windows hold; remembers which windows it was fitted to and asked about."""
 
     calls: list = []  # noqa: RUF012 - shared by clones on purpose
+    fits: list = []  # noqa: RUF012
 
     def fit(self, X, y, groups=None):
         self.classes_ = np.unique(y)
         self.seen_ = set(np.asarray(X)[:, 2].astype(int))
         self.groups_ = None if groups is None else set(groups)
+        Recorder.fits.append((self.seen_, self.groups_))
         return self
 
     def predict(self, X):
@@ -72,11 +72,11 @@ class Elsewhere(GaussianNB):
 
 @pytest.fixture(autouse=True)
 def _forget():
-    Recorder.calls = []
+    Recorder.calls, Recorder.fits = [], []
 
 
 GROUPS = np.repeat(np.arange(24), 2)
-THREE, FOUR = (Protocol(n_splits=n) for n in (3, 4))
+THREE = Protocol(n_splits=3, random_state=0)
 COUNTS = GROUPS % 3
 
 
@@ -89,27 +89,13 @@ def test_folds_fitted_in_processes_give_the_same_scores():
         X,
         COUNTS,
         GROUPS,
-        protocol=Protocol(n_splits=3, n_jobs=2, progress=lambda *done: told.append(done)),
+        protocol=Protocol(n_splits=3, random_state=0, n_jobs=2, progress=lambda *done: told.append(done)),
     )
     assert together.to_dict() == alone.to_dict()
     assert 0 < alone.accuracy < 1
     assert told == [(1, 3), (2, 3), (3, 3)]
     with pytest.raises(AssertionError):
         evaluate(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=THREE)
-
-
-@pytest.mark.parametrize("method", [learning_curve, noise_sweep])
-def test_curves_and_sweeps_are_fitted_in_processes_too(method):
-    X = COUNTS[:, np.newaxis] + np.random.default_rng(1).normal(0, 0.6, (COUNTS.size, 3))
-    which = {"n_assemblies": (2, 4)} if method is learning_curve else {"noise_nm": (0.0, (0.5, 1.0))}
-    told = []
-    alone = method(GaussianNB(), X, COUNTS, GROUPS, protocol=THREE, **which)
-    protocol = Protocol(n_splits=3, n_jobs=2, progress=lambda *done: told.append(done))
-    together = method(Elsewhere(os.getpid()), X, COUNTS, GROUPS, protocol=protocol, **which)
-    assert {key: one.to_dict() for key, one in together.items()} == {
-        key: one.to_dict() for key, one in alone.items()
-    }
-    assert told == [(done, 6) for done in range(1, 7)]
 
 
 # Protocols
@@ -142,23 +128,49 @@ def test_a_condition_is_left_out_together_with_its_assemblies():
     assert result.by_condition == {18: 1.0, 22: 1.0}
 
 
-def test_trained_here_tested_there():
-    training = (held(COUNTS % 2, GROUPS) + np.array([0, 0, 100]), COUNTS, GROUPS + 100)
-    other = train_and_test(Recorder(), training, (held(COUNTS, GROUPS), COUNTS, GROUPS))
-    ((seen, asked, groups),) = Recorder.calls
-    assert seen == set(range(100, 148))
-    assert asked == set(range(48))
-    assert groups == set(range(100, 124))
-    assert other.protocol == "train-test"
-
-
-def test_training_elsewhere_may_know_counts_that_the_test_lacks():
+def test_a_fitted_counter_is_only_tested_and_may_know_counts_that_the_test_lacks():
+    fitted = Recorder().fit(held(COUNTS, GROUPS), COUNTS)
     test = COUNTS < 2
-    training = (held(COUNTS, GROUPS), COUNTS, GROUPS + 100)
-    result = train_and_test(Recorder(), training, (held(COUNTS, GROUPS)[test], COUNTS[test], GROUPS[test]))
+    result = evaluate(
+        fitted, held(COUNTS, GROUPS)[test], COUNTS[test], GROUPS[test], protocol=Protocol("nothing")
+    )
+    ((_, asked, _),) = Recorder.calls
+    assert asked == set(np.flatnonzero(test))
     assert_array_equal(result.classes, [0, 1, 2])
     assert result.probabilities.shape == (32, 3)
+    assert (result.accuracy, result.protocol) == (1, "nothing")
+
+
+def search(steps, **grid):
+    return GridSearchCV(steps, grid, cv=StratifiedGroupKFold(2))
+
+
+@pytest.mark.parametrize("routing", [False, True])
+@pytest.mark.parametrize(
+    "counter",
+    [
+        make_pipeline(StandardScaler(with_mean=False, with_std=False), Recorder()),
+        make_pipeline(FunctionTransformer(), GroupCalibratedCounter(Recorder())),
+        search(make_pipeline(FunctionTransformer(), Recorder()), functiontransformer__validate=[False]),
+    ],
+    ids=["pipeline", "calibrated", "search"],
+)
+def test_groups_reach_steps_of_pipelines_and_searches(counter, routing):
+    with config_context(enable_metadata_routing=routing):
+        result = evaluate(counter, held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=THREE)
     assert result.accuracy == 1
+    assert len(Recorder.fits) >= 3
+    for seen, groups in Recorder.fits:
+        assert len(groups) == len({number // 2 for number in seen}) == len(seen) / 2
+
+
+def test_metadata_leave_no_trace_in_the_counter_and_obey_its_requests():
+    with config_context(enable_metadata_routing=True):
+        refusing = make_pipeline(FunctionTransformer(), Recorder().set_fit_request(groups=False))
+    evaluate(refusing, held(COUNTS, GROUPS), COUNTS, GROUPS, protocol=THREE)
+    assert all(groups is None for _, _, groups in Recorder.calls)
+    fitted = fit_clone(make_pipeline(Recorder()), held(COUNTS, GROUPS), COUNTS, groups=GROUPS)
+    assert not hasattr(fitted[0], "_metadata_request")
 
 
 @pytest.mark.parametrize(
@@ -184,19 +196,6 @@ def test_bad_input(changes, message):
         evaluate(Recorder(), **arguments, protocol=Protocol(**protocol))
 
 
-@pytest.mark.parametrize(
-    ("training", "message"),
-    [
-        ((held(COUNTS, GROUPS), COUNTS, GROUPS), "must not share assemblies, but both hold 0"),
-        ((held(COUNTS, GROUPS), COUNTS), r"training must be a tuple \(X, y, groups\)"),
-        ((held(COUNTS, GROUPS), COUNTS, None), "groups must name the assembly"),
-    ],
-)
-def test_bad_training_windows(training, message):
-    with pytest.raises(ValueError, match=message):
-        train_and_test(Recorder(), training, (held(COUNTS, GROUPS), COUNTS, GROUPS))
-
-
 # Scores
 
 
@@ -215,24 +214,9 @@ def test_scores_by_hand():
     assert result.macro_f1 == pytest.approx(f1_score(COUNTS, answers, average="macro"))
     assert result.calibration_error == pytest.approx(22 / 24 - 0.8)
     assert result.exact_lobes == pytest.approx(22 / 48)
-    assert result.coverage is None
     scores = json.loads(json.dumps(result.to_dict()))
     assert scores["exact_lobes"] == pytest.approx(22 / 48)
-    assert "coverage" not in scores
-
-
-def test_coverage_of_sets():
-    random = np.random.default_rng(0)
-    groups = np.arange(300)
-    y = groups % 3
-    X = y[:, np.newaxis] + random.normal(scale=0.5, size=(300, 2))
-    result = evaluate(ConformalCounter(GaussianNB(), domain=None), X, y, groups)
-    assert 0.84 <= result.coverage <= 0.96
-    low, high = result.coverage_interval
-    assert low < result.coverage < high
-    assert_allclose(result.class_coverage.mean(), result.coverage)
-    assert 1 <= result.set_size <= 2
-    assert 0 <= result.refused < 0.05
+    assert "by_condition" not in scores
 
 
 def test_macro_f1_is_scikit_learns():
@@ -269,7 +253,7 @@ def test_without_a_single_error_the_rule_of_three_bounds_the_accuracy():
     assert result.mean_absolute_error_interval == (0.0, bound)
     wrong = evaluate(Recorder(), held((COUNTS + 1) % 3, GROUPS), COUNTS, GROUPS)
     assert wrong.accuracy_interval == (0.0, bound)
-    assert at_the_ends(0.5, (0.4, 0.6), 24, 0.95) == (0.4, 0.6)
+    assert limits_at_ends(0.5, (0.4, 0.6), 24, 0.95) == (0.4, 0.6)
 
 
 def test_intervals_are_of_assemblies_not_of_windows():
@@ -277,56 +261,9 @@ def test_intervals_are_of_assemblies_not_of_windows():
     groups = np.repeat(np.arange(24), 12)
     y = groups % 3
     answers = np.where(groups < 12, y, (y + 1) % 3)
-    result = evaluate(Recorder(), held(answers, groups), y, groups, protocol=Protocol(n_bootstrap=4000))
+    result = evaluate(Recorder(), held(answers, groups), y, groups, protocol=Protocol(random_state=0))
     expected = binom.ppf([0.025, 0.975], 24, 0.5) / 24
-    assert_allclose(result.accuracy_interval, expected, atol=0.021)
-
-
-# Curves
-
-
-def clouds(n=48, spread=0.8, n_features=30):
-    random = np.random.default_rng(0)
-    groups = np.repeat(np.arange(n), 2)
-    y = groups % 2
-    X = 0.5 * y[:, np.newaxis] + random.normal(scale=spread, size=(len(groups), n_features))
-    return X, y, groups
-
-
-def test_more_training_assemblies_count_better_on_the_same_held_out_ones():
-    X, y, groups = clouds()
-    curve = learning_curve(GaussianNB(), X, y, groups, n_assemblies=(2, 18), protocol=FOUR)
-    assert list(curve) == [2, 18]
-    assert curve[18].accuracy > curve[2].accuracy
-    everything = learning_curve(GaussianNB(), X, y, groups, n_assemblies=[18], protocol=FOUR)[18]
-    assert_array_equal(
-        everything.predictions,
-        evaluate(GaussianNB(), X, y, groups, protocol=FOUR).predictions,
-    )
-
-
-def test_the_curve_trains_on_as_many_assemblies_as_it_says():
-    learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=(1, 3), protocol=FOUR)
-    sizes = [len(groups) for _, _, groups in Recorder.calls]
-    assert sizes == [3] * 4 + [9] * 4
-    for (small, _, _), (large, _, _) in zip(Recorder.calls[:4], Recorder.calls[4:], strict=True):
-        assert small < large
-    with pytest.raises(ValueError, match="asks for 99 training assemblies per class, but class 0 has 6"):
-        learning_curve(Recorder(), held(COUNTS, GROUPS), COUNTS, GROUPS, n_assemblies=[99], protocol=FOUR)
-
-
-def test_noise_costs_accuracy_most_where_training_did_not_hear_it():
-    X, y, groups = clouds(n=120, spread=0.3)
-    sweep = noise_sweep(GaussianNB(), X, y, groups, noise_nm=(0.0, 1.5), protocol=THREE)
-    assert sweep[0.0].accuracy > sweep[1.5].accuracy > 0.5
-    assert_array_equal(
-        sweep[0.0].predictions,
-        evaluate(GaussianNB(), X, y, groups, protocol=THREE).predictions,
-    )
-    fixed = noise_sweep(GaussianNB(), X, y, groups, noise_nm=[(1.5, 0.0)], protocol=THREE)
-    assert fixed[1.5].calibration_error > sweep[1.5].calibration_error
-    with pytest.raises(ValueError, match="noise_nm must hold finite numbers from 0 on, got -1"):
-        noise_sweep(GaussianNB(), X, y, groups, noise_nm=[-1])
+    assert_allclose(result.accuracy_interval, expected, atol=0.03)
 
 
 def test_counters_without_probabilities_have_no_calibration_error():

@@ -20,7 +20,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     aligned_proba,
     assemblies_of,
     drawn_seed,
-    fit_grouped,
+    fit_clone,
     grouped_folds,
     held_out_proba,
 )
@@ -182,10 +182,10 @@ class ConformalCounter(Counter):
         folds = grouped_folds(rank, member, n_splits, seed)
         if folds and self.method == "split":
             train, test = folds[0]
-            self.counter_ = fit_grouped(clone(self.counter), X[train], y[train], member[train])
+            self.counter_ = fit_clone(self.counter, X[train], y[train], groups=member[train])
             proba[test] = aligned_proba(self.counter_, X[test], self.classes_)
             return proba
-        self.counter_ = fit_grouped(clone(self.counter), X, y, member)
+        self.counter_ = fit_clone(self.counter, X, y, groups=member)
         return held_out_proba(self.counter, X, y, member, self.classes_, folds) if folds else proba
 
     def _set_thresholds(self, scores: Float, rank: Int, member: Int, held_out: Bool) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
@@ -21,11 +21,11 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     aligned_proba,
     assemblies_of,
     drawn_seed,
-    fit_grouped,
+    fit_clone,
     grouped_folds,
     held_out_proba,
 )
-from cyclofeat.counting.evaluation.scores import shares
+from cyclofeat.counting.evaluation.scores import window_weights
 
 
 @dataclass(eq=False, repr=False)
@@ -127,7 +127,7 @@ class GroupCalibratedCounter(Counter):
         member = assemblies_of(groups, len(windows))
         seed = drawn_seed(self.random_state)
         folds = grouped_folds(rank, member, self.n_splits, seed)
-        self.counter_ = fit_grouped(clone(self.counter), windows, labels, member)
+        self.counter_ = fit_clone(self.counter, windows, labels, groups=member)
         self.temperature_ = 1.0
         self.steps_: list[IsotonicRegression] = []
         self.dependence_: float | None = None
@@ -140,7 +140,7 @@ class GroupCalibratedCounter(Counter):
         return self
 
     def _learn(self, proba: Float, rank: Int, member: Int) -> None:
-        weights = shares(np.unique(member, return_inverse=True)[1])
+        weights = window_weights(np.unique(member, return_inverse=True)[1])
         if self.method == "temperature":
             power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]
             # Exponent 0: the counter is uninformative, and all classes are equally probable.

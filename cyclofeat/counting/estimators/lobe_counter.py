@@ -38,7 +38,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     grouped_folds,
     of_windows,
 )
-from cyclofeat.counting.evaluation.scores import shares
+from cyclofeat.counting.evaluation.scores import window_weights
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
 
@@ -372,7 +372,7 @@ class LobeCounter(Counter):
             return np.array([1.0, 0.0])
         opinions = self._opinions(by_map[usable], self._calibrated(held_out[usable]))
         n_assemblies = np.unique(member[usable]).size
-        return pool_weights(opinions, rank[usable], shares(member)[usable], n_assemblies)
+        return pool_weights(opinions, rank[usable], window_weights(member)[usable], n_assemblies)
 
 
 def _begins(passage: ArrayLike, n_windows: int) -> Float:

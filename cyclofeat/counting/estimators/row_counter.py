@@ -35,7 +35,7 @@ from cyclofeat.counting.evaluation.assembly_folds import (
     grouped_folds,
     of_windows,
 )
-from cyclofeat.counting.evaluation.scores import shares
+from cyclofeat.counting.evaluation.scores import window_weights
 from cyclofeat.features import LobeMap
 from cyclofeat.signal import lobes
 from cyclofeat.signal.windows import Complex
@@ -204,7 +204,7 @@ class RowCounter(Counter):
                 held_out[rows] = self._log_counts([network], lines[rows])
             known = np.isfinite(held_out).all(axis=1)
             opinions, rank, member = self._opinions(held_out[known]), rank[known], member[known]
-            weights = shares(np.unique(member, return_inverse=True)[1])
+            weights = window_weights(np.unique(member, return_inverse=True)[1])
             self.weights_ = pool_weights(opinions, rank, weights, np.unique(member).size)
             self.oob_decision_function_[known] = pooled(opinions, self.weights_)
             self.dependence_ = learn_dependence(self.oob_decision_function_[known], rank, member)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn import config_context
 from sklearn.base import BaseEstimator, clone
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_random_state
+from sklearn.utils.metadata_routing import get_routing_for_object
 from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import has_fit_parameter
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -69,13 +71,40 @@ def grouped_folds(y: NDArray[Any], member: Int, n_splits: int, random_state: int
     return [(train, test) for train, test in folds.split(np.zeros(len(y)), y, member) if test.size]
 
 
-def fit_grouped(
-    estimator: BaseEstimator, X: NDArray[Any], y: NDArray[Any], groups: NDArray[Any] | None
-) -> BaseEstimator:
-    """Fit an estimator, with groups if its ``fit`` takes them, and return it."""
-    if groups is not None and has_fit_parameter(estimator, "groups"):
-        return estimator.fit(X, y, groups=groups)
-    return estimator.fit(X, y)
+def fit_clone(estimator: BaseEstimator, X: Any, y: NDArray[Any], **metadata: Any) -> BaseEstimator:
+    """Fit a clone of an estimator, with the metadata that it or its steps take, and return it.
+
+    Groups, worn lobes and passages reach steps of pipelines, searches and splitters by scikit-learn's
+    metadata routing, whether it is enabled or not. A step that takes one of them in ``fit`` and states no
+    request gets it; a request of ``False`` keeps it away.
+    """
+    with config_context(enable_metadata_routing=True):
+        fitted = clone(estimator)
+        for part in [fitted, *fitted.get_params(deep=True).values()]:
+            if hasattr(part, "set_fit_request") and hasattr(part, "get_metadata_routing"):
+                requests = getattr(get_routing_for_object(part), "fit", None)
+                stated = {} if requests is None else requests.requests
+                open_requests = {name: True for name in metadata if name in stated and stated[name] is None}
+                if open_requests:
+                    part.set_fit_request(**open_requests)
+        taken = get_routing_for_object(fitted).consumes("fit", metadata)
+        fitted.fit(X, y, **{name: metadata[name] for name in metadata if name in taken})
+    _forget_requests(fitted)
+    return fitted
+
+
+def _forget_requests(value: object) -> None:
+    """Remove the routing requests from a fitted estimator and its parts, so that files do not hold them."""
+    children: Iterable[object] = ()
+    if isinstance(value, BaseEstimator):
+        vars(value).pop("_metadata_request", None)
+        children = vars(value).values()
+    elif isinstance(value, dict):
+        children = value.values()
+    elif isinstance(value, (list, tuple)):
+        children = value
+    for child in children:
+        _forget_requests(child)
 
 
 def aligned_proba(estimator: BaseEstimator, X: NDArray[Any], classes: NDArray[Any]) -> Float:
@@ -99,6 +128,6 @@ def held_out_proba(
     """
     proba = np.full((len(y), len(classes)), np.nan)
     for train, test in folds:
-        fitted = fit_grouped(clone(estimator), X[train], y[train], member[train])
+        fitted = fit_clone(estimator, X[train], y[train], groups=member[train])
         proba[test] = aligned_proba(fitted, X[test], classes)
     return proba

@@ -2,25 +2,107 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import joblib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, clone
-from sklearn.utils.validation import has_fit_parameter
+from sklearn.base import BaseEstimator
+from sklearn.model_selection import StratifiedGroupKFold
+from sklearn.utils import check_array, check_consistent_length
 
-from cyclofeat.counting.evaluation.assembly_folds import Int
-from cyclofeat.counting.evaluation.protocol import Protocol, Windows, folds_of, training_windows, windows_of
-from cyclofeat.counting.evaluation.summary import Answers, Evaluation, summarise
+from cyclofeat._base.checks import one_of, short
+from cyclofeat.counting.evaluation.assembly_folds import (
+    Float,
+    Folds,
+    Int,
+    aligned_proba,
+    fit_clone,
+    of_windows,
+)
+from cyclofeat.counting.evaluation.evaluation import Evaluation
+from cyclofeat.counting.evaluation.scores import (
+    Interval,
+    bootstrap_weights,
+    calibration_sums,
+    expected_calibration_error,
+    interval,
+    limits_at_ends,
+    macro_f1,
+    ratio_of_sums,
+    rule_of_three,
+    sums_by_assembly,
+    window_weights,
+)
+from cyclofeat.recordings import Recording
+
+if TYPE_CHECKING:
+    from cyclofeat.counting.model.lobe_count import LobeCount
+
+HOLD_OUT = ("stratified", "leave-one-assembly-out", "leave-one-condition-out", "nothing")
+_LEAK = (
+    "groups must name the assembly of every window, got None: windows of one recording look alike for "
+    "reasons that have nothing to do with wear, so a split that puts them on both sides measures how well "
+    "the counter recognises the recording. Pass the groups that Windower.transform returns"
+)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Protocol of an evaluation: what is held out, how intervals are made, and how it runs.
+
+    Parameters
+    ----------
+    hold_out : {"stratified", "leave-one-assembly-out", "leave-one-condition-out", "nothing"}, \
+default="stratified"
+        What is held out in turn: a share of the assemblies of every class
+        (``StratifiedGroupKFold(shuffle=True)``); one assembly; all windows of one condition (the training
+        windows are then those of other conditions *and* other assemblies). ``"nothing"``: the counter is
+        fitted already, to other assemblies, and only tested.
+    conditions : array-like, shape (n_windows,), optional
+        Load, speed, material or whatever the windows differ in besides the count. Required to leave one
+        condition out; otherwise the accuracy of each condition is reported.
+    n_splits : int, default=5
+        Number of folds of ``"stratified"``.
+    confidence : float, default=0.95
+        Coverage of the bootstrap intervals.
+    random_state : int, optional
+        Seed of folds and bootstrap.
+    n_jobs : int, optional
+        Processes that fit folds in parallel, as in joblib: None is one, -1 all processors.
+    progress : callable, optional
+        Called as ``progress(fits_done, n_fits)``.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of its range.
+    """
+
+    hold_out: str = "stratified"
+    _: KW_ONLY
+    conditions: ArrayLike | None = field(default=None, repr=False)
+    n_splits: int = 5
+    confidence: float = 0.95
+    random_state: int | None = None
+    n_jobs: int | None = None
+    progress: Callable[[int, int], None] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.confidence < 1:
+            raise ValueError(f"confidence must lie between 0 and 1, got {self.confidence!r}")
+        if self.n_splits < 2:
+            raise ValueError(f"n_splits must be at least 2, got {self.n_splits!r}")
+        one_of("hold_out", self.hold_out, HOLD_OUT)
 
 
 def evaluate(
     counter: BaseEstimator,
-    X: ArrayLike,
-    y: ArrayLike,
+    X: ArrayLike | Sequence[Recording],
+    y: ArrayLike | None = None,
     groups: ArrayLike | None = None,
     *,
     lobes: tuple[ArrayLike, ArrayLike] | None = None,
@@ -31,14 +113,16 @@ def evaluate(
     Parameters
     ----------
     counter : estimator
-        Classifier of windows; cloned for each fold, never changed. If its ``fit`` takes ``groups``, it gets
-        those of the training windows.
-    X : array-like, shape (n_windows, n_samples)
-        Windows of torque in Nm.
-    y : array-like of int, shape (n_windows,)
-        Defect count of each window.
-    groups : array-like, shape (n_windows,)
-        Assembly of each window: several recordings of one assembly are one group.
+        Classifier of windows, or a :class:`LobeModel`; cloned for each fold, never changed. The groups of the
+        training windows reach every step that takes ``groups`` in ``fit``, in pipelines and searches too, by
+        scikit-learn's metadata routing, which need not be enabled.
+    X : array-like, shape (n_windows, n_samples), or sequence of Recording
+        Windows of torque in Nm; recordings for a :class:`LobeModel`.
+    y : array-like of int, shape (n_windows,) or (n_recordings,)
+        Defect count of each window or recording. Recordings state their own by default.
+    groups : array-like, shape (n_windows,) or (n_recordings,)
+        Assembly of each: several recordings of one assembly are one group. Recordings state their own by
+        default.
     lobes : tuple of two arrays, optional
         ``(worn, passage)`` for a counter that locates lobes: worn lobes (bool, shape (n_windows, n_lobes),
         as from :meth:`WindowSet.worn_table`), and when lobe 0 passes (shape (n_windows,), as from
@@ -64,198 +148,288 @@ def evaluate(
     >>> random = np.random.default_rng(0)
     >>> assembly = np.repeat(np.arange(40), 2)
     >>> X = (assembly % 2)[:, np.newaxis] + random.normal(scale=0.1, size=(80, 3))
-    >>> print(evaluate(GaussianNB(), X, assembly % 2, assembly, protocol=Protocol(n_splits=2)))
+    >>> protocol = Protocol(n_splits=2, random_state=0)
+    >>> print(evaluate(GaussianNB(), X, assembly % 2, assembly, protocol=protocol))
     accuracy 1.000 [0.928, 1.000], mean absolute error 0.000
     """
     protocol = protocol or Protocol()
-    data = Windows.checked(X, y, groups, lobes)
-    protocol.conditions_of(len(data.y))  # raises unless there is one per window
-    return _over_folds(counter, data, data, folds_of(protocol, data), protocol)
-
-
-def train_and_test(
-    counter: BaseEstimator,
-    training: tuple[Any, ...],
-    test: tuple[Any, ...],
-    *,
-    protocol: Protocol | None = None,
-) -> Evaluation:
-    """Train a counter on some windows, simulated ones for example, and test it on others.
-
-    Parameters
-    ----------
-    counter : estimator
-        As for :func:`evaluate`.
-    training, test : tuple of arrays
-        ``(X, y, groups)`` or ``(X, y, groups, lobes)``, see :func:`evaluate`. They share no assembly.
-    protocol : Protocol, optional
-        Intervals and conditions of the test windows; nothing is held out.
-
-    Returns
-    -------
-    Evaluation
-        Its ``protocol`` is ``"train-test"``.
-
-    Raises
-    ------
-    ValueError
-        As :func:`evaluate`; also where training and test share an assembly.
-
-    Examples
-    --------
-    >>> from sklearn.naive_bayes import GaussianNB
-    >>> training = [[0.0], [0.2], [1.0], [1.2]], [0, 0, 1, 1], ["A", "B", "C", "D"]
-    >>> test = [[0.1], [1.1]], [0, 1], ["E", "F"]
-    >>> train_and_test(GaussianNB(), training, test).accuracy
-    1.0
-    """
-    protocol = protocol or Protocol()
-    data = windows_of("test", test)
-    trained_on = training_windows(training, data)
+    data = LabelledData.checked(X, y, groups, lobes)
+    conditions = protocol.conditions
+    if conditions is not None:
+        conditions = of_windows("conditions", conditions, len(data.y))
     answers = Answers.empty(data)
-    answers.enter(_fit(counter, trained_on, np.arange(len(trained_on.y))), data, np.arange(len(data.y)))
-    protocol.report_progress(1, 1)
-    return replace(summarise(data, answers, protocol), protocol="train-test")
-
-
-def learning_curve(
-    counter: BaseEstimator,
-    X: ArrayLike,
-    y: ArrayLike,
-    groups: ArrayLike | None = None,
-    *,
-    n_assemblies: Sequence[int] = (2, 4, 8, 16),
-    protocol: Protocol | None = None,
-) -> dict[int, Evaluation]:
-    """Evaluate with fewer training assemblies, on the same held-out assemblies.
-
-    Parameters
-    ----------
-    counter, X, y, groups, protocol
-        As in :func:`evaluate`.
-    n_assemblies : sequence of int
-        Training assemblies of each class. Smaller sets are parts of larger ones.
-
-    Returns
-    -------
-    dict of int to Evaluation
-        By number of training assemblies per class.
-
-    Raises
-    ------
-    ValueError
-        As :func:`evaluate`; also if a fold leaves a class fewer training assemblies than asked for.
-    """
-    protocol = protocol or Protocol()
-    data = Windows.checked(X, y, groups)
-    folds = folds_of(protocol, data)
-    sizes = sorted(set(n_assemblies))
-    if not sizes or sizes[0] < 1:
-        raise ValueError(f"n_assemblies must hold whole numbers from 1 on, got {n_assemblies!r}")
-    curve = {}
-    for k, size in enumerate(sizes):
-        smaller = [
-            (_of_assemblies(data, train, size, np.random.default_rng([protocol.random_state, number])), test)
-            for number, (train, test) in enumerate(folds)
-        ]
-        curve[int(size)] = _over_folds(counter, data, data, smaller, protocol, (k, len(sizes)))
-    return curve
-
-
-def _of_assemblies(
-    data: Windows, train: NDArray[np.intp], size: int, random: np.random.Generator
-) -> NDArray[np.intp]:
-    """Training windows of ``size`` assemblies of each class."""
-    parts = []
-    for label in np.unique(data.y):
-        of_class = train[data.y[train] == label]
-        names = random.permutation(np.unique(data.groups[of_class]))
-        if names.size < size:
-            raise ValueError(
-                f"n_assemblies asks for {size} training assemblies per class, but class {label} has "
-                f"{names.size} in a fold: ask for fewer, or raise n_splits"
-            )
-        parts.append(of_class[np.isin(data.groups[of_class], names[:size])])
-    return np.concatenate(parts)
-
-
-def noise_sweep(
-    counter: BaseEstimator,
-    X: ArrayLike,
-    y: ArrayLike,
-    groups: ArrayLike | None = None,
-    *,
-    noise_nm: Sequence[float | tuple[float, float]] = (0.05, 0.2, 0.5, 1.0, 2.0),
-    protocol: Protocol | None = None,
-) -> dict[float, Evaluation]:
-    """Evaluate with white noise added to the windows, on the same folds.
-
-    Parameters
-    ----------
-    counter, X, y, groups, protocol
-        As in :func:`evaluate`. ``X`` holds noise of its own already: pass windows with little of it.
-    noise_nm : sequence of float or pairs of float
-        Standard deviations of the noise added, in Nm. A pair is the noise of test and of training windows;
-        a single number is that of both.
-
-    Returns
-    -------
-    dict of float to Evaluation
-        By the noise of the test windows.
-
-    Raises
-    ------
-    ValueError
-        As :func:`evaluate`; also if noise is negative or not finite.
-    """
-    protocol = protocol or Protocol()
-    data = Windows.checked(X, y, groups)
-    levels = [level if isinstance(level, tuple) else (level, level) for level in noise_nm]
-    for value in np.ravel(levels):
-        if not (np.isfinite(value) and value >= 0):
-            raise ValueError(f"noise_nm must hold finite numbers from 0 on, got {float(value)!r}")
-    folds = folds_of(protocol, data)
-    # The same noise, scaled, so that only the level differs.
-    test_noise, train_noise = (
-        np.random.default_rng([protocol.random_state, k]).standard_normal(data.X.shape) for k in (1, 2)
-    )
-    sweep = {}
-    for k, (tested, trained) in enumerate(levels):
-        heard = data.with_torque(data.X + tested * test_noise)
-        learned = heard if trained == tested else data.with_torque(data.X + trained * train_noise)
-        sweep[float(tested)] = _over_folds(counter, learned, heard, folds, protocol, (k, len(levels)))
-    return sweep
-
-
-def _over_folds(
-    counter: BaseEstimator,
-    learned: Windows,
-    heard: Windows,
-    folds: Sequence[tuple[Int, Int]],
-    protocol: Protocol,
-    part: tuple[int, int] = (0, 1),
-) -> Evaluation:
-    """Fit to some windows of each fold, in parallel as the protocol says, and test on others.
-
-    ``part`` is which of how many evaluations this is, for their common progress.
-    """
-    answers = Answers.empty(heard)
+    if protocol.hold_out == "nothing":
+        answers.enter(counter, np.arange(len(data.y)))
+        return score_answers(answers, protocol, conditions)
+    folds = folds_of(protocol, data, conditions)
     fits = joblib.Parallel(n_jobs=protocol.n_jobs, return_as="generator")(
-        joblib.delayed(_fit)(counter, learned, train) for train, _ in folds
+        joblib.delayed(fit_clone)(counter, data.X[train], data.y[train], **data.metadata(train))
+        for train, _ in folds
     )
-    done, n_parts = part[0] * len(folds), part[1]
     for number, (fitted, (_, test)) in enumerate(zip(fits, folds, strict=True), start=1):
-        answers.enter(fitted, heard, test)
-        protocol.report_progress(done + number, n_parts * len(folds))
-    return summarise(heard, answers, protocol)
+        answers.enter(fitted, test)
+        if protocol.progress is not None:
+            protocol.progress(number, len(folds))
+    return score_answers(answers, protocol, conditions)
 
 
-def _fit(counter: BaseEstimator, data: Windows, train: Int) -> BaseEstimator:
-    """Fit a copy of the counter to some windows, with the further arguments that its ``fit`` accepts."""
-    fitted = clone(counter)
-    taken = {}
-    for name in ("groups", "worn", "passage"):
-        values = getattr(data, name)
-        if values is not None and has_fit_parameter(fitted, name):
-            taken[name] = values[train]
-    return fitted.fit(data.X[train], data.y[train], **taken)
+@dataclass(frozen=True)
+class LabelledData:
+    """Checked windows, or recordings, with their labels."""
+
+    X: NDArray[Any]
+    y: NDArray[Any]
+    groups: NDArray[Any]
+    worn: NDArray[np.bool_] | None = None
+    passage: Float | None = None
+
+    @classmethod
+    def checked(
+        cls,
+        X: ArrayLike | Sequence[Recording],
+        y: ArrayLike | None,
+        groups: ArrayLike | None,
+        lobes: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> LabelledData:
+        recordings = _recordings_of(X)
+        if recordings is not None:
+            if y is None:
+                y = np.array([recording.defect_count for recording in recordings])
+            if groups is None and all(recording.assembly is not None for recording in recordings):
+                groups = np.array([recording.assembly for recording in recordings])
+        if groups is None:
+            raise ValueError(_LEAK)
+        labels, assemblies = np.asarray(y), np.asarray(groups)
+        for name, values in (("y", labels), ("groups", assemblies)):
+            if values.ndim != 1:
+                raise ValueError(f"{name} must hold one value per window, got shape {values.shape}")
+        if recordings is None:
+            given: NDArray[Any] = check_array(X, dtype=[np.float64, np.float32], input_name="X")
+            constant = np.flatnonzero(given.max(axis=1) == given.min(axis=1))
+            if constant.size and given.shape[1] > 1:  # a single feature instead of a window may be constant
+                raise ValueError(f"X must hold windows with variation, but window {constant[0]} is constant")
+        else:
+            given = np.empty(len(recordings), dtype=object)
+            given[:] = recordings
+        check_consistent_length(given, labels, assemblies)
+        for label in labels.tolist():
+            if not isinstance(label, Real):
+                raise ValueError(f"y must hold defect counts (numbers), got {label!r}")
+        if lobes is None:
+            return cls(given, labels, assemblies)
+        if not isinstance(lobes, tuple) or len(lobes) != 2:
+            raise ValueError(f"lobes must be a tuple (worn, passage), got {short(lobes)}")
+        worn, passage = lobes
+        marks = np.asarray(worn, dtype=bool)
+        if marks.ndim != 2 or len(marks) != len(given):
+            raise ValueError(
+                f"worn must have shape (n_windows, n_lobes) with {len(given)} windows, got {marks.shape}"
+            )
+        begins = of_windows("passage", passage, len(given)).astype(float)
+        return cls(given, labels, assemblies, marks, begins)
+
+    def metadata(self, rows: Int) -> dict[str, Any]:
+        """Return what ``fit`` may take beside ``X`` and ``y``, for some windows."""
+        columns = {"groups": self.groups, "worn": self.worn, "passage": self.passage}
+        return {name: values[rows] for name, values in columns.items() if values is not None}
+
+
+def _recordings_of(X: object) -> list[Recording] | None:
+    """Return the recordings that are to be counted; None where ``X`` holds windows."""
+    if not isinstance(X, (list, tuple, np.ndarray)) or not len(X):
+        return None
+    return list(X) if all(isinstance(row, Recording) for row in X) else None
+
+
+def folds_of(protocol: Protocol, data: LabelledData, conditions: NDArray[Any] | None) -> Folds:
+    """Return the indices of training and test windows of each fold."""
+    if protocol.hold_out == "leave-one-condition-out":
+        return _folds_by_condition(data, conditions)
+    stratified = protocol.hold_out == "stratified"
+    least = protocol.n_splits if stratified else 2
+    for label in np.unique(data.y):
+        n_assemblies = np.unique(data.groups[data.y == label]).size
+        if n_assemblies < least:
+            fewer = f"n_splits={least}" if stratified else f"the 2 that {protocol.hold_out} needs"
+            assemblies = "1 assembly" if n_assemblies == 1 else f"{n_assemblies} assemblies"
+            lower = " or lower n_splits" if stratified and n_assemblies > 1 else ""
+            raise ValueError(
+                f"class {label} has {assemblies}, fewer than {fewer}: each fold holds out another; "
+                f"record more{lower}"
+            )
+    if not stratified:
+        held_out = (data.groups == name for name in np.unique(data.groups))
+        return [(np.flatnonzero(~rows), np.flatnonzero(rows)) for rows in held_out]
+    splitter = StratifiedGroupKFold(
+        n_splits=protocol.n_splits, shuffle=True, random_state=protocol.random_state
+    )
+    return list(splitter.split(data.X, data.y, data.groups))
+
+
+def _folds_by_condition(data: LabelledData, conditions: NDArray[Any] | None) -> Folds:
+    if conditions is None:
+        raise ValueError("conditions must name the condition of every window to leave one out, got None")
+    names = np.unique(conditions)
+    if names.size < 2:
+        raise ValueError(f"conditions must name at least two conditions, got {names.tolist()} only")
+    folds: Folds = []
+    for name in names:
+        test = conditions == name
+        train = ~test & ~np.isin(data.groups, data.groups[test])
+        missing = np.setdiff1d(data.y[test], data.y[train])
+        if missing.size:
+            raise ValueError(
+                f"condition {name} holds count {missing[0]}, which no assembly of another condition has: "
+                "record every count in at least two conditions, with an assembly of its own in each"
+            )
+        folds.append((np.flatnonzero(train), np.flatnonzero(test)))
+    return folds
+
+
+@dataclass
+class Answers:
+    """Answers of counters for held-out windows, or for held-out recordings.
+
+    ``certainty`` is the probability of each predicted count; ``reasons`` say why a recording or window is
+    refused, empty where it is not.
+    """
+
+    data: LabelledData
+    classes: NDArray[Any]
+    predictions: NDArray[Any]
+    certainty: Float
+    folds: Int
+    proba: Float | None = None
+    exact: NDArray[np.bool_] | None = None
+    reasons: NDArray[np.str_] | None = None
+    counts: dict[int, LobeCount] = field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, data: LabelledData) -> Answers:
+        """Return empty answers for ``data``."""
+        n = len(data.y)
+        return cls(data, np.unique(data.y), np.empty_like(data.y), np.full(n, np.nan), np.full(n, -1))
+
+    def enter(self, fitted: Any, test: NDArray[np.intp]) -> None:
+        """Store the answers of a fitted counter for some windows or recordings, the next fold."""
+        X = self.data.X[test]
+        self.folds[test] = self.folds.max() + 1
+        classes = np.union1d(self.classes, getattr(fitted, "classes_", self.classes))
+        if hasattr(fitted, "count_all"):
+            counts = fitted.count_all(X)
+            self.counts |= dict(zip(test.tolist(), counts, strict=True))
+            self.predictions[test] = [count.defect_count for count in counts]
+            proba = np.array([[count.probability.get(c, 0.0) for c in classes.tolist()] for count in counts])
+        else:
+            self.predictions[test] = fitted.predict(X)
+            proba = aligned_proba(fitted, X, classes) if hasattr(fitted, "predict_proba") else None
+        if proba is not None:
+            # A counter may know counts that the test does not contain, or other folds.
+            wider = np.zeros((len(self.data.y), classes.size))
+            if self.proba is not None:
+                wider[:, np.searchsorted(classes, self.classes)] = self.proba
+            wider[test] = proba
+            self.proba = wider
+            self.certainty[test] = proba.max(axis=1)
+        self.classes = classes
+        if self.data.worn is not None and self.data.passage is not None and hasattr(fitted, "predict_lobes"):
+            if self.exact is None:
+                self.exact = np.zeros(len(self.data.y), dtype=bool)
+            worn = fitted.predict_lobes(X, self.data.passage[test])
+            self.exact[test] = np.all(worn == self.data.worn[test], axis=1)
+
+    def of_windows(self) -> Answers:
+        """Return the answers for the windows of the recordings that were counted."""
+        windows = [(row, window) for row, count in sorted(self.counts.items()) for window in count.windows]
+        rows = np.array([row for row, _ in windows])
+        return Answers(
+            LabelledData(rows, self.data.y[rows], self.data.groups[rows]),
+            self.classes,
+            np.array([window.defect_count for _, window in windows]),
+            np.array([window.probability for _, window in windows]),
+            self.folds[rows],
+            reasons=np.array([window.reason for _, window in windows]),
+        )
+
+
+def score_answers(answers: Answers, protocol: Protocol, conditions: NDArray[Any] | None = None) -> Evaluation:
+    """Return the scores of answers; intervals are those of a bootstrap over assemblies."""
+    labels, predictions, classes = answers.data.y, answers.predictions, answers.classes
+    groups, member = np.unique(answers.data.groups, return_inverse=True)
+    drawn = bootstrap_weights(groups.size, protocol.random_state)
+
+    def score(function: Callable[[Float], Float], sums: Float) -> tuple[float, Interval]:
+        """Return a score of sums over each assembly, with its interval."""
+        return interval(function, sums, drawn, protocol.confidence)
+
+    def share(hits: NDArray[np.bool_], among: NDArray[np.bool_] | None = None) -> tuple[float, Interval]:
+        """Return the share of hits; at 0 or 1 its interval is that of the rule of three over assemblies."""
+        counted = np.ones(hits.size, dtype=bool) if among is None else among
+        columns = np.column_stack([hits & counted, counted])
+        value, limits = score(ratio_of_sums, sums_by_assembly(columns, member))
+        return value, limits_at_ends(value, limits, np.unique(member[counted]).size, protocol.confidence)
+
+    right = labels == predictions
+    accuracy, accuracy_interval = share(right)
+    # Unsigned numbers would wrap around.
+    errors = np.abs(labels.astype(float) - predictions.astype(float))
+    error, error_interval = score(
+        ratio_of_sums, sums_by_assembly(np.column_stack([errors, np.ones(errors.size)]), member)
+    )
+    if error == 0:  # upper limit by the rule of three, with errors of one lobe
+        error_interval = (0.0, rule_of_three(groups.size, protocol.confidence))
+
+    size = classes.size
+    cells = np.zeros((groups.size, size, size), dtype=np.int64)
+    truth, answer = np.searchsorted(classes, labels), np.searchsorted(classes, predictions)
+    np.add.at(cells, (member, truth, answer), 1)
+    f1, f1_interval = score(
+        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
+        cells.reshape(groups.size, -1).astype(float),
+    )
+    tables = np.tensordot(drawn, cells, axes=1)
+    of_class = tables.sum(axis=2, keepdims=True)
+    parts = np.divide(tables, of_class, out=np.zeros(tables.shape), where=of_class > 0)
+    tail = 100 * (1 - protocol.confidence) / 2
+
+    more: dict[str, Any] = {}
+    if np.isfinite(answers.certainty).all():
+        sums = calibration_sums(answers.certainty, right, window_weights(member), member)
+        value, limits = score(expected_calibration_error, sums)
+        more |= {"calibration_error": value, "calibration_error_interval": limits}
+        more |= {"certainty": answers.certainty, "probabilities": answers.proba}
+    if answers.exact is not None:
+        value, limits = share(answers.exact)
+        more |= {"exact_lobes": value, "exact_lobes_interval": limits}
+    if answers.reasons is not None:
+        accepted = answers.reasons == ""
+        more |= {"reasons": answers.reasons, "refused": float(np.mean(~accepted))}
+        if accepted.any():
+            value, limits = share(right, among=accepted)
+            more |= {"accepted_accuracy": value, "accepted_accuracy_interval": limits}
+    if conditions is not None:
+        more["by_condition"] = {
+            name: float(right[conditions == name].mean()) for name in np.unique(conditions).tolist()
+        }
+    if answers.counts:
+        more["windows"] = score_answers(answers.of_windows(), protocol)
+    return Evaluation(
+        accuracy=accuracy,
+        mean_absolute_error=error,
+        accuracy_interval=accuracy_interval,
+        mean_absolute_error_interval=error_interval,
+        confusion=cells.sum(axis=0),
+        confusion_interval=np.percentile(parts, [tail, 100 - tail], axis=0),
+        macro_f1=f1,
+        macro_f1_interval=limits_at_ends(f1, f1_interval, groups.size, protocol.confidence),
+        classes=classes,
+        groups=groups,
+        group_accuracy=np.bincount(member, right) / np.bincount(member),
+        predictions=predictions,
+        labels=labels,
+        assemblies=answers.data.groups,
+        confidence=protocol.confidence,
+        folds=answers.folds,
+        protocol=protocol.hold_out,
+        **more,
+    )

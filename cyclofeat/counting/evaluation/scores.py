@@ -13,23 +13,11 @@ from numpy.typing import NDArray
 
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 
-__all__ = [
-    "N_BINS",
-    "at_the_ends",
-    "calibration_sums",
-    "draws",
-    "expected_calibration_error",
-    "interval",
-    "macro_f1",
-    "ratio_of_sums",
-    "rule_of_three",
-    "shares",
-    "sums_by_assembly",
-]
-
 Interval = tuple[float, float]
 #: Number of bins of the confidence from 0 to 1.
 N_BINS = 10
+# Draws over assemblies of a bootstrap.
+_N_DRAWS = 1000
 
 
 def rule_of_three(n: int, confidence: float) -> float:
@@ -45,10 +33,10 @@ def sums_by_assembly(values: NDArray[np.generic], member: Int) -> Float:
     return result
 
 
-def draws(n_assemblies: int, n_bootstrap: int, random_state: int) -> Int:
-    """Number of times that each assembly is drawn, shape (n_bootstrap, n_assemblies)."""
+def bootstrap_weights(n_assemblies: int, random_state: int | None) -> Int:
+    """Return how many times each draw of a bootstrap takes each assembly, shape (1000, n_assemblies)."""
     random = np.random.default_rng(random_state)
-    drawn = random.integers(n_assemblies, size=(n_bootstrap, n_assemblies))
+    drawn = random.integers(n_assemblies, size=(_N_DRAWS, n_assemblies))
     return np.stack([np.bincount(row, minlength=n_assemblies) for row in drawn])
 
 
@@ -65,7 +53,7 @@ def interval(
     return float(score(sums.sum(axis=0))), (float(low), float(high))
 
 
-def shares(member: Int) -> Float:
+def window_weights(member: Int) -> Float:
     """Return weights of the windows with sum 1 for each assembly."""
     return np.asarray(1.0 / np.bincount(member)[member])
 
@@ -76,7 +64,7 @@ def ratio_of_sums(sums: Float) -> Float:
     return np.asarray(np.divide(top, bottom, out=np.full(np.shape(top), np.nan), where=bottom > 0))
 
 
-def at_the_ends(value: float, limits: Interval, n: int, confidence: float) -> Interval:
+def limits_at_ends(value: float, limits: Interval, n: int, confidence: float) -> Interval:
     """Return the interval of a share: at 0 and 1, where a bootstrap has no spread, by the rule of three."""
     if value >= 1:
         return 1 - rule_of_three(n, confidence), 1.0

@@ -20,9 +20,13 @@ from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_l
 from cyclofeat.counting.estimators.pipelines import make_lobe_counter
 from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies
-from cyclofeat.counting.evaluation.evaluate import evaluate
-from cyclofeat.counting.evaluation.protocol import Protocol, Windows
-from cyclofeat.counting.evaluation.summary import Answers, summarise
+from cyclofeat.counting.evaluation.evaluate import (
+    Answers,
+    LabelledData,
+    Protocol,
+    evaluate,
+    score_answers,
+)
 from cyclofeat.counting.model.turning import Turning, angle_by_lines
 from cyclofeat.recordings import SAMPLES_PER_TURN, Recording, WindowSet, shaft_windows
 from cyclofeat.signal.lobes import N_LINES, lines_held
@@ -174,10 +178,11 @@ def _held_out_scores(proba: Float, windows: WindowSet, protocol: Protocol | None
     """Return scores of what a counter said of assemblies that it had held out; None without folds."""
     if protocol is None or windows.y is None or windows.groups is None or not np.isfinite(proba).all():
         return None
-    data = Windows.checked(windows.X, windows.y, windows.groups)
-    answers = replace(Answers.empty(data), proba=proba)
-    answers = replace(answers, predictions=answers.classes[proba.argmax(axis=1)])
-    return summarise(data, answers, protocol).to_dict()
+    data = LabelledData.checked(windows.X, windows.y, windows.groups)
+    answers = Answers.empty(data)
+    predictions = answers.classes[proba.argmax(axis=1)]
+    answers = replace(answers, proba=proba, certainty=proba.max(axis=1), predictions=predictions)
+    return score_answers(answers, protocol).to_dict()
 
 
 def _any_apart(worn: NDArray[np.bool_]) -> bool:

@@ -26,8 +26,8 @@ from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.evaluation.assembly_folds import fewest_assemblies
-from cyclofeat.counting.evaluation.protocol import Protocol
-from cyclofeat.counting.evaluation.summary import score_text
+from cyclofeat.counting.evaluation.evaluate import Protocol
+from cyclofeat.counting.evaluation.evaluation import score_text
 from cyclofeat.counting.model._predictions import RecordingPredictions
 from cyclofeat.counting.model._speed import other_speed
 from cyclofeat.counting.model._training import (

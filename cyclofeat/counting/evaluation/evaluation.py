@@ -3,39 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from cyclofeat._base import plots, svg
 from cyclofeat._base.card import card
 from cyclofeat._base.frames import frame
 from cyclofeat._base.words import number
-from cyclofeat.counting.evaluation.assembly_folds import Float, Int, aligned_proba
-from cyclofeat.counting.evaluation.protocol import Protocol, Windows
+from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 from cyclofeat.counting.evaluation.scores import (
     N_BINS,
-    at_the_ends,
+    Interval,
     calibration_sums,
-    draws,
-    expected_calibration_error,
-    interval,
-    macro_f1,
-    ratio_of_sums,
-    rule_of_three,
-    shares,
-    sums_by_assembly,
+    limits_at_ends,
+    window_weights,
 )
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-Interval = tuple[float, float]
 Table = Literal["classes", "assemblies", "windows"]
 TABLES: tuple[Table, ...] = ("classes", "assemblies", "windows")
 
@@ -68,20 +61,22 @@ class Evaluation:
     calibration_error : float or None
         Expected calibration error of the predicted class: mean over ten bins of the probability of
         |probability - accuracy|, every assembly with the same weight. Needs ``predict_proba``.
-    coverage, class_coverage : float and ndarray, shape (n_classes,), or None
-        Share of windows whose set of counts holds the true one, of all and of each class; needs
-        ``predict_set``. Refusals are misses.
-    set_size : float or None
-        Mean number of counts in a set that is not empty.
-    refused : float or None
-        Share of empty sets.
     by_condition : dict or None
         Accuracy of each condition.
+    refused, accepted_accuracy : float or None
+        Share of recordings that a :class:`LobeModel` refuses, and accuracy of those that it does not. All
+        other scores include refused recordings.
+    reasons : ndarray of str, shape (n_recordings,), or None
+        Why each recording is refused; empty where it is not.
+    windows : Evaluation or None
+        The same for the windows of the recordings, each counted by itself.
+    certainty : ndarray, shape (n_windows,), or None
+        Probability of the predicted count.
     probabilities : ndarray, shape (n_windows, n_classes), or None
     folds : ndarray of int, shape (n_windows,), or None
         Fold in which each window was held out, from 0.
     protocol : str
-        What was held out, see :class:`Protocol`; ``"train-test"`` for :func:`train_and_test`.
+        What was held out, see :class:`Protocol`.
     """
 
     accuracy: float
@@ -103,12 +98,13 @@ class Evaluation:
     exact_lobes_interval: Interval | None = None
     calibration_error: float | None = None
     calibration_error_interval: Interval | None = None
-    coverage: float | None = None
-    coverage_interval: Interval | None = None
-    class_coverage: NDArray[np.float64] | None = field(default=None, repr=False)
-    set_size: float | None = None
-    refused: float | None = None
     by_condition: dict[Any, float] | None = None
+    refused: float | None = None
+    accepted_accuracy: float | None = None
+    accepted_accuracy_interval: Interval | None = None
+    reasons: NDArray[np.str_] | None = field(default=None, repr=False)
+    windows: Evaluation | None = field(default=None, repr=False)
+    certainty: NDArray[np.float64] | None = field(default=None, repr=False)
     probabilities: NDArray[np.float64] | None = field(default=None, repr=False)
     folds: Int | None = field(default=None, repr=False)
     protocol: str = "stratified"
@@ -121,21 +117,32 @@ class Evaluation:
 
         Every assembly has the same weight; bins without windows are left out. None without probabilities.
         """
-        if self.probabilities is None:
+        if self.certainty is None:
             return None
         member = np.unique(self.assemblies, return_inverse=True)[1]
         right = self.labels == self.predictions
-        sums = calibration_sums(self.probabilities.max(axis=1), right, shares(member), member).sum(axis=0)
+        sums = calibration_sums(self.certainty, right, window_weights(member), member).sum(axis=0)
         said, was, weight = sums.reshape(3, N_BINS)
         used = weight > 0
         return said[used] / weight[used], was[used] / weight[used], weight[used] / weight.sum()
+
+    def refusals(self) -> dict[str, int]:
+        """Return how many recordings are refused for each reason, the most frequent first.
+
+        Returns
+        -------
+        dict of str to int
+            Reasons that differ in numbers only are one, with ``#`` for the numbers.
+        """
+        reasons = [] if self.reasons is None else self.reasons.tolist()
+        return dict(Counter(re.sub(r"\d[\d.,]*", "#", reason) for reason in reasons if reason).most_common())
 
     def class_accuracy(self, k: int) -> tuple[float, Interval]:
         """Return the share of windows of class ``k`` predicted right, with its interval."""
         low, high = self.confusion_interval[:, k, k].tolist()
         value = float(self.confusion[k, k] / self.confusion[k].sum())
         n_assemblies = int(np.unique(self.assemblies[self.labels == self.classes[k]]).size)
-        return value, at_the_ends(value, (low, high), n_assemblies, self.confidence)
+        return value, limits_at_ends(value, (low, high), n_assemblies, self.confidence)
 
     def to_dict(self) -> dict[str, Any]:
         """The result in plain types, for JSON; without scores that are None."""
@@ -153,16 +160,14 @@ class Evaluation:
             "n_assemblies": int(self.groups.size),
             "protocol": self.protocol,
         }
-        for name in ("exact_lobes", "calibration_error", "coverage"):
+        for name in ("exact_lobes", "calibration_error", "accepted_accuracy"):
             value, limits = getattr(self, name), getattr(self, f"{name}_interval")
             if value is not None:
                 result |= {name: value, f"{name}_interval": list(limits)}
-        if self.coverage is not None and self.class_coverage is not None:
-            result |= {
-                "class_coverage": self.class_coverage.tolist(),
-                "set_size": self.set_size,
-                "refused": self.refused,
-            }
+        if self.reasons is not None:
+            result |= {"refused": self.refused, "reasons": self.refusals()}
+        if self.windows is not None:
+            result["windows"] = self.windows.to_dict()
         if self.by_condition is not None:
             result["by_condition"] = {str(name): value for name, value in self.by_condition.items()}
         return result
@@ -200,6 +205,8 @@ class Evaluation:
         }
         if self.folds is not None:
             columns["fold"] = self.folds
+        if self.reasons is not None:
+            columns["reason"] = self.reasons
         if self.probabilities is not None:
             columns |= {f"probability_{c}": self.probabilities[:, k] for k, c in enumerate(self.classes)}
         return frame(columns)
@@ -257,7 +264,6 @@ class Evaluation:
             + " lobes",
             "exact lobes": _scored(self.exact_lobes, self.exact_lobes_interval),
             "calibration error": _scored(self.calibration_error, self.calibration_error_interval),
-            "coverage of sets": _scored(self.coverage, self.coverage_interval),
             "intervals": f"{100 * self.confidence:.3g} %, over assemblies",
         }
         return card(
@@ -278,169 +284,3 @@ def score_text(scores: Mapping[str, Any]) -> str:
         f"accuracy {scores['accuracy']:.3f} [{low:.3f}, {high:.3f}], "
         f"mean absolute error {scores['mean_absolute_error']:.3f}"
     )
-
-
-@dataclass
-class Answers:
-    """Answers of counters for held-out windows."""
-
-    classes: NDArray[Any]
-    predictions: NDArray[Any]
-    proba: Float
-    folds: Int
-    sets: NDArray[np.bool_] | None = None
-    exact: NDArray[np.bool_] | None = None
-
-    @classmethod
-    def empty(cls, data: Windows) -> Answers:
-        """Return empty answers for the windows of ``data``."""
-        classes = np.unique(data.y)
-        nothing = np.full((len(data.y), classes.size), np.nan)
-        return cls(classes, np.empty_like(data.y), nothing, np.full(len(data.y), -1))
-
-    def enter(self, fitted: BaseEstimator, data: Windows, test: NDArray[np.intp]) -> None:
-        """Store the answers of a fitted counter for some windows, the next fold."""
-        X = data.X[test]
-        self.folds[test] = self.folds.max() + 1
-        self.predictions[test] = fitted.predict(X)
-        known = getattr(fitted, "classes_", None)
-        if known is not None and not np.isin(known, self.classes).all():
-            # The counter may know counts that the test does not contain.
-            self._widen(np.union1d(known, self.classes))
-        if hasattr(fitted, "predict_proba"):
-            self.proba[test] = aligned_proba(fitted, X, self.classes)
-        if hasattr(fitted, "predict_set"):
-            if self.sets is None:
-                self.sets = np.zeros(self.proba.shape, dtype=bool)
-            columns = np.searchsorted(self.classes, fitted.classes_)
-            self.sets[np.ix_(test, columns)] = fitted.predict_set(X)
-        if data.worn is not None and data.passage is not None and hasattr(fitted, "predict_lobes"):
-            if self.exact is None:
-                self.exact = np.zeros(len(data.y), dtype=bool)
-            found = fitted.predict_lobes(X, data.passage[test])
-            self.exact[test] = np.all(found == data.worn[test], axis=1)
-
-    def _widen(self, classes: NDArray[Any]) -> None:
-        proba = np.zeros((len(self.proba), classes.size))
-        proba[:, np.searchsorted(classes, self.classes)] = self.proba
-        self.classes, self.proba = classes, proba
-
-
-def summarise(data: Windows, answers: Answers, protocol: Protocol) -> Evaluation:
-    """Score the answers; intervals are those of a bootstrap over assemblies."""
-    predictions, classes = answers.predictions, answers.classes
-    sample = _Bootstrap.of(data, protocol)
-    right = data.y == predictions
-    accuracy, accuracy_interval = sample.share(right)
-    # Unsigned numbers would wrap around.
-    errors = np.abs(data.y.astype(float) - predictions.astype(float))
-    error, error_interval = sample.score(ratio_of_sums, np.column_stack([errors, np.ones(errors.size)]))
-    if error == 0:  # upper limit by the rule of three, with errors of one lobe
-        error_interval = (0.0, rule_of_three(sample.groups.size, protocol.confidence))
-    more: dict[str, Any] = {}
-    if np.isfinite(answers.proba).all():
-        more["probabilities"] = answers.proba
-        more |= _of_probabilities(answers.proba, right, sample)
-    if answers.exact is not None:
-        value, limits = sample.share(answers.exact)
-        more |= {"exact_lobes": value, "exact_lobes_interval": limits}
-    if answers.sets is not None:
-        more |= _of_sets(answers.sets, np.searchsorted(classes, data.y), sample.share)
-    conditions = protocol.conditions_of(len(data.y))
-    if conditions is not None:
-        more["by_condition"] = {
-            name: float(right[conditions == name].mean()) for name in np.unique(conditions).tolist()
-        }
-    return Evaluation(
-        accuracy=accuracy,
-        mean_absolute_error=error,
-        accuracy_interval=accuracy_interval,
-        mean_absolute_error_interval=error_interval,
-        **_of_confusion(data.y, answers, sample),
-        classes=classes,
-        groups=sample.groups,
-        group_accuracy=np.bincount(sample.member, right) / np.bincount(sample.member),
-        predictions=predictions,
-        labels=data.y,
-        assemblies=data.groups,
-        confidence=protocol.confidence,
-        folds=answers.folds,
-        protocol=protocol.hold_out,
-        **more,
-    )
-
-
-@dataclass(frozen=True)
-class _Bootstrap:
-    """Assemblies of the windows, and their weights in the bootstrap draws."""
-
-    groups: NDArray[Any]
-    member: Int
-    drawn: Int
-    confidence: float
-
-    @classmethod
-    def of(cls, data: Windows, protocol: Protocol) -> _Bootstrap:
-        groups, member = np.unique(data.groups, return_inverse=True)
-        drawn = draws(groups.size, protocol.n_bootstrap, protocol.random_state)
-        return cls(groups, member, drawn, protocol.confidence)
-
-    def score(self, score: Callable[[Float], Float], values: NDArray[Any]) -> tuple[float, Interval]:
-        """Return a score of sums over windows, with its interval."""
-        return interval(score, sums_by_assembly(values, self.member), self.drawn, self.confidence)
-
-    def share(self, hits: NDArray[np.bool_]) -> tuple[float, Interval]:
-        """Return a share of windows with its interval; at 0 or 1 by the rule of three over assemblies."""
-        value, limits = self.score(ratio_of_sums, np.column_stack([hits, np.ones(hits.size)]))
-        return value, at_the_ends(value, limits, self.groups.size, self.confidence)
-
-
-def _of_confusion(labels: NDArray[Any], answers: Answers, sample: _Bootstrap) -> dict[str, Any]:
-    """Confusion matrix and macro F1, with intervals."""
-    size, n_groups = answers.classes.size, sample.groups.size
-    cells = np.zeros((n_groups, size, size), dtype=np.int64)
-    truth, answer = (np.searchsorted(answers.classes, counts) for counts in (labels, answers.predictions))
-    np.add.at(cells, (sample.member, truth, answer), 1)
-    flat = cells.reshape(n_groups, -1).astype(float)
-    f1, f1_interval = interval(
-        lambda sums: macro_f1(sums.reshape(*sums.shape[:-1], size, size)),
-        flat,
-        sample.drawn,
-        sample.confidence,
-    )
-    tables = np.tensordot(sample.drawn, cells, axes=1)
-    rows = tables.sum(axis=2, keepdims=True)
-    parts = np.divide(tables, rows, out=np.zeros(tables.shape), where=rows > 0)
-    tail = 100 * (1 - sample.confidence) / 2
-    return {
-        "confusion": cells.sum(axis=0),
-        "confusion_interval": np.percentile(parts, [tail, 100 - tail], axis=0),
-        "macro_f1": f1,
-        "macro_f1_interval": at_the_ends(f1, f1_interval, n_groups, sample.confidence),
-    }
-
-
-def _of_probabilities(proba: Float, right: NDArray[np.bool_], sample: _Bootstrap) -> dict[str, Any]:
-    """Expected calibration error of the predicted class."""
-    sums = calibration_sums(proba.max(axis=1), right, shares(sample.member), sample.member)
-    value, limits = interval(expected_calibration_error, sums, sample.drawn, sample.confidence)
-    return {"calibration_error": value, "calibration_error_interval": limits}
-
-
-def _of_sets(
-    sets: NDArray[np.bool_],
-    rank: Int,
-    share: Callable[[NDArray[np.bool_]], tuple[float, Interval]],
-) -> dict[str, Any]:
-    """Scores of sets of counts."""
-    covered = sets[np.arange(rank.size), rank]
-    coverage, limits = share(covered)
-    sizes = sets.sum(axis=1)
-    of_class = [covered[rank == c] for c in range(sets.shape[1])]
-    return {
-        "coverage": coverage,
-        "coverage_interval": limits,
-        "class_coverage": np.array([hits.mean() if hits.size else np.nan for hits in of_class]),
-        "set_size": float(sizes[sizes > 0].mean()) if np.any(sizes) else 0.0,
-        "refused": float(np.mean(sizes == 0)),
-    }
