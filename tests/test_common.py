@@ -10,18 +10,17 @@ from typing import Any
 
 import pytest
 from sklearn.base import BaseEstimator, clone
+from sklearn.linear_model import LogisticRegression
 from sklearn.neural_network import MLPClassifier
 from sklearn.utils import estimator_checks, get_tags
 from sklearn.utils.estimator_checks import parametrize_with_checks
 from transformers import SAMPLING_RATE, SPECTRAL, STATISTICS, WAVELET
 
 from cyclofeat.counting import (
-    ConformalCounter,
     ConformalRegressor,
     EntropyLadder,
     GroupCalibratedCounter,
     LobeCounter,
-    OrdinalCounter,
     RowCounter,
     TrainingDomain,
     make_entropy_counter,
@@ -41,18 +40,13 @@ def estimators() -> list[BaseEstimator]:
         make_lobe_counter(SAMPLING_RATE, n_trees=4),
         make_entropy_counter(SAMPLING_RATE, n_trees=4),
         make_lobe_counter(SAMPLING_RATE, kind="ladder"),
-        make_lobe_counter(SAMPLING_RATE, kind="ordinal"),
         EntropyLadder(),
         EntropyLadder(SpectralEntropy(SAMPLING_RATE), column=-1),
-        OrdinalCounter(),
         LobeCounter(
             SAMPLING_RATE, n_lobes=4, points_per_lobe=2, n_trees=2, n_hidden=2, n_epochs=1, n_splits=2
         ),
         RowCounter(SAMPLING_RATE, n_lobes=4, n_epochs=1, n_splits=2),
-        GroupCalibratedCounter(OrdinalCounter()),
-        GroupCalibratedCounter(OrdinalCounter(), method="isotonic"),
-        ConformalCounter(OrdinalCounter()),
-        ConformalCounter(OrdinalCounter(), per_class=True, method="cross", nonconformity="aps", domain=None),
+        GroupCalibratedCounter(LogisticRegression()),
         ConformalRegressor(n_trees=10),
         TrainingDomain(),
     ]
@@ -106,7 +100,7 @@ IN_FULL = {
     "TorqueStatistics",
     "TorqueFeatures",
     "Pipeline LobeMap CountingTrees",
-    "OrdinalCounter",
+    "EntropyLadder",
     "GroupCalibratedCounter",
     "ConformalRegressor",
     "TrainingDomain",

@@ -13,7 +13,8 @@ from sklearn.model_selection import StratifiedGroupKFold, cross_val_predict
 
 from benchmarks._markdown import wilson
 from benchmarks.counting._data import N_COUNTS, N_LOBES, RATES, SOLVER
-from cyclofeat.counting import combine_proba, make_lobe_counter
+from cyclofeat.counting import make_lobe_counter
+from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.datasets import rig_preset
 from cyclofeat.simulators import LobeDefects
 from cyclofeat.simulators.many import run_planned

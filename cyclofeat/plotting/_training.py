@@ -133,7 +133,7 @@ class TrainingDisplay(Display):
         ValueError
             If the model has no domain, or the recording does not suit it.
         """
-        from cyclofeat.counting import features_seen
+        from cyclofeat.counting.calibration.training_domain import features_seen
         from cyclofeat.models import feature_definitions
 
         model = model.suited_to(recording)

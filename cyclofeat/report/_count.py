@@ -239,7 +239,6 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
         "speed_known": _speed_known(item),
         "warnings": list(dict.fromkeys([*count.warnings, *of_record])),
         "shares": [{"count": c, "value": p, "text": probability_text(p)} for c, p in shares],
-        "sets": _sets(model, recording),
         "windows": f"{number(count.n_windows, 'window')} of one output turn "
         f"({count.windows[0].stop_s - count.windows[0].start_s:.4g} s)",
         "stated_text": ""
@@ -272,18 +271,6 @@ def _window_table(count: LobeCount) -> list[dict[str, Any]]:
 def _speed_known(item: CountedRecording) -> bool:
     """Return True if the speed is known by a tachometer, or the torque is like that of training."""
     return item.recording.angle is not None or not item.count.refused
-
-
-def _sets(model: LobeModel, recording: Recording) -> dict[str, Any] | None:
-    """Sets of counts that cannot be excluded, window by window, if the model gives them."""
-    if not hasattr(model.counter, "predict_counts"):
-        return None
-    windows = model.windows(recording)
-    answers = Counter(str(answer) for answer in model.counter.predict_counts(windows.X))
-    return {
-        "coverage": f"{100 * float(model.counter.coverage):.4g} %",
-        "sets": [f"{text} ({n} of {len(windows)})" for text, n in answers.most_common()],
-    }
 
 
 def _recorded(

@@ -131,8 +131,8 @@ def summarise_evaluation(
     }
 
 
-def _text(value: float | None, digits: int = 3) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
+def _text(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
 
 
 def _range(limits: Sequence[float] | None) -> str:

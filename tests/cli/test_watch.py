@@ -27,7 +27,7 @@ def torque(n, seed=0):
 @pytest.fixture(scope="module")
 def model_file(tmp_path_factory):
     counts = np.tile([0, 3], 4)
-    counter = GroupCalibratedCounter(make_lobe_counter(RATE, kind="ordinal"))
+    counter = GroupCalibratedCounter(make_lobe_counter(RATE, n_trees=20))
     counter.fit(np.stack([torque(n, k) for k, n in enumerate(counts)]), counts)
     model = LobeModel.of_counter(counter, sampling_rate=RATE)
     return save_model(tmp_path_factory.mktemp("model") / "m.joblib", model)

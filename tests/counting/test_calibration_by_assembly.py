@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import config_context
-from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import log_loss
@@ -18,13 +17,10 @@ from sklearn.preprocessing import StandardScaler
 from cyclofeat.counting import (
     GroupCalibratedCounter,
     Protocol,
-    combine_proba,
     evaluate,
-    grouped_folds,
-    learn_dependence,
-    pool_weights,
-    predict_recordings,
 )
+from cyclofeat.counting.calibration.pooling import combine_proba, learn_dependence, pool_weights
+from cyclofeat.counting.evaluation.assembly_folds import grouped_folds
 
 
 def assemblies(n=120, windows=3, seed=0, n_classes=4, shared=0.5, own=0.3, n_features=8):
@@ -70,14 +66,13 @@ def test_held_out_answers_do_not_know_the_windows_assembly():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["temperature", "isotonic"])
-def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports(method):
+def test_calibration_by_assembly_lowers_the_error_that_evaluate_reports():
     """A forest sure of itself by windows of the same assembly, and one that spreads over eight classes."""
     X, y, groups = assemblies(n=240, windows=2, n_classes=8, shared=0.1, n_features=12)
     trees = ExtraTreesClassifier(20, random_state=0)
     protocol = Protocol(random_state=0)
     plain = evaluate(trees, X, y, groups, protocol=protocol)
-    ours = evaluate(GroupCalibratedCounter(trees, method=method), X, y, groups, protocol=protocol)
+    ours = evaluate(GroupCalibratedCounter(trees), X, y, groups, protocol=protocol)
     assert plain.calibration_error > 0.1
     assert ours.calibration_error < 0.6 * plain.calibration_error
     assert abs(ours.accuracy - plain.accuracy) < 0.03
@@ -125,40 +120,22 @@ def test_a_class_with_one_assembly_leaves_probabilities_as_they_are():
 
 def test_nested_parameters_are_reachable():
     counter = GroupCalibratedCounter(make_pipeline(StandardScaler(), GaussianNB()))
-    counter.set_params(counter__gaussiannb__var_smoothing=0.5, method="isotonic")
+    counter.set_params(counter__gaussiannb__var_smoothing=0.5)
     assert counter.counter.get_params()["gaussiannb__var_smoothing"] == 0.5
 
 
 # Recordings
 
 
-class Says(ClassifierMixin, BaseEstimator):
-    """Returns the windows as probabilities."""
-
-    classes_ = np.array([0, 2, 5])
-
-    def predict_proba(self, X):
-        return np.asarray(X)
-
-
 def test_probabilities_of_windows_are_multiplied():
     p = np.array([[0.6, 0.3, 0.1], [0.2, 0.7, 0.1], [0.3, 0.4, 0.3], [0.9, 0.05, 0.05]])
-    result = predict_recordings(Says(), p, ["b", "b", "a", "b"])
     product = p[0] * p[1] * p[3]
-    assert_array_equal(result.recordings, ["a", "b"])
-    assert_array_equal(result.counts, [2, 0])
-    assert_array_equal(result.n_windows, [1, 3])
-    assert_allclose(result.probability, [p[2], product / product.sum()])
-    entry = result.to_dict()[1]
-    assert (entry["recording"], entry["defect_count"], entry["n_windows"]) == ("b", 0, 3)
-    assert entry["probability"]["5"] == pytest.approx(product[2] / product.sum())
+    assert_allclose(combine_proba(p, np.array([1, 1, 0, 1]), 0.0), [p[2], product / product.sum()])
 
 
 def test_full_dependence_makes_many_windows_worth_one():
     p = np.array([[0.6, 0.3, 0.1]] * 5)
-    result = predict_recordings(Says(), p, np.zeros(5), dependence=1.0)
-    assert_allclose(result.probability, p[:1])
-    assert result.counts == predict_recordings(Says(), p, np.zeros(5), dependence=0).counts
+    assert_allclose(combine_proba(p, np.zeros(5, dtype=int), 1.0), p[:1])
 
 
 def windows_of_recordings(copies, n=3000, seed=0):
@@ -183,34 +160,16 @@ def test_dependence_is_learned_from_held_out_recordings(copies, expected):
     assert said == pytest.approx(np.mean(combined.argmax(axis=1) == truth), abs=0.02)
 
 
-def test_a_calibrated_counter_hands_its_dependence_over():
+def test_a_calibrated_counter_learns_the_dependence():
     X, y, groups = assemblies(windows=4, shared=0.5)
     counter = GroupCalibratedCounter(ExtraTreesClassifier(40, random_state=0)).fit(X, y, groups=groups)
     # windows share most of their deviation, so that four are worth little more than one
     assert counter.dependence_ > 0.5
     new, truth, names = assemblies(windows=4, shared=0.5, seed=5)
-    learned = predict_recordings(counter, new, names)
-    product = predict_recordings(counter, new, names, dependence=0.0)
-    assert learned.dependence == counter.dependence_
-    assert_array_equal(learned.counts, product.counts)
-    of_recording = truth[::4]
-    assert log_loss(of_recording, learned.probability) < log_loss(of_recording, product.probability)
-
-
-@pytest.mark.parametrize(
-    ("groups", "dependence", "message"),
-    [
-        (None, 0.0, "groups must name the recording of every window, got None"),
-        (["a"], 0.0, r"groups must hold one value per window, shape \(2,\), got shape \(1,\)"),
-        ([0.0, np.nan], 0.0, "groups must hold a value for every window, got nan at window 1"),
-        (np.array(["a", np.nan], dtype=object), 0.0, "groups must hold a value .*, got nan at window 1"),
-        (["a", "a"], 1.5, "dependence must be a number from 0 to 1 or 'auto', got 1.5"),
-        (["a", "a"], "learn", "dependence must be a number from 0 to 1 or 'auto', got 'learn'"),
-    ],
-)
-def test_bad_input_to_recordings(groups, dependence, message):
-    with pytest.raises(ValueError, match=message):
-        predict_recordings(Says(), np.full((2, 3), 1 / 3), groups, dependence=dependence)
+    proba = counter.predict_proba(new)
+    learned, product = (combine_proba(proba, names, rho) for rho in (counter.dependence_, 0.0))
+    assert_array_equal(learned.argmax(axis=1), product.argmax(axis=1))
+    assert log_loss(truth[::4], learned) < log_loss(truth[::4], product)
 
 
 def test_groups_come_through_scikit_learns_metadata_routing():

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.pipeline import Pipeline
 
-from cyclofeat.counting import LobeCounter, LobeModel, best_sets, inclusion, log_counts, passage_of_lobe_zero
+from cyclofeat.counting import LobeCounter, LobeModel, passage_of_lobe_zero
+from cyclofeat.counting.estimators.lobe_sets import best_sets, inclusion, log_counts
 from cyclofeat.recordings import Recording, Windower
 
 SPEED = 500 / 60

@@ -12,7 +12,6 @@ PAGE = (Path(__file__).parents[2] / "docs" / "api.rst").read_text(encoding="utf-
 PACKAGES = (
     "cyclofeat",
     "cyclofeat.counting",
-    "cyclofeat.counting.estimators.trees",
     "cyclofeat.datasets",
     "cyclofeat.features",
     "cyclofeat.features.base",

@@ -18,7 +18,8 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from cyclofeat.counting import KINDS, ConformalCounter, GroupCalibratedCounter, LobeModel, make_lobe_counter
+from cyclofeat.counting import GroupCalibratedCounter, LobeModel, make_lobe_counter
+from cyclofeat.counting.estimators.pipelines import KINDS
 from cyclofeat.features.registry import REGISTRY
 from cyclofeat.models import (
     TRUSTED_TYPES,
@@ -58,7 +59,6 @@ def counters(data):
     made = {kind: make_lobe_counter(RATE, kind=kind, n_trees=10) for kind in KINDS}
     made["rows"].set_params(n_epochs=2)
     made = {kind: one if kind == "lobes" else GroupCalibratedCounter(one) for kind, one in made.items()}
-    made["conformal"] = ConformalCounter(make_lobe_counter(RATE, n_trees=10), method="cross", n_splits=2)
     made["plain"] = make_lobe_counter(RATE, n_trees=10)
     made["lobes"].set_params(points_per_lobe=2, n_hidden=16, n_splits=2, n_epochs=5)
     for kind, counter in made.items():
@@ -319,7 +319,7 @@ def test_another_definition_of_a_feature_is_refused_unless_allowed(stored):
 
 
 def test_a_counter_from_a_file_counts_recordings(counters, data, tmp_path):
-    for kind in ("conformal", "lobes"):
+    for kind in ("plain", "lobes"):
         file = save_model(tmp_path / f"{kind}.skops", counters[kind], description="bumps")
         model = as_lobe_model(load_model(file), read_card(file))
         assert model.card["description"] == "bumps"
@@ -359,7 +359,7 @@ def test_writing_says_what_is_wrong(counters, tmp_path):
 
 
 def test_a_second_model_in_the_same_place_replaces_both_files(counters, data, tmp_path):
-    for kind in ("ladder", "ordinal"):
+    for kind in ("ladder", "plain"):
         file = save_model(tmp_path / "m.joblib", counters[kind])
         assert_array_equal(load_model(file, trusted=True).predict(data[0]), counters[kind].predict(data[0]))
     assert len(list(tmp_path.iterdir())) == 2

@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 from pages import parse, unpacked, without_pictures, words
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
-from cyclofeat.counting import ConformalCounter, LobeModel, WearDepth
-from cyclofeat.recordings import Windower
+from cyclofeat.counting import WearDepth
 from cyclofeat.report import CountedRecording, summarise_count, write_count_report
 from cyclofeat.report._recording_plots import window_spans
 
@@ -276,20 +275,6 @@ def test_a_wrong_count_stands_out(model, drawn):
     mislabelled = one.replace(worn_lobes=None, defect_count=0)
     (row,) = summarise_count(model, [CountedRecording("a", mislabelled, model.count(one))])["rows"]
     assert (row["count"], row["stated"], row["wrong"]) == (3, "0", True)
-
-
-def test_sets_of_counts_are_those_of_the_counter(model, drawn):
-    made = [recording(tuple(range(k % 2 * 3)), seed=k) for k in range(40)]
-    windows = Windower().windows(made)
-    conformal = ConformalCounter(model.counter, coverage=0.8).fit(windows.X, windows.y, windows.groups)
-    with_sets = LobeModel.of_counter(conformal, sampling_rate=2000.0)
-    one = recording((1, 2, 3), seed=77, turns=3)
-    found = summarise_count(with_sets, [CountedRecording("a", one, with_sets.count(one))])
-    (section,) = found["sections"]
-    sets = conformal.predict_counts(Windower().windows([one]).X)
-    assert section["sets"]["coverage"] == "80 %"
-    assert {text.split(" (")[0] for text in section["sets"]["sets"]} == {str(answer) for answer in sets}
-    assert section["lobe_table"] == []
 
 
 def test_what_spoils_a_count_is_told(model, drawn):

@@ -14,7 +14,6 @@ from sklearn.model_selection import GroupKFold
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting.calibration.conformal_counter import conformal_threshold
 from cyclofeat.counting.evaluation.assembly_folds import Float, Int, assemblies_of, drawn_seed
 
 # Added to the spread of the trees, as a share of its median: an error is never sure to be nothing.
@@ -132,7 +131,7 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
             # Values that are all alike have no spread.
             self.least_spread_ = max(_LEAST_SPREAD * float(np.median(spread)), np.finfo(float).tiny)
             ratio = error / (spread + self.least_spread_)
-            self.ratio_ = conformal_threshold(ratio, member, self.coverage, worst=False)
+            self.ratio_ = conformal_threshold(ratio, member, self.coverage)
 
     def predict(self, X: ArrayLike) -> Float:
         """Return the predicted value of each sample, shape (n_samples,)."""
@@ -154,6 +153,18 @@ class ConformalRegressor(RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         features: NDArray[Any] = validate_data(self, X, reset=False, dtype=np.float64)
         return _mean_and_spread(self.trees_, features)
+
+
+def conformal_threshold(scores: Float, member: Int, coverage: float) -> float:
+    """Return the quantile of scores at ``coverage``, where each assembly weighs 1.
+
+    Each of the G calibration assemblies has the mass 1/(G + 1), shared evenly by its samples; infinity has
+    the same mass. The coverage is then at least ``coverage`` (Lee, Barber and Willett, arXiv:2306.06342).
+    """
+    _, which, size = np.unique(member, return_inverse=True, return_counts=True)
+    order = np.argsort(scores, kind="stable")
+    reached = np.cumsum((1.0 / size[which])[order]) >= coverage * (size.size + 1) - 1e-9
+    return float(scores[order][np.argmax(reached)]) if reached.any() else float("inf")
 
 
 def _mean_and_spread(trees: ExtraTreesRegressor, X: NDArray[Any]) -> tuple[Float, Float]:

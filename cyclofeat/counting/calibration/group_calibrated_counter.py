@@ -9,15 +9,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
-from sklearn.isotonic import IsotonicRegression
 
-from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting.calibration._pooling import pool_weights, pooled, safe_log
-from cyclofeat.counting.calibration.combine import learn_dependence
+from cyclofeat._base.sklearn_private import Interval, fit_context
+from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators._counter import Counter
 from cyclofeat.counting.evaluation.assembly_folds import (
     Float,
-    Int,
     aligned_proba,
     assemblies_of,
     drawn_seed,
@@ -33,16 +30,13 @@ class GroupCalibratedCounter(Counter):
     """Counter whose probabilities are calibrated on held-out assemblies.
 
     The counter is fitted once per fold without the fold's assemblies, the correction is learned from its
-    probabilities for them, and the counter is then fitted to all.
+    probabilities for them, and the counter is then fitted to all. The correction raises all probabilities to
+    one power, 1/temperature, and normalises them: it never changes the predicted count.
 
     Parameters
     ----------
     counter : classifier
         With ``predict_proba``; cloned, not changed.
-    method : {"temperature", "isotonic"}, default="temperature"
-        ``"temperature"``: all probabilities to one power, then normalised: one number, never changes the
-        predicted count. ``"isotonic"``: one rising step function per class, then normalised; needs some
-        hundred assemblies, and may change the count.
     n_splits : int, default=5
         Folds by assembly; less where a class has fewer assemblies.
     random_state : int or None, default=0
@@ -54,14 +48,12 @@ class GroupCalibratedCounter(Counter):
     counter_ : classifier
         Fitted to all windows.
     temperature_ : float
-        The reciprocal of the power, 1 for ``"isotonic"``.
-    steps_ : list of IsotonicRegression
-        One per class for ``"isotonic"``, else empty.
+        The reciprocal of the power.
     calibrated_ : bool
         Whether there were enough assemblies to hold some out.
     dependence_ : float or None
-        How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): see
-        :func:`predict_recordings`. None where no assembly has several windows.
+        How much several windows of an assembly err together, from 0 (not at all) to 1 (as one window): the
+        correlation at which a :class:`LobeModel` combines them. None where no assembly has several windows.
     oob_decision_function_ : ndarray, shape (n_windows, n_classes)
         Probabilities of each window in training by a counter that did not see its assembly, calibrated like
         those of ``predict_proba``. NaN without folds. Copies and files do not hold it.
@@ -90,13 +82,11 @@ class GroupCalibratedCounter(Counter):
 
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         "counter": [BaseEstimator],
-        "method": [StrOptions({"temperature", "isotonic"})],
         "n_splits": [Interval(Integral, 2, None, closed="left")],
         "random_state": ["random_state"],
     }
 
     counter: Any
-    method: str = "temperature"
     n_splits: int = 5
     random_state: int | None = 0
 
@@ -129,40 +119,23 @@ class GroupCalibratedCounter(Counter):
         folds = grouped_folds(rank, member, self.n_splits, seed)
         self.counter_ = fit_clone(self.counter, windows, labels, groups=member)
         self.temperature_ = 1.0
-        self.steps_: list[IsotonicRegression] = []
         self.dependence_: float | None = None
         self.calibrated_ = bool(folds)
         held_out = held_out_proba(self.counter, windows, labels, member, self.classes_, folds)
         if folds:
-            self._learn(held_out, rank, member)
-            held_out = self._corrected(held_out)
+            weights = window_weights(np.unique(member, return_inverse=True)[1])
+            power = pool_weights(safe_log(held_out)[np.newaxis], rank, weights, np.unique(member).size)[0]
+            # Exponent 0: the counter is uninformative, and all classes are equally probable.
+            self.temperature_ = float(1 / max(power, 1e-6))
+            held_out = self._calibrate(held_out)
+            self.dependence_ = learn_dependence(held_out, rank, member)
         self.oob_decision_function_: Float = held_out
         return self
 
-    def _learn(self, proba: Float, rank: Int, member: Int) -> None:
-        weights = window_weights(np.unique(member, return_inverse=True)[1])
-        if self.method == "temperature":
-            power = pool_weights(safe_log(proba)[np.newaxis], rank, weights, np.unique(member).size)[0]
-            # Exponent 0: the counter is uninformative, and all classes are equally probable.
-            self.temperature_ = float(1 / max(power, 1e-6))
-        else:
-            self.steps_ = [
-                IsotonicRegression(y_min=0.0, y_max=1.0, out_of_bounds="clip").fit(
-                    proba[:, k], rank == k, sample_weight=weights
-                )
-                for k in range(self.classes_.size)
-            ]
-        self.dependence_ = learn_dependence(self._corrected(proba), rank, member)
-
-    def _corrected(self, proba: Float) -> Float:
-        if not self.steps_:
-            return pooled(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
-        stepped = np.column_stack([step.predict(proba[:, k]) for k, step in enumerate(self.steps_)])
-        # If all classes have probability 0, use those of the counter.
-        total = stepped.sum(axis=1, keepdims=True)
-        return np.where(total > 0, stepped / np.where(total > 0, total, 1.0), proba)
+    def _calibrate(self, proba: Float) -> Float:
+        return pool_opinions(safe_log(proba)[np.newaxis], np.array([1 / self.temperature_]))
 
     def predict_proba(self, X: ArrayLike) -> Float:
         """Calibrated probability of each class, shape (n_windows, n_classes), of windows as for ``fit``."""
         windows = self._windows(X)
-        return self._corrected(aligned_proba(self.counter_, windows, self.classes_))
+        return self._calibrate(aligned_proba(self.counter_, windows, self.classes_))

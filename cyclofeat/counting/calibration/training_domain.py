@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, OutlierMixin
 from sklearn.covariance import LedoitWolf
+from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
@@ -166,6 +167,19 @@ class TrainingDomain(OutlierMixin, BaseEstimator):
     def predict(self, X: ArrayLike) -> NDArray[np.int64]:
         """Return 1 for windows inside and -1 for those outside, shape (n_windows,)."""
         return np.where(self.decision_function(X) >= 0, 1, -1)
+
+
+def features_seen(counter: Any, X: NDArray[Any]) -> Float:
+    """Return the features that a fitted counter uses, or the windows if it has no step for features."""
+    inner = getattr(counter, "counter_", None)
+    if inner is not None:
+        return features_seen(inner, X)
+    lobe_map = getattr(counter, "lobe_map_", None)
+    if lobe_map is not None:
+        return np.asarray(lobe_map.transform(X))
+    if isinstance(counter, Pipeline) and len(counter.steps) > 1:
+        return np.asarray(counter[:-1].transform(X))
+    return np.asarray(X)
 
 
 def _spreads(distances: Float, rank: Int) -> Float:

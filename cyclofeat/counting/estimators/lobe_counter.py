@@ -13,7 +13,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from cyclofeat._base.sklearn_private import Interval, StrOptions, fit_context
-from cyclofeat.counting.calibration._pooling import pool_weights, pooled, safe_log
+from cyclofeat.counting.calibration.pooling import pool_opinions, pool_weights, safe_log
 from cyclofeat.counting.estimators._counter import Counter
 from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators._lobe_network import (
@@ -301,7 +301,7 @@ class LobeCounter(Counter):
     def _count_proba(self, found: lobes.LobeLines, logits: Float) -> Float:
         features = self.lobe_map_.from_lines(found)
         by_map = aligned_proba(self.count_trees_, features, np.arange(self.classes_.size))
-        return pooled(self._opinions(by_map, logits), self.weights_)
+        return pool_opinions(self._opinions(by_map, logits), self.weights_)
 
     def _opinions(self, by_map: Float, logits: Float) -> Float:
         """Logarithms of the two opinions of the count, shape (2, n_windows, n_classes)."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from cyclofeat.counting.calibration._pooling import Float, Int
+from cyclofeat.counting.evaluation.assembly_folds import Float, Int
 
 Bool = NDArray[np.bool_]
 

@@ -6,18 +6,16 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
 
 from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators.entropy_ladder import EntropyLadder
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
-from cyclofeat.counting.estimators.ordinal_counter import OrdinalCounter
 from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.estimators.trees import CountingTrees
 from cyclofeat.features import SpectralEntropy, TorqueFeatures
 from cyclofeat.signal.lobes import SPEED_TOLERANCE
 
-KINDS = ("lobe_map", "features", "ladder", "ordinal", "lobes", "rows")
+KINDS = ("lobe_map", "features", "ladder", "lobes", "rows")
 
 
 def make_lobe_counter(
@@ -38,7 +36,6 @@ def make_lobe_counter(
     ``"lobe_map"``  :class:`~cyclofeat.features.LobeMap`, then extremely randomised trees
     ``"features"``  :class:`~cyclofeat.features.TorqueFeatures` (all of them), then the same trees
     ``"ladder"``    :class:`~cyclofeat.features.SpectralEntropy`, then :class:`EntropyLadder`: the papers'
-    ``"ordinal"``   :class:`~cyclofeat.features.LobeMap`, scaled, then :class:`OrdinalCounter`
     ``"lobes"``     :class:`LobeCounter`: count and positions
     ``"rows"``      :class:`RowCounter`: count and positions of lobes that are neighbours
     ==============  ====================================================================================
@@ -47,7 +44,7 @@ def make_lobe_counter(
     ----------
     sampling_rate : float
         Samples per second of the windows, in Hz. A low rate holds fewer lobe lines than 44.
-    kind : {"lobe_map", "features", "ladder", "ordinal", "lobes", "rows"}
+    kind : {"lobe_map", "features", "ladder", "lobes", "rows"}
     input_speed_hz : float
         Nominal input speed in turns per second.
     n_lobes : int
@@ -64,7 +61,7 @@ def make_lobe_counter(
     -------
     sklearn.pipeline.Pipeline, LobeCounter or RowCounter
         Unfitted. The steps of the pipelines are ``"lobe_map"`` and ``"trees"``; ``"features"`` and
-        ``"trees"``; ``"entropy"`` and ``"ladder"``; ``"lobe_map"``, ``"scaler"`` and ``"ordinal"``.
+        ``"trees"``; ``"entropy"`` and ``"ladder"``.
 
     Raises
     ------
@@ -80,9 +77,9 @@ def make_lobe_counter(
     Probabilities that are right as often as they say (``"lobes"`` is calibrated already):
 
     >>> from cyclofeat.counting import GroupCalibratedCounter
-    >>> ordinal = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600, kind="ordinal"))
-    >>> ordinal.set_params(counter__ordinal__alpha=10.0).counter[-1]
-    OrdinalCounter(alpha=10.0)
+    >>> calibrated = GroupCalibratedCounter(make_lobe_counter(sampling_rate=25_600))
+    >>> calibrated.set_params(counter__trees__max_features=0.5).counter[-1].max_features
+    0.5
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {KINDS}, got {kind!r}")
@@ -99,7 +96,6 @@ def make_lobe_counter(
         "lobe_map": [lobe_map, trees],
         "features": [("features", TorqueFeatures(sampling_rate, **disc)), trees],
         "ladder": [("entropy", SpectralEntropy(sampling_rate)), ("ladder", EntropyLadder())],
-        "ordinal": [lobe_map, ("scaler", StandardScaler()), ("ordinal", OrdinalCounter())],
     }
     return Pipeline(steps[kind])
 

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp, softmax
 
 from cyclofeat._base.sklearn_private import Interval, fit_context
-from cyclofeat.counting.calibration._pooling import pool_weights, pooled
-from cyclofeat.counting.calibration.combine import learn_dependence
+from cyclofeat.counting.calibration.pooling import learn_dependence, pool_opinions, pool_weights
 from cyclofeat.counting.estimators._counter import Counter
 from cyclofeat.counting.estimators._lobe_map import held_lobe_map
 from cyclofeat.counting.estimators._lobe_network import begins_by_mesh
@@ -206,7 +205,7 @@ class RowCounter(Counter):
             opinions, rank, member = self._opinions(held_out[known]), rank[known], member[known]
             weights = window_weights(np.unique(member, return_inverse=True)[1])
             self.weights_ = pool_weights(opinions, rank, weights, np.unique(member).size)
-            self.oob_decision_function_[known] = pooled(opinions, self.weights_)
+            self.oob_decision_function_[known] = pool_opinions(opinions, self.weights_)
             self.dependence_ = learn_dependence(self.oob_decision_function_[known], rank, member)
         return self
 
@@ -228,7 +227,7 @@ class RowCounter(Counter):
 
     def proba_of_lines(self, lines: lobes.LobeLines) -> Float:
         """Return what :meth:`predict_proba` does, of windows whose lobe lines are at hand."""
-        return pooled(self._opinions(self._log_counts(self._answering, lines.lines)), self.weights_)
+        return pool_opinions(self._opinions(self._log_counts(self._answering, lines.lines)), self.weights_)
 
     def _from_lines(self, found: lobes.LobeLines, passage: ArrayLike, proba: Float | None = None) -> Float:
         """Return the probability that each lobe is worn, from given lobe lines, and of counts if at hand."""

@@ -13,8 +13,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from cyclofeat.counting.estimators._counter import PoorOnArbitraryData
 
-__all__ = ["CountingTrees", "TreeTable"]
-
 # Paths through trees up to which scikit-learn's overhead dominates its time.
 _MOST_PATHS = 50_000
 

@@ -13,8 +13,8 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from cyclofeat._base.arguments import ArgumentError
-from cyclofeat.counting.calibration.conformal_counter import features_seen
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
+from cyclofeat.counting.calibration.training_domain import features_seen
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting.estimators.pipelines import make_lobe_counter

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.counting.calibration.conformal_counter import NO_CLASS, OUTSIDE
 from cyclofeat.counting.model._verdicts import most_frequent
 from cyclofeat.counting.model.lobe_count import WindowCount
 from cyclofeat.recordings import WindowSet
 from cyclofeat.signal.windows import Float
+
+OUTSIDE = "outside the training data"
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,6 @@ class AnsweredWindows:
     proba : ndarray, shape (n_windows, n_classes)
     distance : ndarray, shape (n_windows,)
         From the training windows, in units of the largest inside; NaN without a domain.
-    empty : ndarray of bool, shape (n_windows,)
-        Whether no count fits.
     faults : tuple of str
     lobe_proba : ndarray, shape (n_places, n_windows, n_lobes), or None
         Probability of each lobe of being worn, for each place at which the recording may begin between two
@@ -69,7 +68,6 @@ class AnsweredWindows:
     stop_s: Float
     proba: Float
     distance: Float
-    empty: NDArray[np.bool_]
     faults: tuple[str, ...]
     lobe_proba: Float | None
     wear: Float | None = None
@@ -90,7 +88,7 @@ class AnsweredWindows:
             return np.concatenate([getattr(part, name) for part in parts])
 
         return cls(
-            column("start_s"), column("stop_s"), column("proba"), column("distance"), column("empty"),
+            column("start_s"), column("stop_s"), column("proba"), column("distance"),
             faults=tuple(fault for part in parts for fault in part.faults),
             lobe_proba=np.concatenate(located, axis=1) if len(located) == len(parts) else None,
             wear=np.concatenate(runs) if runs else None,
@@ -106,8 +104,8 @@ class AnsweredWindows:
 
     def reasons(self) -> list[str]:
         """Return why each window is left out; empty where it is not."""
-        unknown = np.select([self.distance > 1, self.empty], [OUTSIDE, NO_CLASS], "").tolist()
-        return [fault or one for fault, one in zip(self.faults, unknown, strict=True)]
+        outside = np.where(self.distance > 1, OUTSIDE, "").tolist()
+        return [fault or reason for fault, reason in zip(self.faults, outside, strict=True)]
 
     def counts(self, classes: NDArray[np.int64], reasons: Sequence[str]) -> tuple[WindowCount, ...]:
         """Return the answer of each window."""

@@ -72,9 +72,9 @@ class LobeCount:
     warnings : tuple of str
         What the reader should know.
     refused : bool
-        Whether most of the windows have a faulty signal, lie outside what the model was trained on, or have
-        no count that fits (where the counter is a :class:`ConformalCounter`), the windows disagree, those
-        left out could outvote the others, or the speed is doubted: the count is then not reliable.
+        Whether most of the windows have a faulty signal or lie outside what the model was trained on, the
+        windows disagree, those left out could outvote the others, or the speed is doubted: the count is then
+        not reliable.
     reason : str
         Why refused, else empty.
     distance : float

@@ -19,9 +19,8 @@ from cyclofeat._base.checks import whole
 from cyclofeat._base.quantities import TORQUES, factor_to_output
 from cyclofeat._base.versions import MODEL_PACKAGES, package_versions
 from cyclofeat._base.words import number
-from cyclofeat.counting.calibration.combine import combine_proba
-from cyclofeat.counting.calibration.conformal_counter import OUTSIDE, features_seen
-from cyclofeat.counting.calibration.training_domain import TrainingDomain
+from cyclofeat.counting.calibration.pooling import combine_proba
+from cyclofeat.counting.calibration.training_domain import TrainingDomain, features_seen
 from cyclofeat.counting.estimators.lobe_counter import LobeCounter
 from cyclofeat.counting.estimators.lobe_locator import LobeLocator, passage_of_lobe_zero
 from cyclofeat.counting.estimators.row_counter import RowCounter
@@ -38,7 +37,7 @@ from cyclofeat.counting.model._training import (
     windows_to_learn,
 )
 from cyclofeat.counting.model._verdicts import disagreement, most_frequent, outvoted, window_faults
-from cyclofeat.counting.model._window_answers import AnsweredWindows, PreparedWindows
+from cyclofeat.counting.model._window_answers import OUTSIDE, AnsweredWindows, PreparedWindows
 from cyclofeat.counting.model.lobe_count import LobeCount
 from cyclofeat.counting.model.radial_wear import RadialWear, stated_depths
 from cyclofeat.counting.model.turning import Turning, turning_of
@@ -276,8 +275,7 @@ class LobeModel(RecordingPredictions):
         Parameters
         ----------
         counter : classifier
-            Fitted to windows of one output turn, with ``predict_proba``; classes are defect counts. What a
-            :class:`ConformalCounter` refuses, the model refuses.
+            Fitted to windows of one output turn, with ``predict_proba``; classes are defect counts.
         sampling_rate, input_speed_hz, n_lobes
             Attributes of the model.
         description : str
@@ -307,8 +305,7 @@ class LobeModel(RecordingPredictions):
             "cross_validation": None,
             "versions": package_versions(*MODEL_PACKAGES),
         }
-        domain = getattr(counter, "domain_", None)
-        return cls(counter, None, n_lobes, card, domain, sampling_rate, input_speed_hz)
+        return cls(counter, None, n_lobes, card, None, sampling_rate, input_speed_hz)
 
     def with_coarser(self, coarser: LobeModel) -> LobeModel:
         """Return the model with another one for recordings with fewer samples per input turn.
@@ -479,9 +476,9 @@ class LobeModel(RecordingPredictions):
     def count(self, recording: Recording) -> LobeCount:
         """Count and locate the worn lobes of one recording.
 
-        The probabilities of windows of one output turn are combined by :func:`predict_recordings`; a counter
-        without a learned dependence is taken to be no surer of many windows than of one. Windows whose signal
-        has a fault, or that lie outside the training domain, are left out. The recording is refused where
+        The probabilities of windows of one output turn are multiplied, and tempered by their dependence; a
+        counter that has learned none is taken to be no surer of many windows than of one. Windows whose
+        signal has a fault, or that lie outside the training domain, are left out. The recording is refused if
         more than half of its windows are, where some are and not more than half of all have its count, where
         the windows disagree, where its speed lies outside those of training, or where, without a tachometer,
         its lines are those of another speed or show none; it still has a count.
@@ -666,9 +663,6 @@ class LobeModel(RecordingPredictions):
         X = np.concatenate([one.windows.X for one in batch])
         proba, features, lines = self._window_answers(X)
         distances = self._distances(X, features)
-        empty = np.zeros(len(X), dtype=bool)
-        if hasattr(self.counter, "predict_set"):
-            empty = ~self.counter.predict_set(X).any(axis=1)
         ends = np.cumsum([len(one.windows) for one in batch])
         rows = [slice(end - len(one.windows), end) for end, one in zip(ends.tolist(), batch, strict=True)]
         located: Sequence[Float | None] = [None] * len(batch)
@@ -682,7 +676,6 @@ class LobeModel(RecordingPredictions):
                 one.stop_s,
                 proba[row],
                 distances[row],
-                empty[row],
                 one.faults,
                 lobes,
                 None if self.wear is None else self.wear.answers(one.windows.X, one.faults),

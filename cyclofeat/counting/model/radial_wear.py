@@ -12,9 +12,9 @@ from sklearn.isotonic import IsotonicRegression
 
 from cyclofeat._base.checks import is_number, pair, short
 from cyclofeat._base.words import number
-from cyclofeat.counting.calibration.combine import combine_proba
 from cyclofeat.counting.calibration.conformal_regressor import ConformalRegressor
 from cyclofeat.counting.calibration.group_calibrated_counter import GroupCalibratedCounter
+from cyclofeat.counting.calibration.pooling import combine_proba
 from cyclofeat.counting.estimators.lobe_locator import passage_of_lobe_zero
 from cyclofeat.counting.estimators.row_counter import RowCounter
 from cyclofeat.counting.estimators.trees import CountingTrees
