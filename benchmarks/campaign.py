@@ -34,8 +34,8 @@ from cyclofeat.simulators import (
     run_campaign,
     simulation,
 )
-from cyclofeat.simulators.batch import _integrate, n_lanes
-from cyclofeat.simulators.batch._samples import Samples
+from cyclofeat.simulators.batch import runs as batch_runs
+from cyclofeat.simulators.batch.runs import n_lanes
 from cyclofeat.simulators.campaign import _workers
 from cyclofeat.simulators.courses import DriveAndLoad
 
@@ -106,14 +106,17 @@ def timed(owner: Any, name: str) -> Iterator[list[float]]:
         setattr(owner, name, real)
 
 
-KERNEL: dict[str, tuple[Any, str]] = {"exact": (_kernels, "integrate"), "batch": (_integrate, "integrate")}
+KERNEL: dict[str, tuple[Any, str]] = {
+    "exact": (_kernels, "integrate"),
+    "batch": (batch_runs, "integrate_lanes"),
+}
 # Parts of a run outside the kernel, with the functions that do them.
 OUTSIDE: dict[str, tuple[Any, str]] = {
     "speed and angle of the drive at every evaluation": (DriveAndLoad, "_drive"),
     "load with its drift at every evaluation": (DriveAndLoad, "_torque"),
-    "drive and load into the lanes": (_integrate, "fill"),
+    "drive and load into the lanes": (batch_runs, "fill_drive"),
     "anti-alias filter of the torque, from 100 kHz (exact)": (simulation, "resample_poly"),
-    "the same for all lanes (batch)": (Samples, "take"),
+    "the same for all lanes (batch)": (batch_runs.Samples, "take"),
     "drawing the machine": (Machine, "drawn"),
     "drawing the drift": (Machine, "fluctuations"),
     "effects, noise and copies of the channels": (MachineRun, "record"),

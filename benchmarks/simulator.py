@@ -19,7 +19,7 @@ from batches import DURATION_S, INTEGRATORS, Machines, accuracy_table
 from threadpoolctl import threadpool_limits
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, Rig, Solver, simulate, simulate_many
-from cyclofeat.simulators.batch import n_lanes
+from cyclofeat.simulators.batch.runs import n_lanes
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.reference import ReferenceGearbox, ramped_driver, ramped_load
 from cyclofeat.simulators.simulation import Integration

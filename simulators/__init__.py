@@ -17,7 +17,6 @@ module           responsibility
 ``many``         many runs at once, on several cores
 ``batch``        many gearboxes at once, one in each lane of the processor's vectors
 ``campaign``     thousands of runs from a declared design to files: resumable, on joblib or Dask
-``audit``        energy balance of a run
 ``_chatter``     warning for friction too steep for the time step
 ``_driven``      runs at a given speed as a motor would have made them
 ``_held``        the held output's kernel
@@ -37,7 +36,6 @@ from cyclofeat.simulators import effects
 from cyclofeat.simulators._machine import Machine, MachineRun, PlannedRun
 from cyclofeat.simulators._settling import settling_time
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.audit import EnergyAudit, energy_audit
 from cyclofeat.simulators.campaign import Campaign, CampaignData, WorkerLost, load_campaign, run_campaign
 from cyclofeat.simulators.courses import Courses
 from cyclofeat.simulators.defects import LobeDefects
@@ -63,7 +61,6 @@ __all__ = [
     "Courses",
     "CycloidalGearbox",
     "CycloidalProfile",
-    "EnergyAudit",
     "GearboxLocked",
     "LobeDefects",
     "Machine",
@@ -78,7 +75,6 @@ __all__ = [
     "Solver",
     "TorqueDeflection",
     "WorkerLost",
-    "energy_audit",
     "load_campaign",
     "run_campaign",
     "run_planned",

@@ -1,23 +1,18 @@
-"""Warning for friction that is too steep for the time step and chatters."""
+"""Damping rates by friction, which must not be too fast for the time step."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cyclofeat.simulators.contact import pin_centres
+from cyclofeat.simulators.contact import pin_centres, sleeve_centres
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-# Limit of stability of p = rate dt for x' = -rate x: 1 - p + p^2/2 (midpoint) stays below 1 up to p = 2, the
-# roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1.
-LIMITS = {"midpoint": 2.0, "adams_bashforth": 1.0}
 
 # Bodies that friction damps: two wheels, the output shaft, and all sleeves (about their axles).
 _OUTPUT = 2
@@ -40,9 +35,8 @@ def friction_rates(
     inertias[:_FIRST_SPIN] = gearbox.wheel_inertia, gearbox.wheel_inertia, gearbox.output_inertia
     centres = gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or (0j, 0j))
     cams = centres * np.exp(1j * phi)[:, None]
-    turned = 2 * np.pi * np.arange(n_sleeves) / n_sleeves + (motion[:, 2] - phi / gearbox.n_lobes)[:, None]
     pins = np.tile(pin_centres(gearbox), (phi.size, 1))
-    sleeves = gearbox.internal_pitch_radius * np.exp(1j * turned)
+    sleeves = sleeve_centres(gearbox, motion[:, 2] - phi / gearbox.n_lobes)
     bearing = np.zeros((phi.size, 1, inertias.size))
     bearing[..., _OUTPUT] = 1.0
     turning = (motion[:, 6] - omega / gearbox.n_lobes)[:, None] / gearbox.bearing_transition_speed
@@ -94,17 +88,3 @@ def _of_sleeves(
         yield slide, at_rest * size[:, w] / gearbox.friction_transition_speed + viscous
     on_axle = np.abs(vector.sum(axis=1))
     yield spin - radius * carrier, gearbox.journal_friction * on_axle / gearbox.friction_transition_speed
-
-
-def warn_of_chatter(rates: Float, dt: float, integrator: str) -> None:
-    """Warn if friction damps at rates (1/s) beyond the integrator's limit of stability."""
-    fastest, limit = float(rates.max(initial=0.0)), LIMITS[integrator]
-    if fastest * dt > limit:
-        warnings.warn(
-            f"friction chatters where surfaces stick: it damps at up to {fastest:.3g} 1/s, and "
-            f"integrator={integrator!r} with dt = {dt:g} s follows {limit:g}/dt = {limit / dt:.3g} 1/s; "
-            f"take a dt below {limit / fastest:.2g} s, or friction less steep (a higher "
-            "friction_transition_speed, or bearing_transition_speed)",
-            RuntimeWarning,
-            stacklevel=3,
-        )

@@ -9,7 +9,7 @@ from cyclofeat.simulators._kernels import N_RESULT, derivatives
 from cyclofeat.simulators._outline import CAM_X, CAM_Y, COLUMNS, FASTMATH
 
 # Of _kernels.py, which has that of _outline.py: numba's cache on disk notices a change of this file only.
-KERNELS_CHECKSUM = 0xF0308232
+KERNELS_CHECKSUM = 0xD999E973
 
 
 @njit(fastmath=FASTMATH, forceinline=True)

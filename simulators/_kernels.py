@@ -596,61 +596,6 @@ def new_memory(state: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
 
 
 @njit(fastmath=FASTMATH, inline="always")
-def elastic_force(penetration, radius, contact):
-    """The part of :func:`contact_force` that does not depend on the rate."""
-    if contact.law == CONSERVATIVE_LAW:
-        radius = contact.constant_radius
-    depth = max(penetration, 0.0)
-    rise = min(depth * contact.inverse_ramp, 1.0)
-    return contact.stiffness_factor * rise * depth * np.sqrt(radius * depth)
-
-
-@njit(fastmath=FASTMATH, inline="always")
-def elastic_energy(penetration, radius, contact):
-    """Energy in J stored in a contact: the integral of the elastic part of :func:`contact_force`."""
-    if contact.law == CONSERVATIVE_LAW:
-        radius = contact.constant_radius
-    depth = max(penetration, 0.0)
-    rising = min(depth, 1.0 / contact.inverse_ramp)
-    at_end = rising * rising * np.sqrt(rising)
-    energy = at_end * rising * contact.inverse_ramp / 3.5 + (depth * depth * np.sqrt(depth) - at_end) / 2.5
-    return contact.stiffness_factor * np.sqrt(radius) * energy
-
-
-@njit(fastmath=FASTMATH)
-def pin_energy(phi, omega, state, wheel, contact, mounts, memory):
-    """Energy (J) stored in the contacts of pins at the last evaluation, and power (W) of their damping."""
-    seen, counts, _, flanks, edges, _, _, _ = memory
-    z = float(wheel.n_lobes)
-    stored = 0.0
-    taken = 0.0
-    for w in range(2):
-        own = np.uintp(w * rows.COLUMNS)
-        st, ct = small_sincos(state[w] - seen[own + rows.SEEN_EPS] - (phi - seen[own + rows.SEEN_PHI]) / z)
-        cx = mounts[own + rows.CAM_X] * np.cos(phi) - mounts[own + rows.CAM_Y] * np.sin(phi)
-        cy = mounts[own + rows.CAM_X] * np.sin(phi) + mounts[own + rows.CAM_Y] * np.cos(phi)
-        own_x = ct * cx + st * cy
-        own_y = ct * cy - st * cx
-        rate = state[4 + w] - omega / z
-        for i in range(counts[own + rows.USED_FLANKS] + counts[own + rows.USED_EDGES]):
-            if i < counts[own + rows.USED_FLANKS]:
-                k = np.uintp(w * rows.FLANK_SIZE) + i
-                gap, cam_arm, pin_arm, _, radius, weight = flank_contact(
-                    flanks, k, True, ct, st, own_x, own_y
-                )
-            else:
-                k = np.uintp(w * rows.EDGE_SIZE) + i - counts[own + rows.USED_FLANKS]
-                gap, cam_arm, pin_arm, _, _, radius, weight = edge_contact(
-                    edges, k, wheel.pin_radius, ct, st, own_x, own_y
-                )
-            gap_rate = (rate - omega) * cam_arm - rate * pin_arm
-            stored += weight * elastic_energy(-gap, radius, contact)
-            whole = contact_force(-gap, -gap_rate, radius, contact)
-            taken -= weight * (whole - elastic_force(-gap, radius, contact)) * gap_rate
-    return stored, taken
-
-
-@njit(fastmath=FASTMATH, inline="always")
 def _turn(cosine, sine, angle):
     """Rotate (cosine, sine) by a small angle and pull the result back onto the unit circle."""
     s, c = small_sincos(angle)

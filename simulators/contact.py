@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from cyclofeat.simulators import _kernels
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
-__all__ = ["contact_constants", "joint_effective_radius", "pin_centres", "stiffness_factor"]
-
 _LAWS = {
     "paper": _kernels.PAPER_LAW,
     "hunt_crossley": _kernels.HUNT_CROSSLEY_LAW,
@@ -43,6 +41,12 @@ def pin_centres(gearbox: CycloidalGearbox) -> NDArray[np.complex128]:
         gearbox.pin_tangential_errors or 0.0
     )
     return np.asarray((gearbox.pin_circle_radius + errors) * np.exp(1j * angles))
+
+
+def sleeve_centres(gearbox: CycloidalGearbox, output_angle: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Positions x + iy of the internal sleeves' axles in m, at angles (n,) of the output: (n, n_sleeves)."""
+    angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
+    return np.asarray(gearbox.internal_pitch_radius * np.exp(1j * (angles + output_angle[:, np.newaxis])))
 
 
 def contact_constants(gearbox: CycloidalGearbox, constant_radius: float) -> _kernels.ContactConstants:

@@ -22,8 +22,6 @@ from cyclofeat._base.checks import (
 )
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
-__all__ = ["LobeDefects", "machine"]
-
 MOST_WEAR_UM = 200.0
 _WEAR_SHARE, _WEAR_CENTRE = 0.6, 0.5
 

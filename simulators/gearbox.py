@@ -20,8 +20,6 @@ from cyclofeat._base.checks import (
 )
 from cyclofeat.simulators.geometry import CycloidalProfile
 
-__all__ = ["RPM", "CycloidalGearbox"]
-
 RPM = 2 * math.pi / 60
 MAX_SLEEVES = 128
 CONTACT_LAWS = ("paper", "hunt_crossley", "conservative")

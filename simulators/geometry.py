@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CycloidalProfile"]
-
 Complex = NDArray[np.complex128]
 Float = NDArray[np.float64]
 

@@ -17,8 +17,6 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import ABSURD_TORQUE, LARGEST_N_STEPS, SimulationDiverged
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
-__all__ = ["TorqueDeflection", "torque_deflection"]
-
 Float = NDArray[np.float64]
 
 _DAMPING = 1e-3  # Nms/rad, of the input's free vibration: an assumption

@@ -19,7 +19,7 @@ from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.simulation import SimulationFailed, SimulationRun, simulate
 
 if TYPE_CHECKING:  # compiled only where it is asked for
-    from cyclofeat.simulators.batch import Request
+    from cyclofeat.simulators.batch.runs import Request
 
 __all__ = ["run_planned", "simulate_many"]
 
@@ -199,9 +199,9 @@ def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     of_gearbox = {index: run for index, run in enumerate(runs) if run.get("simulator") is None}
     if kernel == "exact" or not of_gearbox or not _can_batch(required=kernel == "batch"):
         return alone
-    from cyclofeat.simulators.batch import Request, batches, obstacle
+    from cyclofeat.simulators.batch.runs import Request, group_requests, obstacle
 
-    requests = {index: Request.of(run) for index, run in of_gearbox.items()}
+    requests = {index: Request.from_arguments(run) for index, run in of_gearbox.items()}
     obstacles = {index: obstacle(request, runs[index]) for index, request in requests.items()}
     for index, what in obstacles.items():
         if what and kernel == "batch":
@@ -210,16 +210,16 @@ def _tasks(runs: Sequence[dict[str, Any]], kernel: str) -> list[_Task]:
     if not suited:
         return alone
     tasks = [task for index, task in enumerate(alone) if index not in suited]
-    for batch in batches(suited):
+    for batch in group_requests(suited):
         tasks.append(_Task({index: runs[index] for index in batch}, list(batch.values())))
     return sorted(tasks, key=lambda task: min(task.runs))
 
 
 def _can_batch(required: bool) -> bool:
     """Return True if batches can be compiled here; else warn, or raise RuntimeError if they are required."""
-    from cyclofeat.simulators.batch import compile_error
+    from cyclofeat.simulators.batch import runs
 
-    error = compile_error()
+    error = runs.compile_error()
     if error is None:
         return True
     message = f"runs in batches cannot be compiled here: {error}"
@@ -234,7 +234,7 @@ def _simulated(task: _Task, then: Callable[[int, SimulationRun | SimulationFaile
     if task.batch is None:
         runs = [_attempt(arguments) for arguments in task.runs.values()]
     else:
-        from cyclofeat.simulators.batch import run_batch
+        from cyclofeat.simulators.batch.runs import run_batch
 
         # A run that diverges or locks has its reason from the exact kernel.
         runs = [

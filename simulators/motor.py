@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 from cyclofeat._base.checks import not_negative, positive, whole
 
-__all__ = ["Motor"]
-
 
 @dataclass(frozen=True)
 class Motor:

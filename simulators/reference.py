@@ -23,8 +23,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ReferenceGearbox", "Solution", "Trajectory", "ramped_driver", "ramped_load"]
-
 Real = NDArray[np.float64]
 Plane = NDArray[np.complex128]
 Driver = Callable[[float], tuple[float, float, float]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import warnings
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -14,25 +15,14 @@ from scipy.signal import firwin, resample_poly
 
 from cyclofeat._base.checks import check_type, number, one_of, positive
 from cyclofeat.simulators import _kernels
-from cyclofeat.simulators._chatter import friction_rates, warn_of_chatter
+from cyclofeat.simulators._chatter import friction_rates
 from cyclofeat.simulators._lines import on_grid
 from cyclofeat.simulators._simulator import Simulator
-from cyclofeat.simulators.contact import pin_centres
+from cyclofeat.simulators.contact import pin_centres, sleeve_centres
 from cyclofeat.simulators.courses import MARGIN, Courses, drive_and_load
 from cyclofeat.simulators.defects import LobeDefects, machine
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 from cyclofeat.simulators.tables import KernelInput, kernel_input, rest_state
-
-__all__ = [
-    "GearboxLocked",
-    "Integrated",
-    "Integration",
-    "SimulationDiverged",
-    "SimulationFailed",
-    "SimulationRun",
-    "Solver",
-    "simulate",
-]
 
 Float = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -44,6 +34,9 @@ ABSURD_TORQUE = 1e4
 LOCKING_FORCE = 2e4
 LOCKING_TIME = 1e-3
 STAGES = {"midpoint": 2, "adams_bashforth": 1}
+# Limit of stability of p = rate dt for x' = -rate x: 1 - p + p^2/2 (midpoint) stays below 1 up to p = 2, the
+# roots of r^2 - (1 - 3/2 p) r - p/2 (Adams-Bashforth) up to p = 1.
+_STABLE = {"midpoint": 2.0, "adams_bashforth": 1.0}
 _RELAXATION_ROUNDS = 3000
 # Number of instants at which the damping by friction is compared with the time step.
 _N_WATCHED = 128
@@ -262,9 +255,9 @@ def simulate(
     if simulator is not None:
         n, steady = round(duration * sampling_rate), gearbox.replace(ramp_time=0.0)
         course = drive_and_load(steady, n, 1 / sampling_rate, sampling_rate, start_angle, courses)
-        return _simulated_by(simulator, gearbox, defects, course, sampling_rate)
+        return _run_simulator(simulator, gearbox, defects, course, sampling_rate)
     solver = solver or Solver()
-    sampling = Sampling.of(duration, sampling_rate, solver)
+    sampling = Sampling.plan(duration, sampling_rate, solver)
     number("start_angle", start_angle)
     one_of("start", start, ("rest", "relaxed"))
     dt, n_steps, steps = solver.dt, sampling.n_steps, sampling.steps
@@ -272,7 +265,7 @@ def simulate(
     integration = Integration(gearbox, kernel_input(gearbox, defects), course, dt, solver.integrator)
     state = rest_state(gearbox)
     if start == "relaxed":
-        state = relaxed(integration, state)
+        state = relax(integration, state)
     checked = gearbox.has_friction and solver.check_friction
     watched = steps[:: max(steps.size // _N_WATCHED, 1)] if checked else steps[:0]
     kept = steps if motion or forces or points else watched
@@ -280,31 +273,33 @@ def simulate(
     if checked:
         states = done.motion[np.searchsorted(kept, watched)]
         nearby = np.stack([course[:, 2 * step : 2 * step + 3] for step in watched])
-        rates = damping_by_friction(gearbox, integration.constants, dt, nearby, states)
-        warn_of_chatter(rates, dt, solver.integrator)
+        check_friction(gearbox, integration.constants, solver, nearby, states)
     phi, omega = course[:2]
     input_angle = on_grid(sampling.time, dt / 2, phi)
     z, external, internal = gearbox.n_lobes, done.external, done.internal
+    external_points, internal_points = None, None
+    if points:
+        axles = sleeve_centres(gearbox, done.motion[:, 2] - phi[2 * kept] / z)[:, np.newaxis]
+        external_points = contact_points(pin_centres(gearbox), gearbox.pin_radius, external)
+        internal_points = contact_points(axles, gearbox.internal_sleeve_radius, internal)
     return SimulationRun(
         gearbox=gearbox,
         defects=defects,
         sampling_rate=float(sampling_rate),
-        torque_out=sampling.decimated(done.torques[:, 0]),
-        torque_in=sampling.decimated(done.torques[:, 1]) if torque_in else None,
+        torque_out=sampling.decimate(done.torques[:, 0]),
+        torque_in=sampling.decimate(done.torques[:, 1]) if torque_in else None,
         input_angle=input_angle,
         output_angle=done.motion[:, 2] - input_angle / z if motion else None,
         output_speed=done.motion[:, 6] - omega[2 * kept] / z if motion else None,
         external_forces=np.ascontiguousarray(external[..., 0]) if forces else None,
         internal_forces=np.ascontiguousarray(internal[..., 0]) if forces else None,
-        external_points=external_points(gearbox, external) if points else None,
-        internal_points=(
-            internal_points(gearbox, internal, done.motion[:, 2] - phi[2 * kept] / z) if points else None
-        ),
+        external_points=external_points,
+        internal_points=internal_points,
         dt=dt,
     )
 
 
-def _simulated_by(
+def _run_simulator(
     simulator: Simulator, gearbox: CycloidalGearbox, defects: LobeDefects, course: Float, sampling_rate: float
 ) -> SimulationRun:
     """Return the run of a user's simulator, checked."""
@@ -340,7 +335,7 @@ class Sampling:
     decimation: str
 
     @classmethod
-    def of(cls, duration: float, sampling_rate: float, solver: Solver) -> Sampling:
+    def plan(cls, duration: float, sampling_rate: float, solver: Solver) -> Sampling:
         positive("duration", duration)
         positive("sampling_rate", sampling_rate)
         check_type("solver", solver, Solver)
@@ -372,7 +367,7 @@ class Sampling:
         """True if samples are values of single steps, without a filter."""
         return self.decimation == "pick" or self.ratio == 1
 
-    def decimated(self, channel: Float) -> Float:
+    def decimate(self, channel: Float) -> Float:
         """Return the samples of the result from one value per step."""
         if self.picks:
             return np.ascontiguousarray(channel[self.steps])
@@ -462,26 +457,36 @@ class Integration:
         )
 
 
-def damping_by_friction(
-    gearbox: CycloidalGearbox, constants: KernelInput, dt: float, courses: Float, states: Float
-) -> Float:
-    """Damping rates by friction in 1/s in several states, (n,).
+def check_friction(
+    gearbox: CycloidalGearbox, constants: KernelInput, solver: Solver, courses: Float, states: Float
+) -> None:
+    """Warn if friction damps at rates beyond the integrator's limit of stability in any of several states.
 
     ``courses`` (n, 4, 3) hold input and load in each of the ``states`` (n, n_state) and at the next two half
     steps.
     """
-    first: NDArray[np.int64] = np.zeros(1, dtype=int)
+    dt, integrator, first = solver.dt, solver.integrator, np.zeros(1, dtype=int)
     again = [
         Integration(gearbox, constants, course, dt).attempt(state, 0, 1, first, forces=True)
         for course, state in zip(courses, states, strict=True)
     ]
-    external = np.concatenate([one.external for one in again])
-    internal = np.concatenate([one.internal for one in again])
+    external = np.concatenate([done.external for done in again])
+    internal = np.concatenate([done.internal for done in again])
     phi, omega = courses[:, :2, 0].T
-    return friction_rates(gearbox, phi, omega, states, external, internal)
+    rates = friction_rates(gearbox, phi, omega, states, external, internal)
+    fastest, limit = float(rates.max(initial=0.0)), _STABLE[integrator]
+    if fastest * dt > limit:
+        warnings.warn(
+            f"friction chatters where surfaces stick: it damps at up to {fastest:.3g} 1/s, and "
+            f"integrator={integrator!r} with dt = {dt:g} s follows {limit:g}/dt = {limit / dt:.3g} 1/s; "
+            f"take a dt below {limit / fastest:.2g} s, or friction less steep (a higher "
+            "friction_transition_speed, or bearing_transition_speed)",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
-def relaxed(integration: Integration, state: Float) -> Float:
+def relax(integration: Integration, state: Float) -> Float:
     """State in which the contacts balance the load at the start, with the drive at rest.
 
     It stops the motion repeatedly (kinetic damping). With the heavy rotor of a brake this would take too
@@ -522,19 +527,8 @@ def anti_alias_filter(up: int, down: int) -> Float:
     return np.asarray(taps)
 
 
-def external_points(gearbox: CycloidalGearbox, external: Float) -> Complex:
-    """Points where each pin touches each wheel."""
-    return _points(pin_centres(gearbox), gearbox.pin_radius, external)
-
-
-def internal_points(gearbox: CycloidalGearbox, internal: Float, output_angle: Float) -> Complex:
-    """Points where each internal sleeve touches each wheel."""
-    angles = 2 * np.pi * np.arange(gearbox.n_internal_sleeves) / gearbox.n_internal_sleeves
-    centres = gearbox.internal_pitch_radius * np.exp(1j * (angles + output_angle[:, None, None]))
-    return _points(centres, gearbox.internal_sleeve_radius, internal)
-
-
-def _points(centres: Complex, radius: float, forces: Float) -> Complex:
+def contact_points(centres: Complex, radius: float, forces: Float) -> Complex:
+    """Return the points where sleeves touch each wheel, from the ``forces`` (n, 2, n_sleeves, 3)."""
     vector = forces[..., 1] + 1j * forces[..., 2]
     size = np.abs(vector)
     with np.errstate(invalid="ignore"):  # a contact without force has no point

@@ -14,8 +14,6 @@ from cyclofeat.simulators.contact import contact_constants, joint_effective_radi
 from cyclofeat.simulators.defects import LobeDefects
 from cyclofeat.simulators.gearbox import CycloidalGearbox
 
-__all__ = ["KernelInput", "kernel_input", "rest_state"]
-
 Float = NDArray[np.float64]
 
 

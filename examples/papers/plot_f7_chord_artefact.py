@@ -39,5 +39,5 @@ for count in COUNTS:
 # Without wear both models are the same machine. With wear, the switched surface has two and a half to three
 # and a half times the ripple, in bursts at every passage of a worn lobe. This looks like an excellent
 # diagnostic signal, and a counter trained on it scores well for the wrong reason. The cause is a force that
-# jumps to zero while a sleeve is pressed in by a third of a millimetre. An audit of the energy reveals it
-# (:func:`~cyclofeat.simulators.energy_audit`), a picture of torque does not.
+# jumps to zero while a sleeve is pressed in by a third of a millimetre. A balance of the energy reveals it,
+# a picture of the torque does not.

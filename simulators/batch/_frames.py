@@ -10,17 +10,16 @@ import numpy as np
 
 from cyclofeat.simulators._jit import inner_njit
 from cyclofeat.simulators._outline import CELLS_PER_RADIAN, CHORD_ENDS, DISPLACED_REACH, FIRST_BORDER, LEAD
-from cyclofeat.simulators.batch import _rows as rows
-from cyclofeat.simulators.batch._friction import first_normal
-from cyclofeat.simulators.batch._lanes import sine_and_fall, small_sine_and_fall
+from cyclofeat.simulators.batch import _tables as rows
+from cyclofeat.simulators.batch._lanes import first_normal, sine_and_fall, small_sine_and_fall
 from cyclofeat.simulators.batch._vectors import (
     FASTMATH,
     bits_of,
     choose,
-    count,
-    filled,
+    fill_lanes,
     first_bit,
-    joined,
+    join_lanes,
+    lane_count,
     larger,
     load,
     load_from,
@@ -34,15 +33,13 @@ from cyclofeat.simulators.batch._vectors import (
 _N_DIRECTIONS = 64
 _COSINES = np.cos(2 * np.pi * np.arange(_N_DIRECTIONS) / _N_DIRECTIONS)
 _SINES = np.sin(2 * np.pi * np.arange(_N_DIRECTIONS) / _N_DIRECTIONS)
-# Weights are looked up from two lobes before a pin's own on.
-FIRST_PLACE = 2
 # Share of a pitch about the place where lobes or their halves meet, beyond which no pin passes it.
 MEETING = 0.02
 _LOST = 1e6  # rad; an angle beyond is no longer that of a machine
 
 
 @inner_njit(fastmath=FASTMATH)
-def direction(angle):
+def cosine_and_sine(angle):
     """Cosine and sine of an angle, in float64: from the nearest of 64 directions."""
     turns = angle * (_N_DIRECTIONS / (2 * np.pi))
     nearest = np.floor(turns + 0.5)
@@ -91,7 +88,7 @@ def _near_foot(displaced, lobe, close, g, at):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _profile(at_foot, g, at):
+def _profile_at(at_foot, g, at):
     """Normal, and gap and effective radius with their derivatives along the tangent, at a pin."""
     s1, v1, rx, ry, _, _, hx, hy = at_foot
     inverse = 1.0 / root(hx * hx + hy * hy)
@@ -129,21 +126,21 @@ def _profile(at_foot, g, at):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _both(values, table, half):
+def _per_wheel(values, table, half):
     """The vector with one number for the pins of each wheel."""
-    return joined(filled(values[0], table, half), filled(values[1], table, half))
+    return join_lanes(fill_lanes(values[0], table, half), fill_lanes(values[1], table, half))
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _of_pins(table, row, half):
     """A row of the pins, for each wheel."""
     values = load(table, row, half)
-    return joined(values, values)
+    return join_lanes(values, values)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _weights_from(weights, first, shift, half):
-    return joined(load_from(weights, first[0] + shift, half), load_from(weights, first[1] + shift, half))
+def _load_weights(weights, first, shift, half):
+    return join_lanes(load_from(weights, first[0] + shift, half), load_from(weights, first[1] + shift, half))
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -151,19 +148,19 @@ def _weight_at(weights, first, step, half):
     """Weights of the lobes from an index for each wheel on, plus a step of -2 to 1 lobes."""
     before = choose(
         step < -1.5,
-        _weights_from(weights, first, np.uintp(0), half),
-        _weights_from(weights, first, np.uintp(1), half),
+        _load_weights(weights, first, np.uintp(0), half),
+        _load_weights(weights, first, np.uintp(1), half),
     )
     after = choose(
         step < 0.5,
-        _weights_from(weights, first, np.uintp(2), half),
-        _weights_from(weights, first, np.uintp(3), half),
+        _load_weights(weights, first, np.uintp(2), half),
+        _load_weights(weights, first, np.uintp(3), half),
     )
     return choose(step < -0.5, before, after)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _beside(angle, middle, lever, normal, g, at):
+def _line_across(angle, middle, lever, normal, g, at):
     """The line across a flank where the outline may pass into a defect: value, slopes along v and u.
 
     ``angle`` is of the pin against the tip of the lobe ahead.
@@ -243,13 +240,13 @@ def _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b):
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _places_of_weights(place, b, lane, tables, half):
     """Index of the first pin's weights on each wheel, two lobes before its own, and the pins' way over it."""
-    n_places = np.uintp(tables.n_lobes + 4) + np.uintp(tables.n_blocks) * count(half)
+    n_places = np.uintp(tables.n_lobes + 4) + np.uintp(tables.n_blocks) * lane_count(half)
     base = (np.floor(-place[0]), np.floor(-place[1]))
-    block = np.uintp(b) * count(half) + np.uintp(2 * rows.N_WEIGHTS) * lane * n_places
+    block = np.uintp(b) * lane_count(half) + np.uintp(2 * rows.N_WEIGHTS) * lane * n_places
     first = block + np.uintp(np.int64(base[0]) + tables.n_lobes)
     second = block + np.uintp(np.int64(base[1]) + tables.n_lobes) + np.uintp(rows.N_WEIGHTS) * n_places
     share = _of_pins(tables.pins, rows.PIN_SHARE * tables.n_blocks + b, half)
-    over = _both((-place[0] - base[0], -place[1] - base[1]), tables.frames, half) - share
+    over = _per_wheel((-place[0] - base[0], -place[1] - base[1]), tables.frames, half) - share
     return (first, second), n_places, over
 
 
@@ -257,7 +254,7 @@ def _places_of_weights(place, b, lane, tables, half):
 def _lobe_error(pitched, index, n_places, step, tables, half):
     """Pitch error of the lobes a step after those of an index for each wheel."""
     if pitched is None:
-        return _both((0.0, 0.0), tables.frames, half)
+        return _per_wheel((0.0, 0.0), tables.frames, half)
     shift = np.uintp(rows.PITCH_ERROR) * n_places
     return _weight_at(tables.weights, (index[0] + shift, index[1] + shift), step, half)
 
@@ -266,7 +263,7 @@ def _lobe_error(pitched, index, n_places, step, tables, half):
 def _pitch_errors(pitched, b, wheels, lane, tables, half):
     """Angle by which the profile is displaced at each pin, and its slope by share of a pitch."""
     if pitched is None:
-        none = _both((0.0, 0.0), tables.frames, half)
+        none = _per_wheel((0.0, 0.0), tables.frames, half)
         return none, none
     places = (wheels[0].place, wheels[1].place)
     index, n_places, over = _places_of_weights(places, b, lane, tables, half)
@@ -282,14 +279,14 @@ def _pitch_errors(pitched, b, wheels, lane, tables, half):
 def _from_profile(pin, wheels, table, half):
     """Run-out of the profiles in the pins' own frames, and the vectors from the profiles to the pins."""
     lever, _, (c, s) = pin
-    x = _both((wheels[0].run_x, wheels[1].run_x), table, half)
-    y = _both((wheels[0].run_y, wheels[1].run_y), table, half)
+    x = _per_wheel((wheels[0].run_x, wheels[1].run_x), table, half)
+    y = _per_wheel((wheels[0].run_y, wheels[1].run_y), table, half)
     run = (c * x + s * y, c * y - s * x)
     return run, (lever[0] - run[0], lever[1] - run[1])
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _turned_back(pitched, errors, displaced, cam, g, at):
+def _turn_back_pins(pitched, errors, displaced, cam, g, at):
     """Way of a pin from the rest position: an error of the pitch turns it back."""
     if pitched is None:
         return displaced
@@ -298,7 +295,7 @@ def _turned_back(pitched, errors, displaced, cam, g, at):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _tilted(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, half):
+def _tilt_flank(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, half):
     """Normal and gap of a profile that a pitch error turns, and tilts where it leads to the next lobe's."""
     if pitched is None:
         return normal, gaps
@@ -315,7 +312,7 @@ def _tilted(pitched, errors, normal, gaps, at_foot, pin, wheels, tables, at, hal
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _wear(b, foot, at_foot, places, lane, tables, half):
+def _wear_at(b, foot, at_foot, places, lane, tables, half):
     """Radial wear at the feet of pins, and its slope and curvature along the profile."""
     g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
     index, n_places, over = _places_of_weights(places, b, lane, tables, half)
@@ -361,7 +358,7 @@ def _beside_path(sink, slope, at_foot, g, at):
 def _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half):
     """As :func:`_near_foot`, on the path of pins over radial wear: one more of Newton's steps."""
     g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
-    sink, slope, bend = _wear(b, foot, at_foot, places, lane, tables, half)
+    sink, slope, bend = _wear_at(b, foot, at_foot, places, lane, tables, half)
     (height, beside, above, kappa), tilt = _beside_path(sink, slope, at_foot, g, at)
     way = (beside - height * tilt) / (1.0 + kappa * above + height * bend + tilt * tilt)
     hx, hy = at_foot[6], at_foot[7]
@@ -370,11 +367,11 @@ def _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _worn(b, flank, foot, at_foot, places, lane, tables, half):
+def _wear_flank(b, flank, foot, at_foot, places, lane, tables, half):
     """Normal, gaps and radii of flanks with radial wear; ``flank`` holds those of the healthy flanks."""
     (nx, ny), gaps, radii = flank
     g, at = tables.rounded, lane * np.uintp(rows.N_COLUMNS)
-    sink, slope, bend = _wear(b, foot, at_foot, places, lane, tables, half)
+    sink, slope, bend = _wear_at(b, foot, at_foot, places, lane, tables, half)
     (height, beside, above, kappa), tilt = _beside_path(sink, slope, at_foot, g, at)
     slack = 1.0 / larger(1.0 + kappa * above, 0.3)
     bend = gaps[2] + bend * slack * slack
@@ -397,7 +394,7 @@ def _worn(b, flank, foot, at_foot, places, lane, tables, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
+def _describe_defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, tables, half):
     """Weights and lines of the flanks, and all edges, of the pins in block ``b``.
 
     Returns the weights and the masks of the flanks in reach, and of those that a line may cross.
@@ -405,7 +402,7 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     g, at, frames, n_blocks = tables.rounded, lane * np.uintp(rows.N_COLUMNS), tables.frames, tables.n_blocks
     reach, line_reach, edge_reach = reaches
     (index_0, index_1), n_places, over = _places_of_weights(place, b, lane, tables, half)
-    one, zero = _both((1.0, 1.0), frames, half), _both((0.0, 0.0), frames, half)
+    one, zero = _per_wheel((1.0, 1.0), frames, half), _per_wheel((0.0, 0.0), frames, half)
     step = whole_below(over)
     part = over - step
     part_of_foot = part + foot * g[at + rows.PER_PITCH]
@@ -429,7 +426,7 @@ def _defects(b, gap, foot, place, arm, beyond_tip, pin, normal, reaches, lane, t
     uneven = used & (from_meeting < MEETING) & (magnitude(before - beyond) > 0.0)
     if bits_of(uneven) != 0:
         error = _lobe_error(tables.pitched, (index_0, index_1), n_places, ahead, tables, half)
-        line = _beside((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
+        line = _line_across((part - further) * g[at + rows.PITCH] - error, middle, arm, normal, g, at)
         store(frames, rows.F_LINE * n_blocks + b, line[0])
         store(frames, rows.F_LINE_V * n_blocks + b, line[1])
         store(frames, rows.F_LINE_U * n_blocks + b, line[2])
@@ -472,15 +469,15 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
         _of_pins(pins, rows.PIN_SIN * n_blocks + b, half),
     )
     radial, tangential = _of_pins(pins, pins_at, half), _of_pins(pins, pins_at + n_blocks, half)
-    offset_x = _both((first.offset_x, second.offset_x), frames, half)
-    offset_y = _both((first.offset_y, second.offset_y), frames, half)
+    offset_x = _per_wheel((first.offset_x, second.offset_x), frames, half)
+    offset_y = _per_wheel((first.offset_y, second.offset_y), frames, half)
     cam_x, cam_y = (
-        _both((first.cam_x, second.cam_x), frames, half),
-        _both((first.cam_y, second.cam_y), frames, half),
+        _per_wheel((first.cam_x, second.cam_x), frames, half),
+        _per_wheel((first.cam_y, second.cam_y), frames, half),
     )
     lobe_x, lobe_y = (
-        _both((first.lobe_x, second.lobe_x), frames, half),
-        _both((first.lobe_y, second.lobe_y), frames, half),
+        _per_wheel((first.lobe_x, second.lobe_x), frames, half),
+        _per_wheel((first.lobe_y, second.lobe_y), frames, half),
     )
     # Each pin in its own frame: radial, tangential.
     displaced = (c * offset_x + s * offset_y + radial, c * offset_y - s * offset_x + tangential)
@@ -489,32 +486,32 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
     lever = (g[at + rows.CIRCLE_RADIUS] + (radial - cam[0]), tangential - cam[1])
     pin, wheels = (lever, cam, (c, s)), (first, second)
     errors = _pitch_errors(tables.pitched, b, wheels, lane, tables, half)
-    displaced = _turned_back(tables.pitched, errors, displaced, cam, g, at)
+    displaced = _turn_back_pins(tables.pitched, errors, displaced, cam, g, at)
     close = first.displaced < g[at + rows.CLOSE] and second.displaced < g[at + rows.CLOSE]
     foot, at_foot = _near_foot(displaced, lobe, close, g, at)
     places, is_worn = (first.place, second.place), g[at + rows.WEAR_BY_WIDTH] > 0.0
     if is_worn:
         foot, at_foot = _worn_foot(b, foot, at_foot, displaced, lobe, places, lane, tables, half)
-    nx, ny, gaps, radii = _profile(at_foot, g, at)
-    normal, gaps = _tilted(tables.pitched, errors, (nx, ny), gaps, at_foot, pin, wheels, tables, at, half)
+    nx, ny, gaps, radii = _profile_at(at_foot, g, at)
+    normal, gaps = _tilt_flank(tables.pitched, errors, (nx, ny), gaps, at_foot, pin, wheels, tables, at, half)
     healthy_gap = gaps[0]
     if is_worn:
         flank = (normal, gaps, radii)
-        normal, gaps, radii = _worn(b, flank, foot, at_foot, places, lane, tables, half)
+        normal, gaps, radii = _wear_flank(b, flank, foot, at_foot, places, lane, tables, half)
     if g[at + rows.CONSTANT_RADIUS] > 0.0:
-        constant = _both((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
+        constant = _per_wheel((g[at + rows.CONSTANT_RADIUS], g[at + rows.CONSTANT_RADIUS]), frames, half)
         radii = (constant, 0.0 * constant, 0.0 * constant)
     _write_flanks(lever, cam, normal, gaps, radii, frames, n_blocks, b)
     _write_normal(tables.spins, rows.FLANK_NORMALS, normal, (c, s), frames, n_blocks, b)
-    wider = DISPLACED_REACH * _both((first.displaced, second.displaced), frames, half)
+    wider = DISPLACED_REACH * _per_wheel((first.displaced, second.displaced), frames, half)
     reach = g[at + rows.FLANK_REACH] + wider
-    weight = _both((1.0, 1.0), frames, half)
+    weight = _per_wheel((1.0, 1.0), frames, half)
     used = healthy_gap < reach
     lined = used & ~used
     if faulty:
         run, arm = _from_profile(pin, wheels, frames, half)
         beyond_tip = g[at + rows.TIP_LESS] + (radial - cam[0] - run[0])
-        weight, used, lined = _defects(
+        weight, used, lined = _describe_defects(
             b, healthy_gap, foot, places, arm, beyond_tip, pin, normal,
             (reach, g[at + rows.LINE_REACH] + wider, g[at + rows.EDGE_REACH] + wider), lane, tables, half,
         )  # fmt: skip
@@ -529,14 +526,14 @@ def _frames_of_pins(b, first, second, faulty, lane, tables, half):
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _pins_in(b, tables, half):
     """The mask of the pins that a block holds: the last one may not be full."""
-    n = min(tables.n_lobes + 1 - b * np.int64(count(half)), np.int64(count(half)))
+    n = min(tables.n_lobes + 1 - b * np.int64(lane_count(half)), np.int64(lane_count(half)))
     return (np.uint64(1) << np.uint64(n)) - np.uint64(1)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _contacts(kind, w, lane, tables, lanes):
+def _contact_table(kind, w, lane, tables, lanes):
     """Table of a lane's contacts of a kind, the index of the first there, and the rows of each."""
-    width, n_pins = count(lanes), np.uintp(w * (tables.n_lobes + 1))
+    width, n_pins = lane_count(lanes), np.uintp(w * (tables.n_lobes + 1))
     table, n_rows, first = tables.flanks, np.uintp(rows.N_FLANK_ROWS), n_pins
     if kind == rows.LINED_FLANKS:
         table, n_rows = tables.lined, np.uintp(rows.N_LINED_ROWS)
@@ -550,7 +547,7 @@ def _copy_normal(spins, row, kind, w, n, pin, number, tables, lane, lanes, half)
     """Copy the normal of a pin of the given number to one lane's contact: only friction needs it."""
     if spins is None:
         return
-    width, stride = count(lanes), np.uintp(2 * tables.n_blocks) * count(half)
+    width, stride = lane_count(lanes), np.uintp(2 * tables.n_blocks) * lane_count(half)
     to = (first_normal(kind, w, tables) + np.uintp(rows.N_NORMAL_ROWS) * n) * width + lane
     spins[to] = tables.frames[np.uintp(row) * stride + pin]
     spins[to + width] = tables.frames[np.uintp(row + 1) * stride + pin]
@@ -558,24 +555,24 @@ def _copy_normal(spins, row, kind, w, n, pin, number, tables, lane, lanes, half)
 
 
 @inner_njit(fastmath=FASTMATH)
-def _pack(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
+def _pack_contacts(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
     """Copy a mask's pins, from a row of their frames on, to a lane's contacts from number ``n`` on.
 
     Returns the next number.
     """
-    frames, n_blocks, width = tables.frames, tables.n_blocks, count(lanes)
-    per_block = np.uintp(2) * count(half)
+    frames, n_blocks, width = tables.frames, tables.n_blocks, lane_count(lanes)
+    per_block = np.uintp(2) * lane_count(half)
     stride = np.uintp(n_blocks) * per_block
-    table, into, n_rows = _contacts(kind, w, lane, tables, lanes)
+    table, into, n_rows = _contact_table(kind, w, lane, tables, lanes)
     for b in range(n_blocks):
-        bits = (tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(count(half)))) & _pins_in(
+        bits = (tables.bits[mask * n_blocks + b] >> np.uint64(w * np.int64(lane_count(half)))) & _pins_in(
             b, tables, half
         )
         while bits != 0:
             bit = np.uintp(first_bit(bits))
             bits &= bits - np.uint64(1)
-            pin = bit + np.uintp(w) * count(half) + np.uintp(b) * per_block
-            number = bit + np.uintp(b) * count(half)
+            pin = bit + np.uintp(w) * lane_count(half) + np.uintp(b) * per_block
+            number = bit + np.uintp(b) * lane_count(half)
             _copy_normal(tables.spins, row_of_normals, kind, w, n, pin, number, tables, lane, lanes, half)
             to = into + n * n_rows * width
             pin += np.uintp(row) * stride
@@ -594,11 +591,11 @@ def _pack(mask, row, row_of_normals, kind, w, n, lane, tables, lanes, half):
 @inner_njit(fastmath=FASTMATH)
 def keep_first(kind, w, lane, n, tables, lanes):
     """Let a lane have ``n`` contacts of a kind: open those that it had beyond, or take their weight."""
-    width = count(lanes)
+    width = lane_count(lanes)
     here = np.uintp(rows.N_FLANKS + 2 * kind + w) * width + lane
     had = np.uintp(tables.lanes[here])
     tables.lanes[here] = n
-    table, into, n_rows = _contacts(kind, w, lane, tables, lanes)
+    table, into, n_rows = _contact_table(kind, w, lane, tables, lanes)
     for k in range(n, had):
         to = into + k * n_rows * width
         if kind == rows.EDGES:
@@ -609,22 +606,22 @@ def keep_first(kind, w, lane, n, tables, lanes):
 
 
 @inner_njit(fastmath=FASTMATH)
-def _pack_all(w, lane, faulty, tables, lanes, half):
+def _pack_lane(w, lane, faulty, tables, lanes, half):
     """Fill the lane's contacts from the working memory: first those that touch."""
     normals = rows.FLANK_NORMALS
     kind = rows.FLANKS
-    n = _pack(rows.TOUCHING, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
-    n = _pack(rows.OPEN, 0, normals, kind, w, n, lane, tables, lanes, half)
+    n = _pack_contacts(rows.TOUCHING, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
+    n = _pack_contacts(rows.OPEN, 0, normals, kind, w, n, lane, tables, lanes, half)
     keep_first(kind, w, lane, n, tables, lanes)
     if not faulty:
         return
     kind = rows.LINED_FLANKS
-    n = _pack(rows.LINED, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
+    n = _pack_contacts(rows.LINED, 0, normals, kind, w, np.uintp(0), lane, tables, lanes, half)
     keep_first(kind, w, lane, n, tables, lanes)
     n = np.uintp(0)
     for mask in range(rows.ON_EDGE, rows.N_MASKS):
         kind = (mask - rows.ON_EDGE) % rows.N_EDGE_KINDS
-        n = _pack(
+        n = _pack_contacts(
             mask, rows.EDGE_FRAMES + rows.N_EDGE_ROWS * kind, rows.EDGE_NORMALS + 2 * kind, rows.EDGES, w, n,
             lane, tables, lanes, half,
         )  # fmt: skip
@@ -632,13 +629,13 @@ def _pack_all(w, lane, faulty, tables, lanes, half):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _wheel(w, eps, hole, around, lane, g):
+def _wheel_place(w, eps, hole, around, lane, g):
     """Place of wheel ``w``: all that its pins' frames need."""
     at = lane * np.uintp(rows.N_COLUMNS)
     by_wheel = at + np.uintp(w)
     z, e = g[at + rows.Z], g[at + rows.ECCENTRICITY]
     cos_phi, sin_phi = around
-    cos_hole, sin_hole = direction(hole)
+    cos_hole, sin_hole = cosine_and_sine(hole)
     side = 1.0 - 2.0 * w
     sine, fall = sine_and_fall(z * eps)
     # exp(-i z theta) = -exp(i phi_w) exp(-i z eps), phi_w the angle of the wheel's own cam.
@@ -677,7 +674,7 @@ def _first_sleeve(spins, turns_to_cam, n):
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
     """Write what the time loop needs of a wheel besides its contacts."""
-    width, n = count(lanes), tables.n_sleeves
+    width, n = lane_count(lanes), tables.n_sleeves
     mine = np.uintp(w) * width + lane
     lane_rows = tables.lanes
     lane_rows[rows.SEEN_EPS * width + mine] = eps
@@ -691,9 +688,9 @@ def _write_wheel(w, wheel, eps, from_hole, lane, tables, lanes):
 
 
 @inner_njit(fastmath=FASTMATH)
-def describe(lane, phi, tables, lanes, half):
+def describe_lane(lane, phi, tables, lanes, half):
     """Describe all contacts of both wheels in a lane; return False for one too far displaced for it."""
-    width = count(lanes)
+    width = lane_count(lanes)
     at = lane * np.uintp(rows.N_COLUMNS)
     g, lane_rows = tables.geometry, tables.lanes
     eps_0 = np.float64(lane_rows[rows.AT * width + lane])
@@ -701,16 +698,16 @@ def describe(lane, phi, tables, lanes, half):
     z = g[at + rows.Z]
     if not (abs(z * eps_0) < 0.5 and abs(z * eps_1) < 0.5 and abs(phi) < _LOST):
         return False
-    around = direction(phi)
-    first = _wheel(0, eps_0, eps_0 - phi / z, around, lane, g)
-    second = _wheel(1, eps_1, eps_1 - phi / z, around, lane, g)
+    around = cosine_and_sine(phi)
+    first = _wheel_place(0, eps_0, eps_0 - phi / z, around, lane, g)
+    second = _wheel_place(1, eps_1, eps_1 - phi / z, around, lane, g)
     if not (first.displaced < g[at + rows.NEAR] and second.displaced < g[at + rows.NEAR]):
         return False
     faulty = g[at + rows.HAS_FAULTS] + g[at + rows.HAS_FAULTS + 1] != 0.0
     for b in range(tables.n_blocks):
         _frames_of_pins(b, first, second, faulty, lane, tables, half)
     for w in range(tables.n_wheels):
-        _pack_all(w, lane, faulty, tables, lanes, half)
+        _pack_lane(w, lane, faulty, tables, lanes, half)
     _write_wheel(0, first, eps_0, phi + phi / z - eps_0, lane, tables, lanes)
     _write_wheel(1, second, eps_1, phi + phi / z - eps_1, lane, tables, lanes)
     cell = np.floor(phi * CELLS_PER_RADIAN + FIRST_BORDER) - FIRST_BORDER

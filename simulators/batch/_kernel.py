@@ -6,43 +6,48 @@ import numpy as np
 
 from cyclofeat.simulators._jit import inner_njit, njit
 from cyclofeat.simulators._outline import HOLDS_EPS
-from cyclofeat.simulators.batch import _rows as rows
-from cyclofeat.simulators.batch._frames import describe, keep_first
-from cyclofeat.simulators.batch._friction import first_normal, press, press_sleeve, rub, spin, turn_back
+from cyclofeat.simulators.batch import _tables as rows
+from cyclofeat.simulators.batch._frames import describe_lane, keep_first
 from cyclofeat.simulators.batch._lanes import (
+    advance_state,
     edge_force,
     edge_place,
+    first_normal,
     flank_arms,
     flank_force,
     flank_gap,
+    friction_moments,
     joint_sums,
-    moved,
+    pin_way,
+    press_pin,
+    press_sleeve,
     sleeve_force,
+    spin_moments,
+    turn_back,
     turned_since,
 )
-from cyclofeat.simulators.batch._steps import adams_bashforth, midpoint
 from cyclofeat.simulators.batch._vectors import (
     FASTMATH,
     addresses,
     bits_of,
     choose,
-    count,
-    filled,
+    fill_lanes,
     first_bit,
-    largest,
+    lane_count,
+    largest_lane,
     load,
     magnitude,
-    rounded_to,
+    round_to,
     store,
 )
 
 # Of all modules whose functions and constants are compiled here: numba's cache on disk notices changes of
 # this file only.
-SOURCES_CHECKSUM = 0xD13AC74
+SOURCES_CHECKSUM = 0xF83F12C9
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _contact(stiffness, t, lanes):
+def _load_contact(stiffness, t, lanes):
     return (
         load(t, stiffness, lanes),
         load(t, rows.DAMPING, lanes),
@@ -52,7 +57,7 @@ def _contact(stiffness, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _frame(table, row, lanes):
+def _load_frame(table, row, lanes):
     return (
         load(table, row, lanes),
         load(table, row + 1, lanes),
@@ -62,18 +67,18 @@ def _frame(table, row, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _flanks(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes):
+def _flank_moments(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes):
     """Moments of the forces of the flanks from a row on: on the wheel about the cam, and of the cam.
 
     ``normal`` is the row of the normal of the first.
     """
     rate, _, omega = speeds
     t = tables.lanes
-    on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
-    contact = _contact(rows.STIFFNESS, t, lanes)
+    on_wheel, on_cam = fill_lanes(0.0, t, lanes), fill_lanes(0.0, t, lanes)
+    contact = _load_contact(rows.STIFFNESS, t, lanes)
     for _ in range(n):
-        frame = _frame(flanks, row, lanes)
-        v, u, cam_n, cam_t = moved(frame, turned)
+        frame = _load_frame(flanks, row, lanes)
+        v, u, cam_n, cam_t = pin_way(frame, turned)
         gap, slope = flank_gap(
             v, u, load(flanks, row + rows.F_GAP, lanes), load(flanks, row + rows.F_SLOPE, lanes),
             load(flanks, row + rows.F_BEND, lanes), load(flanks, row + rows.F_CHANGE, lanes),
@@ -93,22 +98,23 @@ def _flanks(flanks, row, n, n_rows, normal, turned, speeds, tables, lanes):
             force = weight * flank_force(gap, u, radii, rate * arm + omega * cam_arm, contact)
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
-            press(tables.spins, force, 1.0 - slope * slope * (1 / 2), slope, normal, turned, tables, lanes)
+            along = 1.0 - slope * slope * (1 / 2)
+            press_pin(tables.spins, force, along, slope, normal, turned, tables, lanes)
         row += n_rows
         normal += np.uintp(rows.N_NORMAL_ROWS)
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _edges(edges, row, n, normal, turned, speeds, tables, lanes):
+def _edge_moments(edges, row, n, normal, turned, speeds, tables, lanes):
     """Moments of the forces of all edges, as of the flanks."""
     t = tables.lanes
-    on_wheel, on_cam = filled(0.0, t, lanes), filled(0.0, t, lanes)
-    contact = _contact(rows.STIFFNESS, t, lanes)
+    on_wheel, on_cam = fill_lanes(0.0, t, lanes), fill_lanes(0.0, t, lanes)
+    contact = _load_contact(rows.STIFFNESS, t, lanes)
     wheel, pin_radius = (speeds[0], speeds[2]), load(t, rows.PIN_RADIUS, lanes)
     for _ in range(n):
-        frame = _frame(edges, row, lanes)
-        way = moved(frame, turned)
+        frame = _load_frame(edges, row, lanes)
+        way = pin_way(frame, turned)
         side = load(edges, row + rows.E_SIDE, lanes)
         is_chord = magnitude(side) < 0.5
         over, along = load(edges, row + rows.E_OVER, lanes), load(edges, row + rows.E_ALONG, lanes)
@@ -124,39 +130,39 @@ def _edges(edges, row, n, normal, turned, speeds, tables, lanes):
             force = choose(across >= 0.0, load(edges, row + rows.E_WEIGHT, lanes), 0.0) * force
             on_wheel = on_wheel - force * arm
             on_cam = on_cam - force * cam_arm
-            press(tables.spins, force, along, tilt, normal, turned, tables, lanes)
+            press_pin(tables.spins, force, along, tilt, normal, turned, tables, lanes)
         row += rows.N_EDGE_ROWS
         normal += np.uintp(rows.N_NORMAL_ROWS)
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _pins(w, faulty, turned, speeds, tables, lanes):
+def _pin_moments(w, faulty, turned, speeds, tables, lanes):
     """Moments of the forces of all pins on one wheel."""
     n_pins, slots = w * (tables.n_lobes + 1), tables.slots
     row, normal = n_pins * rows.N_FLANK_ROWS, first_normal(rows.FLANKS, w, tables)
     n = slots[2 * rows.FLANKS + w]
-    on_wheel, on_cam = _flanks(
+    on_wheel, on_cam = _flank_moments(
         tables.flanks, row, n, rows.N_FLANK_ROWS, normal, turned, speeds, tables, lanes
     )
     if faulty:
         row, normal = n_pins * rows.N_LINED_ROWS, first_normal(rows.LINED_FLANKS, w, tables)
         n = slots[2 * rows.LINED_FLANKS + w]
         if n > 0:
-            more, cam = _flanks(
+            more, cam = _flank_moments(
                 tables.lined, row, n, rows.N_LINED_ROWS, normal, turned, speeds, tables, lanes
             )
             on_wheel, on_cam = on_wheel + more, on_cam + cam
         n = slots[2 * rows.EDGES + w]
         if n > 0:
             row, normal = rows.N_EDGE_KINDS * n_pins * rows.N_EDGE_ROWS, first_normal(rows.EDGES, w, tables)
-            more, cam = _edges(tables.edges, row, n, normal, turned, speeds, tables, lanes)
+            more, cam = _edge_moments(tables.edges, row, n, normal, turned, speeds, tables, lanes)
             on_wheel, on_cam = on_wheel + more, on_cam + cam
     return on_wheel, on_cam
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _sleeves(w, turned, speeds, tables, lanes):
+def _sleeve_moments(w, turned, speeds, tables, lanes):
     """Moments of all sleeves' forces: on the wheel about the cam, of the cam, and on the output.
 
     Returns the cam in the output's axes, too.
@@ -173,8 +179,9 @@ def _sleeves(w, turned, speeds, tables, lanes):
     square = square + load(t, rows.CAM_LESS_GAP + w, lanes)
     way_c, way_s = 2.0 * way[0], 2.0 * way[1]
     gap = load(t, rows.GAP, lanes)
-    contact = _contact(rows.JOINT_STIFFNESS, t, lanes)
-    total, total_c, total_s = filled(0.0, t, lanes), filled(0.0, t, lanes), filled(0.0, t, lanes)
+    contact = _load_contact(rows.JOINT_STIFFNESS, t, lanes)
+    zero = fill_lanes(0.0, t, lanes)
+    total, total_c, total_s = zero, zero, zero
     for k in range(np.uintp(n)):
         cosine, sine = tables.sleeves[k], tables.sleeves[np.uintp(n) + k]
         beyond = square + (cosine * way_s - sine * way_c)
@@ -196,14 +203,14 @@ def _sleeves(w, turned, speeds, tables, lanes):
 def _count_slots(w, tables, lanes):
     """Note how many contacts of each kind the lane has that has most."""
     for kind in range(3):
-        most = largest(load(tables.lanes, rows.N_FLANKS + 2 * kind + w, lanes))
+        most = largest_lane(load(tables.lanes, rows.N_FLANKS + 2 * kind + w, lanes))
         tables.slots[np.uintp(2 * kind + w)] = np.int64(most)
 
 
 @inner_njit(fastmath=FASTMATH)
 def _end_lane(lane, step, reason, tables, lanes):
     """Note why a lane ended, and take its contacts away: the other lanes need not wait for them."""
-    width = count(lanes)
+    width = lane_count(lanes)
     tables.ended[lane] = step
     tables.ended[width + lane] = reason
     tables.lanes[rows.ALIVE * width + lane] = 0.0
@@ -218,7 +225,7 @@ def _describe_lanes(bits, angle, at, step, tables, lanes, half):
     while bits != 0:
         lane = np.uintp(first_bit(bits))
         bits &= bits - np.uint64(1)
-        if not describe(lane, angle[at + lane], tables, lanes, half):
+        if not describe_lane(lane, angle[at + lane], tables, lanes, half):
             _end_lane(lane, step, rows.FAR_DISPLACED, tables, lanes)
     _count_slots(0, tables, lanes)
     _count_slots(1, tables, lanes)
@@ -255,29 +262,15 @@ def _torque_and_rates(moment_out, load_torque, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _advance(stages, odd, dt, is_first, rates, push, t, lanes):
+def _advance_states(when, rates, push, t, lanes):
     """Advance all states by half a step or a whole one; ``push`` is the drive's share, and the brake's."""
-    v0, v1 = load(t, rows.AT + 4, lanes), load(t, rows.AT + 5, lanes)
-    v2, v3 = load(t, rows.AT + 6, lanes), load(t, rows.AT + 7, lanes)
-    if stages == 2:
-        midpoint(0, 8, odd, dt, v0, t, lanes)
-        midpoint(1, 8, odd, dt, v1, t, lanes)
-        midpoint(2, 8, odd, dt, v2, t, lanes)
-        midpoint(3, 8, odd, dt, v3, t, lanes)
-        midpoint(4, 8, odd, dt, rates[0] + push[0], t, lanes)
-        midpoint(5, 8, odd, dt, rates[1] + push[0], t, lanes)
-        midpoint(6, 8, odd, dt, rates[2] + push[0], t, lanes)
-        midpoint(7, 8, odd, dt, rates[3] + push[1], t, lanes)
-        return
-    zero = filled(0.0, t, lanes)
-    adams_bashforth(0, 8, dt, is_first, v0, zero, t, lanes)
-    adams_bashforth(1, 8, dt, is_first, v1, zero, t, lanes)
-    adams_bashforth(2, 8, dt, is_first, v2, zero, t, lanes)
-    adams_bashforth(3, 8, dt, is_first, v3, zero, t, lanes)
-    adams_bashforth(4, 8, dt, is_first, rates[0], push[0], t, lanes)
-    adams_bashforth(5, 8, dt, is_first, rates[1], push[0], t, lanes)
-    adams_bashforth(6, 8, dt, is_first, rates[2], push[0], t, lanes)
-    adams_bashforth(7, 8, dt, is_first, rates[3], push[1], t, lanes)
+    zero = fill_lanes(0.0, t, lanes)
+    for k in range(np.uintp(4)):
+        advance_state(k, 8, when, load(t, rows.AT + 4 + k, lanes), zero, t, lanes)
+    advance_state(4, 8, when, rates[0], push[0], t, lanes)
+    advance_state(5, 8, when, rates[1], push[0], t, lanes)
+    advance_state(6, 8, when, rates[2], push[0], t, lanes)
+    advance_state(7, 8, when, rates[3], push[1], t, lanes)
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -286,7 +279,7 @@ def _turned_eps(w, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _due(since, t, lanes):
+def _lanes_due(since, t, lanes):
     """Lanes whose description no longer holds; for NaN it never does."""
     holds = (since < load(t, rows.AHEAD, lanes)) & (since >= load(t, rows.BEHIND, lanes))
     holds = holds & (magnitude(_turned_eps(0, t, lanes)) < HOLDS_EPS)
@@ -295,7 +288,7 @@ def _due(since, t, lanes):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _moments(m, step, when, faulty, angle, drive, tables, lanes, half):
+def _all_moments(m, step, when, faulty, angle, drive, tables, lanes, half):
     """Moments on both wheels (into their rows), on the output, and of the cams about the input.
 
     ``when`` is the number of stages, if this is the second, the step, and if it is the first: sleeves that
@@ -303,30 +296,30 @@ def _moments(m, step, when, faulty, angle, drive, tables, lanes, half):
     """
     t = tables.lanes
     phi, omega = load(angle, m, lanes), load(drive, rows.N_DRIVE_ROWS * m + rows.OMEGA, lanes)
-    since = rounded_to(phi - load(tables.seen_phi, 0, lanes), t)
-    due = _due(since, t, lanes)
+    since = round_to(phi - load(tables.seen_phi, 0, lanes), t)
+    due = _lanes_due(since, t, lanes)
     if due != 0:
-        _describe_lanes(due, angle, np.uintp(m) * count(lanes), step, tables, lanes, half)
-        since = rounded_to(phi - load(tables.seen_phi, 0, lanes), t)
+        _describe_lanes(due, angle, np.uintp(m) * lane_count(lanes), step, tables, lanes, half)
+        since = round_to(phi - load(tables.seen_phi, 0, lanes), t)
     inverse_z = load(t, rows.INVERSE_Z, lanes)
     mean_rate = omega * inverse_z
     rate_out = load(t, rows.AT + 6, lanes) - mean_rate
-    on_output, on_cams = filled(0.0, t, lanes), filled(0.0, t, lanes)
+    on_output, on_cams = fill_lanes(0.0, t, lanes), fill_lanes(0.0, t, lanes)
     for w in range(tables.n_wheels):
         turned = turned_since(since, _turned_eps(w, t, lanes), inverse_z)
         speeds = (load(t, rows.AT + 4 + w, lanes) - mean_rate, rate_out, omega)
-        on_wheel, on_cam = _pins(w, faulty, turned, speeds, tables, lanes)
-        (by_joint, cam_by_joint, by_output), cam = _sleeves(w, turned, speeds, tables, lanes)
-        rubbed, cam_rubbed, output_rubbed = rub(tables.spins, w, since, cam, speeds, tables, lanes)
-        store(t, rows.MOMENT + w, on_wheel + by_joint + rubbed)
-        on_output = on_output + by_output + output_rubbed
-        on_cams = on_cams + (on_cam + cam_by_joint + cam_rubbed)
-    by_axles, on_input = spin(tables.spins, rate_out, omega, when, tables, lanes)
+        on_wheel, on_cam = _pin_moments(w, faulty, turned, speeds, tables, lanes)
+        (by_joint, cam_by_joint, by_output), cam = _sleeve_moments(w, turned, speeds, tables, lanes)
+        rub, cam_rub, output_rub = friction_moments(tables.spins, w, since, cam, speeds, tables, lanes)
+        store(t, rows.MOMENT + w, on_wheel + by_joint + rub)
+        on_output = on_output + by_output + output_rub
+        on_cams = on_cams + (on_cam + cam_by_joint + cam_rub)
+    by_axles, on_input = spin_moments(tables.spins, rate_out, omega, when, tables, lanes)
     return on_output + by_axles, on_cams + on_input
 
 
 @njit(fastmath=FASTMATH, nogil=True)
-def integrate(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
+def integrate_lanes(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, tables_, out_):
     """Go on by ``n`` steps from step ``first``, in two ``stages`` (midpoint) or one (Adams-Bashforth).
 
     ``angle`` (stages n, lanes) and ``drive`` (stages n, 4, lanes) hold the input and the load at each
@@ -340,7 +333,7 @@ def integrate(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, 
         odd = stages == 2 and m % 2 == 1
         i = m // stages
         when = (stages, odd, dt, first + i == 0)
-        on_output, on_cams = _moments(m, first + i, when, faulty, angle, drive, tables, lanes, half)
+        on_output, on_cams = _all_moments(m, first + i, when, faulty, angle, drive, tables, lanes, half)
         row = rows.N_DRIVE_ROWS * m
         torque, rates, braked = _torque_and_rates(on_output, load(drive, row + rows.LOAD, lanes), t, lanes)
         push = load(drive, row + rows.PUSH, lanes)
@@ -364,5 +357,51 @@ def integrate(lanes, half, stages, first, n, dt, limit, faulty, angle_, drive_, 
                 _end_lanes(ended, bits_of(is_locked), first + i, tables, lanes)
                 if bits_of(load(t, rows.ALIVE, lanes) > 0.0) == 0:
                     return i
-        _advance(stages, odd, dt, first + i == 0, rates, (push, push_brake), t, lanes)
+        _advance_states(when, rates, (push, push_brake), t, lanes)
     return n
+
+
+@njit(fastmath=False, nogil=True)
+def fill_drive(courses, sizes, first, n, stages, n_lobes, angle, drive):
+    """Write ``n`` evaluations from number ``first`` of a piece on into ``angle`` and ``drive`` of the kernel.
+
+    ``courses`` (lanes, 4, evaluations) hold a piece of each lane's course, with one evaluation more than the
+    lane's ``size``. A lane whose course has ended stands still: nothing reads what it does from there on.
+    """
+    for lane in range(sizes.size):
+        course = courses[lane]
+        own = max(min(sizes[lane] - first, n), 0)
+        for k in range(own, n):
+            angle[k, lane] = course[0, sizes[lane]]
+            drive[k, :, lane] = 0.0
+        for k in range(own):
+            i = first + k
+            angle[k, lane] = course[0, i]
+            drive[k, rows.OMEGA, lane] = course[1, i]
+            drive[k, rows.ALPHA, lane] = course[2, i]
+            drive[k, rows.LOAD, lane] = course[3, i]
+            # Where a ramp ends the acceleration jumps: the rule of one stage takes its part from the speed.
+            push = course[2, i] if stages == 2 else course[1, i + 1] - course[1, i]
+            drive[k, rows.PUSH, lane] = push / n_lobes
+
+
+@njit(fastmath=FASTMATH, nogil=True)
+def decimate_row(lanes, results_, first, row, phases_, down, begin, samples_):
+    """Write the low-passed samples of one row of the results into ``samples`` (n_samples, lanes), in float64.
+
+    As ``scipy.signal.resample_poly``, for all lanes at once. ``results`` begin with step ``first`` and hold
+    all steps on which ``samples``, from number ``begin`` on, depend; ``phases`` (up, n_taps) holds the
+    low-pass by phases, the latest step's weight last.
+    """
+    results, phases, samples = addresses((results_, phases_, samples_))
+    up, n_taps = phases_.shape
+    # The phases hold the middle of the low-pass at this place.
+    middle = (n_taps * up) // 2
+    for k in range(samples_.shape[0]):
+        at = (begin + k) * down + middle
+        phase, earliest = at % up, at // up - (n_taps - 1) - first
+        total = fill_lanes(0.0, samples, lanes)
+        for tap in range(n_taps):
+            value = round_to(load(results, rows.N_RESULTS * (earliest + tap) + row, lanes), samples)
+            total = total + phases[phase * n_taps + tap] * value
+        store(samples, k, total)

@@ -1,4 +1,4 @@
-"""What every lane computes for one contact: numbers or vectors of numbers, and nothing of where they run.
+"""One contact, one friction contact and one step of a state in every lane.
 
 Everything is counted from the moment at which a contact's frame was described: small differences form before
 they are rounded, so that float32 is enough. In the frame, n points out of the wheel and t is n turned by a
@@ -7,8 +7,25 @@ quarter turn; ``lever`` is the vector from the cam to the pin, (v, u) the pin's 
 
 from __future__ import annotations
 
+import numpy as np
+
 from cyclofeat.simulators._jit import inner_njit
-from cyclofeat.simulators.batch._vectors import FASTMATH, choose, larger, root, smaller
+from cyclofeat.simulators.batch import _tables as rows
+from cyclofeat.simulators.batch._vectors import (
+    FASTMATH,
+    bits_of,
+    choose,
+    fill_lanes,
+    first_bit,
+    lane_count,
+    larger,
+    load,
+    root,
+    smaller,
+    store,
+)
+
+_LEAST_FORCE = 1e-30  # N; nothing is divided by zero
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
@@ -57,7 +74,7 @@ def turned_since(turned_input, turned_eps, inverse_z):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def moved(frame, turned):
+def pin_way(frame, turned):
     """Way (v, u) of the pin and the cam's centre now, in the axes of a frame."""
     lever_n, lever_t, cam_n, cam_t = frame
     sine, less, cam_sine, cam_cosine, cosines, sines = turned
@@ -104,9 +121,9 @@ def edge_place(v, u, over, along, is_chord, pin_radius):
 def edge_force(frame, way, place, inside, edge, wheel, contact):
     """Force of an edge, its lever arms as of a flank, and its direction's parts along n and t.
 
-    ``way`` is of :func:`moved`, ``place`` and ``inside`` of :func:`edge_place`; ``edge`` is the pin's radius,
-    by how much the direction turns the effective radius, that radius and its span; ``wheel`` the rate of the
-    wheel and the speed of the input.
+    ``way`` is the result of :func:`pin_way`, ``place`` and ``inside`` that of :func:`edge_place`; ``edge`` is
+    the pin's radius, by how much the direction turns the effective radius, that radius and its span;
+    ``wheel`` the rate of the wheel and the speed of the input.
     """
     v, u, cam_n, cam_t = way
     height, _, aside = place
@@ -166,7 +183,7 @@ def sleeve_force(beyond, cosine, sine, rates, gap, contact):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def _tangent_parts(x):
+def _tanh_parts(x):
     """Numbers whose quotient is the hyperbolic tangent, exact to rounding in float32."""
     x = smaller(larger(x, -10.0), 10.0) * (1 / 8)
     y = x * x
@@ -177,9 +194,9 @@ def _tangent_parts(x):
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
-def tangent(x):
+def tanh_of(x):
     """Hyperbolic tangent."""
-    above, below = _tangent_parts(x)
+    above, below = _tanh_parts(x)
     return above / below
 
 
@@ -192,13 +209,204 @@ def sleeve_friction(slip, force, friction):
     """
     coulomb, at_rest, inverse_stribeck, viscous, inverse_transition = friction
     ratio = slip * inverse_stribeck
-    above, below = _tangent_parts(0.5 * ratio * ratio)
+    above, below = _tanh_parts(0.5 * ratio * ratio)
     coefficient = coulomb + at_rest * (below - above) / (below + above)  # exp(-2x) from tanh(x)
     viscous = choose(force > 0.0, viscous, 0.0)
-    return force * coefficient * tangent(slip * inverse_transition) + viscous * slip
+    return force * coefficient * tanh_of(slip * inverse_transition) + viscous * slip
 
 
 @inner_njit(fastmath=FASTMATH, forceinline=True)
 def bearing_friction(speed, coulomb, viscous, inverse_transition):
     """Torque that a shaft's bearing opposes to its speed."""
-    return coulomb * tangent(speed * inverse_transition) + viscous * speed
+    return coulomb * tanh_of(speed * inverse_transition) + viscous * speed
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _add_exactly(k, n, increment, table, lanes):
+    """Add to a state, and keep what rounding cuts off for the next time."""
+    old = load(table, k, lanes)
+    whole = increment - load(table, 3 * n + k, lanes)
+    new = old + whole
+    store(table, 3 * n + k, (new - old) - whole)
+    store(table, k, new)
+    store(table, n + k, new)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def advance_state(k, n, when, rate, push, table, lanes):
+    """Advance a state by half a step or a whole one; ``push`` is the drive's share of its rate.
+
+    The table begins with four rows for each of n states: the state, the same at this evaluation, its rate at
+    the last one, and what rounding cut off. ``when`` is the number of stages, if this is the second, the
+    step, and if it is the first. With one stage ``push`` is the change in a step.
+    """
+    stages, odd, dt, is_first = when
+    if stages == 2:
+        if odd:
+            _add_exactly(k, n, dt * (rate + push), table, lanes)
+        else:
+            store(table, n + k, load(table, k, lanes) + (0.5 * dt) * (rate + push))
+    else:
+        # The first step has no earlier rates: Euler's rule, of second order in one step.
+        before = 0.0 if is_first else 0.5 * dt
+        last = load(table, 2 * n + k, lanes)
+        _add_exactly(k, n, push + ((dt + before) * rate - before * last), table, lanes)
+        store(table, 2 * n + k, rate)
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def first_normal(kind, w, tables):
+    """Row of the normal of the first of a wheel's contacts of one kind."""
+    n_pins = tables.n_lobes + 1
+    first = rows.N_SPIN_ROWS * (n_pins + tables.n_sleeves) + 2
+    per_wheel = rows.N_EDGE_KINDS * n_pins if kind == rows.EDGES else n_pins
+    return np.uintp(first + rows.N_NORMAL_ROWS * (2 * kind * n_pins + w * per_wheel))
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def press_pin(spins, force, along, tilt, row, turned, tables, lanes):
+    """Add a contact's force to that of its pin; ``row`` is of its normal, of which the force is a turn."""
+    if spins is None:
+        return
+    nx, ny = load(spins, row, lanes), load(spins, row + 1, lanes)
+    x, y = force * (along * nx - tilt * ny), force * (along * ny + tilt * nx)
+    sine, less = turned[0], turned[1]
+    n, width = np.uintp(tables.n_lobes + 1 + tables.n_sleeves), lane_count(lanes)
+    scratch = rows.N_SPIN_ROWS * n
+    store(spins, scratch, x + (less * x - sine * y))
+    store(spins, scratch + 1, y + (less * y + sine * x))
+    # Lanes differ in the pins that touch.
+    bits = bits_of(force > 0.0)
+    while bits != 0:
+        lane = np.uintp(first_bit(bits))
+        bits &= bits - np.uint64(1)
+        pin = np.uintp(spins[(row + 2) * width + lane])
+        spins[(rows.FORCE_X * n + pin) * width + lane] += spins[scratch * width + lane]
+        spins[(rows.FORCE_Y * n + pin) * width + lane] += spins[(scratch + 1) * width + lane]
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def turn_back(vector, angle):
+    """A vector in axes that are turned by an angle below 0.6."""
+    sine, fall = sine_and_fall(angle)
+    x, y = vector
+    return x - fall * x + sine * y, y - fall * y - sine * x
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def press_sleeve(spins, k, over, turn, cam, tables, lanes):
+    """Note the force of an internal sleeve, given over the distance to its hole's centre."""
+    if spins is None:
+        return
+    n_pins = np.uintp(tables.n_lobes + 1)
+    n = n_pins + np.uintp(tables.n_sleeves)
+    sine, fall = sine_and_fall(turn)
+    at = n_pins + k
+    x, y = load(spins, rows.AXLE_X * n + at, lanes), load(spins, rows.AXLE_Y * n + at, lanes)
+    store(spins, rows.FORCE_X * n + at, over * (fall * x - sine * y - cam[0]))
+    store(spins, rows.FORCE_Y * n + at, over * (fall * y + sine * x - cam[1]))
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _rub_sleeves(spins, first, n_here, sleeve, cam, speeds, tables, lanes):
+    """Moments of the friction of one kind of sleeves: on the wheel about the cam, of the cam, on the carrier.
+
+    ``sleeve`` is the radius, negative where wheels lie outside, that sign, and the speed of the axles'
+    carrier; ``cam`` is in the carrier's axes, ``speeds`` are those of wheel and input.
+    """
+    t, n = tables.lanes, np.uintp(tables.n_lobes + 1 + tables.n_sleeves)
+    radius, side, carrier = sleeve
+    rate, omega = speeds
+    zero = fill_lanes(0.0, t, lanes)
+    on_wheel, on_cam, on_carrier = zero, zero, zero
+    friction = (
+        load(t, rows.COULOMB, lanes), load(t, rows.AT_REST, lanes), load(t, rows.INVERSE_STRIBECK, lanes),
+        load(t, rows.VISCOUS, lanes), load(t, rows.INVERSE_TRANSITION, lanes),
+    )  # fmt: skip
+    for k in range(np.uintp(first), np.uintp(first + n_here)):
+        x, y = load(spins, rows.FORCE_X * n + k, lanes), load(spins, rows.FORCE_Y * n + k, lanes)
+        square = x * x + y * y
+        if bits_of(square > 0.0) != 0:
+            force = root(square)
+            inverse = 1.0 / larger(force, _LEAST_FORCE)
+            nx, ny = x * inverse, y * inverse
+            axle = load(spins, rows.AXLE_X * n + k, lanes) * nx + load(spins, rows.AXLE_Y * n + k, lanes) * ny
+            cam_n = cam[0] * nx + cam[1] * ny
+            lever = axle - cam_n + radius
+            slip = omega * cam_n + rate * lever - carrier * axle - radius * load(spins, n + k, lanes)
+            rub = sleeve_friction(slip, force, friction)
+            on_wheel = on_wheel - rub * lever
+            on_cam = on_cam - rub * cam_n
+            on_carrier = on_carrier + rub * axle
+            store(spins, rows.TORQUE * n + k, load(spins, rows.TORQUE * n + k, lanes) + radius * rub)
+            rub = side * rub
+            store(spins, rows.LOAD_X * n + k, load(spins, rows.LOAD_X * n + k, lanes) + (x + rub * ny))
+            store(spins, rows.LOAD_Y * n + k, load(spins, rows.LOAD_Y * n + k, lanes) + (y - rub * nx))
+            store(spins, rows.FORCE_X * n + k, zero)
+            store(spins, rows.FORCE_Y * n + k, zero)
+    return on_wheel, on_cam, on_carrier
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def friction_moments(spins, w, since, cam, speeds, tables, lanes):
+    """Moments of all sleeves' friction on one wheel: on it about the cam, of the cam, and on the output.
+
+    ``since`` is the input's turn since the description, ``cam`` in the output's axes.
+    """
+    t = tables.lanes
+    zero = fill_lanes(0.0, t, lanes)
+    if spins is None:
+        return zero, zero, zero
+    rate, rate_out, omega = speeds
+    n_pins = tables.n_lobes + 1
+    fixed = turn_back((load(t, rows.FIXED_CAM_X + w, lanes), load(t, rows.FIXED_CAM_Y + w, lanes)), -since)
+    outside = (-load(t, rows.PIN_RADIUS, lanes), -1.0, zero)
+    inside = (load(t, rows.SLEEVE_RADIUS, lanes), 1.0, rate_out)
+    on_wheel, on_cam, _ = _rub_sleeves(spins, 0, n_pins, outside, fixed, (rate, omega), tables, lanes)
+    more, of_cam, on_output = _rub_sleeves(
+        spins, n_pins, tables.n_sleeves, inside, cam, (rate, omega), tables, lanes
+    )
+    return on_wheel + more, on_cam + of_cam, on_output
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def _spin_sleeves(spins, first, n_here, sleeve, when, tables, lanes):
+    """Advance the spin of one kind of sleeves; return the moment of the axles on the carrier."""
+    t, n = tables.lanes, np.uintp(tables.n_lobes + 1 + tables.n_sleeves)
+    radius, _, carrier = sleeve
+    zero = fill_lanes(0.0, t, lanes)
+    steep = radius * load(t, rows.INVERSE_TRANSITION, lanes)
+    journal = load(t, rows.JOURNAL, lanes) * radius
+    by_inertia = load(t, rows.BY_SLEEVE_INERTIA, lanes)
+    total = zero
+    for k in range(np.uintp(first), np.uintp(first + n_here)):
+        x, y = load(spins, rows.LOAD_X * n + k, lanes), load(spins, rows.LOAD_Y * n + k, lanes)
+        drag = journal * root(x * x + y * y) * tanh_of(steep * (load(spins, n + k, lanes) - carrier))
+        rate = (load(spins, rows.TORQUE * n + k, lanes) - drag) * by_inertia
+        advance_state(k, n, when, rate, zero, spins, lanes)
+        total = total + drag
+        store(spins, rows.LOAD_X * n + k, zero)
+        store(spins, rows.LOAD_Y * n + k, zero)
+        store(spins, rows.TORQUE * n + k, zero)
+    return total
+
+
+@inner_njit(fastmath=FASTMATH, forceinline=True)
+def spin_moments(spins, rate_out, omega, when, tables, lanes):
+    """Advance the spins of all sleeves; moments of axles and bearings on the output, and on the input."""
+    t = tables.lanes
+    zero = fill_lanes(0.0, t, lanes)
+    if spins is None:
+        return zero, zero
+    n_pins = tables.n_lobes + 1
+    outside = (-load(t, rows.PIN_RADIUS, lanes), -1.0, zero)
+    inside = (load(t, rows.SLEEVE_RADIUS, lanes), 1.0, rate_out)
+    _spin_sleeves(spins, 0, n_pins, outside, when, tables, lanes)
+    on_output = _spin_sleeves(spins, n_pins, tables.n_sleeves, inside, when, tables, lanes)
+    steep = load(t, rows.INVERSE_BEARING, lanes)
+    on_output = on_output - bearing_friction(
+        rate_out, load(t, rows.OUTPUT_COULOMB, lanes), load(t, rows.OUTPUT_VISCOUS, lanes), steep
+    )
+    return on_output, -bearing_friction(
+        omega, load(t, rows.INPUT_COULOMB, lanes), load(t, rows.INPUT_VISCOUS, lanes), steep
+    )

@@ -2,9 +2,7 @@
 
 A loop over lanes is vectorised only where the compiler can prove that it may and thinks that it pays. A
 :class:`Vector` is one value of LLVM's vector types instead; LLVM splits it into the registers that the
-processor has. Operands that are numbers are taken for every lane. Functions that use only operators and
-:func:`smaller`, :func:`larger`, :func:`choose`, :func:`root`, :func:`whole_below` and :func:`magnitude` work
-for single numbers, too.
+processor has. Operands that are numbers are taken for every lane.
 
 A table is the address of numbers (:func:`~cyclofeat.simulators._jit.addresses`); row r holds the numbers of
 all lanes.
@@ -19,7 +17,6 @@ from typing import Any
 import numba.core.cgutils
 import numba.core.typing.templates
 import numba.extending
-import numpy as np
 from llvmlite import ir
 
 from cyclofeat.simulators._jit import addresses as addresses
@@ -31,7 +28,7 @@ _extending: Any = numba.extending
 _templates: Any = numba.core.typing.templates
 types: Any = numba.types
 _cgutils: Any = numba.core.cgutils
-intrinsic, overload = _extending.intrinsic, _extending.overload
+intrinsic = _extending.intrinsic
 _Opaque: Any = _extending.models.OpaqueModel
 _Primitive: Any = _extending.models.PrimitiveModel
 _FLAGS = tuple(sorted(FASTMATH))
@@ -101,7 +98,7 @@ class _MaskModel(_Primitive):
         super().__init__(manager, typ, ir.VectorType(ir.IntType(1), typ.lanes))
 
 
-def _spread(builder: Any, value: Any, typ: Vector) -> Any:
+def _spread_number(builder: Any, value: Any, typ: Vector) -> Any:
     """The vector with one number in every lane."""
     undefined = ir.Constant(_vector_ir(typ), ir.Undefined)
     index = ir.IntType(32)
@@ -110,7 +107,7 @@ def _spread(builder: Any, value: Any, typ: Vector) -> Any:
     return builder.shuffle_vector(first, undefined, zeros)
 
 
-def _common(args: Iterable[types.Type]) -> Vector | None:
+def _common_vector(args: Iterable[types.Type]) -> Vector | None:
     """The type of the vectors among operands; the others must be numbers."""
     vectors = {arg for arg in args if isinstance(arg, Vector)}
     numbers = all(isinstance(arg, (Vector, types.Number)) for arg in args)
@@ -123,12 +120,12 @@ def _as_arguments(args: Iterable[types.Type], vector: Vector) -> tuple[types.Typ
 
 def _spread_all(builder: Any, args: Any, kinds: Any, vector: Vector) -> list[Any]:
     return [
-        value if isinstance(kind, Vector) else _spread(builder, value, vector)
+        value if isinstance(kind, Vector) else _spread_number(builder, value, vector)
         for value, kind in zip(args, kinds, strict=True)
     ]
 
 
-def _register(
+def _register_operator(
     operation: Any, emit: Callable[..., Any], *, compares: bool = False, unary: bool = False
 ) -> None:
     """Make one of Python's operators known for vectors."""
@@ -137,7 +134,7 @@ def _register(
         key = operation
 
         def generic(self, args: Any, kws: Any) -> Any:
-            vector = None if kws or len(args) != (1 if unary else 2) else _common(args)
+            vector = None if kws or len(args) != (1 if unary else 2) else _common_vector(args)
             if vector is None:
                 return None
             result = Mask(vector.lanes) if compares else vector
@@ -145,29 +142,29 @@ def _register(
 
     _templates.infer_global(operation)(Template)
 
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        vector = _common(sig.args)
+    def lower_operator(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        vector = _common_vector(sig.args)
         assert vector is not None
         return emit(builder, *_spread_all(builder, args, sig.args, vector))
 
     for kinds in [(Vector,)] if unary else [(Vector, Vector), (Vector, types.Float), (types.Float, Vector)]:
-        _extending.lower_builtin(operation, *kinds)(lower)
+        _extending.lower_builtin(operation, *kinds)(lower_operator)
 
 
-def _arithmetic(name: str) -> Callable[..., Any]:
+def _arithmetic_ir(name: str) -> Callable[..., Any]:
     return lambda builder, *args: getattr(builder, name)(*args, flags=_FLAGS)
 
 
-def _comparison(sign: str) -> Callable[..., Any]:
+def _comparison_ir(sign: str) -> Callable[..., Any]:
     return lambda builder, x, y: builder.fcmp_ordered(sign, x, y)
 
 
 for _operation, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"),
                           (operator.truediv, "fdiv")):  # fmt: skip
-    _register(_operation, _arithmetic(_name))
+    _register_operator(_operation, _arithmetic_ir(_name))
 for _operation, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
-    _register(_operation, _comparison(_sign), compares=True)
-_register(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), unary=True)
+    _register_operator(_operation, _comparison_ir(_sign), compares=True)
+_register_operator(operator.neg, lambda builder, x: builder.fneg(x, flags=_FLAGS), unary=True)
 
 
 def _register_on_masks(operation: Any, emit: Callable[..., Any], n: int) -> None:
@@ -191,167 +188,97 @@ _register_on_masks(operator.invert, lambda builder, x: builder.not_(x), 1)
 def _function_of_vectors(emit: Callable[..., Any]) -> Any:
     """An intrinsic from vectors to a vector of their type."""
 
-    def typed(vector: Vector | None, args: Any) -> Any:
+    def type_and_code(vector: Vector | None, args: Any) -> Any:
         if vector is None:
             return None
 
-        def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+        def generate_ir(context: Any, builder: Any, sig: Any, values: Any) -> Any:
             return emit(builder, vector, *_spread_all(builder, values, sig.args, vector))
 
-        return vector(*_as_arguments(args, vector)), generate
+        return vector(*_as_arguments(args, vector)), generate_ir
 
-    return typed
-
-
-def _smaller_ir(builder: Any, vector: Vector, x: Any, y: Any) -> Any:
-    return builder.select(builder.fcmp_ordered("<", x, y), x, y)
-
-
-def _larger_ir(builder: Any, vector: Vector, x: Any, y: Any) -> Any:
-    return builder.select(builder.fcmp_ordered(">", x, y), x, y)
+    return type_and_code
 
 
 def _library_ir(name: str) -> Callable[..., Any]:
-    def emit(builder: Any, vector: Vector, x: Any) -> Any:
+    def call_ir(builder: Any, vector: Vector, x: Any) -> Any:
         kind = _vector_ir(vector)
         full = f"llvm.{name}.v{vector.lanes}{_SUFFIXES[vector.element]}"
         function = _cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), full)
         return builder.call(function, [x], fastmath=_FLAGS)
 
-    return emit
+    return call_ir
+
+
+def _selection_ir(sign: str) -> Callable[..., Any]:
+    return lambda builder, vector, x, y: builder.select(builder.fcmp_ordered(sign, x, y), x, y)
 
 
 @intrinsic
-def _smaller(context: Any, a: Any, b: Any) -> Any:
-    return _function_of_vectors(_smaller_ir)(_common((a, b)), (a, b))
+def smaller(context: Any, a: Any, b: Any) -> Any:
+    """The smaller of two numbers, lane by lane; the second where one is not a number."""
+    return _function_of_vectors(_selection_ir("<"))(_common_vector((a, b)), (a, b))
 
 
 @intrinsic
-def _larger(context: Any, a: Any, b: Any) -> Any:
-    return _function_of_vectors(_larger_ir)(_common((a, b)), (a, b))
+def larger(context: Any, a: Any, b: Any) -> Any:
+    """The larger of two numbers, lane by lane; the second where one is not a number."""
+    return _function_of_vectors(_selection_ir(">"))(_common_vector((a, b)), (a, b))
 
 
 @intrinsic
-def _root(context: Any, a: Any) -> Any:
-    return _function_of_vectors(_library_ir("sqrt"))(_common((a,)), (a,))
+def root(context: Any, a: Any) -> Any:
+    """The square root."""
+    return _function_of_vectors(_library_ir("sqrt"))(_common_vector((a,)), (a,))
 
 
 @intrinsic
-def _whole_below(context: Any, a: Any) -> Any:
-    return _function_of_vectors(_library_ir("floor"))(_common((a,)), (a,))
+def whole_below(context: Any, a: Any) -> Any:
+    """The largest whole number that is not larger."""
+    return _function_of_vectors(_library_ir("floor"))(_common_vector((a,)), (a,))
 
 
 @intrinsic
-def _magnitude(context: Any, a: Any) -> Any:
-    return _function_of_vectors(_library_ir("fabs"))(_common((a,)), (a,))
+def magnitude(context: Any, a: Any) -> Any:
+    """The absolute value."""
+    return _function_of_vectors(_library_ir("fabs"))(_common_vector((a,)), (a,))
 
 
 @intrinsic
-def _choose(context: Any, mask: Any, a: Any, b: Any) -> Any:
-    vector = _common((a, b))
+def choose(context: Any, mask: Any, a: Any, b: Any) -> Any:
+    """``a`` where the mask is true, else ``b``."""
+    vector = _common_vector((a, b))
     if vector is None or not isinstance(mask, Mask):
         return None
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         x, y = _spread_all(builder, args[1:], sig.args[1:], vector)
         return builder.select(args[0], x, y)
 
-    return vector(mask, *_as_arguments((a, b), vector)), generate
+    return vector(mask, *_as_arguments((a, b), vector)), generate_ir
 
 
-def smaller(a: Any, b: Any) -> Any:
-    """Return the smaller of two numbers, lane by lane; the second where one is not a number."""
-    return np.where(a < b, a, b)[()]
-
-
-def larger(a: Any, b: Any) -> Any:
-    """Return the larger of two numbers, lane by lane; the second where one is not a number."""
-    return np.where(a > b, a, b)[()]
-
-
-def choose(mask: Any, a: Any, b: Any) -> Any:
-    """Return ``a`` where the mask is true, else ``b``."""
-    return np.where(mask, a, b)[()]
-
-
-def root(a: Any) -> Any:
-    """Return the square root."""
-    return np.sqrt(a)
-
-
-def whole_below(a: Any) -> Any:
-    """Return the largest whole number that is not larger."""
-    return np.floor(a)
-
-
-def magnitude(a: Any) -> Any:
-    """Return the absolute value."""
-    return np.abs(a)
-
-
-@overload(smaller, inline="always")
-def _smaller_overload(a, b):  # type: ignore[no-untyped-def]
-    if _common((a, b)):
-        return lambda a, b: _smaller(a, b)
-    return lambda a, b: a if a < b else b
-
-
-@overload(larger, inline="always")
-def _larger_overload(a, b):  # type: ignore[no-untyped-def]
-    if _common((a, b)):
-        return lambda a, b: _larger(a, b)
-    return lambda a, b: a if a > b else b
-
-
-@overload(choose, inline="always")
-def _choose_overload(mask, a, b):  # type: ignore[no-untyped-def]
-    if isinstance(mask, Mask):
-        return lambda mask, a, b: _choose(mask, a, b)
-    return lambda mask, a, b: a if mask else b
-
-
-@overload(root, inline="always")
-def _root_overload(a):  # type: ignore[no-untyped-def]
-    if _common((a,)):
-        return lambda a: _root(a)
-    return lambda a: np.sqrt(a)
-
-
-@overload(whole_below, inline="always")
-def _whole_below_overload(a):  # type: ignore[no-untyped-def]
-    if _common((a,)):
-        return lambda a: _whole_below(a)
-    return lambda a: np.floor(a)
-
-
-@overload(magnitude, inline="always")
-def _magnitude_overload(a):  # type: ignore[no-untyped-def]
-    if _common((a,)):
-        return lambda a: _magnitude(a)
-    return lambda a: abs(a)
-
-
-def _address(builder: Any, kind: Any, table: Any, index: Any) -> Any:
+def _row_address(builder: Any, kind: Any, table: Any, index: Any) -> Any:
     return builder.bitcast(builder.gep(table, [index], inbounds=True), kind.as_pointer())
 
 
 def _vector_at(scale: bool) -> Callable[..., Any]:
     """Typing of a load, at a row or at a single number."""
 
-    def typed(context: Any, table: Any, index: Any, lanes: Any) -> Any:
+    def type_and_code(context: Any, table: Any, index: Any, lanes: Any) -> Any:
         vector = Vector(table.dtype, lanes.count)
 
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             at = args[1]
             if scale:
                 at = builder.mul(at, ir.Constant(at.type, vector.lanes))
-            loaded = builder.load(_address(builder, _vector_ir(vector), args[0], at))
+            loaded = builder.load(_row_address(builder, _vector_ir(vector), args[0], at))
             loaded.align = vector.element.bitwidth // 8
             return loaded
 
-        return vector(table, types.uintp, lanes), generate
+        return vector(table, types.uintp, lanes), generate_ir
 
-    return typed
+    return type_and_code
 
 
 @intrinsic
@@ -371,95 +298,95 @@ def store(context: Any, table: Any, row: Any, value: Any) -> Any:
     """Write a vector, or a number for every lane, into a row of a table."""
     assert isinstance(value, Vector)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         at = builder.mul(args[1], ir.Constant(args[1].type, value.lanes))
-        stored = builder.store(args[2], _address(builder, _vector_ir(value), args[0], at))
+        stored = builder.store(args[2], _row_address(builder, _vector_ir(value), args[0], at))
         stored.align = value.element.bitwidth // 8
         return context.get_dummy_value()
 
-    return types.void(table, types.uintp, value), generate
+    return types.void(table, types.uintp, value), generate_ir
 
 
 @intrinsic
-def filled(context: Any, number: Any, table: Any, lanes: Any) -> Any:
+def fill_lanes(context: Any, number: Any, table: Any, lanes: Any) -> Any:
     """The vector with one number in every lane, of the kind of a table."""
     vector = Vector(table.dtype, lanes.count)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _spread(builder, args[0], vector)
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _spread_number(builder, args[0], vector)
 
-    return vector(vector.element, table, lanes), generate
+    return vector(vector.element, table, lanes), generate_ir
 
 
 @intrinsic
-def joined(context: Any, first: Any, second: Any) -> Any:
+def join_lanes(context: Any, first: Any, second: Any) -> Any:
     """The vector with the lanes of two vectors, one after the other."""
     if first != second or not isinstance(first, Vector):
         return None
     vector = Vector(first.element, 2 * first.lanes)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         indices = ir.Constant(ir.VectorType(ir.IntType(32), vector.lanes), list(range(vector.lanes)))
         return builder.shuffle_vector(args[0], args[1], indices)
 
-    return vector(first, second), generate
+    return vector(first, second), generate_ir
 
 
 @intrinsic
-def rounded_to(context: Any, value: Any, table: Any) -> Any:
+def round_to(context: Any, value: Any, table: Any) -> Any:
     """A vector in the numbers of a table: rounded, widened or as it is."""
     vector = Vector(table.dtype, value.lanes)
     change = vector.element.bitwidth - value.element.bitwidth
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         if change == 0:
             return args[0]
         cast = builder.fpext if change > 0 else builder.fptrunc
         return cast(args[0], _vector_ir(vector))
 
-    return vector(value, table), generate
+    return vector(value, table), generate_ir
 
 
 @intrinsic
 def bits_of(context: Any, mask: Any) -> Any:
     """A mask as a whole number: bit k is lane k."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.IntType(mask.lanes)
         number = builder.bitcast(args[0], kind)
         return number if mask.lanes == 64 else builder.zext(number, ir.IntType(64))
 
-    return types.uint64(mask), generate
+    return types.uint64(mask), generate_ir
 
 
 @intrinsic
 def first_bit(context: Any, bits: Any) -> Any:
     """Index of the lowest bit of a whole number that is not zero."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
 
-    return types.uint64(types.uint64), generate
+    return types.uint64(types.uint64), generate_ir
 
 
 @intrinsic
-def largest(context: Any, value: Any) -> Any:
+def largest_lane(context: Any, value: Any) -> Any:
     """The largest number of a vector, of which none may be NaN."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(_ELEMENTS[value.element], [_vector_ir(value)])
         name = f"llvm.vector.reduce.fmax.v{value.lanes}{_SUFFIXES[value.element]}"
         function = _cgutils.get_or_insert_function(builder.module, kind, name)
         return builder.call(function, args, fastmath=("nnan", *_FLAGS))
 
-    return value.element(value), generate
+    return value.element(value), generate_ir
 
 
 @intrinsic
-def count(context: Any, lanes: Any) -> Any:
+def lane_count(context: Any, lanes: Any) -> Any:
     """The number of lanes."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def generate_ir(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return ir.Constant(ir.IntType(64), lanes.count)
 
-    return types.uintp(lanes), generate
+    return types.uintp(lanes), generate_ir

@@ -110,9 +110,9 @@ def _check_kernel(campaign: Campaign) -> None:
     """Raise RuntimeError if the campaign needs batches and they cannot be compiled here."""
     if campaign.kernel == "exact":
         return
-    from cyclofeat.simulators import batch
+    from cyclofeat.simulators.batch import runs
 
-    if error := batch.compile_error():
+    if error := runs.compile_error():
         raise RuntimeError(
             f"runs in batches cannot be compiled: {error}; a campaign of kernel='exact' needs none"
         )

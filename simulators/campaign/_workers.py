@@ -41,7 +41,7 @@ def _tasks(campaign: Campaign, plans: Iterable[RunPlan]) -> Iterator[list[RunPla
     """Yield the runs of each task: one batch, or one run of the exact kernel."""
     size = 1
     if campaign.kernel != "exact":
-        from cyclofeat.simulators.batch import n_lanes
+        from cyclofeat.simulators.batch.runs import n_lanes
 
         size = n_lanes()
     queue = iter(plans)

@@ -54,22 +54,11 @@ PACKAGES = (
     "cyclofeat.signal.welch",
     "cyclofeat.signal.windows",
     "cyclofeat.simulators",
-    "cyclofeat.simulators.audit",
-    "cyclofeat.simulators.batch",
     "cyclofeat.simulators.campaign",
-    "cyclofeat.simulators.contact",
     "cyclofeat.simulators.courses",
     "cyclofeat.simulators.effects",
-    "cyclofeat.simulators.defects",
-    "cyclofeat.simulators.gearbox",
-    "cyclofeat.simulators.geometry",
-    "cyclofeat.simulators.held_output",
     "cyclofeat.simulators.many",
-    "cyclofeat.simulators.motor",
-    "cyclofeat.simulators.reference",
     "cyclofeat.simulators.rig",
-    "cyclofeat.simulators.simulation",
-    "cyclofeat.simulators.tables",
 )
 
 

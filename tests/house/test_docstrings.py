@@ -35,7 +35,6 @@ LONG = {
     "cyclofeat.gap.where._locate",
     "cyclofeat.report._gap",
     "cyclofeat.simulators.held_output",
-    "cyclofeat.simulators.audit",
 }
 QUICK: dict[str, list[str]] = {}
 for name in sorted((MODULES | MAPPED) - LONG):

@@ -21,7 +21,6 @@ from cyclofeat.simulators import (
     SimulationDiverged,
     SimulationRun,
     Solver,
-    batch,
     many,
     motor_effects,
     run_planned,
@@ -29,6 +28,7 @@ from cyclofeat.simulators import (
     simulate_many,
     simulation,
 )
+from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.courses import drive_and_load
 from cyclofeat.simulators.many import simulate_each
 from cyclofeat.simulators.simulation import Integration
@@ -159,7 +159,9 @@ def in_lanes(
         states = [rest_state(g) for g, _ in each[chosen]]
         constants = [kernel_input(*one) for one in each[chosen]]
         streams = [Given(course, solver) for course in courses[chosen]]
-        results, reached = batch.integrated(constants, streams, states, solver, lanes=lanes, dtype=dtype)
+        results, reached = batch.integrate_machines(
+            constants, streams, states, solver, lanes=lanes, dtype=dtype
+        )
         assert reached[: len(states)].all()
         assert len(results) == n
         parts.append(results[:, :2, : len(states)])
@@ -263,7 +265,7 @@ def test_a_lane_that_ends_leaves_its_neighbours_untouched(
     n, solver = 2000, Solver()
     courses = [drive_and_load(gearbox, 2 * n + 1, solver.dt / 2, 25_600.0) for gearbox, _ in each]
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(
+    results, reached = batch.integrate_machines(
         constants, [Given(one, Solver()) for one in courses], states, solver, lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [True, False, True]
@@ -311,7 +313,7 @@ def test_locking_ends_a_lane_when_it_ends_the_exact_kernels_run(monkeypatch: pyt
     each += [(STEEL.replace(load_torque=1.0), LobeDefects.healthy())]
     courses = courses_of(each, 3000)
     constants, states = [kernel_input(*one) for one in each], [rest_state(g) for g, _ in each]
-    results, reached = batch.integrated(
+    results, reached = batch.integrate_machines(
         constants, [Given(one, Solver()) for one in courses], states, Solver(), lanes=batch.n_lanes()
     )
     assert reached[:3].tolist() == [False, False, True]
@@ -386,13 +388,13 @@ def test_batches_fit_the_lanes_and_one_form() -> None:
     few = CycloidalGearbox.steel(n_pins=12, pin_radius=4e-3)
     gearboxes = [STEEL, few, STEEL.replace(sleeve_friction=0.05), UNEVEN] * 9
 
-    requests = {k: batch.Request.of({"gearbox": one}) for k, one in enumerate(gearboxes)}
-    groups = list(batch.batches(requests))
+    requests = {k: batch.Request.from_arguments({"gearbox": one}) for k, one in enumerate(gearboxes)}
+    groups = list(batch.group_requests(requests))
     assert sorted(key for group in groups for key in group) == list(range(36))
     assert all(len({one.form for one in group.values()}) == 1 for group in groups)
     assert max(len(group) for group in groups) == min(batch.n_lanes(), 9)
     mixed = [{"duration": 0.1, "solver": Solver(dt=dt)} for dt in (1e-5, 5e-6, 1e-5)]
-    groups = list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(mixed)}))
+    groups = list(batch.group_requests({k: batch.Request.from_arguments(one) for k, one in enumerate(mixed)}))
     assert sorted(sorted(group) for group in groups) == [[0, 2], [1]]
 
 
@@ -409,7 +411,16 @@ def test_each_run_lasts_as_long_as_it_was_asked_to(monkeypatch: pytest.MonkeyPat
         {"gearbox": BRAKED, "defects": LobeDefects.worn(2), "duration": 0.02},
     ]
     together = dict(simulate_each(arguments, "batch"))
-    assert len(list(batch.batches({k: batch.Request.of(one) for k, one in enumerate(arguments)}))) == 1
+    assert (
+        len(
+            list(
+                batch.group_requests(
+                    {k: batch.Request.from_arguments(one) for k, one in enumerate(arguments)}
+                )
+            )
+        )
+        == 1
+    )
     for index, one in enumerate(arguments):
         run = together[index]
         assert isinstance(run, SimulationRun)
@@ -445,9 +456,7 @@ def test_the_kernel_knows_which_sources_it_was_compiled_with() -> None:
     """numba's cache on disk looks at one file: a change of another has to change the kernel's, too."""
     folder = Path(batch.__file__).parent
     sources = [folder.parent / "_outline.py"]
-    sources += [
-        folder / f"{name}.py" for name in ("_rows", "_vectors", "_lanes", "_friction", "_frames", "_steps")
-    ]
+    sources += [folder / f"{name}.py" for name in ("_tables", "_vectors", "_lanes", "_frames")]
     checksum = crc32(b"".join(path.read_bytes() for path in sources))
     assert (
         f"SOURCES_CHECKSUM = {checksum:#x}\n".lower()

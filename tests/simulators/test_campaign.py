@@ -38,10 +38,10 @@ from cyclofeat.simulators import (
     Quantisation,
     Rig,
     WorkerLost,
-    batch,
     load_campaign,
     run_campaign,
 )
+from cyclofeat.simulators.batch import runs as batch
 from cyclofeat.simulators.campaign import Shards, _run, _store, _workers
 
 # Starts fast, hence settles fast: a run takes a hundredth of a second.
@@ -368,9 +368,10 @@ OTHER_PROCESSOR = textwrap.dedent(
     import llvmlite.binding
     features = llvmlite.binding.get_host_cpu_features() | {"avx512f": False}
     llvmlite.binding.get_host_cpu_features = lambda: features
-    from cyclofeat.simulators import Campaign, batch, run_campaign
+    from cyclofeat.simulators import Campaign, run_campaign
+    from cyclofeat.simulators.batch.runs import n_lanes
     data = run_campaign(Campaign.from_json(sys.argv[1]), sys.argv[2])
-    print(batch.n_lanes(), set(data.parameters["kernel"]))
+    print(n_lanes(), set(data.parameters["kernel"]))
     """
 )
 

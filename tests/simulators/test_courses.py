@@ -18,9 +18,10 @@ from cyclofeat.simulators import (
     _lines,
     simulate,
 )
+from cyclofeat.simulators.contact import pin_centres
 from cyclofeat.simulators.courses import DriveAndLoad, drive_and_load
 from cyclofeat.simulators.many import simulate_each
-from cyclofeat.simulators.simulation import Integration, external_points, relaxed
+from cyclofeat.simulators.simulation import Integration, contact_points, relax
 from cyclofeat.simulators.tables import kernel_input, rest_state
 
 STEEL = CycloidalGearbox.steel()
@@ -235,7 +236,7 @@ def test_contact_points_lie_on_sleeves_and_wheels() -> None:
     phi, deflection = 1.1, np.array([1.7e-3, 1.6e-3, 4.1e-3])
     got = kernel(np.append(deflection, np.zeros(5)), phi)
     forces = np.concatenate([got["external_force"][..., None], got["external_vector"]], axis=2)
-    places = external_points(gearbox, forces)
+    places = contact_points(pin_centres(gearbox), gearbox.pin_radius, forces)
     pins = np.exp(2j * np.pi * np.arange(16) / 16)
     centres = pins * (
         64e-3 + np.array(gearbox.pin_radial_errors) + 1j * np.array(gearbox.pin_tangential_errors)
@@ -284,7 +285,7 @@ def relaxed_state(
 ) -> np.ndarray:
     start = np.array([[phi], [0.0], [0.0], [load]])
     integration = Integration(gearbox, kernel_input(gearbox, defects), start, 1e-5)
-    return relaxed(integration, rest_state(gearbox))
+    return relax(integration, rest_state(gearbox))
 
 
 @pytest.mark.parametrize("load", [0.0, 22.0])

@@ -12,7 +12,8 @@ from reference_tools import Kernel
 from scipy.optimize import root
 
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects
-from cyclofeat.simulators.simulation import external_points, internal_points
+from cyclofeat.simulators.contact import pin_centres, sleeve_centres
+from cyclofeat.simulators.simulation import contact_points
 
 STEEL = CycloidalGearbox.steel()
 CONSERVATIVE = STEEL.replace(contact_law="conservative")
@@ -82,8 +83,8 @@ def test_contact_moments_balance_the_load(
     psi = deflection[2] - phi / 15
     sleeves = gearbox.internal_pitch_radius * np.exp(1j * (psi + np.pi / 4 * np.arange(8)))
     places = (
-        external_points(gearbox, external),
-        internal_points(gearbox, internal[None], np.array([psi]))[0],
+        contact_points(pin_centres(gearbox), gearbox.pin_radius, external),
+        contact_points(sleeve_centres(gearbox, np.array([psi])), gearbox.internal_sleeve_radius, internal),
     )
     cams = (gearbox.eccentricity * np.array([1, -1]) + np.asarray(gearbox.cam_errors or 0j)) * np.exp(
         1j * phi

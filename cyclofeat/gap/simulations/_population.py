@@ -190,7 +190,7 @@ def record(run: MachineRun, effects: Sequence[Effect] = (), direction: int = 1) 
 
 def _in_batches(items: Sequence[T]) -> list[Sequence[T]]:
     """Parts of a list of runs, each as many as are simulated at once."""
-    from cyclofeat.simulators.batch import n_lanes
+    from cyclofeat.simulators.batch.runs import n_lanes
 
     return [items[first : first + n_lanes()] for first in range(0, len(items), n_lanes())]
 
