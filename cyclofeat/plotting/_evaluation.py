@@ -59,7 +59,7 @@ class EvaluationDisplay(Display):
         if kind not in ("confusion", "calibration"):
             raise ValueError(f"kind must be 'confusion' or 'calibration', got {kind!r}")
         if kind == "calibration":
-            return self._calibration(ax)
+            return self._draw_calibration(ax)
         self.figure_, self.ax_ = axes_for(ax, (self.side, self.side))
         from sklearn.metrics import ConfusionMatrixDisplay
 
@@ -70,7 +70,7 @@ class EvaluationDisplay(Display):
         self.ax_.set(xlabel="predicted number of worn lobes", ylabel="true number of worn lobes")
         return self
 
-    def _calibration(self, ax: Axes | None) -> Self:
+    def _draw_calibration(self, ax: Axes | None) -> Self:
         curve = self.result.calibration_curve()
         if curve is None:
             raise ValueError("kind='calibration' needs a counter with predict_proba, got one without")

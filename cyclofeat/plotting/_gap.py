@@ -205,7 +205,7 @@ class GapDisplay(Display):
         for side in ("top", "right", "left"):
             ax.spines[side].set_visible(False)
         right.spines["right"].set_visible(False)
-        self._legend(
+        self._draw_legend(
             ax, [
                 ("o", FLAGGED, FLAGGED, f"differs (p at most {self.where.alpha:g})"),
                 ("o", edge, "none", "no difference shown"),
@@ -219,18 +219,18 @@ class GapDisplay(Display):
         rows = self.where.means("spectrum")
         hz: Float = np.array([np.sqrt(row.cell.low_hz * row.cell.high_hz) for row in rows])
         differences: Float = np.array([row.difference for row in rows])
-        upper, lower = self._panels(0.54)
+        upper, lower = self._make_panels(0.54)
         level: Float = np.array([row.mean for row in rows])
         spreads: Float = np.array([(row.measured_spread, row.simulated_spread) for row in rows])
         self._two_lines(upper, hz, level, level - differences, list(spreads.T))
         for row in rows:
             if row.p <= self.where.alpha:
-                self.flags_.append(self._shade(upper, row.cell.low_hz, row.cell.high_hz))
-                self._shade(lower, row.cell.low_hz, row.cell.high_hz)
+                self.flags_.append(self._shade_band(upper, row.cell.low_hz, row.cell.high_hz))
+                self._shade_band(lower, row.cell.low_hz, row.cell.high_hz)
         lower.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
-        self._differences(lower, hz, rows, "o", rcParams["axes.edgecolor"])
+        self._draw_differences(lower, hz, rows, "o", rcParams["axes.edgecolor"])
         self._mark_spreads(lower, hz[self._with_other_spread(rows)])
-        self._tell(upper, hz, rows, runs=True)
+        self._label_clearest(upper, hz, rows, runs=True)
         for ax in (upper, lower):
             ax.set(xscale="log", xlim=(rows[0].cell.low_hz, rows[-1].cell.high_hz))
             ax.grid(axis="y", alpha=0.3, linewidth=0.6)
@@ -270,7 +270,9 @@ class GapDisplay(Display):
                                                (True, "s", "C2", "line of the input shaft")):  # fmt: skip
             chosen = np.flatnonzero(shaft == of_shaft)
             if chosen.size:
-                self._differences(ax, orders[chosen], [rows[k] for k in chosen], marker, colour, collect=True)
+                self._draw_differences(
+                    ax, orders[chosen], [rows[k] for k in chosen], marker, colour, collect=True
+                )
                 marks.append((marker, colour, "none", name))
         if self.flags_:
             marks.append(("D", FLAGGED, FLAGGED, f"filled: differs (p at most {self.where.alpha:g})"))
@@ -283,8 +285,8 @@ class GapDisplay(Display):
             ylabel=f"{self.label} minus simulated:\nline above its surroundings (dB)",
             xlim=(0, orders.max() + 1),
         )
-        self._tell(ax, orders, rows, runs=False)
-        self._legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
+        self._label_clearest(ax, orders, rows, runs=False)
+        self._draw_legend(ax, marks, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3)
 
     def _phase(self, by: str) -> None:
         from matplotlib import rcParams
@@ -295,11 +297,11 @@ class GapDisplay(Display):
         measured, simulated = (
             np.asarray(values, dtype=np.float64) for values in (fold.measured, fold.simulated)
         )
-        upper, lower = self._panels(0.6)
+        upper, lower = self._make_panels(0.6)
         self._two_lines(upper, phase, measured, simulated, (fold.measured_spread, fold.simulated_spread))
         for place in phase[np.asarray(fold.flagged, dtype=bool)]:
-            self.flags_.append(self._shade(upper, place - half, place + half))
-            self._shade(lower, place - half, place + half)
+            self.flags_.append(self._shade_band(upper, place - half, place + half))
+            self._shade_band(lower, place - half, place + half)
         lower.axhline(0, color=rcParams["axes.edgecolor"], linewidth=1)
         lower.plot(phase, measured - simulated, color=rcParams["text.color"], linewidth=1.3)
         reach = 1.15 * max(float(np.abs(measured - simulated).max()), 1e-9)
@@ -312,7 +314,7 @@ class GapDisplay(Display):
         upper.tick_params(labelbottom=False)
         self._spectrum_legend(upper)
 
-    def _panels(self, share: float) -> list[Axes]:
+    def _make_panels(self, share: float) -> list[Axes]:
         """Two panels within the axes, the upper one with that share of the height."""
         self.ax_.set_axis_off()
         gap = 0.05
@@ -335,10 +337,10 @@ class GapDisplay(Display):
         ax.plot(x, simulated, "--", color=model, linewidth=1.3, label="simulated ± 1 std")
         ax.plot(x, measured, color=RECORDED, linewidth=1.8, label=f"{self.label} ± 1 std")
 
-    def _shade(self, ax: Axes, low: float, high: float) -> Artist:
+    def _shade_band(self, ax: Axes, low: float, high: float) -> Artist:
         return ax.axvspan(low, high, color=FLAGGED, alpha=_SHADE, linewidth=0, zorder=0)
 
-    def _differences(
+    def _draw_differences(
         self, ax: Axes, x: Float, rows: Sequence[WhereRow], marker: str, colour: str, *, collect: bool = False
     ) -> None:
         """Differences with their intervals: hollow, or filled in the colour of flags."""
@@ -363,7 +365,7 @@ class GapDisplay(Display):
             )  # fmt: skip
             self.spread_flags_.append(mark)
 
-    def _tell(self, ax: Axes, x: Float, rows: Sequence[WhereRow], *, runs: bool) -> None:
+    def _label_clearest(self, ax: Axes, x: Float, rows: Sequence[WhereRow], *, runs: bool) -> None:
         """State the clearest flagged differences; with ``runs``, one per run of neighbours of one sign."""
         groups: list[list[int]] = []
         for k, row in enumerate(rows):
@@ -400,7 +402,7 @@ class GapDisplay(Display):
             ax.axvline(x[k], 0, 0.98 - 0.085 * line, color=FLAGGED, linewidth=0.8, linestyle=":", zorder=1)
 
     @staticmethod
-    def _legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
+    def _draw_legend(ax: Axes, marks: Sequence[tuple[str, Any, Any, str]], **place: Any) -> None:
         from matplotlib.lines import Line2D
 
         handles = [

@@ -80,10 +80,10 @@ class GapReductionDisplay(Display):
             raise ValueError("comparison must hold a row with a finite grr to be drawn, got none")
         n = len(dict.fromkeys(row.alternative for row in self.comparison))
         self.figure_, self.ax_ = axes_for(ax, (8.0, 1.4 + 0.6 * n))
-        self._compare()
+        self._draw_comparison()
         return self
 
-    def _compare(self) -> None:
+    def _draw_comparison(self) -> None:
         from matplotlib import rcParams
         from matplotlib.lines import Line2D
 

@@ -118,10 +118,12 @@ class LobeMapDisplay(Display):
             raise ValueError(f"slot_rms must be finite and not negative, got {self.slot_rms}")
         self.absolute = bool(absolute)
         marks = marks or LobeMarks()
-        self.worn_lobes = None if marks.worn is None else _lobes("marks.worn", marks.worn, self.n_lobes)
-        self.counted_lobes = _lobes("marks.counted", marks.counted, self.n_lobes)
-        self.lobe_probability = _probabilities(marks.probability, self.n_lobes)
-        self.outline = _closed(outline)
+        self.worn_lobes = (
+            None if marks.worn is None else _checked_lobes("marks.worn", marks.worn, self.n_lobes)
+        )
+        self.counted_lobes = _checked_lobes("marks.counted", marks.counted, self.n_lobes)
+        self.lobe_probability = _checked_probabilities(marks.probability, self.n_lobes)
+        self.outline = _closed_outline(outline)
         self.input_speed_hz = input_speed_hz
 
     @property
@@ -293,12 +295,12 @@ class LobeMapDisplay(Display):
         return self
 
     @property
-    def _numbering(self) -> str:
+    def _describe_numbering(self) -> str:
         if self.absolute:
             return "as numbered on the disc"
         return "counted from the one under load at the first sample"
 
-    def _shades(self, colours: Colormap, unknown: str) -> list[Any]:
+    def _lobe_colours(self, colours: Colormap, unknown: str) -> list[Any]:
         """Return the colour of each lobe, by how worn it is; ``unknown`` where nothing says that."""
         worn = self.lobe_probability
         if worn is None and self.worn_lobes is not None:
@@ -330,7 +332,7 @@ class LobeMapDisplay(Display):
             counted = Wedge((0, 0), 1.1, *edges, width=1.1 - _HUB, color="C1", linewidth=0)
             ax.add_patch(counted)
             counted.set_clip_path(outline)
-        for middle, colour in zip(middles, self._shades(colours, "none"), strict=True):
+        for middle, colour in zip(middles, self._lobe_colours(colours, "none"), strict=True):
             wedge = Wedge(
                 (0, 0), _RING[1], middle - half, middle + half, width=_RING[1] - _RING[0],
                 facecolor=colour, edgecolor=ink, linewidth=0.5,
@@ -341,8 +343,8 @@ class LobeMapDisplay(Display):
         edge = _MARGIN * _BARS[1]
         ax.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal")
         ax.set_axis_off()
-        ax.set_title(f"lobes {self._numbering}", fontsize="medium")
-        self._legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
+        ax.set_title(f"lobes {self._describe_numbering}", fontsize="medium")
+        self._draw_legend(bars, loc="upper center", bbox_to_anchor=(0.5, 0.0))
 
     def _disc_numbers(self, middles: Float, ink: str) -> None:
         worn = set(self.worn_lobes or ())
@@ -369,7 +371,7 @@ class LobeMapDisplay(Display):
         )
         return Patch(**_BAR_LOOK, label=meaning)
 
-    def _legend(self, more: Artist | None, **place: Any) -> None:
+    def _draw_legend(self, more: Artist | None, **place: Any) -> None:
         """Draw the legend of the marks, outside of the axes."""
         from matplotlib.lines import Line2D
         from matplotlib.patches import Patch
@@ -391,12 +393,12 @@ class LobeMapDisplay(Display):
         ax, ink = self.ax_, rcParams["text.color"]
         numbers = np.arange(1, self.n_lobes + 1)
         bars = ax.bar(
-            numbers, self.slot_rms, color=self._shades(colours, "0.75"), edgecolor=ink, linewidth=0.5
+            numbers, self.slot_rms, color=self._lobe_colours(colours, "0.75"), edgecolor=ink, linewidth=0.5
         )
         for lobe in self.counted_lobes:
             bars[lobe].set(edgecolor="C1", linewidth=2.5)
         ax.set(
-            xlabel=f"lobe, {self._numbering}",
+            xlabel=f"lobe, {self._describe_numbering}",
             ylabel=_QUANTITY.replace(" (", "\n("),
             xlim=(0.3, self.n_lobes + 0.7),
             ylim=(0, 1.08 * end),
@@ -412,7 +414,7 @@ class LobeMapDisplay(Display):
                 markeredgecolor=ink, markeredgewidth=0.5, label="probability of wear by the model (right)",
             )  # fmt: skip
             twin.set(ylim=(0, 1.08), ylabel="probability of wear (1)")
-        self._legend(diamonds, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+        self._draw_legend(diamonds, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def _mark_worn(number: Text, ink: str) -> None:
@@ -421,7 +423,7 @@ def _mark_worn(number: Text, ink: str) -> None:
     number.set_bbox({"boxstyle": "circle,pad=0.25", "facecolor": "C0", "edgecolor": ink})
 
 
-def _lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
+def _checked_lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
     marked = tuple(sorted({int(lobe) for lobe in values}))
     for lobe in marked:
         if not 0 <= lobe < n_lobes:
@@ -429,7 +431,7 @@ def _lobes(name: str, values: Iterable[int], n_lobes: int) -> tuple[int, ...]:
     return marked
 
 
-def _probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:
+def _checked_probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:
     if values is None:
         return None
     array = np.asarray(values, dtype=np.float64)
@@ -438,7 +440,7 @@ def _probabilities(values: ArrayLike | None, n_lobes: int) -> Float | None:
     return array
 
 
-def _closed(outline: ArrayLike | None) -> NDArray[np.complex128] | None:
+def _closed_outline(outline: ArrayLike | None) -> NDArray[np.complex128] | None:
     if outline is None:
         return None
     points = np.asarray(outline, dtype=np.complex128)

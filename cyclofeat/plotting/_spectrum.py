@@ -188,7 +188,7 @@ class SpectrumDisplay(Display):
         limit = min(float(max_frequency_hz), float(self.frequencies[-1]))
         # The line at 0 Hz holds a remainder of the mean.
         shown = (self.frequencies <= limit) & (self.frequencies > 0)
-        heights = self._scaled(self.values[shown], scale)
+        heights = self._scale_values(self.values[shown], scale)
         (self.line_,) = self.ax_.plot(self.frequencies[shown], heights, zorder=3, **line_kw)
         if "linewidth" not in line_kw and "lw" not in line_kw:
             self.line_.set_linewidth(0.9)
@@ -197,13 +197,13 @@ class SpectrumDisplay(Display):
         if scale != "linear":
             # Single bins can fall to any depth by chance.
             self.ax_.set_ylim(bottom=float(np.quantile(heights, 0.01)))
-        self.ax_.set(xlabel="frequency (Hz)", ylabel=self._label(scale), xlim=(0, limit))
+        self.ax_.set(xlabel="frequency (Hz)", ylabel=self._axis_label(scale), xlim=(0, limit))
         self.ax_.grid(axis="y", alpha=0.3, linewidth=0.6)
         speed = self.input_speed_hz
-        self.order_ax_ = None if speed is None else self._mark(limit, speed)
+        self.order_ax_ = None if speed is None else self._mark_orders(limit, speed)
         return self
 
-    def _scaled(self, values: Float, scale: str) -> Float:
+    def _scale_values(self, values: Float, scale: str) -> Float:
         if scale == "linear":
             return values
         values = np.maximum(values, (values.max() or 1.0) / _DYNAMIC_RANGE)
@@ -211,12 +211,12 @@ class SpectrumDisplay(Display):
             return values
         return np.asarray((20 if self.quantity == "amplitude" else 10) * np.log10(values))
 
-    def _label(self, scale: str) -> str:
+    def _axis_label(self, scale: str) -> str:
         name, unit = ("amplitude", self.unit) if self.quantity == "amplitude" else ("PSD", f"{self.unit}²/Hz")
         label = f"{name} (dB re 1 {unit})" if scale == "dB" else f"{name} ({unit})"
         return f"{label}\n{self.definition}" if self.definition else label
 
-    def _mark(self, limit: float, input_speed_hz: float) -> Any:
+    def _mark_orders(self, limit: float, input_speed_hz: float) -> Any:
         """Draw lobe lines behind the spectrum, and orders of the input as strokes and as the axis on top."""
         spacing = lobe_frequency(input_speed_hz, self.n_lobes)
         lobe_lines = np.arange(1, int(limit / spacing) + 1) * spacing

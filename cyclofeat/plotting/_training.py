@@ -159,14 +159,14 @@ class TrainingDisplay(Display):
     @property
     def kinds(self) -> list[str]:
         """Kinds of features that can be drawn, the best at separating counts first."""
-        columns = {name: self._columns(name) for name in dict.fromkeys(map(_kind, self.names))}
+        columns = {name: self._columns_of_kind(name) for name in dict.fromkeys(map(_column_kind, self.names))}
         spread = np.where(self.spread > 0, self.spread, np.inf)
         separation = (np.ptp(self.means, axis=0) / spread) ** 2
         several = [name for name, places in columns.items() if places.size >= _FEWEST_COLUMNS]
         return sorted(several, key=lambda name: -float(separation[columns[name]].mean()))
 
-    def _columns(self, kind: str) -> NDArray[np.intp]:
-        return np.array([k for k, name in enumerate(self.names) if _kind(name) == kind], dtype=np.intp)
+    def _columns_of_kind(self, kind: str) -> NDArray[np.intp]:
+        return np.array([k for k, name in enumerate(self.names) if _column_kind(name) == kind], dtype=np.intp)
 
     def plot(
         self,
@@ -225,7 +225,7 @@ class TrainingDisplay(Display):
         legend_above(self.ax_)
 
     def _course(self, kind: str, counts: list[int]) -> None:
-        columns = self._columns(kind)
+        columns = self._columns_of_kind(kind)
         places = np.arange(1, columns.size + 1)
         for number, count in enumerate(counts):
             row = int(np.flatnonzero(self.classes == count)[0])
@@ -274,6 +274,6 @@ def _slot_lobes(model: LobeModel, windows: WindowSet) -> NDArray[np.int64] | Non
     return np.rint(n * (middle - passage)).astype(np.int64) % n
 
 
-def _kind(name: str) -> str:
+def _column_kind(name: str) -> str:
     """Name of a column without its place: lobe_slot_rms of lobe_slot_rms(slot07)."""
     return name.partition("(")[0]

@@ -106,15 +106,17 @@ def short_name(cell: Cell) -> str:
 def difference_words(row: Row) -> str:
     """The difference in words: ``6.0 dB less``."""
     if row.of == "spread":
-        return f"varies {_rounded(10 ** (row.difference / 20))} times as much from one recording to the next"
+        return (
+            f"varies {_size_text(10 ** (row.difference / 20))} times as much from one recording to the next"
+        )
     return mean_difference_words(row.difference, row.cell.unit)
 
 
 def mean_difference_words(difference: float, unit: str) -> str:
     """A difference of means in words, with its unit."""
     if unit == "1":
-        return f"{_rounded(abs(difference))} {'lower' if difference < 0 else 'higher'}"
-    return f"{_rounded(abs(difference))} {unit} {'less' if difference < 0 else 'more'}"
+        return f"{_size_text(abs(difference))} {'lower' if difference < 0 else 'higher'}"
+    return f"{_size_text(abs(difference))} {unit} {'less' if difference < 0 else 'more'}"
 
 
 def in_words(row: Row) -> str:
@@ -127,7 +129,7 @@ def p_words(p: float) -> str:
     return f"p = {p:.2g}" if p >= 0.001 else "p < 0.001"
 
 
-def _rounded(size: float) -> str:
+def _size_text(size: float) -> str:
     if size >= 10:
         return f"{size:.0f}"
     return f"{size:.1f}" if size >= 1 else f"{size:.2g}"

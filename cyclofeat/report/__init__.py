@@ -9,31 +9,24 @@ function                       page
 ``write_gap_report``           where model and measurement disagree, and what is missing
 ``write_animation``            the gearbox turning, with its forces and its torque
 ``Report``                     a page of your own, with text, figures, tables and the pages above
-``check_page_path``            a check, before the work, that the page can be written
 =============================  ================================================================
 
-A report is first summarised to a dictionary of plain values (:func:`summarise_count` and its like), then
-rendered by a template that escapes all of them. Needs jinja2.
+A report is first summarised to a dictionary of plain values, then rendered by a template that escapes all of
+them. Needs jinja2.
 """
 
-from cyclofeat.report._animation import summarise_animation, write_animation
-from cyclofeat.report._count import CountedRecording, summarise_count, write_count_report
-from cyclofeat.report._evaluation import summarise_evaluation, write_evaluation_report
-from cyclofeat.report._gap import summarise_gap, write_gap_report
-from cyclofeat.report._history import summarise_history, write_history_report
-from cyclofeat.report._page import check_page_path
-from cyclofeat.report._page import environment as environment
+from cyclofeat.report._animation import write_animation
+from cyclofeat.report._count import CountedRecording, write_count_report
+from cyclofeat.report._evaluation import write_evaluation_report
+from cyclofeat.report._gap import write_gap_report
+from cyclofeat.report._history import write_history_report
+from cyclofeat.report._page import check_page_path as check_page_path
+from cyclofeat.report._page import template_environment as template_environment
 from cyclofeat.report._report import Report
 
 __all__ = [
     "CountedRecording",
     "Report",
-    "check_page_path",
-    "summarise_animation",
-    "summarise_count",
-    "summarise_evaluation",
-    "summarise_gap",
-    "summarise_history",
     "write_animation",
     "write_count_report",
     "write_evaluation_report",

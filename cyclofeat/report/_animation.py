@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cyclofeat import __version__
 from cyclofeat.plotting.drawing import thinned
-from cyclofeat.report._page import check_page_path, count_text, lobes_text, versions, write_page
+from cyclofeat.report._page import check_page_path, count_text, lobes_text, versions_line, write_page
 
 if TYPE_CHECKING:
     import os
@@ -125,9 +125,9 @@ def summarise_animation(
     if last - first < 1:
         raise ValueError(f"part from {start_s:g} to {stop_s:g} s must hold two samples at least")
     picked = np.linspace(first, last, frames).round().astype(int)
-    machine = _machine(run) | _frames(run, picked) | _trace(run, first, last)
+    machine = _machine_geometry(run) | _frame_angles_and_forces(run, picked) | _torque_trace(run, first, last)
     defects, gearbox = run.defects, run.gearbox
-    wear = _wear(defects)
+    wear = _describe_defects(defects)
     return {
         "title": title or "The gearbox turning",
         "version": __version__,
@@ -137,23 +137,23 @@ def summarise_animation(
         },
         "origin": "",
         "worn": wear,
-        "steps": _steps(machine["force_scale"]),
+        "steps": _force_ranges(machine["force_scale"]),
         "machine": machine,
         "provenance": [
             ("gearbox", f"{gearbox.n_lobes} lobes, {gearbox.n_pins} external and "
              f"{gearbox.n_internal_sleeves} internal sleeves"),
             ("eccentricity", f"{1e3 * gearbox.eccentricity:g} mm"),
-            ("wear", wear + (_severity(defects) if defects.worn_lobes else "")),
+            ("wear", wear + (_describe_depth(defects) if defects.worn_lobes else "")),
             ("input speed", f"{gearbox.input_speed * 60 / (2 * math.pi):.5g} RPM"),
             ("load", f"{gearbox.load_torque:.4g} Nm"),
             ("shown", f"{stop_s - start_s:.4g} s in {frames} frames, forces as they were at that moment"),
             ("integration step", f"{run.dt:g} s"),
-            ("made with", versions()),
+            ("made with", versions_line()),
         ],
     }  # fmt: skip
 
 
-def _severity(defects: LobeDefects) -> str:
+def _describe_depth(defects: LobeDefects) -> str:
     """Describe how much the worn lobes are worn; radial wear is too small to draw."""
     if defects.wear_um is None:
         return f", depth {defects.depth:g}"
@@ -161,7 +161,7 @@ def _severity(defects: LobeDefects) -> str:
     return f", radial, {' and '.join(depths)} um (not drawn)"
 
 
-def _wear(defects: LobeDefects) -> str:
+def _describe_defects(defects: LobeDefects) -> str:
     """Describe the defects in words."""
     parts = [f"removed lobes: {lobes_text(defects.removed_lobes)}"] if defects.removed_lobes else []
     if defects.worn_lobes or not parts:
@@ -171,7 +171,7 @@ def _wear(defects: LobeDefects) -> str:
     return "; ".join(parts)
 
 
-def _machine(run: SimulationRun) -> dict[str, Any]:
+def _machine_geometry(run: SimulationRun) -> dict[str, Any]:
     """Geometry in mm; each wheel in its own frame, with the tip of lobe 0 on the x axis."""
     from cyclofeat.simulators import LobeDefects
 
@@ -183,9 +183,11 @@ def _machine(run: SimulationRun) -> dict[str, Any]:
         worn, removed = defects.worn_lobes, defects.removed_lobes
         chords = worn if defects.wear_um is None else ()
         wheels.append({
-            "rest": round(_rest(z)[wheel], 6),
+            "rest": round(_rest_angles(z)[wheel], 6),
             "cam": round((-1) ** wheel * 1e3 * gearbox.eccentricity, 4),
-            "outline": _points(_without(profile.outline(chords, _OUTLINE_POINTS_PER_LOBE), removed)),
+            "outline": _outline_points(
+                _cut_recesses(profile.outline(chords, _OUTLINE_POINTS_PER_LOBE), removed)
+            ),
             "worn": list(worn),
             "removed": list(removed),
         })  # fmt: skip
@@ -193,23 +195,23 @@ def _machine(run: SimulationRun) -> dict[str, Any]:
         "n_lobes": z,
         "n_pins": gearbox.n_pins,
         "n_sleeves": gearbox.n_internal_sleeves,
-        "pin_circle": _mm(gearbox.pin_circle_radius),
-        "pin_radius": _mm(gearbox.pin_radius),
-        "sleeve_circle": _mm(gearbox.internal_pitch_radius),
-        "sleeve_radius": _mm(gearbox.internal_sleeve_radius),
-        "hole_radius": _mm(gearbox.internal_sleeve_radius + gearbox.eccentricity + gearbox.clearance),
-        "tip": _mm(abs(profile.point(0.0))),
-        "pit": _mm(abs(profile.point(math.pi / z))),
+        "pin_circle": _to_mm(gearbox.pin_circle_radius),
+        "pin_radius": _to_mm(gearbox.pin_radius),
+        "sleeve_circle": _to_mm(gearbox.internal_pitch_radius),
+        "sleeve_radius": _to_mm(gearbox.internal_sleeve_radius),
+        "hole_radius": _to_mm(gearbox.internal_sleeve_radius + gearbox.eccentricity + gearbox.clearance),
+        "tip": _to_mm(abs(profile.point(0.0))),
+        "pit": _to_mm(abs(profile.point(math.pi / z))),
         "wheels": wheels,
     }
 
 
-def _rest(n_lobes: int) -> tuple[float, float]:
+def _rest_angles(n_lobes: int) -> tuple[float, float]:
     """Angles of the wheels in rad where the input's is 0."""
     return -math.pi / n_lobes, 2 * math.pi * ((n_lobes + 1) // 2 - 1) / n_lobes
 
 
-def _without(outline: Complex, removed: tuple[int, ...]) -> Complex:
+def _cut_recesses(outline: Complex, removed: tuple[int, ...]) -> Complex:
     """Outline with a recess from tip to tip where a lobe is removed."""
     outline = outline.copy()
     for lobe in removed:
@@ -218,7 +220,7 @@ def _without(outline: Complex, removed: tuple[int, ...]) -> Complex:
     return outline
 
 
-def _frames(run: SimulationRun, picked: NDArray[np.int64]) -> dict[str, Any]:
+def _frame_angles_and_forces(run: SimulationRun, picked: NDArray[np.int64]) -> dict[str, Any]:
     """Angles, and the force of each sleeve on each wheel as whole N along x and y."""
     gearbox = run.gearbox
     phi = run.input_angle[picked]
@@ -230,28 +232,30 @@ def _frames(run: SimulationRun, picked: NDArray[np.int64]) -> dict[str, Any]:
     assert run.internal_forces is not None
     assert run.external_points is not None
     assert run.internal_points is not None
-    external = _vectors(run.external_forces[picked], run.external_points[picked], pins)
-    internal = _vectors(run.internal_forces[picked], run.internal_points[picked], sleeves[:, np.newaxis])
+    external = _force_vectors(run.external_forces[picked], run.external_points[picked], pins)
+    internal = _force_vectors(
+        run.internal_forces[picked], run.internal_points[picked], sleeves[:, np.newaxis]
+    )
     sizes = np.abs(np.concatenate([external.ravel(), internal.ravel()]))
     largest = float(np.quantile(sizes[sizes > 0], _LONGEST_ARROW)) if np.any(sizes > 0) else 1.0
     return {
         "phi": phi.round(4).tolist(),
         "psi": psi.round(5).tolist(),
-        "external": _whole(external),
-        "internal": _whole(internal),
+        "external": _whole_newtons(external),
+        "internal": _whole_newtons(internal),
         "force_scale": _round_up(largest),
         "largest_force": round(float(sizes.max())),
     }
 
 
-def _vectors(forces: Float, points: Complex, centres: Complex) -> Complex:
+def _force_vectors(forces: Float, points: Complex, centres: Complex) -> Complex:
     """Force on the wheel as a vector: it points from the sleeve's centre to where it touches."""
     away = points - centres
     size = np.abs(away)
     return np.where(size > 0, forces * away / np.where(size > 0, size, 1.0), 0.0)
 
 
-def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
+def _torque_trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
     """Torque over time from the first frame on, and times at which the cam points at a defect."""
     part = slice(first, last + 1)
     time = np.arange(last + 1 - first) / run.sampling_rate
@@ -259,7 +263,7 @@ def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
     z, defects = run.gearbox.n_lobes, run.defects
     marked = np.zeros(time.size, dtype=int)
     for wheel in defects.wheels:
-        cam_in_wheel = (z + 1) / z * run.input_angle[part] + wheel * np.pi - _rest(z)[wheel]
+        cam_in_wheel = (z + 1) / z * run.input_angle[part] + wheel * np.pi - _rest_angles(z)[wheel]
         lobe = np.floor(cam_in_wheel * z / (2 * np.pi) + 0.5).astype(int) % z
         marked |= np.isin(lobe, [*defects.worn_lobes, *defects.removed_lobes])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marked, [0]])))
@@ -272,7 +276,7 @@ def _trace(run: SimulationRun, first: int, last: int) -> dict[str, Any]:
     }
 
 
-def _steps(largest: float) -> list[str]:
+def _force_ranges(largest: float) -> list[str]:
     """Ranges of force of the five colours, in words: equal steps of the root, like the arrows' lengths."""
     ends = [largest * (k / 5) ** 2 for k in range(6)]
     ranges = [f"{low:.3g} to {high:.3g} N" for low, high in pairwise(ends)]
@@ -285,16 +289,16 @@ def _round_up(value: float) -> float:
     return float(steps[steps >= value * (1 - 1e-9)][0])
 
 
-def _mm(length: Any) -> float:
+def _to_mm(length: Any) -> float:
     return round(1e3 * float(length), 4)
 
 
-def _points(outline: Complex) -> list[float]:
+def _outline_points(outline: Complex) -> list[float]:
     """x, y, x, y, ... in mm."""
     return (1e3 * np.column_stack([outline.real, outline.imag])).round(2).ravel().tolist()
 
 
-def _whole(vectors: Complex) -> list[list[int]]:
+def _whole_newtons(vectors: Complex) -> list[list[int]]:
     """x, y of every sleeve in whole N, wheel by wheel, for each frame."""
     pairs = np.stack([vectors.real, vectors.imag], axis=-1).round().astype(int)
     return pairs.reshape(len(vectors), -1).tolist()

@@ -19,11 +19,11 @@ from cyclofeat.report._page import (
     check_page_path,
     count_heading,
     count_text,
+    describe_origin,
     lobes_text,
-    origin,
     probability_text,
-    tile,
-    versions,
+    summary_tile,
+    versions_line,
     write_page,
 )
 
@@ -137,17 +137,17 @@ def summarise_count(
     sources: list[str | None] = []
     urgent: list[tuple[int, CountedRecording]] = []
     for place, item in enumerate(counted):
-        rows.append(_row(item))
+        rows.append(_table_row(item))
         sources.append(item.recording.source)
-        urgent = sorted([*urgent, (place, item)], key=_urgency)[:most_sections]
+        urgent = sorted([*urgent, (place, item)], key=_sort_key)[:most_sections]
     failed = {str(name): str(reason) for name, reason in (failures or {}).items()}
     if not rows and not failed:
         raise ValueError("counted must hold at least one recording, got none")
     sections = []
     for place, item in sorted(urgent, key=lambda one: one[0]):
         rows[place]["anchor"] = f"recording-{place + 1}"
-        sections.append(rows[place] | _section(model, item, MOST_SAMPLES // len(urgent)))
-    _, surrogate, said_of_origin = origin(sources)
+        sections.append(rows[place] | _recording_section(model, item, MOST_SAMPLES // len(urgent)))
+    _, surrogate, said_of_origin = describe_origin(sources)
     several = len(rows) + len(failed) > 1
     return {
         "title": "Worn lobes" if several or not rows else f"Worn lobes: {rows[0]['name']}",
@@ -155,58 +155,60 @@ def summarise_count(
         "surrogate": surrogate,
         "origin": said_of_origin if rows else "",
         "several": several,
-        "tiles": _tiles(rows, failed),
+        "tiles": _summary_tiles(rows, failed),
         "rows": rows,
         "with_stated": any(row["stated"] for row in rows),
         "with_wear": any(row["wear"] for row in rows),
         "failures": [{"name": name, "reason": reason} for name, reason in failed.items()],
         "sections": sections,
         "n_more": len(rows) - len(sections),
-        "features": _definitions(sections),
+        "features": _feature_definitions(sections),
         "n_lobes": model.n_lobes,
         "calibrated": bool(model.card.get("calibrated")),
-        "model": _of_model(model),
+        "model": _describe_model(model),
         "provenance": [
             *((str(label), str(value)) for label, value in (settings or {}).items()),
-            ("made with", versions()),
+            ("made with", versions_line()),
         ],
     }
 
 
-def _urgency(placed: tuple[int, CountedRecording]) -> tuple[bool, float]:
+def _sort_key(placed: tuple[int, CountedRecording]) -> tuple[bool, float]:
     """Sorting key: refused recordings first, then the least probable."""
     count = placed[1].count
     return not count.refused, count.probability[count.defect_count]
 
 
-def _tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list[dict[str, Any]]:
+def _summary_tiles(rows: Sequence[Mapping[str, Any]], failed: Mapping[str, str]) -> list[dict[str, Any]]:
     """Tiles of the summary: recordings counted, the worst, and those that need a look."""
     sound = [row for row in rows if not row["refused"]]
     by_count = Counter(row["count"] for row in sound)
     parts = [f"{n} with {count_text(count, ())}" for count, n in sorted(by_count.items())]
-    tiles = [tile("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts))]
+    tiles = [summary_tile("Counted", f"{len(sound)} of {len(rows) + len(failed)}", ", ".join(parts))]
     if sound:
         worst = max(by_count)
         names = [row["name"] for row in sound if row["count"] == worst]
-        tiles.append(tile("Worst", count_heading(worst), _some(names) if worst else "in any"))
+        tiles.append(summary_tile("Worst", count_heading(worst), _first_names(names) if worst else "in any"))
     refused = [row["name"] for row in rows if row["refused"]]
     if refused:
-        tiles.append(tile("Refused", str(len(refused)), f"not reliable: {_some(refused)}", True))
+        tiles.append(
+            summary_tile("Refused", str(len(refused)), f"not reliable: {_first_names(refused)}", True)
+        )
     if failed:
-        tiles.append(tile("Could not be counted", str(len(failed)), _some(list(failed)), True))
+        tiles.append(summary_tile("Could not be counted", str(len(failed)), _first_names(list(failed)), True))
     wrong = [row["name"] for row in sound if row["wrong"]]
     if wrong:
-        tiles.append(tile("Other than stated", str(len(wrong)), _some(wrong), True))
+        tiles.append(summary_tile("Other than stated", str(len(wrong)), _first_names(wrong), True))
     return tiles
 
 
-def _some(names: Sequence[str], most: int = 3) -> str:
+def _first_names(names: Sequence[str], most: int = 3) -> str:
     """The first of many names."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
-def _row(item: CountedRecording) -> dict[str, Any]:
+def _table_row(item: CountedRecording) -> dict[str, Any]:
     """Line of a recording in the table; the anchor of its section is added later."""
     count, recording = item.count, item.recording
     stated = recording.defect_count
@@ -224,7 +226,7 @@ def _row(item: CountedRecording) -> dict[str, Any]:
     }
 
 
-def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
+def _recording_section(model: LobeModel, item: CountedRecording, most_samples: int) -> dict[str, Any]:
     from cyclofeat.datasets import describe
     from cyclofeat.datasets.readers import record_warnings
 
@@ -249,9 +251,9 @@ def _section(model: LobeModel, item: CountedRecording, most_samples: int) -> dic
             for lobe, share in enumerate(count.lobe_probability)
         ],
         "relative": bool(count.lobe_probability) and not count.absolute,
-        "recorded": _recorded(model, item, described),
+        "recorded": _describe_recorded(model, item, described),
         "window_table": _window_table(count),
-        **_evidence(model, item, speed_hz, most_samples),
+        **_draw_evidence(model, item, speed_hz, most_samples),
     }
 
 
@@ -273,7 +275,7 @@ def _speed_known(item: CountedRecording) -> bool:
     return item.recording.angle is not None or not item.count.refused
 
 
-def _recorded(
+def _describe_recorded(
     model: LobeModel, item: CountedRecording, described: Mapping[str, Any]
 ) -> list[tuple[str, str]]:
     """Describe the recording: label and value."""
@@ -307,7 +309,9 @@ def _recorded(
     return [(label, str(value)) for label, value in lines.items() if value is not None]
 
 
-def _evidence(model: LobeModel, item: CountedRecording, speed_hz: float, most_samples: int) -> dict[str, Any]:
+def _draw_evidence(
+    model: LobeModel, item: CountedRecording, speed_hz: float, most_samples: int
+) -> dict[str, Any]:
     """Pictures of a recording, and of its features if the model has a training domain."""
     from cyclofeat.plotting import (
         LobeMapDisplay,
@@ -332,7 +336,7 @@ def _evidence(model: LobeModel, item: CountedRecording, speed_hz: float, most_sa
             input_speed_hz=speed_hz,
             n_lobes=model.n_lobes,
             marks=LobeMarks(counted=count.lobes, probability=count.lobe_probability or None),
-            outline=_outline(model.n_lobes, count.lobes),
+            outline=_disc_outline(model.n_lobes, count.lobes),
         )
         at: dict[str, Any] = {"input_speed_hz": lobe_map.input_speed_hz, "n_lobes": model.n_lobes}
         pictures = recording_pictures(
@@ -360,10 +364,10 @@ def _evidence(model: LobeModel, item: CountedRecording, speed_hz: float, most_sa
             }
             for kind in (display.kinds[:_N_FEATURE_PICTURES] if _speed_known(item) else ())
         ]
-    return evidence | {"territory": _territory(count)}
+    return evidence | {"territory": _describe_distance(count)}
 
 
-def _definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+def _feature_definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
     """Title, name in the code and formula of each kind of feature that is drawn."""
     kinds = dict.fromkeys(drawn["kind"] for section in sections for drawn in section["features"])
     rows = {kind: feature_of(kind) for kind in kinds}
@@ -377,7 +381,7 @@ def _definitions(sections: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
     ]
 
 
-def _outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
+def _disc_outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
     """Outline of a disc in the proportions of the papers: recordings do not state their gearbox."""
     from cyclofeat.simulators import CycloidalProfile
 
@@ -388,7 +392,7 @@ def _outline(n_lobes: int, worn: tuple[int, ...]) -> Any:
     return profile.outline(worn)
 
 
-def _territory(count: LobeCount) -> dict[str, str]:
+def _describe_distance(count: LobeCount) -> dict[str, str]:
     """Describe the distance of the recording from the training windows."""
     if np.isnan(count.distance):
         return {"heading": "Unknown", "text": "the model does not know what it was trained on"}
@@ -398,7 +402,7 @@ def _territory(count: LobeCount) -> dict[str, str]:
     }
 
 
-def _of_model(model: LobeModel) -> list[tuple[str, str]]:
+def _describe_model(model: LobeModel) -> list[tuple[str, str]]:
     from cyclofeat.counting import score_text
 
     card = model.card

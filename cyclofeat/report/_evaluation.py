@@ -13,7 +13,7 @@ import numpy as np
 from cyclofeat import __version__
 from cyclofeat._base.words import number
 from cyclofeat.plotting.drawing import require_matplotlib
-from cyclofeat.report._page import check_page_path, origin, versions, write_page
+from cyclofeat.report._page import check_page_path, describe_origin, versions_line, write_page
 
 if TYPE_CHECKING:
     import os
@@ -99,8 +99,8 @@ def summarise_evaluation(
     from cyclofeat.plotting import EvaluationDisplay
     from cyclofeat.report._figures import calibration_picture, confusion_picture
 
-    _, surrogate, said_of_origin = origin(sources)
-    wrong = _wrong(first)
+    _, surrogate, said_of_origin = describe_origin(sources)
+    wrong = _wrong_assemblies(first)
     labels, display = first.labels, EvaluationDisplay(first)
     return {
         "title": "Counting on assemblies not seen before",
@@ -111,11 +111,11 @@ def summarise_evaluation(
         "confidence": f"{100 * first.confidence:.3g}",
         "n_windows": int(labels.size),
         "n_assemblies": int(first.groups.size),
-        "tiles": _tiles(first, results),
-        "methods": [_method(name, result) for name, result in results.items()],
+        "tiles": _score_tiles(first, results),
+        "methods": [_method_row(name, result) for name, result in results.items()],
         "guess": float(np.max(np.unique(labels, return_counts=True)[1]) / labels.size),
         "with_lobes": any(result.exact_lobes is not None for result in results.values()),
-        "classes": _classes(first),
+        "classes": _class_rows(first),
         "confusion": confusion_picture(display),
         "calibration": None if first.certainty is None else calibration_picture(display),
         "wrong": wrong[:_MOST_WRONG],
@@ -126,20 +126,20 @@ def summarise_evaluation(
             *((str(label), str(value)) for label, value in (settings or {}).items()),
             ("windows", str(labels.size)),
             ("assemblies", str(first.groups.size)),
-            ("made with", versions()),
+            ("made with", versions_line()),
         ],
     }
 
 
-def _text(value: float | None) -> str:
+def _rounded_text(value: float | None) -> str:
     return "" if value is None else f"{value:.3f}"
 
 
-def _range(limits: Sequence[float] | None) -> str:
+def _range_text(limits: Sequence[float] | None) -> str:
     return "" if limits is None else f"{limits[0]:.3f} to {limits[1]:.3f}"
 
 
-def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[str, str]]:
+def _score_tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[str, str]]:
     name, lobes = next(((n, r) for n, r in results.items() if r.exact_lobes is not None), ("", first))
     by = "of windows" if lobes is first else f"of windows, by {name}"
     tiles: list[tuple[str, float | None, Sequence[float] | None, str]] = [
@@ -155,13 +155,13 @@ def _tiles(first: Evaluation, results: Mapping[str, Evaluation]) -> list[dict[st
         ),
     ]  # fmt: skip
     return [
-        {"label": label, "value": f"{value:.3f}", "range": _range(limits), "text": text}
+        {"label": label, "value": f"{value:.3f}", "range": _range_text(limits), "text": text}
         for label, value, limits, text in tiles
         if value is not None
     ]
 
 
-def _method(name: str, result: Evaluation) -> dict[str, Any]:
+def _method_row(name: str, result: Evaluation) -> dict[str, Any]:
     low, high = result.accuracy_interval
     return {
         "method": str(name),
@@ -170,13 +170,13 @@ def _method(name: str, result: Evaluation) -> dict[str, Any]:
         "high": high,
         "error": f"{result.mean_absolute_error:.3f}",
         "macro_f1": f"{result.macro_f1:.3f}",
-        "calibration": _text(result.calibration_error),
-        "lobes": _text(result.exact_lobes),
-        "lobes_range": _range(result.exact_lobes_interval),
+        "calibration": _rounded_text(result.calibration_error),
+        "lobes": _rounded_text(result.exact_lobes),
+        "lobes_range": _range_text(result.exact_lobes_interval),
     }
 
 
-def _classes(result: Evaluation) -> list[dict[str, Any]]:
+def _class_rows(result: Evaluation) -> list[dict[str, Any]]:
     """Each count: how often it was recognised, and how often an answer of it was right."""
     rows = []
     for k, row in enumerate(result.class_scores()):
@@ -186,14 +186,16 @@ def _classes(result: Evaluation) -> list[dict[str, Any]]:
             "windows": row["n_windows"],
             "assemblies": row["n_assemblies"],
             "found": "-" if math.isnan(row["recall"]) else f"{row['recall']:.3f}",
-            "range": "" if math.isnan(row["recall"]) else _range((row["recall_low"], row["recall_high"])),
+            "range": ""
+                if math.isnan(row["recall"])
+                else _range_text((row["recall_low"], row["recall_high"])),
             "right": "-" if math.isnan(row["precision"]) else f"{row['precision']:.3f}",
             "taken_for": f"{result.classes[others.argmax()]} ({others.max()})" if others.any() else "",
         })  # fmt: skip
     return rows
 
 
-def _wrong(result: Evaluation) -> list[dict[str, Any]]:
+def _wrong_assemblies(result: Evaluation) -> list[dict[str, Any]]:
     """Assemblies that were not always counted right, the worst first."""
     rows = []
     order = np.argsort(result.group_accuracy, kind="stable")

@@ -44,7 +44,7 @@ _COLOURS = {
 _REFUSED = "#b3261e"
 
 
-def _theme(scheme: str) -> Any:
+def _theme_colours(scheme: str) -> Any:
     from cycler import cycler
 
     ink, faint, frame, legend, *cycle = _COLOURS[scheme]
@@ -65,7 +65,7 @@ def _theme(scheme: str) -> Any:
     }
 
 
-def picture(
+def draw_picture(
     draw: Draw, size: tuple[float, float], alt: str, *, by_scheme: bool = False, plot: Plot | None = None
 ) -> Picture:
     """Draw a figure of ``size`` in inches as SVG data URIs ``light`` and ``dark``, with its size in pixels.
@@ -76,11 +76,11 @@ def picture(
     figure is for paper, and light.
     """
     width, height = (round(inches * _PIXELS_PER_INCH) for inches in size)
-    light = _svg(draw, size, "light")
+    light = _draw_svg(draw, size, "light")
     svgs = {"light": light}
     drawn: Picture = {"alt": alt, "width": width, "height": height}
     if plot is None:
-        svgs["dark"] = _svg(draw, size, "dark") if by_scheme else _darkened(light)
+        svgs["dark"] = _draw_svg(draw, size, "dark") if by_scheme else _darken_colours(light)
     else:
         drawn["plot"] = plot.to_dict()
     for scheme, svg in svgs.items():
@@ -93,12 +93,12 @@ def data_uri(content: bytes, kind: str = "image/svg+xml") -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
+def _draw_svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
     import matplotlib
     from matplotlib.figure import Figure
 
     # A bare Figure needs no window system and is not listed as open.
-    with matplotlib.rc_context(_theme(scheme)):
+    with matplotlib.rc_context(_theme_colours(scheme)):
         figure = Figure(figsize=size, layout="constrained")
         draw(figure.subplots(), scheme)
         svg = io.StringIO()
@@ -106,7 +106,7 @@ def _svg(draw: Draw, size: tuple[float, float], scheme: str) -> str:
     return svg.getvalue()
 
 
-def _darkened(svg: str) -> str:
+def _darken_colours(svg: str) -> str:
     """Replace the colours of the light theme by those of the dark one."""
     dark_of = dict(zip(_COLOURS["light"], _COLOURS["dark"], strict=True))
     return re.sub("|".join(dark_of), lambda colour: dark_of[colour[0]], svg)
@@ -131,12 +131,12 @@ def recording_pictures(
         _draw_windows(ax, windows)
 
     drawn = {
-        "torque": picture(
+        "torque": draw_picture(
             draw_torque, (6.0, 2.8),
             f"{torque.quantity.capitalize()} in {torque.unit} over time in s, with the answer of each window",
             plot=torque_plot(torque, windows, most_samples),
         ),
-        "spectrum": picture(
+        "spectrum": draw_picture(
             lambda ax, _: spectrum.plot(ax), (6.0, 3.4),
             f"Amplitude spectrum of the {torque.quantity} in {torque.unit}; "
             "lobe lines and orders are marked if a speed is known",
@@ -144,13 +144,13 @@ def recording_pictures(
         ),
     }  # fmt: skip
     if orders is not None:
-        drawn["orders"] = picture(
+        drawn["orders"] = draw_picture(
             lambda ax, _: orders.plot(ax), (6.0, 3.4),
             f"Amplitudes in {torque.unit} at the lines of the output turn, by order of the input shaft",
             plot=order_plot(orders),
         )  # fmt: skip
     if lobe_map is not None:
-        drawn["lobe_map"] = picture(
+        drawn["lobe_map"] = draw_picture(
             lambda ax, scheme: lobe_map.plot(ax, cmap=_RING_COLOURS[scheme]), (6.0, 5.8),
             "Disc with its counted lobes in colour, a ring as dark as each is worn, and bars of disturbance",
             by_scheme=True,
@@ -177,20 +177,20 @@ def _draw_windows(ax: Axes, windows: Sequence[Span]) -> None:
 def distance_picture(display: TrainingDisplay) -> Picture:
     """Draw the distance from the training windows of each count."""
     alt = "Bars: distance of the recording from the training windows of each number of worn lobes"
-    return picture(lambda ax, _: display.plot(ax), _BESIDE_TRAINING, alt)
+    return draw_picture(lambda ax, _: display.plot(ax), _BESIDE_TRAINING, alt)
 
 
 def feature_picture(display: TrainingDisplay, kind: str, counts: tuple[int, ...]) -> Picture:
     """Draw the features of a kind beside the training windows of some counts."""
     alt = "Features of the recording beside the mean of the training windows of two counts: "
     alt += words_of(kind).title
-    return picture(lambda ax, _: display.plot(ax, kind=kind, counts=counts), _BESIDE_TRAINING, alt)
+    return draw_picture(lambda ax, _: display.plot(ax, kind=kind, counts=counts), _BESIDE_TRAINING, alt)
 
 
 def confusion_picture(display: EvaluationDisplay) -> Picture:
     """Draw a confusion matrix, true counts in rows."""
     alt = "Confusion matrix: windows by true and predicted number of worn lobes"
-    return picture(
+    return draw_picture(
         lambda ax, scheme: display.plot("confusion", ax, cmap=_COUNT_COLOURS[scheme]),
         (display.side, display.side), alt, by_scheme=True,
     )  # fmt: skip
@@ -199,4 +199,4 @@ def confusion_picture(display: EvaluationDisplay) -> Picture:
 def calibration_picture(display: EvaluationDisplay) -> Picture:
     """Draw the share of right answers by bins of the probability; larger dots hold more of the windows."""
     alt = "Calibration: share of right answers by probability said, beside the diagonal"
-    return picture(lambda ax, _: display.plot("calibration", ax), (5.2, 5.2), alt)
+    return draw_picture(lambda ax, _: display.plot("calibration", ax), (5.2, 5.2), alt)

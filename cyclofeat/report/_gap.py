@@ -14,12 +14,12 @@ from cyclofeat import __version__
 from cyclofeat._base.words import number
 from cyclofeat.plotting import GapOverlayDisplay
 from cyclofeat.plotting.drawing import require_matplotlib
-from cyclofeat.report._figures import picture
+from cyclofeat.report._figures import draw_picture
 from cyclofeat.report._gap_answer import measure_next, the_answer, what_remains
-from cyclofeat.report._gap_method import method, provenance
-from cyclofeat.report._gap_reduction import reduction
+from cyclofeat.report._gap_method import method_rows, provenance_rows
+from cyclofeat.report._gap_reduction import summarise_reduction
 from cyclofeat.report._gap_where import where_they_differ
-from cyclofeat.report._page import check_page_path, origin, write_page
+from cyclofeat.report._page import check_page_path, describe_origin, write_page
 from cyclofeat.report._plot import Axis, Line, Plot
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def summarise_gap(
         besides; absent parts are None or empty.
     """
     require_matplotlib()
-    label, surrogate, text_of_origin = origin(sources)
+    label, surrogate, text_of_origin = describe_origin(sources)
     word = "measurement" if label == "measured" else "recordings"
     return {
         "title": title or f"Model against {word}",
@@ -115,25 +115,25 @@ def summarise_gap(
         "origin": text_of_origin,
         "recordings_word": word,
         "answer": the_answer(result, word),
-        "warnings": _warnings(result),
+        "warnings": _collect_warnings(result),
         "next": measure_next(result),
         "remains": None
         if result.remainder is None
         else what_remains(result.remainder, "corrected model" if result.named else "model"),
-        "overlays": _overlays(result.overlays, label),
+        "overlays": _draw_overlays(result.overlays, label),
         "where": [where_they_differ(where, label, word) for where in result.where],
         "corrected": bool(result.named),
-        "proof": [_at(proof) | reduction(proof) for proof in result.proof],
-        "method": method(result),
-        "provenance": provenance(result, dict(settings or {})),
+        "proof": [_condition_text(proof) | summarise_reduction(proof) for proof in result.proof],
+        "method": method_rows(result),
+        "provenance": provenance_rows(result, dict(settings or {})),
     }
 
 
-def _at(proof: Proof) -> dict[str, str]:
+def _condition_text(proof: Proof) -> dict[str, str]:
     return {"condition": proof.condition.text if proof.condition else ""}
 
 
-def _overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
+def _draw_overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
     """Of each kind its heading, and one picture per condition."""
     shown = []
     for kind, (heading, text) in _OVERLAYS.items():
@@ -141,20 +141,20 @@ def _overlays(overlays: Sequence[Overlay], label: str) -> list[dict[str, Any]]:
         if of_kind:
             size = GapOverlayDisplay.SIZE if len(of_kind) == 1 else _BESIDE_ANOTHER
             drawn = [
-                {"condition": overlay.condition.text, "picture": _picture(overlay, label, size)}
+                {"condition": overlay.condition.text, "picture": _draw_overlay(overlay, label, size)}
                 for overlay in of_kind
             ]
             shown.append({"heading": heading, "text": text, "pictures": drawn})
     return shown
 
 
-def _picture(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[str, Any]:
+def _draw_overlay(overlay: Overlay, label: str, size: tuple[float, float]) -> dict[str, Any]:
     display = GapOverlayDisplay(overlay, label=label)
     alt = f"{_OVERLAYS[overlay.kind][0]} of recordings, model and corrected model: {overlay.condition.text}"
-    return picture(lambda ax, _: display.plot(ax), size, alt, plot=_plot(overlay, label))
+    return draw_picture(lambda ax, _: display.plot(ax), size, alt, plot=_overlay_plot(overlay, label))
 
 
-def _plot(overlay: Overlay, label: str) -> Plot:
+def _overlay_plot(overlay: Overlay, label: str) -> Plot:
     curves = {
         ("model", "ink", "dashed"): overlay.model,
         (label, "accent", "wide"): overlay.measured,
@@ -168,7 +168,7 @@ def _plot(overlay: Overlay, label: str) -> Plot:
     return Plot(overlay.x, lines, _AXES[overlay.kind])
 
 
-def _warnings(result: GapResult) -> list[str]:
+def _collect_warnings(result: GapResult) -> list[str]:
     given = list(result.warnings)
     n = sum(where.n_recordings for where in result.where)
     if n < _FEW and not any("recordings" in text for text in given):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.words import beyond, number
 from cyclofeat.plotting.gap_words import cell_name, effect_name, mean_difference_words, p_words
-from cyclofeat.report._gap_numbers import percent, quantity, range_text, rounded
-from cyclofeat.report._page import probability_text, unbroken
+from cyclofeat.report._gap_numbers import percent_text, quantity_text, range_text, rounded_text
+from cyclofeat.report._page import keep_together, probability_text
 
 if TYPE_CHECKING:
     from cyclofeat.gap import FoundEffect, GapResult, Remainder, Size
@@ -20,24 +20,24 @@ def the_answer(result: GapResult, word: str) -> dict[str, Any]:
 
     ``word`` names the recordings in the heading: ``"measurement"``.
     """
-    rows = _rows(result)
+    rows = _effect_rows(result)
     shown = {name for row in rows for name in row["ids"]}
     rest = [found for found in result.effects if found.effect not in shown]
     return {
-        "heading": _heading(result, word),
-        "sentences": _sentences(result, word),
+        "heading": _answer_heading(result, word),
+        "sentences": _answer_sentences(result, word),
         "rows": rows,
-        "rest": [_rest(found) for found in rest],
+        "rest": [_describe_rest(found) for found in rest],
         "rest_heading": f"{number(len(rest), 'other effect')} not missing, or too small to be seen"
         if rest
         else "",
-        "tiles": _tiles(result) if result.effects else [],
+        "tiles": _answer_tiles(result) if result.effects else [],
     }
 
 
 def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
     """Return the differences that a model, named in words, leaves unexplained."""
-    p = unbroken(p_words(remainder.p))
+    p = keep_together(p_words(remainder.p))
     if remainder.cause == "chance":
         text = f"Nothing that chance does not explain: the {model} agrees with the recordings ({p})."
         return {"sentences": [text], "rows": []}
@@ -45,13 +45,13 @@ def what_remains(remainder: Remainder, model: str) -> dict[str, Any]:
         {
             "what": cell_name(row),
             "difference": mean_difference_words(row.difference, row.unit),
-            "z": rounded(abs(row.z)),
+            "z": rounded_text(abs(row.z)),
         }
         for row in remainder.rows
     ]
     cause = "something is missing that none of the effects considered accounts for"
     if remainder.p_open is not None and not remainder.unexplained:
-        cause = f"effects that are still open may be the cause ({unbroken(p_words(remainder.p_open))})"
+        cause = f"effects that are still open may be the cause ({keep_together(p_words(remainder.p_open))})"
     text = (
         f"The {model} differs from the recordings by more than chance explains ({p}): {cause}. The clearest "
         "remaining differences show where to look for it."
@@ -71,7 +71,7 @@ def measure_next(result: GapResult) -> list[dict[str, str]]:
     ]
 
 
-def _heading(result: GapResult, word: str) -> str:
+def _answer_heading(result: GapResult, word: str) -> str:
     answers = [result.effect(effect.effect_id).answer for effect in result.named]
     sure = answers.count("present")
     likely = len(answers) - sure
@@ -93,14 +93,14 @@ def _heading(result: GapResult, word: str) -> str:
     return f"Model and {word} disagree{end}"
 
 
-def _sentences(result: GapResult, word: str) -> list[str]:
+def _answer_sentences(result: GapResult, word: str) -> list[str]:
     n = sum(where.n_recordings for where in result.where)
     at = f" at {len(result.where)} conditions" if len(result.where) > 1 else ""
     if result.verdict == "disagree":
         texts = [
             f"Model and {word} disagree: if the model were right, differences this clear would arise by "
-            f"chance in at most 1 of {rounded(1 / max(result.p, 1e-9))} such comparisons "
-            f"({unbroken(p_words(result.p))}, {number(n, 'recording')}{at})."
+            f"chance in at most 1 of {rounded_text(1 / max(result.p, 1e-9))} such comparisons "
+            f"({keep_together(p_words(result.p))}, {number(n, 'recording')}{at})."
         ]
     elif result.verdict == "equivalent":
         texts = [f"All numbers compared agree within the margins ({number(n, 'recording')}{at})."]
@@ -124,7 +124,7 @@ def _sentences(result: GapResult, word: str) -> list[str]:
     return texts
 
 
-def _rows(result: GapResult) -> list[dict[str, Any]]:
+def _effect_rows(result: GapResult) -> list[dict[str, Any]]:
     """Effects that are missing, and those that may be; one that is tied to an earlier one only beside it."""
     named = {effect.effect_id for effect in result.named}
     rows: list[dict[str, Any]] = []
@@ -135,19 +135,19 @@ def _rows(result: GapResult) -> list[dict[str, Any]]:
             continue
         ties = [name for name in found.ties if name not in named]
         seen |= {found.effect, *ties}
-        rows.append(_row(result, found, ties, found.effect in named))
+        rows.append(_effect_row(result, found, ties, found.effect in named))
     return rows
 
 
-def _rest(found: FoundEffect) -> str:
+def _describe_rest(found: FoundEffect) -> str:
     """An effect that is not missing: its probability, and the size that would have been seen."""
     text, seen = probability_text(found.probability), found.visible_from
     if seen is not None:
-        text += f"; seen {beyond(seen.below, seen.above, lambda end: quantity([end], seen.unit))}"
+        text += f"; seen {beyond(seen.below, seen.above, lambda end: quantity_text([end], seen.unit))}"
     return f"{effect_name(found.effect)} ({text})"
 
 
-def _row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:
+def _effect_row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool) -> dict[str, Any]:
     asked = {one.effect: one.probability for one in result.effects}
     together = min(found.probability + sum(asked.get(name, 0.0) for name in ties), 1.0)
     return {
@@ -158,23 +158,23 @@ def _row(result: GapResult, found: FoundEffect, ties: Sequence[str], named: bool
         "named": named,
         "probability": found.probability,
         "text": probability_text(found.probability),
-        "sizes": [_size(size) for size in found.sizes],
+        "sizes": [_size_entry(size) for size in found.sizes],
         "ties": [effect_name(name) for name in ties],
         "together": probability_text(together),
     }
 
 
-def _size(size: Size) -> dict[str, str]:
+def _size_entry(size: Size) -> dict[str, str]:
     ends = [size.low, size.high]
     return {
         "name": size.name.removesuffix("_nm").removesuffix("_hz").removesuffix("_s").replace("_", " "),
-        "value": quantity([size.value], size.unit),
-        "range": "" if any(math.isnan(end) for end in ends) else quantity(ends, size.unit),
+        "value": quantity_text([size.value], size.unit),
+        "range": "" if any(math.isnan(end) for end in ends) else quantity_text(ends, size.unit),
     }
 
 
-def _tiles(result: GapResult) -> list[dict[str, str]]:
-    tiles = [_closed(result)] if result.named else []
+def _answer_tiles(result: GapResult) -> list[dict[str, str]]:
+    tiles = [_closed_tile(result)] if result.named else []
     if result.remainder is not None:
         value, text = "nothing", f"the remaining differences are chance ({p_words(result.remainder.p)})"
         if result.remainder.cause == "open effects":
@@ -192,7 +192,7 @@ def _tiles(result: GapResult) -> list[dict[str, str]]:
     return tiles
 
 
-def _closed(result: GapResult) -> dict[str, str]:
+def _closed_tile(result: GapResult) -> dict[str, str]:
     label = "Gap closed on recordings held out"
     if not result.proof:
         return {"label": label, "value": "not tested", "text": "no recordings were held out"}
@@ -202,6 +202,6 @@ def _closed(result: GapResult) -> dict[str, str]:
     if len(result.proof) == 1:
         ours = result.proof[0].result
         text = f"range {range_text(ours.low, ours.high)}"
-        return {"label": label, "value": percent(ours.grr), "text": text}
-    value = range_text(min(shares), max(shares)) or percent(shares[0])
+        return {"label": label, "value": percent_text(ours.grr), "text": text}
+    value = range_text(min(shares), max(shares)) or percent_text(shares[0])
     return {"label": label, "value": value, "text": f"at {len(shares)} of {len(result.proof)} conditions"}

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat._base.quantities import in_words
 from cyclofeat.plotting.gap_words import p_words
-from cyclofeat.report._page import versions
+from cyclofeat.report._page import versions_line
 
 if TYPE_CHECKING:
     from cyclofeat.gap import GapResult, Where
 
 
-def method(result: GapResult) -> list[tuple[str, str]]:
+def method_rows(result: GapResult) -> list[tuple[str, str]]:
     """Method in short: heading and text of each part."""
-    parts = _comparison(result.where[0], result.where[0].alpha * len(result.where))
+    parts = _describe_comparison(result.where[0], result.where[0].alpha * len(result.where))
     tests = [
         f"{one.condition.text}: {', '.join(f'{name} {p_words(p)}' for name, p in one.global_p.items())}"
         for one in result.where
@@ -48,7 +48,7 @@ def method(result: GapResult) -> list[tuple[str, str]]:
     return parts
 
 
-def _comparison(where: Where, alpha: float) -> list[tuple[str, str]]:
+def _describe_comparison(where: Where, alpha: float) -> list[tuple[str, str]]:
     assemblies = (
         "All recordings are stated to be of one assembly; they count as fewer, because they share its errors."
         if where.one_assembly
@@ -79,7 +79,7 @@ def _comparison(where: Where, alpha: float) -> list[tuple[str, str]]:
     ]
 
 
-def provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, str]]:
+def provenance_rows(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, str]]:
     """Settings and circumstances: label and text of each."""
     where = result.where[0]
     known = {
@@ -93,4 +93,4 @@ def provenance(result: GapResult, settings: dict[str, Any]) -> list[tuple[str, s
     if math.isfinite(result.seconds):
         known["computing time"] = f"{result.seconds:.0f} s"
     shown = settings | {name: text for name, text in known.items() if name not in settings}
-    return [(str(name), str(text)) for name, text in (shown | {"versions": versions()}).items()]
+    return [(str(name), str(text)) for name, text in (shown | {"versions": versions_line()}).items()]

@@ -6,38 +6,38 @@ import math
 import re
 from collections.abc import Sequence
 
-from cyclofeat.report._page import unbroken
+from cyclofeat.report._page import keep_together
 
 
-def percent(share: float) -> str:
-    return unbroken(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
+def percent_text(share: float) -> str:
+    return keep_together(f"{100 * float(share):.0f} %") if math.isfinite(share) else "not defined"
 
 
 def range_text(low: float, high: float) -> str:
     if not (math.isfinite(low) and math.isfinite(high)) or low == high:
         return ""
-    return f"{100 * float(low):.0f} to {percent(high)}"
+    return f"{100 * float(low):.0f} to {percent_text(high)}"
 
 
-def quantity(values: Sequence[float], unit: str) -> str:
+def quantity_text(values: Sequence[float], unit: str) -> str:
     """One value, or a range, with its unit."""
     if unit == "m" and all(abs(value) < 1e-3 for value in values):
         values, unit = [1e6 * value for value in values], "\N{MICRO SIGN}m"
     unit = re.sub(r"(?<=[a-z])2", "\N{SUPERSCRIPT TWO}", unit)
-    text = " to ".join("infinite" if math.isinf(value) else _digits(value) for value in values)
+    text = " to ".join("infinite" if math.isinf(value) else _three_digits(value) for value in values)
     return text if unit == "1" else f"{text}\N{NO-BREAK SPACE}{unit}"
 
 
-def _digits(value: float) -> str:
+def _three_digits(value: float) -> str:
     """Three significant digits; large numbers without powers of ten."""
     return f"{float(f'{value:.3g}'):.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
-def signed(value: float) -> str:
+def signed_text(value: float) -> str:
     return f"{value:+.2g}" if abs(value) < 10 else f"{value:+.0f}"
 
 
-def rounded(value: float) -> str:
+def rounded_text(value: float) -> str:
     """Two significant digits, without powers of ten."""
     if value < 10:
         return f"{value:.2g}"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from cyclofeat.plotting import GapReductionDisplay
 from cyclofeat.plotting.gap_words import CONDITIONS, OURS, alternative_name, family_name
-from cyclofeat.report._figures import picture
-from cyclofeat.report._gap_numbers import percent, range_text
+from cyclofeat.report._figures import draw_picture
+from cyclofeat.report._gap_numbers import percent_text, range_text
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Proof, ProofRow
@@ -28,7 +28,7 @@ _EXPLAINED = {
 }
 
 
-def reduction(proof: Proof) -> dict[str, Any]:
+def summarise_reduction(proof: Proof) -> dict[str, Any]:
     """Share of the gap closed on recordings held out at one condition, beside that of each alternative."""
     ours = proof.result
     rows = proof.rows
@@ -39,7 +39,7 @@ def reduction(proof: Proof) -> dict[str, Any]:
         sentences = [f"No share of the gap can be stated: {reason}."]
     else:
         text = range_text(ours.low, ours.high)
-        closed = f"closed {percent(ours.grr)} of the gap"
+        closed = f"closed {percent_text(ours.grr)} of the gap"
         if ours.grr < 0:
             closed = f"widened the gap by {-100 * ours.grr:.0f} %"
         sentences = [
@@ -52,15 +52,15 @@ def reduction(proof: Proof) -> dict[str, Any]:
     if finite:
         display = GapReductionDisplay(finite)
         n = len(dict.fromkeys(row.alternative for row in finite))
-        drawn = picture(
+        drawn = draw_picture(
             lambda ax, _: display.plot(ax),
             (8.0, 1.5 + 0.55 * n),
             "Share of the gap closed by each alternative, with its range",
         )
     return {
-        "sentences": [*sentences, *_against(finite)],
-        **_comparison(rows),
-        "distances": _distances(proof),
+        "sentences": [*sentences, *_compare_with_best(finite)],
+        **_comparison_table(rows),
+        "distances": _distance_rows(proof),
         "picture": drawn,
     }
 
@@ -69,7 +69,7 @@ def _by_condition(rows: Sequence[ProofRow]) -> list[str]:
     ours = {row.condition: row for row in rows if row.alternative == OURS}
     known = [name for name in ("seen", "unseen") if name in ours]
     parts = [
-        f"{percent(ours[name].grr)} with {CONDITIONS[name]}"
+        f"{percent_text(ours[name].grr)} with {CONDITIONS[name]}"
         for name in known
         if math.isfinite(ours[name].grr)
     ]
@@ -81,7 +81,7 @@ def _by_condition(rows: Sequence[ProofRow]) -> list[str]:
     return sentences
 
 
-def _against(rows: Sequence[ProofRow]) -> list[str]:
+def _compare_with_best(rows: Sequence[ProofRow]) -> list[str]:
     """Compare the correction with the best alternative, and say where one does better."""
     sentences = []
     for condition, words in (
@@ -101,14 +101,16 @@ def _against(rows: Sequence[ProofRow]) -> list[str]:
         verb = "comes nearest" if worse else "does better"
         text = f"{words} \N{LEFT DOUBLE QUOTATION MARK}{alternative_name(best.alternative)}"
         text += f"\N{RIGHT DOUBLE QUOTATION MARK} {verb}"
-        text += f", with {percent(best.grr)} against {percent(ours[0].grr)}"
+        text += f", with {percent_text(best.grr)} against {percent_text(ours[0].grr)}"
         if math.isfinite(best.beaten):
-            text += f" (the correction is nearer in {percent(best.beaten)} of resampled sets of recordings)"
+            text += (
+                f" (the correction is nearer in {percent_text(best.beaten)} of resampled sets of recordings)"
+            )
         sentences.append(f"{text}.")
     return sentences
 
 
-def _comparison(rows: Sequence[ProofRow]) -> dict[str, Any]:
+def _comparison_table(rows: Sequence[ProofRow]) -> dict[str, Any]:
     conditions = [name for name in CONDITIONS if any(row.condition == name for row in rows)]
     table = []
     for alternative in dict.fromkeys(row.alternative for row in rows):
@@ -116,7 +118,7 @@ def _comparison(rows: Sequence[ProofRow]) -> dict[str, Any]:
         for condition in conditions:
             of = [row for row in rows if (row.alternative, row.condition) == (alternative, condition)]
             cells.append(
-                {"value": percent(of[0].grr), "range": range_text(of[0].low, of[0].high)} if of else None
+                {"value": percent_text(of[0].grr), "range": range_text(of[0].low, of[0].high)} if of else None
             )
         table.append({"name": alternative_name(alternative), "cells": cells})
     named = [row.alternative for row in rows]
@@ -127,7 +129,7 @@ def _comparison(rows: Sequence[ProofRow]) -> dict[str, Any]:
     }
 
 
-def _distances(proof: Proof) -> list[dict[str, Any]]:
+def _distance_rows(proof: Proof) -> list[dict[str, Any]]:
     """Distances by kind of number: before, after, and by replication alone (None if not known)."""
     of: dict[str, dict[str, float]] = {}
     for row in proof.distances:

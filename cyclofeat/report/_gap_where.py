@@ -16,9 +16,9 @@ from cyclofeat.plotting.gap_words import (
     family_name,
     p_words,
 )
-from cyclofeat.report._figures import picture
-from cyclofeat.report._gap_numbers import rounded, signed
-from cyclofeat.report._page import unbroken
+from cyclofeat.report._figures import draw_picture
+from cyclofeat.report._gap_numbers import rounded_text, signed_text
+from cyclofeat.report._page import keep_together
 
 if TYPE_CHECKING:
     from cyclofeat.gap import Where, WhereRow
@@ -42,16 +42,16 @@ def where_they_differ(where: Where, label: str, word: str) -> dict[str, Any]:
     flagged = where.flagged
     return {
         "condition": where.condition.text,
-        "sentences": [text for text in _sentences(where, flagged) if text],
-        "overview": _picture(display, "families") if display.has("families") else None,
+        "sentences": [text for text in _where_sentences(where, flagged) if text],
+        "overview": _draw_picture(display, "families") if display.has("families") else None,
         "n_cells": where.n_cells,
         "clearest": [_plain_row(row) for row in flagged[:_N_CLEAREST]],
         "n_more_clear": max(len(flagged) - _N_CLEAREST, 0),
-        "pictures": _pictures(display, word),
+        "pictures": _draw_pictures(display, word),
     }
 
 
-def _sentences(where: Where, flagged: Sequence[WhereRow]) -> list[str]:
+def _where_sentences(where: Where, flagged: Sequence[WhereRow]) -> list[str]:
     if flagged:
         families = list(dict.fromkeys(row.cell.family for row in flagged))
         names = "; ".join(family_name(family) for family in families)
@@ -66,16 +66,18 @@ def _sentences(where: Where, flagged: Sequence[WhereRow]) -> list[str]:
             "recordings show nothing that the model lacks."
         ]
     energy = where.global_p.get("energy distance", 1.0)
-    hint = f"All numbers together hint at a difference ({unbroken(p_words(energy))}), but not at its place."
+    hint = (
+        f"All numbers together hint at a difference ({keep_together(p_words(energy))}), but not at its place."
+    )
     return [
         "No number differs by more than chance explains.",
         *([hint] if energy <= where.alpha else []),
-        _unnoticed(where),
+        _smallest_noticed(where),
         recordings_for_agreement(where),
     ]
 
 
-def _unnoticed(where: Where) -> str:
+def _smallest_noticed(where: Where) -> str:
     levels = where.means("spectrum")
     if not levels:
         return ""
@@ -95,9 +97,9 @@ def recordings_for_agreement(where: Where) -> str:
     more = max(math.ceil((1 + 1 / _SIMULATED_PER_RECORDING) / share), where.n_recordings + 1)
     hardest = f" ({last} needs the most)" if last else ""
     return (
-        f"To show agreement within {where.margin_db:g} dB would take about {rounded(more)} recordings, "
-        f"compared with {rounded(_SIMULATED_PER_RECORDING * more)} simulated ones{hardest}. More recordings "
-        "also make smaller differences visible."
+        f"To show agreement within {where.margin_db:g} dB would take about {rounded_text(more)} recordings, "
+        f"compared with {rounded_text(_SIMULATED_PER_RECORDING * more)} simulated ones{hardest}. More "
+        "recordings also make smaller differences visible."
     )
 
 
@@ -106,7 +108,7 @@ def _plain_row(row: WhereRow) -> dict[str, str]:
         ends = [f"{10 ** (end / 20):.2g}" for end in (row.low, row.high)]
         interval = f"{ends[0]} to {ends[1]} times"
     else:
-        interval = f"{signed(row.low)} to {signed(row.high)}{unit_text(row.cell.unit)}"
+        interval = f"{signed_text(row.low)} to {signed_text(row.high)}{unit_text(row.cell.unit)}"
     return {
         "what": cell_name(row.cell),
         "difference": difference_words(row),
@@ -115,11 +117,11 @@ def _plain_row(row: WhereRow) -> dict[str, str]:
     }
 
 
-def _picture(display: GapDisplay, kind: Any, phase: str = "lobe") -> dict[str, Any]:
-    return picture(lambda ax, _: display.plot(kind, ax, phase=phase), display.SIZES[kind], _ALT[kind])
+def _draw_picture(display: GapDisplay, kind: Any, phase: str = "lobe") -> dict[str, Any]:
+    return draw_picture(lambda ax, _: display.plot(kind, ax, phase=phase), display.SIZES[kind], _ALT[kind])
 
 
-def _pictures(display: GapDisplay, word: str) -> list[dict[str, Any]]:
+def _draw_pictures(display: GapDisplay, word: str) -> list[dict[str, Any]]:
     chosen = (
         ("spectrum", "lobe", "Spectrum in third octaves",
          f"Above: mean level of {word} and model; the bands show one standard deviation of single "
@@ -137,7 +139,7 @@ def _pictures(display: GapDisplay, word: str) -> list[dict[str, Any]]:
          "The same for one turn of the input shaft."),
     )  # fmt: skip
     return [
-        {"heading": heading, "text": text, "picture": _picture(display, kind, phase)}
+        {"heading": heading, "text": text, "picture": _draw_picture(display, kind, phase)}
         for kind, phase, heading, text in chosen
         if display.has(kind, phase)  # type: ignore[arg-type]
     ]

@@ -17,8 +17,8 @@ from cyclofeat.report._page import (
     count_heading,
     count_text,
     probability_text,
-    tile,
-    versions,
+    summary_tile,
+    versions_line,
     write_page,
 )
 from cyclofeat.report._plot import Axis, Line, Plot, Span
@@ -86,32 +86,34 @@ def summarise_history(history: History, *, states: Sequence[GearboxState] | None
     return {
         "title": "Worn lobes over time" if len(shown) > 1 else f"Worn lobes over time: {shown[0].gearbox}",
         "version": __version__,
-        "tiles": _tiles(shown),
-        "gearboxes": [_section(history, state) for state in sorted(shown, key=lambda one: not one.alarm)],
-        "provenance": [("history", str(history.path)), ("made with", versions())],
+        "tiles": _state_tiles(shown),
+        "gearboxes": [
+            _gearbox_section(history, state) for state in sorted(shown, key=lambda one: not one.alarm)
+        ],
+        "provenance": [("history", str(history.path)), ("made with", versions_line())],
     }
 
 
-def _tiles(states: Sequence[GearboxState]) -> list[dict[str, Any]]:
+def _state_tiles(states: Sequence[GearboxState]) -> list[dict[str, Any]]:
     alarmed = [state.gearbox for state in states if state.alarm]
     total, refused = (sum(getattr(state, name) for state in states) for name in ("n_recordings", "n_refused"))
     unguarded = [state.gearbox for state in states if state.rule is None]
     tiles = [
-        tile(
+        summary_tile(
             "Alarm",
             f"{len(alarmed)} of {len(states)}",
             ", ".join(alarmed) or "no count has risen",
             bool(alarmed),
         ),
-        tile("Recordings", str(total), f"{refused} refused"),
-        tile("Last recording", when(max(state.last for state in states))[:10], "day, UTC"),
+        summary_tile("Recordings", str(total), f"{refused} refused"),
+        summary_tile("Last recording", when(max(state.last for state in states))[:10], "day, UTC"),
     ]
     if unguarded:
-        tiles.append(tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
+        tiles.append(summary_tile("No alarm possible", str(len(unguarded)), ", ".join(unguarded), True))
     return tiles
 
 
-def _section(history: History, state: GearboxState) -> dict[str, Any]:
+def _gearbox_section(history: History, state: GearboxState) -> dict[str, Any]:
     rows = history.rows(state.gearbox, _MOST_ROWS)
     return {
         "name": state.gearbox,
@@ -119,18 +121,18 @@ def _section(history: History, state: GearboxState) -> dict[str, Any]:
         "alarm": state.alarm,
         "state": str(state),
         "rates": state.rates,
-        "facts": _facts(state),
+        "facts": _state_facts(state),
         "n_more": state.n_recordings - len(rows) if len(rows) == _MOST_ROWS else 0,
-        "pictures": _pictures(state, rows),
+        "pictures": _draw_history(state, rows),
         "alarms": [
             {"from": when(begin), "to": "lasts" if end is None else when(end)} for begin, end in state.alarms
         ],
         "states_wear": any("wear_um" in row.answer for row in rows),
-        "last": [_row(row) for row in reversed(rows[-_N_LAST:])],
+        "last": [_history_row(row) for row in reversed(rows[-_N_LAST:])],
     }
 
 
-def _facts(state: GearboxState) -> list[tuple[str, str]]:
+def _state_facts(state: GearboxState) -> list[tuple[str, str]]:
     rule, period = state.rule, f"from {when(state.first)} to {when(state.last)}"
     facts = {
         "recordings": f"{state.n_recordings} {period}, {state.n_refused} refused",
@@ -144,7 +146,7 @@ def _facts(state: GearboxState) -> list[tuple[str, str]]:
     return [*facts.items()]
 
 
-def _row(row: HistoryRow) -> dict[str, Any]:
+def _history_row(row: HistoryRow) -> dict[str, Any]:
     refused = row.defect_count is None
     count = row.answer["refused_defect_count"] if refused else row.defect_count
     return {
@@ -158,9 +160,9 @@ def _row(row: HistoryRow) -> dict[str, Any]:
     }
 
 
-def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
+def _draw_history(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
     """Draw counts and deviation over time; nothing of a single moment."""
-    from cyclofeat.report._figures import picture
+    from cyclofeat.report._figures import draw_picture
 
     first, last = rows[0].time, rows[-1].time
     if first == last:
@@ -209,7 +211,7 @@ def _pictures(state: GearboxState, rows: Sequence[HistoryRow]) -> list[Picture]:
         depth = Plot(at, wear, (axis, Axis("depth of wear", "um")), spans=spans)
         shown.append((depth, f"Depth of wear {of}"))
     shown.append((deviation, f"Standard deviation of the samples {of}"))
-    return [picture(draw(plot), _SIZE, text, plot=plot) for plot, text in shown]
+    return [draw_picture(draw(plot), _SIZE, text, plot=plot) for plot, text in shown]
 
 
 def _wear_lines(rows: Sequence[HistoryRow]) -> list[Line]:

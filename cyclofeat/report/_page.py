@@ -39,7 +39,7 @@ def check_page_path(path: str | os.PathLike[str]) -> Path:
     if target.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a report is a page: its name must end in .html, got {target.name!r}")
     check_parent(target)
-    environment()
+    template_environment()
     return target
 
 
@@ -51,11 +51,11 @@ def write_page(
     parts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in scripts}
     script = "\n".join(f"/*\n{text}\n*/" if "LICENSE" in name else text for name, text in parts.items())
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    html = environment().get_template(template).render(summary, script=script, script_digest=digest)
+    html = template_environment().get_template(template).render(summary, script=script, script_digest=digest)
     return write_whole(target, lambda file: file.write(html.encode()))
 
 
-def environment(*packages: str) -> jinja2.Environment:
+def template_environment(*packages: str) -> jinja2.Environment:
     """Return the environment of the templates of some packages and this one, which escapes every value."""
     try:
         import jinja2
@@ -72,7 +72,7 @@ def environment(*packages: str) -> jinja2.Environment:
     )
 
 
-def origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
+def describe_origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, str]:
     """Name of the recordings, banner for surrogates, and a line on their origin."""
     n, n_made = len(sources), sum(source in SIMULATED for source in sources)
     if n and all(source == "measured" for source in sources):
@@ -86,18 +86,18 @@ def origin(sources: Sequence[str | None]) -> tuple[str, dict[str, str] | None, s
     return "recorded", None, "The recordings do not state whether they were taken on a machine."
 
 
-def tile(label: str, value: str, text: str, wrong: bool = False) -> dict[str, Any]:
+def summary_tile(label: str, value: str, text: str, wrong: bool = False) -> dict[str, Any]:
     """Return one answer of a summary, in red if something is wrong."""
     return {"label": label, "value": value, "text": text, "wrong": wrong}
 
 
-def versions() -> str:
+def versions_line() -> str:
     """Return the versions that a report was made with, in one line."""
     used = package_versions("cyclofeat", "python", "numpy", "scipy", "scikit-learn")
     return ", ".join(f"{'Python' if name == 'python' else name} {version}" for name, version in used.items())
 
 
-def unbroken(text: str) -> str:
+def keep_together(text: str) -> str:
     """Return the text with spaces that do not break lines."""
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 

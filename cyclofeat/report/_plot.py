@@ -99,8 +99,8 @@ class Plot:
         """Return plain values that JSON can hold: long columns as text."""
         x = np.asarray(self.x, dtype=np.float64)
         return {
-            "x": _packed(x),
-            "lines": [self._line(line) for line in self.lines],
+            "x": _pack_values(x),
+            "lines": [self._line_data(line) for line in self.lines],
             "axes": [vars(axis) for axis in self.axes],
             "view": [float(end) for end in self.view or (x[0], x[-1])],
             "marks": [vars(marks) | {"at": np.asarray(marks.at).tolist()} for marks in self.marks],
@@ -108,16 +108,16 @@ class Plot:
             "note": self.note,
         }
 
-    def _line(self, line: Line) -> dict[str, Any]:
+    def _line_data(self, line: Line) -> dict[str, Any]:
         values = np.asarray(line.values, dtype=np.float64)
         least = -np.inf
         if self.axes[1].log:
             least = (np.nanmax(values) or 1.0) * _DYNAMIC_RANGE
-        columns = [_packed(np.maximum(ends, least)) for ends in (values, *(line.band or ()))]
+        columns = [_pack_values(np.maximum(ends, least)) for ends in (values, *(line.band or ()))]
         return {"name": line.name, "colour": line.colour, "style": line.style, "columns": columns}
 
 
-def _packed(values: NDArray[np.float64]) -> dict[str, Any]:
+def _pack_values(values: NDArray[np.float64]) -> dict[str, Any]:
     """Return equal steps as two numbers, and other values as little-endian float32 in base64."""
     steps = np.diff(values)
     if steps.size and np.allclose(steps, steps[0], rtol=1e-6, atol=0):

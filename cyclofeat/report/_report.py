@@ -13,9 +13,9 @@ from cyclofeat import __version__
 from cyclofeat._base.checks import is_number, is_whole, short
 from cyclofeat.report._count import CountedRecording, summarise_count
 from cyclofeat.report._evaluation import summarise_evaluation
-from cyclofeat.report._figures import data_uri, picture
+from cyclofeat.report._figures import data_uri, draw_picture
 from cyclofeat.report._gap import summarise_gap
-from cyclofeat.report._page import check_page_path, environment, write_page
+from cyclofeat.report._page import check_page_path, template_environment, write_page
 
 if TYPE_CHECKING:
     from cyclofeat.counting import Evaluation, LobeModel
@@ -117,7 +117,7 @@ class Report:
                 "figure must be a file, a matplotlib figure or an object with plot(ax=...), got "
                 f"{short(figure)}"
             )
-        drawn_twice = picture(lambda ax, _: figure.plot(ax=ax), size, str(caption))
+        drawn_twice = draw_picture(lambda ax, _: figure.plot(ax=ax), size, str(caption))
         return self._add(picture=drawn_twice, caption=str(caption))
 
     def add_table(self, table: Any, caption: str = "") -> Self:
@@ -141,19 +141,19 @@ class Report:
             raise TypeError(f"table must be a data frame or a sequence of mappings, got {short(table)}")
         columns = list(dict.fromkeys(name for row in table for name in row))
         right = [all(_is_numeric(row.get(name)) for row in table) for name in columns]
-        rows = [[_cell(row.get(name)) for name in columns] for row in table]
+        rows = [[_cell_text(row.get(name)) for name in columns] for row in table]
         return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
 
     def add_count(self, model: LobeModel, counted: Iterable[CountedRecording], **options: Any) -> Self:
-        """Add the page of a count as a section; arguments are those of :func:`summarise_count`."""
+        """Add the page of a count as a section; arguments as of :func:`write_count_report`, but no path."""
         return self._add_page("count.html", summarise_count(model, counted, **options))
 
     def add_evaluation(self, results: Mapping[str, Evaluation], **options: Any) -> Self:
-        """Add the page of an evaluation as a section; arguments are those of :func:`summarise_evaluation`."""
+        """Add the page of an evaluation as a section; arguments of :func:`write_evaluation_report`, no path."""
         return self._add_page("evaluation.html", summarise_evaluation(results, **options))
 
     def add_gap(self, result: GapResult, **options: Any) -> Self:
-        """Add the page of a gap as a section; arguments are those of :func:`summarise_gap`."""
+        """Add the page of a gap as a section; arguments as of :func:`write_gap_report`, but no path."""
         return self._add_page("gap.html", summarise_gap(result, **options))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
@@ -182,7 +182,7 @@ class Report:
     def _add_page(self, template: str, summary: Mapping[str, Any]) -> Self:
         # Sections of one kind must not share the anchors of their links.
         layout = {"layout": "part.html", "prefix": f"part-{len(self._parts) + 1}-"}
-        return self._add(section=environment().get_template(template).render(summary, **layout))
+        return self._add(section=template_environment().get_template(template).render(summary, **layout))
 
     def _add(self, **part: Any) -> Self:
         self._parts.append(part)
@@ -193,7 +193,7 @@ def _is_numeric(value: Any) -> bool:
     return value is None or is_number(value)
 
 
-def _cell(value: Any) -> str:
+def _cell_text(value: Any) -> str:
     """Return a value as text; missing ones as a dash."""
     if value is None or value != value:  # NaN
         return "-"

@@ -13,12 +13,12 @@ from cyclofeat._base.words import number
 from cyclofeat.counting import score_text
 from cyclofeat.models import ModelFileError, read_card
 from cyclofeat.plotting.gap_words import VERDICTS, effect_name
-from cyclofeat.report import environment
+from cyclofeat.report import template_environment
 from cyclofeat.serve._jobs import Job
 from cyclofeat.serve._session import Session
 
 # The look is that of the reports.
-_TEMPLATES = environment("cyclofeat.serve")
+_TEMPLATES = template_environment("cyclofeat.serve")
 
 
 def page() -> str:

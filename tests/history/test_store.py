@@ -12,7 +12,7 @@ import pytest
 from cyclofeat import Recording
 from cyclofeat.counting import LobeCount, WearDepth
 from cyclofeat.history import History
-from cyclofeat.report import summarise_history
+from cyclofeat.report._history import summarise_history
 
 HOUR = 3600.0
 SCORES = {"classes": [0, 1], "confusion": [[60, 0], [1, 59]], "n_windows": 120, "n_assemblies": 120}

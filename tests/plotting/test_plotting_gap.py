@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from cyclofeat.gap import Cell, Condition, ProofRow, Where, WhereRow, where_of
 from cyclofeat.plotting import GapDisplay, GapOverlayDisplay, GapReductionDisplay
 from cyclofeat.plotting.gap_words import cell_name, difference_words, in_words
-from cyclofeat.report._figures import _theme
+from cyclofeat.report._figures import _theme_colours
 from cyclofeat.simulators import (
     BrakeRotor,
     Noise,
@@ -326,7 +326,7 @@ def roles_of_an_overlay():
 @pytest.mark.parametrize("roles_of", [roles_of_a_comparison, roles_of_an_overlay])
 @pytest.mark.parametrize(("scheme", "ground"), [("light", "#ffffff"), ("dark", "#1c2126")])
 def test_roles_are_told_apart_also_by_the_colour_blind(roles_of, scheme, ground):
-    with matplotlib.rc_context(_theme(scheme)):
+    with matplotlib.rc_context(_theme_colours(scheme)):
         roles = roles_of()
     assert len(roles) == 3
     luminance = [np.array([0.2126, 0.7152, 0.0722]) @ lab(colour)[1] for colour in (ground, *roles)]

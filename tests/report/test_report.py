@@ -23,7 +23,7 @@ def content():
 def _no_pictures(monkeypatch):
     """Pages without the time that their pictures take."""
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
 
 
 @pytest.mark.usefixtures("_no_pictures")

@@ -11,7 +11,8 @@ import pytest
 from pages import parse, words
 
 from cyclofeat.counting import passage_of_lobe_zero
-from cyclofeat.report import summarise_animation, write_animation
+from cyclofeat.report import write_animation
+from cyclofeat.report._animation import summarise_animation
 from cyclofeat.simulators import CycloidalGearbox, LobeDefects, simulate
 
 WORN = (0, 4)

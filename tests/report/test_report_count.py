@@ -13,7 +13,8 @@ from pages import parse, unpacked, without_pictures, words
 from small_model import RATE, SPEED, recording, small_model, unlike_training
 
 from cyclofeat.counting import WearDepth
-from cyclofeat.report import CountedRecording, summarise_count, write_count_report
+from cyclofeat.report import CountedRecording, write_count_report
+from cyclofeat.report._count import summarise_count
 from cyclofeat.report._recording_plots import window_spans
 
 
@@ -37,11 +38,11 @@ def drawn(monkeypatch):
     """What would have been drawn, in place of pictures."""
     made = []
 
-    def picture(draw, size, alt, **_):
+    def draw_picture(draw, size, alt, **_):
         made.append(alt)
         return {"light": "data:,", "dark": "data:,", "alt": alt, "width": 1, "height": 1}
 
-    monkeypatch.setattr("cyclofeat.report._figures.picture", picture)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", draw_picture)
     return made
 
 
@@ -122,7 +123,8 @@ def test_a_long_recording_shares_the_room_of_the_page_and_keeps_its_peaks(model,
     monkeypatch.setattr("cyclofeat.report._count.MOST_SAMPLES", 1000)
     given = []
     monkeypatch.setattr(
-        "cyclofeat.report._figures.picture", lambda *_, plot=None, **__: given.append(plot and plot.to_dict())
+        "cyclofeat.report._figures.draw_picture",
+        lambda *_, plot=None, **__: given.append(plot and plot.to_dict()),
     )
     long = recording((4,), seed=300, turns=2)
     torque = long.torque.copy()

@@ -9,7 +9,8 @@ from pages import parse, words
 from sklearn.naive_bayes import GaussianNB
 
 from cyclofeat.counting import evaluate
-from cyclofeat.report import summarise_evaluation, write_evaluation_report
+from cyclofeat.report import write_evaluation_report
+from cyclofeat.report._evaluation import summarise_evaluation
 
 
 @pytest.fixture(scope="module")

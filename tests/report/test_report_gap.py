@@ -17,8 +17,9 @@ from numpy.testing import assert_allclose
 from pages import parse, without_scripts, words
 
 from cyclofeat.gap import FoundEffect, NextMeasurement, where_of
-from cyclofeat.report import summarise_gap, write_gap_report
-from cyclofeat.report._gap_numbers import quantity, rounded
+from cyclofeat.report import write_gap_report
+from cyclofeat.report._gap import summarise_gap
+from cyclofeat.report._gap_numbers import quantity_text, rounded_text
 from cyclofeat.report._gap_where import recordings_for_agreement
 from cyclofeat.simulators import Rig
 
@@ -37,7 +38,7 @@ def null(compared_hum):
 
 def without_drawing(monkeypatch):
     """Leave the pictures empty."""
-    monkeypatch.setattr("cyclofeat.report._figures._svg", lambda *_: "<svg/>")
+    monkeypatch.setattr("cyclofeat.report._figures._draw_svg", lambda *_: "<svg/>")
 
 
 @pytest.fixture(scope="module")
@@ -375,9 +376,9 @@ def test_recordings_that_agreement_would_take(null):
     ],
 )
 def test_quantities(values, unit, text):
-    assert quantity(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+    assert quantity_text(values, unit).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 @pytest.mark.parametrize(("value", "text"), [(7.25, "7.2"), (111.1, "110"), (12_345.0, "12000")])
 def test_rounding(value, text):
-    assert rounded(value) == text
+    assert rounded_text(value) == text
