@@ -145,15 +145,15 @@ class Report:
         return self._add(columns=list(zip(map(str, columns), right, strict=True)), rows=rows, caption=caption)
 
     def add_count(self, model: LobeModel, counted: Iterable[CountedRecording], **options: Any) -> Self:
-        """Add the page of a count as a section; arguments as of :func:`write_count_report`, but no path."""
+        """Add the page of a count as a section; arguments as of :func:`write_count_report`"""
         return self._add_page("count.html", summarise_count(model, counted, **options))
 
     def add_evaluation(self, results: Mapping[str, Evaluation], **options: Any) -> Self:
-        """Add the page of an evaluation as a section; arguments of :func:`write_evaluation_report`, no path."""
+        """Add the page of an evaluation as a section; arguments as of :func:`write_evaluation_report`."""
         return self._add_page("evaluation.html", summarise_evaluation(results, **options))
 
     def add_gap(self, result: GapResult, **options: Any) -> Self:
-        """Add the page of a gap as a section; arguments as of :func:`write_gap_report`, but no path."""
+        """Add the page of a gap as a section; arguments as of :func:`write_gap_report`"""
         return self._add_page("gap.html", summarise_gap(result, **options))
 
     def write(self, path: str | os.PathLike[str]) -> Path:

@@ -350,7 +350,7 @@ def test_a_file_is_named_once(capsys, folder, command):
 def test_count_writes_a_report(capsys, folder, tmp_path, monkeypatch):
     # Pictures take seconds and have tests of their own.
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     (tmp_path / "empty.csv").touch()
     report = tmp_path / "count.html"
     code, out, err = run(
@@ -402,7 +402,7 @@ def derived_angle(recording):
 )
 def test_count_warns_of_what_inspect_does(capsys, folder, tmp_path, monkeypatch, spoil, words):
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     recording = spoil(read_recording(folder / "worn.csv"))
     file, page = tmp_path / "worn.npz", tmp_path / "count.html"
     write_recording(file, recording)

@@ -34,7 +34,7 @@ def made(monkeypatch):
     monkeypatch.setattr("cyclofeat.counting.make_lobe_counter", partial(make_lobe_counter, n_trees=20))
     monkeypatch.setattr(LobeModel, "train", partial(LobeModel.train, n_trees=20))
     drawn = {"light": "data:,", "dark": "data:,", "alt": "", "width": 1, "height": 1}
-    monkeypatch.setattr("cyclofeat.report._figures.picture", lambda *_, **__: drawn)
+    monkeypatch.setattr("cyclofeat.report._figures.draw_picture", lambda *_, **__: drawn)
     return asked
 
 
